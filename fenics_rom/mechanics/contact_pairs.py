@@ -151,15 +151,8 @@ class NormalRule:
         closing, half = self._rate[0] * gaps, self._half[0] * approach
         return closing, half, self._share[0] * (closing + half)
 
-    def level(self, gaps: Array, approach: Array) -> Array:
-        """NormalLaw.level of all rigid pairs with inertia alone; arguments as in `asks`."""
-        closing, later = gaps * self._rate, approach * self._half
-        later += closing
-        later *= self._share
-        return np.maximum(closing, later, later)
-
     def target(self, gaps: Array, approach: Array) -> Array:
-        """NormalLaw.target of the same, of obstacles that rest."""
+        """NormalLaw.target of all rigid pairs with inertia alone, of obstacles that rest; arguments as in `asks`."""
         half = approach * self._half
         if gaps.item(gaps.argmin()) < 0.0:
             np.maximum(half, gaps * self._rate - np.abs(approach), half)

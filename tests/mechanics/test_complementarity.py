@@ -347,6 +347,25 @@ def test_what_a_kept_inverse_lacks_is_foreseen_where_motion_is_steady(monkeypatc
         assert foreseen[-3:].max() < 1e-3  # once six steps have told how that goes on
 
 
+def test_what_forces_lack_goes_on_as_cubic_polynomials_through_every_other_step():
+    """To round-off, which eight steps enlarge by the 15 of 4, 6, 4 and 1; where that is right, fewer are tried."""
+    coefficients, known = np.random.default_rng(0).normal(size=(2, 4, 3, 5)), []
+    kept, zero = KeptLaw(b"", None, np.zeros((3, 5)), np.zeros((3, 5))), np.zeros((3, 5))
+    for k in range(30):
+        powers = (k / 10) ** np.arange(4)
+        lacks, was_corrected = np.tensordot(powers, coefficients[k % 2], 1), k < 10
+        if k >= 8:
+            terms = np.tensordot(powers, np.abs(coefficients[k % 2]), 1).max()
+            np.testing.assert_allclose(kept.lacking, lacks, atol=10 * 15 * np.finfo(float).eps * terms, rtol=0)
+        lacking, lacked, calm = kept.foreseen(lacks, was_corrected)
+        kept = KeptLaw(b"", None, zero, zero, lacking, lacked, calm)
+        known.append(len(lacked))
+        if len(lacked) < 8 and not was_corrected:
+            break
+    assert known[:10] == [1, 2, 3, 4, 5, 6, 7, 8, 8, 8]
+    assert known[10:] == [8] * 8 + [6]
+
+
 def test_a_law_of_other_pairs_is_that_which_is_linearised_for_them():
     """To round-off, whether what leaves stuck or slipped; forces, too, if velocities asked for those of before."""
     rng = np.random.default_rng(16)

@@ -209,12 +209,15 @@ def test_a_first_look_misses_no_point_that_forces_on_others_push_down(obstacle):
         frames, none, (key, kept) = Frames(normals), np.empty(0), solver.search.laws[0]
         n, (free,) = frames.lasting_normals, frames.to_lasting_axes(motion(speed).free_velocity)
         outwards, still_yet = free[0] if n is None else (free * n).sum(axis=0), np.zeros(3)
-        margin = outwards - solver.rule(h).level(gaps, still_yet)
-        begun = PairsBegun(frames, n, margin, np.vstack([free, 0 * free]), still_yet, None, None)
+        level, target, _ = solver.rule(h).asks(gaps, gaps.min(), None, still_yet)
+        margin, moves = outwards - level, np.vstack([free, 0 * free])
+        if n is not None:
+            moves = np.vstack([n, still_yet, target, margin, moves])
+        begun = PairsBegun(frames, margin, moves, (lambda: target) if n is None else None, None)
         model = ContactModel(none, none, np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)), none)
         residual = SimpleNamespace(part=SimpleNamespace(compliance=np.zeros((9, 9))))
         body = LinearBody(model, h, none, np.empty((9, 0)), W, residual, none, none)
-        of_points = SimpleNamespace(body=body, solver=solver, share=0.5)
+        of_points = SimpleNamespace(body=body, solver=solver, share=0.5, pushed=np.empty((0, 9)))
         chosen = np.frombuffer(key, dtype=bool)
         return SteadyPairs(of_points, key, *solver.operator_of(W, chosen, key), begun).step(begun, kept)
 

@@ -25,23 +25,25 @@ def project(z: Array, normals: Array | None, μ: Array, zeros: Array) -> Project
     """Of z (3, C), N, with normals (3, C), None where all are the first of the axes; μ and 0 are given as (C,)."""
     if normals is None:
         pressure, across, length = z[0], z, np.hypot(z[1], z[2])
+        cone = μ * pressure
+        if is_none(length >= cone):
+            return Projected(z, length, cone)
     else:
         pressure = _ONES.dot(z * normals)
         normal = pressure * normals
         across = z - normal
-        length = np.sqrt(_ONES.dot(across * across))
-    cone = μ * pressure
-    if is_none(length >= cone):
-        return Projected(z, length, cone)
-    np.maximum(cone, zeros, cone)
+        length, cone = np.sqrt(_ONES.dot(across * across)), μ * pressure
+    if pressure.item(pressure.argmin()) < 0.0:
+        pressure = np.maximum(pressure, zeros)
+        np.maximum(cone, zeros, cone)
+        if normals is not None:
+            normal = pressure * normals
     share = np.maximum(length, cone)
     share += _TINY
     np.divide(cone, share, share)
     forces = across * share
     if normals is None:
-        np.maximum(pressure, zeros, forces[0])
-        return Projected(forces, length, cone)
-    if pressure.item(pressure.argmin()) < 0.0:
-        normal = np.maximum(pressure, zeros) * normals
-    forces += normal
+        forces[0] = pressure
+    else:
+        forces += normal
     return Projected(forces, length, cone)

@@ -21,7 +21,8 @@ FIRST_FINISH_RESIDUAL = 1e-3  # of an interior-point method: from here on Newton
 FINISH_REDUCTION = 100  # tries again each time the residual has fallen by this factor
 REGULAR_SHARE = 0.4  # ρ in parts of each pair's stiffness, where W is regular
 NEAR = 1e-2  # q of a step and of the next, as a share of the velocities, between which no other law is looked for
-_MOST_LACKED = 6  # steps from which is told what forces will lack
+_CALM = 8  # steps without a correction, after which forces are told from fewer steps
+_MOST_LACKED = 8  # steps from which is told what forces will lack
 _MOST_WEAR = 256  # of an inverse, see KeptLaw.worn
 MOST_KEPT = 3  # linearised laws besides that of the last step
 STEP_FRACTION = 0.9  # of the way to the border of the cones that an interior-point method goes
@@ -53,6 +54,7 @@ class KeptLaw(NamedTuple):
     forces: Array  # which were found for it (3, C), N
     lacking: Array | float = 0.0  # what they will lack by the inverse and the q of the next time step (3, C), N
     lacked: tuple[Array, ...] = ()  # what they did in the last steps, the last one first
+    calm: int = 0  # steps since one was corrected, or was told from fewer of these
     wear: int = 0  # of the inverse
     earlier: "tuple[KeptLaw, ...]" = ()  # those of the steps before: what rubs often does the same in every other step
 
@@ -70,17 +72,23 @@ class KeptLaw(NamedTuple):
         """Whether the inverse is to be found anew."""
         return self.wear >= _MOST_WEAR
 
-    def foreseen(self, lacking: Array, was_corrected: bool) -> tuple[Array, tuple[Array, ...]]:
-        """`lacking` and `lacked` after a step that has lacked so much: polynomials through every other step go on.
+    def foreseen(self, lacking: Array, was_corrected: bool) -> tuple[Array, tuple[Array, ...], int]:
+        """`lacking`, `lacked` and `calm` after a step that has lacked so much.
 
-        Of lower degrees as long as that was right, as they add less round-off.
+        Polynomials through every other step go on: of lower degrees as long as that is right, as they add less
+        round-off, which is tried every few steps.
         """
-        lacked = (lacking, *self.lacked)[: _MOST_LACKED if was_corrected else max(len(self.lacked) - 2, 0)]
+        calm, most = (0, _MOST_LACKED) if was_corrected else (self.calm + 1, len(self.lacked))
+        if calm > _CALM:
+            calm, most = 0, max(most - 2, 0)
+        lacked = (lacking, *self.lacked)[:most]
         if len(lacked) < 4:
-            return lacking, lacked
+            return lacking, lacked, calm
         if len(lacked) < 6:
-            return 2 * lacked[1] - lacked[3], lacked
-        return 3 * (lacked[1] - lacked[3]) + lacked[5], lacked
+            return 2 * lacked[1] - lacked[3], lacked, calm
+        if len(lacked) < 8:
+            return 3 * (lacked[1] - lacked[3]) + lacked[5], lacked, calm
+        return 4 * (lacked[1] + lacked[5]) - 6 * lacked[3] - lacked[7], lacked, calm
 
     def nearest(self, q: Array, speed: float) -> "KeptLaw":
         """Of this and those before the one whose q is nearest; this, where it is near. `speed`: largest |q|, m/s."""

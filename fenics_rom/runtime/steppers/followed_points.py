@@ -7,7 +7,6 @@ law makes of them, too.
 """
 
 from collections.abc import Callable
-from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -53,12 +52,11 @@ class PairsBegun(NamedTuple):
     """What the pairs of P points and an obstacle do in a step, but for contact, in axes that last (see Frames)."""
 
     frames: Frames
-    normals: Array | None  # (3, P); None where all are the first of the axes
     margin: Array  # by how much they come less near than a pair that takes part, (P,), m/s
     moves: Array  # (6, P): what forces have to stop, if an approach is to end that is away from the obstacle, too,
-    #               and the velocity at the start, m/s
-    approach: Array  # along the normals of that (P,), m/s
-    target: Callable[[], Array]  # tells NormalLaw.target (P,), m/s
+    #               and the velocity at the start, m/s; of what is round (12, P), after normals, approach along these,
+    #               NormalLaw.target and margin
+    target: Callable[[], Array] | None  # where all normals are the first of the axes, tells NormalLaw.target (P,), m/s
     planes: TangentPlanes | None  # that the points are at, to go on with
 
 
@@ -74,6 +72,7 @@ class FollowedPoints:
     Attributes:
         body, solver, still, planes: as given.
         share: of the velocity along normals at the start that pairs are to have in the middle.
+        pushed: what forces on the points (3P,) add to [e⁺, r⁺, s⁺], (2m + ρ, 3P).
         numbers: [x, y, ẏ] of the last step, which the next one overwrites.
         after_state, after_rigid: [e⁺, r⁺] (2m,) and s⁺ (ρ,) but for contact, in the same way.
     """
@@ -116,15 +115,18 @@ class FollowedPoints:
         by_beyond = self._of_pairs(*np.einsum("ka,pji->kipaj", self._added, axes).reshape(3, 3, P, 6))
         # It is the same of all pairs, where these have the same axes.
         self._by_beyond = by_beyond[:, 0].copy() if planes is None else by_beyond.transpose(2, 0, 1).copy()
+        self.pushed = body.after(body.applied(rows.T))
         self._product = np.concatenate([of_x.reshape(-1, ends[-1]), state + body.after(v)])
 
-        self.numbers, begun = np.zeros(ends[-1] + 6 * P), np.empty(len(self._product))
+        self.numbers, whole = np.zeros(ends[-1] + 6 * P), np.zeros(6 * P + len(self._product))
+        self._round, self._begun = whole[: 12 * P].reshape(12, P), whole[6 * P :]
+        self._normals, (self._approach, self._target, self._margin) = self._round[:3], self._round[3:6]
         self._x, self._beyond = self.numbers[: ends[-1]], self.numbers[ends[-1] :].reshape(6, P)
         self._x[one] = 1.0
         self._before, self._along, self._inputs = self._x[: 2 * m], self._x[s], self._x[u]
         self._carried = body.residual.state.reshape(4, P, 3)[1::2].swapaxes(1, 2)  # y and ẏ
-        self._added_before, self._begun = self._beyond.reshape(2, 3, P), begun
-        pairs, self.after_state, self.after_rigid = np.split(begun, len(of_x) * P + np.array([0, 2 * m]))
+        self._added_before = self._beyond.reshape(2, 3, P)
+        pairs, self.after_state, self.after_rigid = np.split(self._begun, len(of_x) * P + np.array([0, 2 * m]))
         self._pairs = pairs.reshape(-1, P)
         self._moves, self._last = self._pairs[:6], self._pairs[6:]
         self._q, self._velocity = self._pairs[:3], self._pairs[3:6]
@@ -160,20 +162,22 @@ class FollowedPoints:
         moves, last = self._moves, self._last
         if self._frames is not None:
             margin = np.minimum(last[0], last[1])
-            return PairsBegun(self._frames, None, margin, moves, self._velocity[0], self._flat_target, self.planes)
+            return PairsBegun(self._frames, margin, moves, self._flat_target, self.planes)
         gaps, normals = self._obstacle.distance(last.T)
-        frames = self.solver.search.frames_along(normals)
-        n = frames.lasting_normals
-        if n is None:
+        frames, planes = self.solver.search.frames_along(normals), None
+        if frames.are_alike:
             return None
-        approach, margin = _ONES.dot(self._velocity * n), _ONES.dot(self._q * n)
-        margin -= self._rule.level(gaps, approach)
+        n, approach, margin = self._normals, self._approach, self._margin
+        n[:] = frames.normals.T
+        _ONES.dot(self._velocity * n, approach)
+        level, self._target[:], _ = self._rule.asks(gaps, gaps.item(gaps.argmin()), None, approach)
+        _ONES.dot(self._q * n, margin)
+        margin -= level
         if self.share:
             margin += self._share * approach
-        planes, target = None, partial(self._rule.target, gaps, approach)
         if self.solver.search.unturned >= STEPS_UNTURNED and frames is self.solver.search.frames:
             planes = TangentPlanes(last.T.copy(), gaps, frames)
-        return PairsBegun(frames, n, margin, moves, approach, target, planes)
+        return PairsBegun(frames, margin, self._round, None, planes)
 
     def _flat_target(self) -> Array:
         """PairsBegun.target at a flat obstacle in the step that was begun last."""

@@ -37,7 +37,7 @@ from fenics_rom.runtime.steppers.steady_pairs import SteadyPairs
 # A step without contact: G u, the same with elasticity and inertia, N kg^-1/2, and v̂, (m,) each.
 _Step = tuple[Array, Array, Array]
 
-MOST_KEPT_PAIRS = 4
+FEWEST_KEPT_PAIRS, MOST_KEPT_NUMBERS = 4, 400_000  # sets of pairs that were followed last, and of their matrices
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint
@@ -118,6 +118,7 @@ class ContactMidpoint(BookedKernel):
         """The same as long as they stay there."""
         known = self._at_planes
         if known is None or known.planes is not planes or known.body is not points.body:
+            self._pairs = {key: pairs for key, pairs in self._pairs.items() if key[0] is points}
             self._at_planes = known = FollowedPoints(points.body, points.solver, points.still, planes)
         known.still = points.still
         return known
@@ -147,7 +148,8 @@ class ContactMidpoint(BookedKernel):
         if pairs is None:
             of_pairs = solver.operator_of(self._delassus, law.chosen, law.key)
             pairs = SteadyPairs(points, law.key, *of_pairs, begun)
-            self._pairs = dict(list(self._pairs.items())[1 - MOST_KEPT_PAIRS :]) | {(points, law.key): pairs}
+            most = max(FEWEST_KEPT_PAIRS, MOST_KEPT_NUMBERS // pairs.size)
+            self._pairs = dict(list(self._pairs.items())[1 - most :]) | {(points, law.key): pairs}
         found = pairs.step(begun, law.kept)
         return None if found is None else (pairs, found, begun)
 

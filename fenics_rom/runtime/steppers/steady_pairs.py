@@ -4,6 +4,7 @@ With the law as it was linearised then, forces are f = J q + φ of the velocitie
 product gives all that they do: in this step to the pairs, and to the body, its points and their shape beyond the basis
 after it. Then the law itself is asked, to the tolerance of a search. What forces lack is linearised in turn; where that
 does not lead on quickly, another pair takes part, or friction would do work on the body, nothing is lost but the time.
+A law that took many corrections is linearised anew.
 """
 
 import math
@@ -13,7 +14,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Delassus, KeptLaw
 from fenics_rom.mechanics.complementarity.cones import project
-from fenics_rom.mechanics.complementarity.following import SLOWEST
+from fenics_rom.mechanics.complementarity.following import SLOWEST, FollowedLaw
 from fenics_rom.mechanics.complementarity.solution import (
     CONVERGENCE_TOLERANCE,
     NEAR,
@@ -25,7 +26,7 @@ from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF
 from fenics_rom.mechanics.followed_contact import Followed
 from fenics_rom.runtime.steppers.followed_points import FollowedPoints, PairsBegun
 
-_ONES, _FIRST = np.ones(3), np.array([[1.0], [0.0], [0.0]])
+_ONES = np.ones(3)
 NEGLIGIBLE = 0.1  # of what forces may lack: what they lack in every step may as well add up
 _NEARLY = 30.0  # of vectors: where their lengths are no more than so many times what may be left, components are asked
 _MOST_CORRECTIONS = 6  # where it takes more, there is a change that is to be looked into
@@ -43,6 +44,7 @@ class SteadyPairs:
 
     Attributes:
         key: as given.
+        size: how many numbers its matrix has.
         beyond: [f, R f] of all points in the last step (2, 3P), N and m, which the next one overwrites.
         after_state, after_rigid: what its forces added to [e⁺, r⁺] (2m,) and s⁺ (ρ,), in the same way.
     """
@@ -52,46 +54,57 @@ class SteadyPairs:
         frames, C, P = begun.frames, len(active), len(begun.margin)
         self.key, self._active, self._operator = key, active, operator
         self._friction, self._idle = friction, np.flatnonzero(~np.frombuffer(key, dtype=bool))
-        self._among = (np.arange(6)[:, None] * P + active).ravel()  # of (6, P)
-        is_flat, own = begun.normals is None, frames.of(active)
-        framed = operator.framed(own) if is_flat else operator.lasting(frames)
-        self._W, ρ, compliance, self._μ, self._zeros = framed.law_arrays(friction)
+        is_flat, own, rows = begun.target is not None, frames.of(active), P * np.arange(len(begun.moves))[:, None]
+        self._among, self._among_idle = (rows + active).ravel(), (rows[[0, 1, 2, 5]] + self._idle).ravel()
+        self._framed = operator.framed(own) if is_flat else operator.lasting(frames)
+        self._W, ρ, compliance, self._μ, self._zeros = self._framed.law_arrays(friction)
         self._ρ, self._compliance, self._softest = ρ.ravel(), compliance.ravel(), float(compliance.max())
-        axes = np.broadcast_to(frames.axes if is_flat else np.eye(3), (P, 3, 3))  # of the frames, or those that last
+        axes, self._turn = own.axes if is_flat else None, None  # those that last are of space, or of the frames
         spread = np.zeros((P, 3, 3, C))  # forces along these, on all points along the axes of space
-        spread[active, :, :, np.arange(C)] = axes[active]
-        self._turn = None  # from axes that last
-        if is_flat and not frames.are_alike:
+        spread[active, :, :, np.arange(C)] = np.eye(3) if axes is None else axes
+        if axes is not None and not frames.are_alike:
             self._turn = spread[active].transpose(2, 3, 1, 0).reshape(3 * C, 3 * C)
-        spread = spread.reshape(3 * P, 3 * C)
-        moved = np.einsum("pif,pij->jpf", (body.delassus @ spread).reshape(P, 3, -1)[self._idle], axes[self._idle])
-        moved = moved[: 1 if is_flat else 3].reshape(-1, 3 * C)  # of idle pairs, along normals that stay
-        after = body.after(body.applied(body.rows.T @ spread))
-        self._acts = np.concatenate([self._W, moved, spread, body.residual.part.compliance @ spread, after])
+
+        def by_forces(moves: Array) -> Array:
+            """What forces on points (..., 3P) move, of forces along these axes, (..., 3C)."""
+            each = moves.reshape(-1, P, 3).take(active, axis=1)
+            each = each.swapaxes(1, 2) if axes is None else np.einsum("rcj,cji->ric", each, axes)
+            return each.reshape(-1, 3 * C)
+
+        idle = body.delassus.reshape(P, 3, -1)[self._idle]
+        along = np.einsum("pif,pi->pf", idle, frames.normals[self._idle]) if is_flat else idle.swapaxes(0, 1)
+        moved = by_forces(along)
+        of_points = spread.reshape(3 * P, -1), by_forces(body.residual.part.compliance), by_forces(points.pushed)
+        self._acts = np.concatenate([self._W, moved, *of_points])
+        self.size = self._acts.size
         self._does, ends = np.empty(len(self._acts)), np.cumsum([3 * C, len(moved), 3 * P, 3 * P, 2 * body.model.order])
         self._moved, self._moved_idle, forces, _, self.after_state, self.after_rigid = np.split(self._does, ends)
         self._forces, self.beyond = forces.reshape(P, 3), self._does[ends[1] : ends[3]].reshape(2, -1)
         self._fastest, self._strongest = 0, 0  # of velocities and forces, or so
         self._law: KeptLaw | None = None
-        self._normals: Array | None = None  # of all pairs, in the last step
+        self._excess_of = np.empty((0, 0)), np.empty((0, 0))  # J, and what it makes of forces
 
     def step(self, begun: PairsBegun, kept: KeptLaw) -> Followed | None:
         """The step by a kept law; None where something else is due."""
-        moves, C, n = begun.moves.ravel(), len(self._active), begun.normals
-        if len(self._idle):
-            moves = moves.take(self._among)
-        q, velocity = moves[: 3 * C], moves[3 * C :]
-        if n is None:
+        moves, C, n = begun.moves.ravel(), len(self._active), None
+        of_active = moves.take(self._among) if len(self._idle) else moves
+        if begun.target is not None:
+            q, velocity = of_active[: 3 * C], of_active[3 * C :]
             approach = velocity[:C]
         else:
-            n, approach = self._normals_of_active(n), self._of(begun.approach)
-            if n is None:
-                return None
+            n, approach = of_active[: 3 * C].reshape(3, C), of_active[3 * C : 4 * C]
+            q, velocity = of_active[6 * C : 9 * C], of_active[9 * C :]
+            if n.item(0) == n.item(C - 1) and (n == n[:, :1]).all():
+                return None  # another frame is theirs
         target = None
         if not self._share or not self._is_round_off(approach, q):
-            q, target = q.copy(), self._of(begun.target())
+            target = of_active[4 * C : 5 * C] if begun.target is None else self._of(begun.target())
             off = self._share * approach - target
-            q.reshape(3, C)[:] += off * (_FIRST if n is None else n)
+            if n is None:
+                q = q.copy()
+                q[:C] += off
+            else:
+                q = q + (off * n).ravel()
         law = self._solve(q, n, kept)
         if law is None:
             return None
@@ -108,10 +121,11 @@ class SteadyPairs:
             if target is not None:
                 power = float(pressure.dot(target))
         if len(self._idle):
-            away = self._moved_idle
-            if n is not None:
-                away = _ONES.dot(away.reshape(3, -1) * self._idle_normals)
-            away = away + begun.margin.take(self._idle)
+            if n is None:
+                away = self._moved_idle + begun.margin.take(self._idle)
+            else:
+                of_idle = moves.take(self._among_idle).reshape(4, -1)
+                away = _ONES.dot(self._moved_idle.reshape(3, -1) * of_idle[:3]) + of_idle[3]
             if away.item(away.argmin()) < 0.0:
                 return None  # one is missed
         solution = Solution(f.reshape(3, -1), self._velocities.reshape(3, -1), 0, 0.0, law)
@@ -120,17 +134,6 @@ class SteadyPairs:
     def _of(self, values: Array) -> Array:
         """Those of the pairs that take part, of values of all (P,)."""
         return values.take(self._active) if len(self._idle) else values
-
-    def _normals_of_active(self, normals: Array) -> Array | None:
-        """Of all, (3, P), those of the pairs that take part; None where these are alike: another frame is theirs."""
-        if normals is not self._normals:
-            n = normals
-            if len(self._idle):
-                n, self._idle_normals = normals.take(self._active, axis=1), normals.take(self._idle, axis=1)
-            self._normals, self._active_normals = normals, n
-            ends = n[:, 0].tobytes(), n[:, -1].tobytes()
-            self._are_alike = ends[0] == ends[1] and bool((n == n[:, :1]).all())
-        return None if self._are_alike else self._active_normals
 
     def _is_round_off(self, approach: Array, q: Array) -> bool:
         """Whether pairs come near or leave by no more than what forces may lack: then that is to end, either way."""
@@ -173,7 +176,7 @@ class SteadyPairs:
             change = q - last.q.ravel()
             if math.sqrt(change.dot(change)) > NEAR * abs(q.item(self._fastest)):  # else no component is, either
                 kept = last.nearest(q.reshape(3, -1), largest(np.abs(q)))
-        if kept.inverse is None or (kept.is_worn and self._friction):  # without friction there is none to be found anew
+        if kept.inverse is None:
             return None
         is_steady = not (last.earlier or last.lacked) and isinstance(last.lacking, float)
         if not (is_steady or self._turn is None):
@@ -183,8 +186,7 @@ class SteadyPairs:
             self._φ = (kept.forces + kept.lacking).ravel() - kept.inverse.dot(kept.q.ravel())
             if self._turn is not None:
                 self._inverse, self._φ = self._turn @ kept.inverse @ self._turn.T, self._turn @ self._φ
-        inverse = self._inverse
-        Jq = inverse.dot(q)
+        Jq = self._inverse.dot(q)
         foreseen = f = Jq + self._φ
         allowed, before, corrections = CONVERGENCE_TOLERANCE * abs(q.item(self._fastest)), length, 0
         nearly = _NEARLY * CONVERGENCE_TOLERANCE * length
@@ -197,17 +199,13 @@ class SteadyPairs:
             u = self._moved + q
             z = self._ρ * u
             np.subtract(f, z, z)
-            projected = project(z.reshape(3, -1), n, self._μ, self._zeros).forces.ravel()
-            off = f - projected
+            off = f - project(z.reshape(3, -1), n, self._μ, self._zeros).forces.ravel()
             error = math.sqrt(off.dot(off)) * self._softest  # no component is larger
             if error <= allowed or (error <= nearly and self._is_solved(off, q)):
                 break
             if corrections == _MOST_CORRECTIONS or not error < SLOWEST * before:
                 return None
-            moves = self._compliance * off
-            moves -= self._W.dot(off)  # as FollowedLaw.corrected
-            f, before = inverse.dot(moves), error
-            f += projected
+            f, before = f - self._excess().dot(off), error
             self._W.dot(f, self._moved)
             corrections += 1
         if corrections or not is_last:
@@ -217,15 +215,42 @@ class SteadyPairs:
             return last  # it says the same of the next step
         if self._turn is not None:
             return None  # it is not as steady as that
-        lacking, lacked = kept.foreseen((projected - foreseen).reshape(3, -1) + kept.lacking, corrections > 0)
+        # After a first look nearer than they have to be: what forces will lack is told from differences.
+        reached = f if corrections else f - self._excess().dot(off)
+        lacking = (reached - foreseen).reshape(3, -1) + kept.lacking
+        lacking, lacked, calm = kept.foreseen(lacking, corrections > 0)
         is_negligible = False
         if not (corrections or lacked):
             size = math.sqrt(np.vdot(lacking, lacking)) * self._softest
             is_negligible = size <= NEGLIGIBLE * CONVERGENCE_TOLERANCE * largest(np.abs(q))
-        at = q.reshape(3, -1).copy(), projected.reshape(3, -1), 0.0 if is_negligible else lacking
+        at = q.reshape(3, -1).copy(), reached.reshape(3, -1), 0.0 if is_negligible else lacking
         earlier = last.earlier if corrections else ()
-        now = KeptLaw(kept.statuses, inverse, *at, lacked, kept.worn(corrections), earlier)
-        if kept is not last:
+        now = KeptLaw(kept.statuses, kept.inverse, *at, lacked, calm, kept.worn(corrections), earlier)
+        if kept.is_worn and self._friction:  # without friction there is none to be found anew
+            now = self._linearised(now, kept, n)
+        if kept is not last or now.inverse is not kept.inverse:
             return now.after(last)
         self._law, self._φ = now, (now.forces + now.lacking).ravel() - Jq
         return now
+
+    def _excess(self) -> Array:
+        """By what forces are too large (3C, 3C), of how far they are from the cones, (3C,).
+
+        With f off by δ, f - δ are in the cones; W is off less by W δ, and ρ⁻¹ δ more than the law has it, as
+        FollowedLaw.corrected says: f - δ + J (ρ⁻¹ - W) δ.
+        """
+        if self._excess_of[0] is not self._inverse:
+            J = self._inverse
+            self._excess_of = J, np.eye(len(J)) - J * self._compliance + J @ self._W
+        return self._excess_of[1]
+
+    def _linearised(self, now: KeptLaw, kept: KeptLaw, n: Array | None) -> KeptLaw:
+        """A kept law that is worn, linearised at its forces; the same where that has no inverse."""
+        law = FollowedLaw(self._framed, now.q, self._friction, n)
+        try:
+            inverse = law.inverse(law.at(now.forces))
+        except np.linalg.LinAlgError:
+            return now._replace(wear=0)
+        foreseen = kept.forces + inverse.dot((now.q - kept.q).ravel()).reshape(3, -1)
+        lacking, lacked, calm = kept.foreseen(now.forces - foreseen, False)
+        return now._replace(inverse=inverse, lacking=lacking, lacked=lacked, calm=calm, wear=0)
