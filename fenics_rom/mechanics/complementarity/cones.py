@@ -33,17 +33,15 @@ def project(z: Array, normals: Array | None, μ: Array, zeros: Array) -> Project
         normal = pressure * normals
         across = z - normal
         length, cone = np.sqrt(_ONES.dot(across * across)), μ * pressure
-    if pressure.item(pressure.argmin()) < 0.0:
-        pressure = np.maximum(pressure, zeros)
-        np.maximum(cone, zeros, cone)
-        if normals is not None:
-            normal = pressure * normals
+    np.maximum(cone, zeros, cone)
     share = np.maximum(length, cone)
     share += _TINY
     np.divide(cone, share, share)
     forces = across * share
     if normals is None:
-        forces[0] = pressure
-    else:
-        forces += normal
+        np.maximum(pressure, zeros, forces[0])
+        return Projected(forces, length, cone)
+    if pressure.item(pressure.argmin()) < 0.0:
+        normal = np.maximum(pressure, zeros) * normals
+    forces += normal
     return Projected(forces, length, cone)

@@ -78,6 +78,8 @@ class KeptLaw(NamedTuple):
         Polynomials through every other step go on: of lower degrees as long as that is right, as they add less
         round-off, which is tried every few steps.
         """
+        if not (was_corrected or self.lacked):
+            return lacking, (), 0
         calm, most = (0, _MOST_LACKED) if was_corrected else (self.calm + 1, len(self.lacked))
         if calm > _CALM:
             calm, most = 0, max(most - 2, 0)

@@ -199,7 +199,8 @@ class SteadyPairs:
             u = self._moved + q
             z = self._ρ * u
             np.subtract(f, z, z)
-            off = f - project(z.reshape(3, -1), n, self._μ, self._zeros).forces.ravel()
+            projected = project(z.reshape(3, -1), n, self._μ, self._zeros).forces.ravel()
+            off = f - projected
             error = math.sqrt(off.dot(off)) * self._softest  # no component is larger
             if error <= allowed or (error <= nearly and self._is_solved(off, q)):
                 break
@@ -215,8 +216,9 @@ class SteadyPairs:
             return last  # it says the same of the next step
         if self._turn is not None:
             return None  # it is not as steady as that
-        # After a first look nearer than they have to be: what forces will lack is told from differences.
-        reached = f if corrections else f - self._excess().dot(off)
+        reached = f if corrections else projected
+        if kept.lacked and not corrections:  # nearer than it has to be, as forces will be told from its differences
+            reached = f - self._excess().dot(off)
         lacking = (reached - foreseen).reshape(3, -1) + kept.lacking
         lacking, lacked, calm = kept.foreseen(lacking, corrections > 0)
         is_negligible = False
