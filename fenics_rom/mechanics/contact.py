@@ -224,6 +224,10 @@ class ContactSearch(NamedTuple):
         """Of all pairs, (O P, 3): those of then, where the normals are the same."""
         return Frames(normals) if self.frames is None or not self.frames.are_along(normals) else self.frames
 
+    def beside(self, key: bytes, law: KeptLaw | None) -> "ContactSearch":
+        """The same with the law of those pairs that were followed first, whose forces bring others too near."""
+        return self._replace(laws=self.with_law(key, law))
+
     def with_law(self, key: bytes, law: KeptLaw | None) -> tuple[tuple[bytes, KeptLaw], ...]:
         """`laws`, with that of pairs that have taken part now, and of other sets: of points that hardly touch."""
         if law is not None and self.laws and self.laws[0][0] == key:

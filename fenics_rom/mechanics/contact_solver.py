@@ -146,13 +146,16 @@ class ContactSolver:
             is_tried = True
             known = free, relative = self._relative(points, obstacles, w)
             motion = PairsMotion.of(search.frames_along(normals), free, relative, asked, slides)
-            followed, law = None, LawToFollow.of(search, motion.frames, motion.outwards < motion.asked.level)
-            if law is not None:
-                of_delassus = partial(self.operator_of, delassus), partial(self._moved, delassus)
+            of_delassus = partial(self.operator_of, delassus), partial(self._moved, delassus)
+            chosen, beside = motion.outwards < motion.asked.level, search
+            while (law := LawToFollow.of(beside, motion.frames, chosen)) is not None:
                 followed = follow_contact(self.law, law, motion, *of_delassus)
-            if followed is not None:
-                step = delassus, dt, obstacles, quasi_static
-                return self.keep_followed(followed, motion.frames, lambda: (points, *known), *step)
+                if followed is None:
+                    break
+                if followed.missed is None:
+                    self.search, step = beside, (delassus, dt, obstacles, quasi_static)
+                    return self.keep_followed(followed, motion.frames, lambda: (points, *known), *step)
+                chosen, beside = chosen | followed.missed, beside.beside(law.key, followed.solution.kept)
         is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
         if not is_near and out_of_reach(gap, points, obstacles, dt):
             return None
@@ -234,7 +237,7 @@ class ContactSolver:
             delassus, dt, obstacles, quasi_static: as in `solve`.
             planes: those of round obstacles that points have not left.
         """
-        key, active, operator, solution, forces, power, are_framed = found
+        key, active, operator, solution, forces, power, are_framed, _ = found
         search, law = self.search, self.law
         laws, have_left = search.with_law(key, solution.kept), search.planes is not None and planes is None
         unturned = search.unturned + 1 if frames is search.frames and not have_left else 0

@@ -121,6 +121,7 @@ class Followed(NamedTuple):
     forces: Array  # of all pairs, (O P, 3), N
     power: float | None  # Σ λ s, W; None without friction
     are_framed: bool = False  # whether what the solution has is in their frames
+    missed: Array | None = None  # (O P,) other pairs, which forces on these bring too near; None: there are none
 
 
 def follow_contact(
@@ -168,6 +169,7 @@ def follow_contact(
     if not are_all:
         forces, among = np.zeros((len(chosen), 3)), forces
         forces[active] = among
-        if not is_none((frames.along_normals(moved(forces)) + outwards < level) > chosen):
-            return None  # one is missed
+        missed = (frames.along_normals(moved(forces)) + outwards < level) > chosen
+        if not is_none(missed):
+            return Followed(key, active, operator, solution, forces, power, missed=missed)
     return Followed(key, active, operator, solution, forces, power)

@@ -10,7 +10,7 @@ import fenics_rom as fr
 from fenics_rom.mechanics import contact_solver
 from fenics_rom.mechanics.complementarity import Frames
 from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE
-from fenics_rom.mechanics.contact import ContactLaw, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import HalfSpace, Sphere
@@ -229,8 +229,30 @@ def test_a_first_look_misses_no_point_that_forces_on_others_push_down(obstacle):
     assert brought_down < -0.5
     border = -0.5 - brought_down  # at -0.5 m/s it comes as near in this step as it can be stopped in the next
     assert looked_at(border + 0.01).active.tolist() == [0, 1]
-    assert looked_at(border - 0.01) is None
+    assert looked_at(border + 0.01).missed is None
+    assert looked_at(border - 0.01).missed.tolist() == [False, False, True]
     assert solver.solve(motion(border - 0.01), W, h, still).pairs.tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("case", ["floor", "corner"])
+def test_where_forces_bring_others_too_near_a_step_need_not_search(roms, case, monkeypatch):
+    """At rest, as some points rise but for forces on others: they touch by these alone, in every step."""
+    missed, searched, states, solve = [], [], [], contact_solver.solve
+    beside = ContactSearch.beside
+    monkeypatch.setattr(ContactSearch, "beside", lambda *given: missed.append(body.steps) or beside(*given))
+    monkeypatch.setattr(contact_solver, "solve", lambda *given: searched.append(body.steps) or solve(*given))
+    for searches in (False, True):
+        with monkeypatch.context() as changed:
+            if searches:
+                search_always(changed)
+            body = fr.Simulator(roms[case], 1e-3, signals={"push": [0.0, 0.0, -40.0]})
+            for _ in range(STEPS):
+                body.step()
+            states.append(np.concatenate(body.state))
+        if not searches:
+            assert len(missed) > STEPS / 2
+            assert searched[-1] < STEPS / 2
+    np.testing.assert_allclose(*states, atol=1e-9 * np.abs(states[1]).max(), rtol=0)
 
 
 @pytest.mark.parametrize("case", ["floor", "smooth", "ball"])

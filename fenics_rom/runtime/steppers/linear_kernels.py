@@ -140,18 +140,29 @@ class ContactMidpoint(BookedKernel):
     ) -> tuple[SteadyPairs, Followed, PairsBegun] | None:
         """The same from what pairs do but for contact."""
         assert self._interface is not None
-        solver = self._interface.solver
-        law = LawToFollow.of(solver.search, begun.frames, begun.margin < 0.0)
-        if law is None:
-            return None
+        solver, chosen = self._interface.solver, begun.margin < 0.0
+        search = solver.search
+        while (law := LawToFollow.of(search, begun.frames, chosen)) is not None:
+            pairs = self._steady_pairs(points, law, begun)
+            found = pairs.step(begun, law.kept)
+            if found is None:
+                return None
+            if found.missed is None:
+                solver.search = search
+                return pairs, found, begun
+            chosen, search = chosen | found.missed, search.beside(law.key, found.solution.kept)
+        return None
+
+    def _steady_pairs(self, points: FollowedPoints, law: LawToFollow, begun: PairsBegun) -> SteadyPairs:
+        """Those that take part, by a law."""
+        assert self._interface is not None
         pairs = self._pairs.get((points, law.key))
         if pairs is None:
-            of_pairs = solver.operator_of(self._delassus, law.chosen, law.key)
+            of_pairs = self._interface.solver.operator_of(self._delassus, law.chosen, law.key)
             pairs = SteadyPairs(points, law.key, *of_pairs, begun)
             most = max(FEWEST_KEPT_PAIRS, MOST_KEPT_NUMBERS // pairs.size)
             self._pairs = dict(list(self._pairs.items())[1 - most :]) | {(points, law.key): pairs}
-        found = pairs.step(begun, law.kept)
-        return None if found is None else (pairs, found, begun)
+        return pairs
 
     def _end_followed_step(
         self, points: FollowedPoints, pairs: SteadyPairs, found: Followed, begun: PairsBegun

@@ -108,7 +108,7 @@ class SteadyPairs:
         law = self._solve(q, n, kept)
         if law is None:
             return None
-        f, power = self._f, None
+        f, power, missed = self._f, None, None
         if self._friction:
             if n is None:
                 pressure, by_friction = f[:C], f[C:].dot(velocity[C:])
@@ -127,9 +127,11 @@ class SteadyPairs:
                 of_idle = moves.take(self._among_idle).reshape(4, -1)
                 away = _ONES.dot(self._moved_idle.reshape(3, -1) * of_idle[:3]) + of_idle[3]
             if away.item(away.argmin()) < 0.0:
-                return None  # one is missed
+                missed = np.zeros(len(begun.margin), dtype=bool)
+                missed[self._idle] = away < 0.0
         solution = Solution(f.reshape(3, -1), self._velocities.reshape(3, -1), 0, 0.0, law)
-        return Followed(self.key, self._active, self._operator, solution, self._forces.copy(), power, n is None)
+        forces = self._forces.copy()
+        return Followed(self.key, self._active, self._operator, solution, forces, power, n is None, missed)
 
     def _of(self, values: Array) -> Array:
         """Those of the pairs that take part, of values of all (P,)."""
