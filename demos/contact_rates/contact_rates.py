@@ -17,7 +17,7 @@ The script
    and a mesh whose nodes are a little elsewhere make at full order (not with --quick);
 4. splits a step into its effects;
 5. tables what a `Batch` makes of many pads with 8, 20 and 40 points that rest or are each pushed about at random,
-   beside a single one, and by how much these two differ;
+   beside a single one, and by how much these two differ; and rate and memory of a process that steps 4,096;
 6. tables the rate of a world that has such a pad alone, beside that of its simulator;
 7. checks that the scene without contact steps as if there was no such thing: in the same form, to the same bits.
 
@@ -36,7 +36,7 @@ import numpy as np
 sys.path.append(str(Path(__file__).parents[1] / "poke"))
 
 from force_errors import COMPARED, table_of_errors
-from pad_batches import table_of_batches
+from pad_batches import VERY_MANY, table_of_batches, table_of_very_many
 from pads import BRICKS, CASES, COEFFICIENT, ON_THE_GROUND, ORDER, PRESSED, STEP, mesh, scene, settled
 from step_rates import in_turns, table_beside_full_order, table_of_effects, table_of_rates, table_of_worlds
 from touching_points import Seen, look
@@ -76,6 +76,7 @@ def main() -> None:
     table_beside_full_order(out, settle, steps, rounds)
     table_of_effects(whole, {name: scenes[name] for name in ("sticks", "in part slides", "slides", "no friction")}, out)
     off = table_of_batches(FEW_TOGETHER if quick else TOGETHER, steps // 2, out)
+    table_of_very_many(FEW_TOGETHER if quick else VERY_MANY, steps // 5, out)
     table_of_worlds({"sticks": whole, "neither": bare}, steps, rounds, out)
     errors = {} if quick else table_of_errors(whole, {name: scenes[name] for name in COMPARED}, out)
     check(rates, seen, bodies, bare, scenes["neither"], errors, off)

@@ -1,5 +1,7 @@
 """What many pads cost that are stepped together."""
 
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from fenics_rom.io.markdown import markdown
 
 POINTS = {8: (3, 1, 2), 20: BRICKS, 40: MORE_BRICKS}  # that touch
 ORDER = 14  # and six rigid motions
+VERY_MANY, LARGE_ORDER = 4096, 34  # pads, and the order of theirs without rigid motions
 PUSHED = {  # anew after so many steps, with at most that share of what moves it
     "at rest": (0, 0.0),
     "pushed anew every ten steps": (10, 0.25),
@@ -55,3 +58,21 @@ def pushed_about(bodies: fr.Batch, single: fr.Simulator, every: int, share: floa
                 seconds[:, part - 1] += between - started, time.process_time() - between
     together, alone = steps / seconds.min(axis=1)
     return float(together), float(alone)
+
+
+def table_of_very_many(size: int, steps: int, out: Path) -> None:
+    """Rate and memory of a process that steps pads of order 40 with 40 points, pushed anew every ten steps."""
+    file, rom_file = out / "pads-40.msh", out / "pads-40.h5"
+    mesh(file, MORE_BRICKS)
+    rom = fr.reduce(fr.assemble(scene(CASES["at rest"], file, STEP)), order=LARGE_ORDER)
+    fr.write_rom(rom_file, rom)
+    _, share = PUSHED["pushed anew every ten steps"]
+    given = rom_file, size, STEP, share * COEFFICIENT * PRESSED, steps
+    script = Path(__file__).with_name("many_pads.py")
+    told = subprocess.run([sys.executable, script, *map(str, given)], capture_output=True, text=True, check=True)
+    rate, memory, push = told.stdout.split()
+    order = next(iter(rom.contact_models.values())).order
+    heading = ("pads", "order", "points that push", "steps of a pad per second", "memory of the process")
+    table = markdown(heading, [(f"{size:,}", order, push, f"{float(rate):,.0f}", f"{memory} MB")])
+    (out / "very_many.md").write_text(table)
+    print(table)

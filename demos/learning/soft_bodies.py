@@ -102,6 +102,7 @@ def scene(kind: str, folder: Path) -> fr.Scene:
     """The scene of a body."""
     from fenics_rom.scene.file import parse_scene  # here, as environments need the numbers above where there is none
 
+    folder = folder.resolve()  # a mesh is looked for beside its scene
     if kind == "finger":
         text = FINGER.format(file=Path(__file__).parents[2] / "meshes" / "finger.msh", height=LOAD_HEIGHT)
         return parse_scene(text, folder=folder, source=kind)

@@ -59,6 +59,8 @@ class SoftBodies(VectorEnv):
         length: int,
         render_mode: str | None = None,
     ):
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f'render_mode = {render_mode!r}: allowed are "rgb_array" and None')
         self.rom = rom if isinstance(rom, Rom) else read_rom(rom)
         self.num_envs, self.render_mode, self.length, self.skip = num_envs, render_mode, length, round(0.1 / dt)
         self.single_observation_space = Box(-np.inf, np.inf, (observations,))

@@ -28,4 +28,6 @@ def test_tables_are_written(run):
     by_name = {row[0]: row for row in rows}
     assert by_name["nothing in reach"][1:4] == ["0", "0", "0"]
     assert by_name["neither"][1:4] == ["", "", ""]
+    pads = [cell.strip() for cell in (OUT / "very_many.md").read_text().splitlines()[2].split("|")[1:-1]]
+    assert pads[:3] == ["16", "40", "40.0"]
     assert "contact, friction" in (OUT / "effects.md").read_text()

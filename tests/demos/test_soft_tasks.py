@@ -8,6 +8,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import fenics_rom as fr
@@ -75,6 +76,42 @@ def test_episodes_are_those_of_their_seed_and_go_on_from_where_they_were_saved(m
     np.testing.assert_array_equal(env.restore(saved), seen[-1, :, :-3].astype(np.float32))
     env.action_space.seed(2)
     np.testing.assert_array_equal(play(env, 6), one)
+
+
+class Single(gymnasium.Env):
+    """The only one of a vector environment, as Gymnasium's checker takes single ones alone."""
+
+    def __init__(self, envs):
+        self.envs, self.metadata, self.render_mode = envs, envs.metadata, envs.render_mode
+        self.observation_space, self.action_space = envs.single_observation_space, envs.single_action_space
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        observation, info = self.envs.reset(seed=seed, options=options)
+        return observation[0], info
+
+    def step(self, action):
+        (observation,), (reward,), (terminated,), (truncated,), info = self.envs.step(action[None])
+        return observation, float(reward), bool(terminated), bool(truncated), info
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning", "ignore:.*(value is|spec):UserWarning")
+@pytest.mark.parametrize("task", TASKS)
+def test_gymnasiums_checker_takes_every_task(make, task):
+    envs = make(task, 1)
+    assert envs.spec.id == f"fenics_rom/{task}-v0"
+    check_env(Single(envs), skip_render_check=True)
+    with pytest.raises(ValueError, match="render_mode = 'human': allowed are"):
+        make(task, 1, render_mode="human")
+
+
+def test_meshes_of_bodies_are_found_in_any_folder(make, tmp_path, monkeypatch):
+    """Also in one that is named from where the process is."""
+    import soft_bodies
+
+    monkeypatch.chdir(tmp_path)
+    Path("here").mkdir()
+    assert soft_bodies.scene("pegs", Path("here")).mesh_file == tmp_path / "here" / "arm.msh"
 
 
 @pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")

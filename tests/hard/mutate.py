@@ -130,6 +130,7 @@ MUTATIONS = [
     ("mechanics/batch_contact_solver.py", "(self.target - along(z", "(self.target + along(z"),
     ("mechanics/complementarity/splitting.py", "length += np.multiply(second, second, out=ratio)", "pass"),
     ("mechanics/complementarity/batched_newton.py", " - 1, STIFFEST)", " - 1, np.inf)"),
+    ("mechanics/complementarity/batched_newton.py", "unsettled[goes_on] = True", "pass"),
     ("runtime/batch_deformation.py", "over = (added > budget)", "over = (added > 2 * budget + 1)"),
     ("runtime/batch_deformation.py", "then.strains[:, bodies] = went + share * gap", "pass"),
     ("runtime/batch_deformation.py", "slope**2 + 2 * square * budget", "slope**2 + square * budget"),

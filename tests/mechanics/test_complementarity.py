@@ -14,9 +14,11 @@ from fenics_rom.mechanics.complementarity import (
     FollowedLaw,
     Frames,
     KeptLaw,
+    batched_newton,
     of_other_pairs,
 )
 from fenics_rom.mechanics.complementarity import solve as solve_pairs
+from fenics_rom.mechanics.complementarity.batched_newton import BatchedNewton
 from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
 from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
 from fenics_rom.mechanics.complementarity.linearised import Linearisation, LinearisationByVelocities
@@ -140,6 +142,29 @@ def test_forces_of_many_bodies_fulfil_their_conditions_to_the_tolerance(seed, co
             in_rows = W.reshape(3, P, 3, P).transpose(1, 0, 3, 2).reshape(3 * P, 3 * P)
             assert violation(in_rows, q[..., k].T, n[..., k].T, μ, forces[..., k].T) <= 10 * TOLERANCE * condition**0.5
         q = q + 1e-3 * rng.standard_normal(q.shape)
+
+
+def test_bodies_that_newtons_method_does_not_settle_are_told(monkeypatch):
+    """Cut off after any number of iterations: all others have forces to the tolerance; margin of ten."""
+    rng = np.random.default_rng(7)
+    P, bodies = 20, 300
+    J = rng.standard_normal((3 * P, 3 * P))
+    W = J @ J.T / P + np.eye(3 * P)
+    q, n = rng.standard_normal((2, 3, P, bodies))
+    n /= np.linalg.norm(n, axis=0)
+    due = (np.arange(P) < 6)[:, None] * np.ones(bodies)
+    problems, newton, told = Problems(q, n, due, np.full(bodies, 0.3)), BatchedNewton(W, TOLERANCE), []
+    for iterations in (0, 1, 15):
+        monkeypatch.setattr(batched_newton, "MOST_ITERATIONS", iterations)
+        forces, unsettled = newton.solve(problems, np.zeros_like(q), 6)
+        told.append(int(unsettled.sum()))
+        of = np.arange(3 * P).reshape(3, P)[:, :6].T.ravel()
+        off = np.array(
+            [violation(W[np.ix_(of, of)], q[:, :6, k].T, n[:, :6, k].T, 0.3, forces[:, :6, k].T) for k in range(bodies)]
+        )
+        assert (off[~unsettled] <= 10 * TOLERANCE).all()
+        assert iterations == 1 or (off[unsettled] > 10 * TOLERANCE).all()
+    assert told[0] > told[1] > told[2] == 0
 
 
 def test_what_sticks_is_found_by_one_product():
