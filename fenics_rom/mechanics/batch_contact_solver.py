@@ -79,7 +79,7 @@ class BatchForces(NamedTuple):
     work: Array  # (T,) of the forces, relative to the obstacles, W
     obstacle: Array  # (P, T) that each point is paired with
     normals: Array | None  # (3, P, T)
-    z: Array  # (3, P, T) to begin the next search with, m/s
+    velocities: Array  # u (3, P, T) of the points under them, less what the law has them be; see `Splitting`
     alone: Array  # (A,) which of the B bodies are to be solved one by one
 
 
@@ -123,7 +123,8 @@ class BatchContactSolver:
         obstacles: BatchObstacles,
         friction: Array,
         pushed: Array,
-        z: Array,
+        forces: Array,
+        u: Array,
     ) -> BatchForces | None:
         """Contact forces of one step; None where nothing touches.
 
@@ -135,7 +136,7 @@ class BatchContactSolver:
             obstacles: how they move.
             friction: μ (B,).
             pushed: (O, P, B) pairs that had forces in the step before.
-            z: (3, P, B) to begin with, m/s.
+            forces, u: (3, P, B) of the step before; may be made those of this one.
         """
         approaches = self._approaches(motion, distances, dt, obstacles, pushed)
         touching = approaches.due.any(axis=(0, 1)).nonzero()[0]
@@ -144,22 +145,21 @@ class BatchContactSolver:
         if len(touching) < len(friction):
             motion, obstacles, approaches = motion.of(touching), obstacles.of(touching), approaches.of(touching)
             distances = taken(distances[0], touching), _of(distances[1], touching)
-            friction, z = friction[touching], taken(z, touching)
+            friction, forces, u = friction[touching], taken(forces, touching), taken(u, touching)
+        forces, u = np.ascontiguousarray(forces), np.ascontiguousarray(u)
         pairs = self._pairs(motion, distances, dt, obstacles, approaches)
         chosen = _Chosen.of_pairs(pairs, friction)
-        ρ = bodies.operator.ρ
-        forces, z, failed = bodies.operator.solve(chosen.problems, z)
         unsettled = np.zeros(len(touching), bool)
-        unsettled[failed] = True
-        pending = chosen.to_solve_again(forces, z, ρ).nonzero()[0]
-        part = chosen.of(pending)
+        unsettled[bodies.operator.solve(chosen.problems, forces, u)] = True
+        pending, part = chosen.to_solve_again(forces, u).nonzero()[0], chosen
+        again = pending
         while len(pending):
-            found, z_found, failed = bodies.operator.solve(part.problems, taken(z, pending))
-            put(forces, pending, found)
-            put(z, pending, z_found)
-            unsettled[pending[failed]] = True
-            again = part.to_solve_again(found, z_found, ρ).nonzero()[0]
-            pending, part = pending[again], part.of(again)
+            part, found = part.of(again), (taken(forces, pending), taken(u, pending))
+            unsettled[pending[bodies.operator.solve(part.problems, *found)]] = True
+            put(forces, pending, found[0])
+            put(u, pending, found[1])
+            again = part.to_solve_again(*found).nonzero()[0]
+            pending = pending[again]
         response = bodies.respond(forces)
         alone = unsettled
         if len(self._obstacles) > 1:
@@ -167,7 +167,7 @@ class BatchContactSolver:
             alone = unsettled | crowded | pairs.others_due(response.moved, chosen.obstacle)
         work = chosen.make_passive(forces, response)
         return BatchForces(
-            touching, forces, response, work, chosen.obstacle, chosen.problems.normals, z, touching[alone]
+            touching, forces, response, work, chosen.obstacle, chosen.problems.normals, u, touching[alone]
         )
 
     def _approaches(
@@ -285,23 +285,23 @@ class _Chosen(NamedTuple):
         """Those of some of the bodies."""
         return _Chosen(self.problems.of(bodies), *(taken(part, bodies) for part in self[1:]))
 
-    def to_solve_again(self, forces: Array, z: Array, ρ: Array) -> Array:
-        """Bodies (B,) with pairs that were missed, or which friction would help, where z led to forces (3, P, B).
+    def to_solve_again(self, forces: Array, u: Array) -> Array:
+        """Bodies (B,) with pairs that were missed, or which friction would help, under forces (3, P, B), at u.
 
         They are made to take part, and not to be helped.
         """
-        return self._stop_helping_friction(forces, z, ρ) | self._add_missed(z)
+        return self._stop_helping_friction(forces, u) | self._add_missed(u)
 
-    def _add_missed(self, z: Array) -> Array:
+    def _add_missed(self, u: Array) -> Array:
         """Has pairs take part that come too close under the forces; bodies (B,) with such."""
         due = self.problems.due
         if due.all():
             return np.zeros(due.shape[1], bool)
-        missed = (self.target - along(z, self.problems.normals) < self.level) & (due == 0)  # without forces u is -z
+        missed = (self.target + along(u, self.problems.normals) < self.level) & (due == 0)
         due[missed] = 1.0
         return missed.any(axis=0)
 
-    def _stop_helping_friction(self, forces: Array, z: Array, ρ: Array) -> Array:
+    def _stop_helping_friction(self, forces: Array, u: Array) -> Array:
         """Sets c_t = 0 where friction would do work on a body; bodies (B,) with such."""
         c_t, q = self.tangential_target, self.problems.q
         negligible = HELPING * np.abs(np.einsum("apb,apb->b", forces, q))
@@ -310,8 +310,7 @@ class _Chosen(NamedTuple):
         if not len(suspects):
             return helped
         normals = None if self.problems.normals is None else taken(self.problems.normals, suspects)
-        f, velocity, c_t = (taken(part, suspects) for part in (forces, z, c_t))
-        np.subtract(ρ * f, velocity, out=velocity)
+        f, velocity, c_t = (taken(part, suspects) for part in (forces, u, c_t))
         velocity += c_t
         tangential = f
         subtract_along(tangential, along(f, normals), normals)

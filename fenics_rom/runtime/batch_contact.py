@@ -95,7 +95,7 @@ class BatchContact:
         count = len(obstacles)
         self.friction, self.frozen = np.full(size, law.friction), np.zeros(size, bool)
         self.inexact = np.zeros(size, int)
-        self._forces, self._z = np.zeros((2, 3, P, size))  # N, in the last step, and m/s
+        self._forces, self._u = np.zeros((2, 3, P, size))  # in the last step, N and m/s
         self._is_read = any(isinstance(reading, ContactPressure) for reading in rom.readings.values())
         self.normal_forces = np.zeros((P, size))
         self._resultants, self._pushed = np.zeros((count, 3, size)), np.zeros((count, P, size), bool)
@@ -169,7 +169,7 @@ class BatchContact:
 
     def begin(self, bodies: Array, frozen: Array) -> None:
         """Bodies are where they were put, and nothing touches; some of them are inside an obstacle."""
-        for part in (self._forces, self.normal_forces, self._z, self._resultants, self._pushed):
+        for part in (self._forces, self.normal_forces, self._u, self._resultants, self._pushed):
             part[..., bodies] = 0
         self._clear[bodies], self.frozen[bodies] = -np.inf, frozen
         self.residual.begin(bodies)
@@ -244,11 +244,13 @@ class BatchContact:
         P = len(kind.S) // 3
         displacement, velocity, free = ((kind.S @ part.T).reshape(3, P, B) for part in (h / 2 * x, r, w / 2))
         moves = self.residual.moves[own]
-        residual, rates = taken(self.residual.state, own), np.zeros((2, 3 * P, B))
+        residual = taken(self.residual.state, own)
         if moves.any():  # those that rest have zeros
             rates = kind.unforced(residual)
             for part, yields in ((displacement, residual[1]), (velocity, residual[3]), (free, rates[1])):
                 part += yields.reshape(part.shape)
+        else:
+            rates = np.zeros((2, 3 * P, B))
         motion = BatchMotion(displacement, velocity, free)
         obstacles = BatchObstacles(self._offsets, self._speed, self._velocities).of(own)
         distances = self._solver.distances(displacement, obstacles.start)
@@ -257,7 +259,7 @@ class BatchContact:
         )
         pushed = taken(self._pushed, own).copy()
         problem = motion, distances, kind, h, obstacles
-        found = self._solver.solve(*problem, self.friction[own], pushed, taken(self._z, own))
+        found = self._solver.solve(*problem, self.friction[own], pushed, taken(self._forces, own), taken(self._u, own))
         works, touching, push = np.zeros((3, B)), np.empty(0, int), np.empty((0, x.shape[1]))
         put(self._resultants, own, np.zeros((len(self.names), 3, B)))
         if self._is_read:
@@ -274,7 +276,7 @@ class BatchContact:
             if len(found.alone):
                 response = kind.respond(found.forces)
             push = response.push
-            put(self._z, among, found.z)
+            put(self._u, among, found.velocities)
             put(self._forces, among, found.forces)
             for rate, part in zip(rates, (found.forces / kind.relaxation.whole, response.yields), strict=True):
                 add(rate, place, part.reshape(3 * P, -1))
@@ -338,7 +340,7 @@ class BatchContact:
             self.inexact[among] += 1
         if contact is None:
             return h * float((self._resultants[..., among] * speed).sum()), -h * float(found.work[at])
-        found.forces[..., at], found.z[..., at] = contact.forces.T, kind.operator.ρ[:, 0] * contact.forces.T
+        found.forces[..., at], found.velocities[..., at] = contact.forces.T, 0.0
         self._resultants[..., among], self.normal_forces[:, among] = contact.by_obstacle, contact.normal_forces
         self._pushed[..., among] = solver.search.forces.any(axis=1).reshape(-1, P)
         moved = W.dot(contact.forces.ravel()).reshape(P, 3)

@@ -127,7 +127,7 @@ MUTATIONS = [
     ("runtime/batch_step.py", "if contacts is None or not any(couplings) else w.copy()", "if True else w"),
     ("mechanics/batch_contact_solver.py", "response.scale(share)", "pass"),
     ("mechanics/batch_contact_solver.py", "share * (given + share * spent)", "given + share * spent"),
-    ("mechanics/batch_contact_solver.py", "(self.target - along(z", "(self.target + along(z"),
+    ("mechanics/batch_contact_solver.py", "(self.target + along(u", "(self.target - along(u"),
     ("mechanics/complementarity/splitting.py", "length += np.multiply(second, second, out=ratio)", "pass"),
     ("mechanics/complementarity/batched_newton.py", " - 1, STIFFEST)", " - 1, np.inf)"),
     ("mechanics/complementarity/batched_newton.py", "unsettled[goes_on] = True", "pass"),

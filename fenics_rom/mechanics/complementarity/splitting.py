@@ -40,6 +40,8 @@ ROUND_OFF = 0.7  # times that of single precision: changes at which iterations i
 GROUP_BYTES = 1 << 19  # of an array of bodies that go through the iterations together: all of them stay in the cache
 LEAVES_AT = 0.75  # of a group: when so few go on, the others are taken out of the arrays
 POOLED_AT = 0.3  # of a group: when so few go on, they wait for those of the other groups
+MOVING_AT = 0.25  # of the points: when so few move, it is found while all others stick how they do
+RARE = 0.02  # of the bodies: points that move in fewer are not among them
 FEW = 8  # pairs, that Newton's method is faster for, where it leaves out most of the points
 FEW_AT = 0.4  # of the points: so few they have to be
 
@@ -65,6 +67,7 @@ class Splitting:
         self.ρ = share * own[:, None]
         ρ = np.tile(self.ρ, (3, 1))
         self._stiffness = ρ * np.linalg.inv(W)
+        self._moving: _Moving | None = None
         self._newton = BatchedNewton(W, TOLERANCE)
         # What an iteration changes bounds the residual by this; it contracts in a metric in which points differ as much
         # as they yield. z may be longer than velocities by the root, and has its own round-off.
@@ -74,58 +77,98 @@ class Splitting:
         N = np.linalg.inv(W / ρ.T + np.identity(3 * P))
         self._coarse, self._fine = _Iteration((2 * N).astype(np.float32), coarse), _Iteration(2 * N, stop)
 
-    def solve(self, problems: Problems, z: Array) -> tuple[Array, Array, Array]:
-        """Forces (3, P, B), exactly in their cones, N; z (3, P, B) that led to them; bodies that did not settle.
+    def solve(self, problems: Problems, forces: Array, u: Array) -> Array:
+        """Finds forces, exactly in their cones, and the velocities under them; bodies that did not settle.
 
         Args:
             problems: of the bodies.
-            z: to begin with, m/s: where the last step's ended.
+            forces: (3, P, B) of the last step, N; made those of this one.
+            u: (3, P, B) in the last step, m/s; made those in this one.
         """
         counts = problems.due.sum(axis=0)
         few = counts <= min(FEW, FEW_AT * len(problems.due))
-        z, pushed = z.copy(), np.empty_like(z)  # Π(z)
-        unsettled = self._go_on(problems, z, pushed, (~few).nonzero()[0])
+        z = np.empty(u.shape)
+        unsettled = self._go_on(problems, forces, u, z, (~few).nonzero()[0])
+        unsettled = self._move_few(problems, forces, u, z, unsettled)
         self._iterate(self._coarse, problems, z, unsettled)
-        iterated = self._go_on(problems, z, pushed, unsettled)
+        iterated = self._go_on(problems, forces, u, z, unsettled, iterated=True)
         unsettled = self._iterate(self._fine, problems, z, iterated)
         if len(iterated):
-            put(pushed, iterated, _projected(taken(z, iterated), problems.of(iterated)))
-        pushed /= self.ρ
+            own = taken(z, iterated)
+            found = _projected(own, problems.of(iterated))
+            put(u, iterated, found - own)
+            put(forces, iterated, found / self.ρ)
         failed = []
         for bodies in (few.nonzero()[0], unsettled):
             if not len(bodies):
                 continue
             part, slots = problems.of(bodies), max(1, int(counts[bodies].max()))
-            begun = _projected(taken(z, bodies), part) / self.ρ
+            begun = _projected(self.ρ * taken(forces, bodies) - taken(u, bodies), part) / self.ρ
             found, left = self._newton.solve(part, begun, slots)
-            put(pushed, bodies, found)
-            put(z, bodies, self.ρ * found - part.q - self.moved(found))
+            put(forces, bodies, found)
+            put(u, bodies, part.q + self.moved(found))
             failed.append(bodies[left])
-        return pushed, z, np.concatenate(failed) if failed else unsettled
+        return np.concatenate(failed) if failed else unsettled
 
     def moved(self, forces: Array) -> Array:
         """W f (3, P, B), m/s."""
         return _times(self.W, forces, np.empty_like(forces))
 
-    def _go_on(self, problems: Problems, z: Array, pushed: Array, bodies: Array) -> Array:
-        """Has the points of these bodies move at u = Π(z) - z, to another z and Π(z); which that does not settle."""
-        left = [bodies[:0]]
+    def _go_on(
+        self, problems: Problems, forces: Array, u: Array, z: Array, bodies: Array, iterated: bool = False
+    ) -> Array:
+        """Has the points of these bodies move at u, or as z was iterated; those that this does not settle.
+
+        It finds forces and another u, and z of bodies that go on.
+        """
+        waiting = [bodies[:0]]
         for group in _groups(bodies, self.W):
             places = in_one_piece(group)
-            part, own = problems.of(places), taken(z, places)
+            part, velocity = problems.of(places), taken(z if iterated else u, places)
             spare = _Spare.of(part)
-            change = _projected(own, part, spare) - own
-            change -= part.q
-            y = _times(self._stiffness, change, spare.first)  # ρ f
-            own = np.subtract(y, change, out=change)
-            own -= part.q
+            if iterated:
+                velocity = _projected(velocity, part, spare) - velocity
+            change = np.subtract(velocity, part.q, out=spare.second)
+            own = _times(self._stiffness, change, spare.first)  # ρ f
+            own -= velocity
             found = _projected(own, part, spare)
-            put(z, places, own)
-            put(pushed, places, found)
-            y -= found
-            settled = _largest(y, y) <= TOLERANCE * _largest(part.q, own)
-            left.append(group[~settled])
-        return np.concatenate(left)
+            now = np.subtract(found, own, out=spare.second)
+            off = np.subtract(now, velocity, out=spare.product)
+            left = (_largest(off, off) > TOLERANCE * _largest(part.q, off)).nonzero()[0]
+            put(u, places, now)
+            put(forces, places, np.divide(found, self.ρ, out=found))
+            if len(left) > len(group) / 2:
+                put(z, places, own)
+            elif len(left):
+                put(z, group[left], taken(own, left))
+            waiting.append(group[left])
+        return np.concatenate(waiting)
+
+    def _move_few(self, problems: Problems, forces: Array, u: Array, z: Array, bodies: Array) -> Array:
+        """Goes on with bodies that only few points move of, which are the same in most; others, and not settled ones.
+
+        How these points move is found while all others stick, by a law of theirs; then all of them are looked at.
+        """
+        P = len(u[0])
+        moving = (taken(u, bodies) != 0).any(axis=0)
+        often = np.count_nonzero(moving, axis=1) > RARE * len(bodies)
+        if not 0 < np.count_nonzero(often) <= MOVING_AT * P:
+            return bodies
+        if self._moving is None or often[self._moving.sticks].any():
+            if self._moving is not None and np.count_nonzero(often | ~self._moving.sticks) <= MOVING_AT * P:
+                often |= ~self._moving.sticks
+            self._moving = _Moving.of(often, self._stiffness / np.tile(self.ρ, (3, 1)))
+        points, sticks, sees, law = self._moving
+        others = moving[sticks].any(axis=0)
+        own = bodies[~others]
+        part = problems.of(own)
+        q = (sees @ part.q.reshape(3 * P, -1)).reshape(3, len(points), -1)
+        normals = None if part.normals is None else part.normals.take(points, axis=1)
+        places = np.ix_(np.arange(3), points, own)
+        velocities = u[places]
+        law.solve(Problems(q, normals, part.due[points], part.friction), forces[places], velocities)
+        u[places] = velocities
+        return np.concatenate([bodies[others], self._go_on(problems, forces, u, z, own)])
 
     def _iterate(self, iteration: "_Iteration", problems: Problems, z: Array, bodies: Array) -> Array:
         """Iterates z (3, P, B) of these bodies; those that did not settle."""
@@ -137,6 +180,22 @@ class Splitting:
         pooled = np.concatenate(waiting)
         unsettled = [iteration.run(problems, z, group, 0, begun)[0] for group in _groups(pooled, iteration.N2)]
         return np.concatenate([pooled[:0], *unsettled])
+
+
+class _Moving(NamedTuple):
+    """Points that move, and their law while all others stick."""
+
+    points: Array  # (M,)
+    sticks: Array  # (P,) whether a point is none of them
+    sees: Array  # (3M, 3P) what makes their velocities if only the others push of those of all without contact
+    law: "Splitting"
+
+    @staticmethod
+    def of(moves: Array, stiffness: Array) -> "_Moving":
+        """Of points that are told (P,), and the inverse (3P, 3P) of W."""
+        own = np.tile(moves, 3)
+        W = np.linalg.inv(stiffness[np.ix_(own, own)])
+        return _Moving(moves.nonzero()[0], ~moves, W @ stiffness[own], Splitting((W + W.T) / 2))
 
 
 class _Iteration(NamedTuple):
