@@ -149,22 +149,24 @@ class BatchContactSolver:
         forces, u = np.ascontiguousarray(forces), np.ascontiguousarray(u)
         pairs = self._pairs(motion, distances, dt, obstacles, approaches)
         chosen = _Chosen.of_pairs(pairs, friction)
-        unsettled = np.zeros(len(touching), bool)
-        unsettled[bodies.operator.solve(chosen.problems, forces, u)] = True
-        pending, part = chosen.to_solve_again(forces, u).nonzero()[0], chosen
-        again = pending
+        alone = np.zeros(len(touching), bool)
+        alone[bodies.operator.solve(chosen.problems, forces, u)] = True
+        several = len(self._obstacles) > 1
+        if several:
+            alone |= np.count_nonzero(pairs.due, axis=0).max(axis=0) > 1
+            alone |= pairs.others_due(chosen, u)
+        again, part = chosen.to_solve_again(forces, u), chosen
+        pending = again.nonzero()[0]
         while len(pending):
-            part, found = part.of(again), (taken(forces, pending), taken(u, pending))
-            unsettled[pending[bodies.operator.solve(part.problems, *found)]] = True
+            part, found = part.of(again.nonzero()[0]), (taken(forces, pending), taken(u, pending))
+            alone[pending[bodies.operator.solve(part.problems, *found)]] = True
+            if several:
+                alone[pending] |= pairs.of(pending).others_due(part, found[1])
             put(forces, pending, found[0])
             put(u, pending, found[1])
-            again = part.to_solve_again(*found).nonzero()[0]
+            again = part.to_solve_again(*found)
             pending = pending[again]
         response = bodies.respond(forces)
-        alone = unsettled
-        if len(self._obstacles) > 1:
-            crowded = np.count_nonzero(pairs.due, axis=0).max(axis=0) > 1
-            alone = unsettled | crowded | pairs.others_due(response.moved, chosen.obstacle)
         work = chosen.make_passive(forces, response)
         return BatchForces(
             touching, forces, response, work, chosen.obstacle, chosen.problems.normals, u, touching[alone]
@@ -246,10 +248,15 @@ class _Pairs(NamedTuple):
     tangential_target: Array  # c_t, (O, 3, P, B)
     due: Array  # whether it takes part without contact forces, (O, P, B)
 
-    def others_due(self, moved: Array, chosen: Array) -> Array:
-        """Bodies (B,) with a pair that comes too close under the forces of the pairs that were chosen."""
+    def of(self, bodies: Array) -> "_Pairs":
+        """Those of some of the bodies, beside several obstacles."""
+        return _Pairs(_of(self.normals, bodies), *(taken(part, bodies) for part in self[1:]))
+
+    def others_due(self, chosen: "_Chosen", u: Array) -> Array:
+        """Bodies (B,) with a pair that comes too close under the forces of those that were chosen, which lead to u."""
+        moved = u - chosen.problems.q
         due = self.normal_velocity + along(moved[None], self.normals) < self.level
-        np.put_along_axis(due, chosen[None], False, axis=0)
+        np.put_along_axis(due, chosen.obstacle[None], False, axis=0)
         return due.any(axis=(0, 1))
 
 

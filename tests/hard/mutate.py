@@ -128,6 +128,8 @@ MUTATIONS = [
     ("mechanics/batch_contact_solver.py", "response.scale(share)", "pass"),
     ("mechanics/batch_contact_solver.py", "share * (given + share * spent)", "given + share * spent"),
     ("mechanics/batch_contact_solver.py", "(self.target + along(u", "(self.target - along(u"),
+    ("mechanics/batch_contact_solver.py", "alone |= pairs.others_due(chosen, u)", "pass"),
+    ("mechanics/batch_contact_solver.py", "alone[pending] |= pairs", "_ = pairs"),
     ("mechanics/complementarity/splitting.py", "length += np.multiply(second, second, out=ratio)", "pass"),
     ("mechanics/complementarity/batched_newton.py", " - 1, STIFFEST)", " - 1, np.inf)"),
     ("mechanics/complementarity/batched_newton.py", "unsettled[goes_on] = True", "pass"),
