@@ -26,8 +26,8 @@ from fenics_rom.mechanics.surface_points import mean_turning_maps
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
+from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.runtime.steppers.kernel import BookedKernel
-from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint
 from fenics_rom.runtime.steppers.residual_motion import operator_of
 from fenics_rom.world.bodies import NO_ROWS, Points
 from fenics_rom.world.collision.contacts import PlacedSurface

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.fem.simulator import FullOrderSimulator
-from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint, QuasiStatic
+from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.runtime.steppers.midpoint import FusedMidpoint
+from fenics_rom.runtime.steppers.quasi_static import QuasiStatic
 from fenics_rom.scene.file import parse_scene
 
 CLOSES_TO = 1e-12  # of the largest energy or work seen

@@ -15,8 +15,8 @@ from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import HalfSpace, Sphere
 from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.runtime.steppers.followed_points import LinearBody, PairsBegun
-from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint
 from fenics_rom.runtime.steppers.steady_pairs import SteadyPairs
 
 LENGTHS, ORDER, STEPS = (0.3, 0.2, 0.1), 8, 240

@@ -89,7 +89,8 @@ def make_stepper(
         branches = maxwell_branches(series, 2, kernel_of_kind.strain_count(rom.deformation))
         kernel = kernel_of_kind(rom, ledger, interface, actuators, residual, branches)
         return FiniteStrainStepper(rom, dt, interface, kernel, suited, reason)
-    from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint, QuasiStatic
+    from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
+    from fenics_rom.runtime.steppers.quasi_static import QuasiStatic
 
     kernel_of = ContactMidpoint if has_inertia else QuasiStatic
 
