@@ -75,11 +75,11 @@ def main() -> None:
     table_of_rates(rates, rolled_out, seen, out)
     table_beside_full_order(out, settle, steps, rounds)
     table_of_effects(whole, {name: scenes[name] for name in ("sticks", "in part slides", "slides", "no friction")}, out)
-    off = table_of_batches(FEW_TOGETHER if quick else TOGETHER, steps // 2, out)
+    off, reached = table_of_batches(FEW_TOGETHER if quick else TOGETHER, steps // 2, out)
     table_of_very_many(FEW_TOGETHER if quick else VERY_MANY, steps // 5, out)
     table_of_worlds({"sticks": whole, "neither": bare}, steps, rounds, out)
     errors = {} if quick else table_of_errors(whole, {name: scenes[name] for name in COMPARED}, out)
-    check(rates, seen, bodies, bare, scenes["neither"], errors, off)
+    check(rates, seen, bodies, bare, scenes["neither"], errors, off, reached)
 
 
 def check(
@@ -90,6 +90,7 @@ def check(
     empty: fr.Scene,
     errors: dict[str, list[float]],
     off: float,
+    reached: dict[str, bool],
 ) -> None:
     """The claims of this page, measured; without errors those of short loops."""
     quick = not errors
@@ -120,9 +121,11 @@ def check(
     for claim, holds in claims.items():
         print(f"  {'holds' if holds else 'FAILS'}: {claim}")
     if not quick:
-        for name in ON_THE_GROUND:
-            verdict = "reached" if rates[name] >= WANTED else "missed"
-            print(f"  {verdict}: {WANTED:,.0f} steps a second, {name}: {rates[name]:,.0f}")
+        of_steps = {
+            f"{WANTED:,.0f} steps a second, {name}: {rates[name]:,.0f}": rates[name] >= WANTED for name in ON_THE_GROUND
+        }
+        for rate, holds in (of_steps | reached).items():
+            print(f"  {'reached' if holds else 'missed'}: {rate}")
     if not all(claims.values()):
         sys.exit(1)
 

@@ -14,6 +14,8 @@ from fenics_rom.io.markdown import markdown
 POINTS = {8: (3, 1, 2), 20: BRICKS, 40: MORE_BRICKS}  # that touch
 ORDER = 14  # and six rigid motions
 VERY_MANY, LARGE_ORDER = 4096, 34  # pads, and the order of theirs without rigid motions
+WANTED = {8: 120e3, 20: 60e3, 40: 20e3}  # steps of a pad per second with so many points, however pushed
+TIMES = 40.0  # the rate of a single one, wanted
 PUSHED = {  # anew after so many steps, with at most that share of what moves it
     "at rest": (0, 0.0),
     "pushed anew every ten steps": (10, 0.25),
@@ -21,9 +23,9 @@ PUSHED = {  # anew after so many steps, with at most that share of what moves it
 }
 
 
-def table_of_batches(size: int, steps: int, out: Path) -> float:
-    """Rates of pads that are stepped together, each pushed at random; how far one is from a single one."""
-    rows, worst = [], 0.0
+def table_of_batches(size: int, steps: int, out: Path) -> tuple[float, dict[str, bool]]:
+    """Rates of pads that are stepped together, pushed at random: how far one is from a single one, what is reached."""
+    rows, worst, reached = [], 0.0, {}
     for points, bricks in POINTS.items():
         file = out / f"pads-{points}.msh"
         mesh(file, bricks)
@@ -35,12 +37,18 @@ def table_of_batches(size: int, steps: int, out: Path) -> float:
             off = np.abs(bodies.state(0)[0][0] - single.state[0]).max() / np.abs(single.state[0]).max()
             worst = max(worst, off)
             rates = f"{size * together:,.0f}", f"{alone:,.0f}", f"{size * together / alone:.1f}"
+            reached[f"{WANTED[points]:,.0f} steps of a pad a second, {points} points, {name}: {rates[0]}"] = (
+                size * together >= WANTED[points]
+            )
+            reached[f"{TIMES:g} times the rate of a single one, {points} points, {name}: {rates[2]}"] = (
+                size * together >= TIMES * alone
+            )
             rows.append((points, name, f"{touching:.1f}", *rates, f"{off:.0e}"))
     heading = ("points", f"{size} pads", "points that push", "steps of a pad per second", "of a single one", "ratio")
     table = markdown((*heading, "difference"), rows)
     (out / "batches.md").write_text(table)
     print(table)
-    return worst
+    return worst, reached
 
 
 def pushed_about(bodies: fr.Batch, single: fr.Simulator, every: int, share: float, steps: int) -> tuple[float, float]:

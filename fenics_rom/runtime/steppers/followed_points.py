@@ -148,7 +148,7 @@ class FollowedPoints:
         return np.concatenate([q, velocities, last])
 
     def begin(self, u: Array) -> PairsBegun | None:
-        """What pairs do in a step under u (p,); None where the obstacle is not flat, but all normals are alike."""
+        """What pairs do in a step under u (p,); None where points left the planes, or all round normals are alike."""
         self._before[:], self._inputs[:] = self.body.state, u
         self._along[:], self._added_before[:] = self.body.rigid, self._carried
         self._product.dot(self._x, self._begun)
