@@ -7,7 +7,7 @@ points of a spline of torques. Only one tendon of a pair pulls at a time. Length
 """
 
 import numpy as np
-from soft_bodies import LENGTH, PEG_CIRCLE, PEG_RADIUS, PEGS, TENSION
+from soft_bodies import LENGTH, PEG_CIRCLE, PEG_RADIUS, PEGS, TENDONS, TENSION
 from vector import SoftBodies
 
 Array = np.ndarray
@@ -19,6 +19,7 @@ class Arm(SoftBodies):
     """Observation: eleven points of the arm, speed and direction of its tip, the four pulls, and what the task adds."""
 
     tension: float
+    tendons, outputs = TENDONS, ("line", "tip")
 
     def __init__(self, rom, num_envs: int, *, further: int, dt: float, length: int, render_mode: str | None = None):
         super().__init__(
@@ -87,8 +88,10 @@ class ArmFollow(Arm):
         heading = self.np_random.standard_normal((int(which.sum()), 3))
         self.episode["heading"][which] = self.SPEED * heading / np.linalg.norm(heading, axis=1)[:, None]
 
-    def step(self, actions):
-        """Has the ball go on, too."""
+    def moves(self, part: int) -> None:
+        """The ball goes on, before all else."""
+        if part:
+            return
         episode = self.episode
         turns = (episode["age"] % self.TURNS == 0) & (episode["age"] > 0)
         self._turn(turns)
@@ -96,7 +99,6 @@ class ArmFollow(Arm):
         ahead = episode["target"] + 0.1 * episode["heading"]
         episode["heading"] = np.where((ahead < low) | (ahead > high), -episode["heading"], episode["heading"])
         episode["target"] = episode["target"] + 0.1 * episode["heading"]
-        return super().step(actions)
 
     def further(self) -> list[Array]:
         """Where the ball is, how fast it is, and where to."""
@@ -160,7 +162,7 @@ class ArmPegs(Arm):
     -n², and 0.5 within 2 cm, 2 within 1 cm.
     """
 
-    tension = TENSION["pegs"]
+    tension, obstacles = TENSION["pegs"], tuple(PEGS)
     ASIDE, SHIFT = 0.09, 0.0  # m; how far pegs are from where the scene has them, at most
 
     def __init__(self, rom, num_envs: int, render_mode: str | None = None, length: int = 30):

@@ -21,6 +21,8 @@ class FingerLift(SoftBodies):
     half a millimetre.
     """
 
+    tendons, obstacles, outputs = ("flexor", "extensor"), ("load",), ("line",)
+
     def __init__(self, rom, num_envs: int, render_mode: str | None = None, length: int = 30):
         super().__init__(rom, num_envs, observations=9, actions=1, dt=5e-3, length=length, render_mode=render_mode)
         self.episode |= {name: np.zeros(num_envs) for name in ("height", "speed", "goal", "pull", "force")}

@@ -12,6 +12,7 @@ LENGTH, WIDTH = 1.0, 0.08  # m
 BRICKS = 12  # along the arm, of six tetrahedra each
 SECTIONS = 0.5, 0.98  # m, where tendons end
 SIDES = {"left": (0.03, 0.0), "right": (-0.03, 0.0), "up": (0.0, 0.03), "down": (0.0, -0.03)}  # their y and z, m
+TENDONS = tuple(f"{side}{k + 1}" for k in range(len(SECTIONS)) for side in SIDES)
 TENSION = {"far": 500.0, "pegs": 120.0}  # N, the largest
 ORDER = 20
 PEG_RADIUS, PEG_CIRCLE = 0.045, 0.13  # m; of their axes
@@ -108,7 +109,6 @@ def scene(kind: str, folder: Path) -> fr.Scene:
         return parse_scene(text, folder=folder, source=kind)
     mesh = folder / "arm.msh"
     write_mesh(mesh)
-    names = [f"{side}{k + 1}" for k in range(len(SECTIONS)) for side in SIDES]
     line = [[k / 10 * LENGTH, 0.0, 0.0] for k in range(1, 11)]
     effects = EFFECTS[kind]
     if kind == "pegs":
@@ -117,11 +117,11 @@ def scene(kind: str, folder: Path) -> fr.Scene:
         file=mesh,
         line=line,
         effects=effects,
-        tendons="".join(f"[effects.tendon.{name}]\npoints = {cable(name)}\n" for name in names),
+        tendons="".join(f"[effects.tendon.{name}]\npoints = {cable(name)}\n" for name in TENDONS),
     )
     if kind == "far":  # a run says how far the arm is to bend
         text += "[run]\ndt = 1e-2\nduration = 1.0\n"
-        text += "".join(f'[[run.load]]\nactuator = "{name}"\nforce = [{TENSION[kind]}]\n' for name in names)
+        text += "".join(f'[[run.load]]\nactuator = "{name}"\nforce = [{TENSION[kind]}]\n' for name in TENDONS)
     return parse_scene(text, folder=folder, source=kind)
 
 

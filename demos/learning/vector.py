@@ -4,11 +4,14 @@ from copy import copy, deepcopy
 from typing import Any, NamedTuple
 
 import numpy as np
+from environment import checked
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from fenics_rom import Batch, Rom, read_rom
+from fenics_rom.errors import SceneError
 
 Array = np.ndarray
 FAILURE = -10.0  # reward of an action that no step could be found for
@@ -40,7 +43,14 @@ class SoftBodies(VectorEnv):
         dt: time step of the physics, s; 0.1 s is a multiple.
         length: actions in an episode.
         render_mode: "rgb_array" or None.
+
+    Raises:
+        SceneError: that is another body than the task is for.
     """
+
+    tendons: tuple[str, ...]  # of the body, in this order
+    obstacles: tuple[str, ...] = ()
+    outputs: tuple[str, ...]  # and maybe more
 
     metadata = {  # noqa: RUF012, as Gymnasium has it
         "autoreset_mode": AutoresetMode.NEXT_STEP,
@@ -61,7 +71,11 @@ class SoftBodies(VectorEnv):
     ):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f'render_mode = {render_mode!r}: allowed are "rgb_array" and None')
+        if length < 1:
+            raise ValueError(f"length = {length!r}: allowed is a number of actions > 0")
         self.rom = rom if isinstance(rom, Rom) else read_rom(rom)
+        self._check_body()
+        self.has_begun = False
         self.num_envs, self.render_mode, self.length, self.skip = num_envs, render_mode, length, round(0.1 / dt)
         self.single_observation_space = Box(-np.inf, np.inf, (observations,))
         self.single_action_space = Box(-1, 1, (actions,))
@@ -73,13 +87,14 @@ class SoftBodies(VectorEnv):
     def reset(self, *, seed=None, options=None):
         """Begins an episode in every environment; from the same seed, the same episodes."""
         super().reset(seed=seed)
+        self.has_begun = True
         self._begin(np.full(self.num_envs, True))
         return self.observe().astype(np.float32), {}
 
     def step(self, actions):
-        """What 0.1 s under the actions lead to."""
+        """What 0.1 s under the actions lead to; ResetNeeded and InvalidAction: see `checked`."""
+        actions = np.clip(checked(self, actions), -1, 1).astype(float)
         episode, over = self.episode, self.episode["over"].copy()
-        actions = np.clip(actions, -1, 1).astype(float)
         failed = ~np.isfinite(actions).all(axis=1)
         u = self.inputs(np.where(failed[:, None], 0.0, actions))
         for part in range(self.skip):
@@ -99,12 +114,14 @@ class SoftBodies(VectorEnv):
         return self.observe().astype(np.float32), reward, terminated, truncated, {}
 
     def save(self) -> Saved:
-        """All of it: `restore` goes on from there to the bit."""
+        """All of it: `restore` goes on from there to the bit. ResetNeeded: there is nothing to go on with yet."""
+        if not self.has_begun:
+            raise ResetNeeded("Cannot call env.save() before calling env.reset()")
         return Saved(copy(self.batch), deepcopy(self.episode), deepcopy(self.np_random.bit_generator.state))
 
     def restore(self, saved: Saved) -> Array:
         """Goes on from where it was saved; its observations."""
-        self.batch, self.episode = copy(saved.batch), deepcopy(saved.episode)
+        self.batch, self.episode, self.has_begun = copy(saved.batch), deepcopy(saved.episode), True
         self.np_random.bit_generator.state = deepcopy(saved.random)
         return self.observe().astype(np.float32)
 
@@ -142,6 +159,21 @@ class SoftBodies(VectorEnv):
     def reward(self, actions: Array) -> tuple[Array, Array]:
         """Rewards, and where the episode is over as there is nothing left to do."""
         raise NotImplementedError
+
+    def _check_body(self) -> None:
+        body = self.rom
+        actuators, obstacles = tuple(body.actuators), tuple(body.environment.obstacles)
+        outputs = tuple(name for name in self.outputs if name in body.outputs)
+        for part, needed, given, all_given in (
+            ("tendons", self.tendons, actuators, actuators),
+            ("obstacles", self.obstacles, obstacles, obstacles),
+            ("outputs", self.outputs, outputs, tuple(body.outputs)),
+        ):
+            if given != needed:
+                names, others = (", ".join(each) or "none" for each in (needed, all_given))
+                raise SceneError(
+                    f"{type(self).__name__}: the {part} of its body are {names}; those of {body.name!r} are {others}"
+                )
 
     def _begin(self, which: Array) -> None:
         self.episode["age"][which], self.episode["over"][which] = 0, False

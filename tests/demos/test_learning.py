@@ -3,10 +3,12 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils import passive_env_checker as checker
 from gymnasium.utils.performance import benchmark_vector_step
 from gymnasium.vector import AutoresetMode
@@ -14,6 +16,7 @@ from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import fenics_rom as fr
+from fenics_rom.errors import SceneError
 
 FOLDER = Path(__file__).parents[2] / "demos" / "learning"
 
@@ -158,6 +161,39 @@ def test_pushes_beyond_the_largest_are_the_largest(make):
     for part, same in zip(largest, more, strict=True):
         np.testing.assert_array_equal(part, same)
     np.testing.assert_array_equal(less[0][..., :2], -largest[0][..., :2])
+
+
+def test_what_cannot_be_stepped_is_a_clear_error_and_changes_nothing(make):
+    env, other = make(3), make(3)
+    actions = np.full((3, 1), 0.5, np.float32)
+    with pytest.raises(ResetNeeded, match=r"Cannot call env\.step\(\) before calling env\.reset\(\)"):
+        env.step(actions)
+    for one in (env, other):
+        one.reset(seed=1)
+    bad = actions.copy()
+    bad[1] = np.nan
+    for given, said in (
+        (actions[:2], r"float32 of shape \(2, 1\) are given; allowed are real numbers of shape \(3, 1\)"),
+        (actions[:, 0], r"float32 of shape \(3,\)"),
+        (np.zeros((3, 2)), r"float64 of shape \(3, 2\)"),
+        (actions.astype(complex), "complex128 of shape"),
+        (None, r"object of shape \(\)"),
+        ([[0.0], [0.0, 1.0], [0.0]], r"rows of different lengths are given; allowed are numbers of shape \(3, 1\)"),
+        (bad, r"those of environments \[1\] are not finite"),
+    ):
+        with pytest.raises(InvalidAction, match=f"actions: {said}"):
+            env.step(given)
+    np.testing.assert_array_equal(env.step(actions.tolist())[0], other.step(actions)[0])
+
+
+def test_a_plate_has_two_contact_modes_and_a_tip(environment, plate_rom):
+    one = replace(plate_rom, contact_models={"middle": plate_rom.contact_models["middle"]})
+    for other, given in (
+        (one, "contact modes middle; outputs tip"),
+        (replace(plate_rom, outputs={}), "contact modes tip_left, middle; outputs none"),
+    ):
+        with pytest.raises(SceneError, match=f"two contact modes and the output tip; 'plate' has {given}"):
+            environment.PlateReach(other, 2)
 
 
 @pytest.mark.parametrize("contact", ["tip_left", "middle"])

@@ -3,16 +3,18 @@
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.errors import FenicsRomWarning, SceneError
 
 FOLDER = Path(__file__).parents[2] / "demos" / "learning"
 WITHOUT_FEM = """
@@ -35,8 +37,8 @@ def make(tmp_path_factory):
         import soft_bodies
         import soft_tasks
 
-        def made(task, size, **choices):
-            rom = soft_bodies.make(soft_tasks.TASKS[task][0], folder)
+        def made(task, size, body=None, **choices):
+            rom = soft_bodies.make(body or soft_tasks.TASKS[task][0], folder)
             return gymnasium.make_vec(f"fenics_rom/{task}-v0", num_envs=size, rom=str(rom), **choices)
 
         yield made
@@ -149,6 +151,61 @@ def test_an_action_that_is_not_finite_ends_its_episode_alone(make):
     assert terminated.tolist() == [False, True, False]
     assert reward[1] == -10
     np.testing.assert_array_equal(observation[[0, 2]], expected[0][[0, 2]])
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+@pytest.mark.parametrize("task", TASKS)
+def test_what_cannot_be_stepped_is_a_clear_error_and_changes_nothing(make, task):
+    env, other = (make(task, 3) for _ in range(2))
+    actions = np.full(env.action_space.shape, 0.5, np.float32)
+    for call in (lambda: env.step(actions), env.save):
+        with pytest.raises(ResetNeeded, match=r"Cannot call env\.\w+\(\) before calling env\.reset\(\)"):
+            call()
+    for one in (env, other):
+        one.reset(seed=3)
+        for _ in range(7):  # the ball of ArmFollow would turn in the next
+            one.step(actions)
+    for given in (actions[:2], actions[0], actions[..., None], actions.repeat(2, axis=1), actions * 1j, None, [[0], 0]):
+        with pytest.raises(InvalidAction, match="are given; allowed are "):
+            env.step(given)
+    assert env.np_random.bit_generator.state == other.np_random.bit_generator.state
+    np.testing.assert_array_equal(env.step(actions.tolist())[0], other.step(actions)[0])
+    restored = make(task, 3)
+    restored.restore(env.save())
+    np.testing.assert_array_equal(restored.step(actions)[0], other.step(actions)[0])
+    with pytest.raises(ValueError, match="length = 0: allowed is"):
+        make(task, 1, length=0)
+
+
+ARM = "left1, right1, up1, down1, left2, right2, up2, down2"
+PEGS = "first, second, third, fourth"
+
+
+@pytest.mark.parametrize(
+    ("task", "other", "said"),
+    [
+        ("ArmFollow", "finger", f"the tendons of its body are {ARM}; those of 'lifting finger' are flexor, extensor"),
+        ("ArmReach", "pegs", f"the obstacles of its body are none; those of 'arm' are {PEGS}"),
+        ("ArmNest", "far", f"the obstacles of its body are {PEGS}; those of 'arm' are none"),
+        ("FingerLift", "far", f"the tendons of its body are flexor, extensor; those of 'arm' are {ARM}"),
+        (
+            "PlateReach",
+            "far",
+            "a plate has two contact modes and the output tip; 'arm' has contact modes end; outputs li",
+        ),
+    ],
+)
+def test_the_file_of_another_body_is_refused(make, task, other, said):
+    with pytest.raises(SceneError, match=f"{task}: {said}"):
+        make(task, 2, body=other)
+
+
+def test_the_body_has_to_have_what_is_observed(make):
+    from arms import ArmReach
+
+    rom = make("ArmReach", 1).rom
+    with pytest.raises(SceneError, match="the outputs of its body are line, tip; those of 'arm' are line"):
+        ArmReach(replace(rom, outputs={"line": rom.outputs["line"]}), 2)
 
 
 def test_the_plate_is_made_by_its_id_from_a_file(make, plate_rom, tmp_path):
