@@ -11,6 +11,7 @@ from fenics_rom.rom.deformation import ReducedDeformation
 
 _I, _J = VOIGT_PAIRS.T
 _TRANSPOSED = 3 * _J + _I
+_QUARTERS = np.full(9, 0.25)
 
 
 class MaterialPoints:
@@ -25,6 +26,19 @@ class MaterialPoints:
         self._gradients = G.reshape(-1, body.order).copy()
         self._moduli = {1: (body.weights * body.first_lame, body.weights * body.shear)}  # for so many bodies
         self.most = float(self._moduli[1][1].sum())
+
+    def strain_squares(self, q: Array) -> Array:
+        """|E|² (P,) at q."""
+        H = self._gradients.dot(q).reshape(3, 3, -1)
+        products = H[:, :, None] * H[:, None]
+        twice = products[0]  # 2 E = HᵀH + H + Hᵀ
+        twice += products[1]
+        twice += products[2]
+        twice += H
+        twice += H.swapaxes(0, 1)
+        twice *= twice
+        squares: Array = _QUARTERS.dot(twice.reshape(9, -1))
+        return squares
 
     def strains(self, q: Array) -> tuple[Array, Array]:
         """F (3, 3, P) and E (6, P) at q."""

@@ -14,7 +14,8 @@ from fenics_rom.mechanics.environment import AppliedLoad
 from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.rom.deformation import TrainingRange
-from fenics_rom.runtime.steppers.training_watch import LOCAL_STRAIN, TRUSTED_LOAD, TRUSTED_STRAIN
+from fenics_rom.rom.material_points import MaterialPoints
+from fenics_rom.runtime.steppers.training_watch import LOCAL_STRAIN, TRUSTED_LOAD, TRUSTED_STRAIN, TrainingWatch
 from fenics_rom.trajectory.file import read_trajectory, write_trajectory
 
 STEPPERS = ("newton", "linearly-implicit")
@@ -99,6 +100,50 @@ def test_the_strain_is_that_of_the_kept_point_that_went_furthest(rom, stepper):
         "the strain of a kept point"
         in said(trained(rom, strains=peak / (TRUSTED_STRAIN + 0.01)), u, stepper=stepper)[0]
     )
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+@pytest.mark.parametrize("seed", range(3))
+def test_no_shape_beyond_training_is_passed_over(rom, seed):
+    """Whichever way a body goes, in strides of any length: what is noted is what all strains of all shapes give."""
+    rng, body = np.random.default_rng(seed), rom.deformation
+    seen = rng.uniform(0.02, 0.2, len(body.weights))
+    limits = np.maximum(seen, LOCAL_STRAIN * seen.max())
+    watch = TrainingWatch(trained(rom), replace(trained(rom, strains=seen).deformation.trained), None)
+    watch.enter("tip", 3)
+    notes, largest, q = dict.fromkeys(watch.notes, 0.0), 0.0, np.zeros(body.order)
+    towards = rng.standard_normal(body.order) * body.training_radius / np.arange(1, body.order + 1) ** 2
+    for step in range(400):
+        aim = 1.5 * np.sin(0.05 * step) ** 2 * towards
+        q = aim + 10 ** rng.uniform(-4, -1) * body.training_radius * rng.standard_normal(body.order) / body.order
+        E = body.strains(q)
+        share = (np.sqrt((E * E / VOIGT_SHEAR).sum(axis=0)) / limits).max()
+        largest = max(largest, share if share > TRUSTED_STRAIN else 0.0)
+        watch.look(notes, np.zeros(5), q, None, None, 1e-3)
+        assert notes["strain"] == pytest.approx(largest, rel=1e-12)
+    assert largest > 0
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_a_point_that_is_pulled_straight_is_looked_at_where_it_gets_beyond_training(rom, monkeypatch):
+    """Its stretch grows by all that |ΔH| may add, so that the bound on what is not looked at is as far as it may be."""
+    body, limit = rom.deformation, 0.1
+    gradients = np.zeros((3, 3, 1, body.order))
+    gradients[0, 0] = 1 / body.order  # H is the mean of q
+    one = replace(body, gradients=gradients, weights=body.weights[:1])
+    watched = trained(replace(rom, deformation=one), strains=np.array([limit]))
+    farthest = np.sqrt(1 + 2 * TRUSTED_STRAIN * limit) - 1  # F - 1 of that strain
+    looked, squares_of = [], MaterialPoints.strain_squares
+    monkeypatch.setattr(MaterialPoints, "strain_squares", lambda self, q: looked.append(q) or squares_of(self, q))
+    for start in (0.0, 0.3, 0.9):
+        watch = TrainingWatch(watched, watched.deformation.trained, None)
+        watch.enter("tip", 3)
+        notes = dict.fromkeys(watch.notes, 0.0)
+        for share, looks, value in ((start, 1, 0.0), (1 - 1e-9, 1, 0.0), (1 + 1e-9, 2, TRUSTED_STRAIN)):
+            watch.look(notes, np.zeros(5), np.full(body.order, share * farthest), None, None, 1e-3)
+            assert len(looked) == looks
+            assert notes["strain"] == pytest.approx(value, rel=1e-6)
+        looked.clear()
 
 
 def test_an_obstacle_that_pushes_harder_is_told_by_name(touching):

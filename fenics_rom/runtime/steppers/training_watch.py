@@ -67,9 +67,12 @@ class TrainingWatch:
         body, self._points = rom.deformation, MaterialPoints(rom.deformation)
         strains = np.maximum(trained.strains, LOCAL_STRAIN * trained.strains.max(initial=NEVER))
         self._inverse_squares, self._stretched = strains**-2.0, np.sqrt(1 + 2 * TRUSTED_STRAIN * strains)
-        self._reach = np.sqrt(np.square(body.gradients).sum(axis=(0, 1)))  # |∇W_k| (P, m)
-        # |ΔH| up to which, from the shape that was looked at, no point's strain is beyond training.
-        self._looked_at, self._clear = np.zeros(body.order), np.full(len(strains), -1.0)
+        # |ΔH| <= |y| / reach of each point (P,), with y_k = scale_k Δq_k, scale_k the largest |∇W_k| (m,).
+        self._scale = np.sqrt(np.square(body.gradients).sum(axis=(0, 1)).max(axis=0))
+        blocks = (body.gradients / self._scale.clip(NEVER)).reshape(9, len(strains), -1).swapaxes(0, 1)
+        self._reach = 1 / np.sqrt(np.linalg.eigvalsh(blocks @ blocks.swapaxes(1, 2))[:, -1].clip(NEVER))
+        # |y| up to which, from the shape that was looked at, no point's strain is beyond training.
+        self._looked_at, self._clear = np.zeros(body.order), -1.0
         self._means = [f"mean force of {name}, {axis}" for name in self._pushers for axis in "xyz"]
         self._smoothing_time = trained.smoothing_time
         self.notes = (*self._ranges, STRAIN, TOUCHED, *self._means)
@@ -112,7 +115,7 @@ class TrainingWatch:
         if E is None:
             self._look_at_shape(notes, q)
         else:
-            self._look_at_strains(notes, E)
+            self._look_at_strains(notes, _COUNTS.dot(E * E))
         if contact is not None or notes[TOUCHED]:
             self._look_at_contact(notes, contact, h)
 
@@ -121,15 +124,15 @@ class TrainingWatch:
 
         |E + ΔE| <= |E| + |F| |ΔH| + ½ |ΔH|², |F|² <= 1 + 2 |E|.
         """
-        is_clear = self._reach.dot(np.abs(q - self._looked_at)) <= self._clear
-        if np.count_nonzero(is_clear) == len(is_clear):  # all of them, in a third of the time
+        y = self._scale * (q - self._looked_at)
+        if math.sqrt(y.dot(y)) <= self._clear:
             return
-        strains = np.sqrt(self._look_at_strains(notes, self._points.strains(q)[1]))
-        self._looked_at, self._clear = q.copy(), self._stretched - np.sqrt(1 + 2 * strains)
+        strains = np.sqrt(self._look_at_strains(notes, self._points.strain_squares(q)))
+        self._looked_at = q.copy()
+        self._clear = float(((self._stretched - np.sqrt(1 + 2 * strains)) * self._reach).min())
 
-    def _look_at_strains(self, notes: Notes, E: Array) -> Array:
-        """Squares |E|² (P,)."""
-        squares: Array = _COUNTS.dot(E * E)
+    def _look_at_strains(self, notes: Notes, squares: Array) -> Array:
+        """Squares |E|² (P,), the same."""
         share = float((squares * self._inverse_squares).max())
         if share > TRUSTED_STRAIN**2:
             self._note(notes, STRAIN, math.sqrt(share))
