@@ -33,7 +33,8 @@ class MonomialStrains:
         self.viscosity = float(body.viscosity[0])
         self._places = tables.place - 1  # of the products of coordinates in y (m, m),
         self._two_places = np.stack([tables.place, tables.place + 1 + self.size])  # and in two rows of ½ K(x)
-        self._x = np.ones((2, 1 + body.order))
+        self._x = np.ones((2, 1 + body.order))  # (1, q) of two shapes,
+        self._changed = np.eye(2, 1 + body.order)  # and of one, with (0, q) of a change
 
     def at(self, q: Array) -> Array:
         """y of E(q)."""
@@ -51,7 +52,7 @@ class MonomialStrains:
     def around(self, q: Array) -> "MonomialsAround":
         """Of shapes near q."""
         x = self._x
-        x[:, 0], x[:, 1:] = 1.0, q
+        x[:, 1:] = q
         upper, K = self._stiffnesses(self._products(x))
         return MonomialsAround(self, q, upper[0], K[0])
 
@@ -60,7 +61,7 @@ class MonomialStrains:
     ) -> "tuple[MonomialShape, MonomialsAround, Array]":
         """What is strained at q, what is around another shape, `middle`, and there Aᵀ of what is `damped`."""
         x = self._x
-        x[1, 0], x[0, 1:], x[1, 1:] = 1.0, q, middle
+        x[0, 1:], x[1, 1:] = q, middle
         products = self._products(x)
         upper, K = self._stiffnesses(products)
         around = MonomialsAround(self, middle, upper[1], K[1])
@@ -74,8 +75,8 @@ class MonomialStrains:
 
     def around_another(self, q: Array, shape: "MonomialShape") -> "tuple[MonomialsAround, Array]":
         """Of shapes near q, and Aᵀ there of the stresses at another one."""
-        x = self._x
-        x[1, 0], x[0, 1:] = 0.0, q
+        x = self._changed
+        x[0, 1:] = q
         change = np.subtract(q, shape.q, x[1, 1:])
         products = self._products(x)
         np.subtract(products[0], products[1], products[1])

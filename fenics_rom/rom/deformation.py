@@ -26,8 +26,6 @@ from fenics_rom.mechanics.hyperelastic import (
 from fenics_rom.mechanics.tendon import cable_length, measure_segments, turning_angles, unit_tension_slopes
 from fenics_rom.rom.content import ByContent
 
-_SUMS = np.ones((3, 3))  # (K, 3) times this: the sum of each row, in all its places
-
 
 @dataclass(frozen=True, eq=False)
 class ReducedTendon(ByContent):
@@ -38,11 +36,11 @@ class ReducedTendon(ByContent):
 
     def force(self, q: Array) -> Array:
         """Of a tension of 1 N, (m,): -∂ℓ/∂q of its length ℓ."""
-        at_rest, shapes, pulled = self._segments
-        segments = shapes.dot(q).reshape(at_rest.shape)
+        at_rest, shapes, pulled, sums = self._segments
+        segments = shapes.dot(q)
         segments += at_rest
-        segments /= np.sqrt((segments * segments).dot(_SUMS))
-        return segments.ravel().dot(pulled)
+        segments /= np.sqrt((segments * segments).dot(sums))
+        return segments.dot(pulled)
 
     def pull_back(self, q: Array, w: Array) -> Array:
         """∂(w·force)/∂q (m,)."""
@@ -70,10 +68,14 @@ class ReducedTendon(ByContent):
         return ReducedTendon(self.points[: guide + 1], self.shapes[: 3 * guide + 3])
 
     @cached_property
-    def _segments(self) -> tuple[Array, Array, Array]:
-        """Between neighbours: at rest (K - 1, 3), m, their shapes (3 (K - 1), m), and these the other way."""
+    def _segments(self) -> tuple[Array, Array, Array, Array]:
+        """Between neighbours: at rest (3 (K - 1),), m, their shapes (3 (K - 1), m), and these the other way.
+
+        And what adds the three numbers of each, in all their places.
+        """
         shapes = self.shapes[3:] - self.shapes[:-3]
-        return np.diff(self.points, axis=0), shapes, -shapes
+        sums = np.kron(np.eye(len(self.points) - 1), np.ones((3, 3)))
+        return np.diff(self.points, axis=0).ravel(), shapes, -shapes, sums
 
     def _moved(self, q: Array) -> Array:
         return self.points + (self.shapes @ q).reshape(-1, 3)

@@ -18,6 +18,33 @@ from fenics_rom.runtime.steppers.residual_motion import ResidualMaps
 UNIT = np.eye(3)[:, :, None]
 
 
+class Carried(NamedTuple):
+    """What a step hands on to the next one, beside the state."""
+
+    velocity: Array  # v̂ (m,)
+    strained: Array | None  # ε and C₀ε (2, size); None: ε is E(q)
+    left: float  # ½ s² - c, J
+    c: float  # J
+    tank: float  # what may be given back, J
+    energy: float  # of ε, J
+
+    @staticmethod
+    def of(numbers: Array, size: int) -> "Carried":
+        """Of what `in_one` makes of so many strains."""
+        strains, v, energies = np.split(numbers, [2 * size, -4])
+        return Carried(v.copy(), strains.reshape(2, -1).copy() if strains.any() else None, *energies.tolist())
+
+    def in_one(self, size: int) -> Array:
+        """(2 size + m + 4,): ε and C₀ε, 0 for None, and the others."""
+        strains = np.zeros(2 * size) if self.strained is None else self.strained.ravel()
+        return np.concatenate([strains, self.velocity, self[2:]])
+
+
+def s_of(energy: float) -> float:
+    """s of ½ s², J."""
+    return math.sqrt(2 * max(energy, 0.0))
+
+
 class Expected(NamedTuple):
     """What v̂ of a step was expected to be, and what that came of."""
 

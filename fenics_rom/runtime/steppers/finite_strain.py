@@ -126,10 +126,14 @@ class FiniteStrainKernel(BookedKernel):
 
     def _loads(self, u: Array, q: Array) -> Array:
         """Generalized forces (m,) of the inputs on the body at q."""
-        force: Array = self._dead_loads.dot(u)
+        return self._loads_with(self._dead_loads.dot(u), u, q)
+
+    def _loads_with(self, dead: Array, u: Array, q: Array) -> Array:
+        """The same, where those of loads whose direction stays (m,) are known."""
+        force = dead
         for column, follower in self._active_followers:
             if size := u.item(column):
-                force += size * follower.force(q)
+                force = force + size * follower.force(q)
         return force
 
     def _input_columns(self, q: Array) -> Array:
