@@ -7,6 +7,7 @@ points of a spline of torques. Only one tendon of a pair pulls at a time. Length
 """
 
 import numpy as np
+from picture import Ball, Rod
 from soft_bodies import LENGTH, PEG_CIRCLE, PEG_RADIUS, PEGS, TENDONS, TENSION
 from vector import SoftBodies
 
@@ -61,7 +62,7 @@ class Arm(SoftBodies):
 
     def things(self, k: int):
         """The target."""
-        return [(self.episode["target"][k], 0.02)], []
+        return [Ball(self.episode["target"][k], 0.02)], []
 
 
 class ArmFollow(Arm):
@@ -140,6 +141,11 @@ class ArmReach(Arm):
         """Where the tip points, and where it is to be and to point."""
         return [self.pointing, self.episode["target"], self.episode["towards"]]
 
+    def things(self, k: int):
+        """The target, and the direction to point in."""
+        target, towards = self.episode["target"][k], self.episode["towards"][k]
+        return [*super().things(k)[0], Rod(target, target + 0.15 * towards, 0.006)], []
+
     @property
     def pointing(self) -> Array:
         """Direction of the tip, (num_envs, 3)."""
@@ -196,8 +202,8 @@ class ArmPegs(Arm):
 
     def things(self, k: int):
         """The target, and the pegs."""
-        rods = [(np.array([0.85, *peg]), np.array([1.1, *peg]), PEG_RADIUS) for peg in self.episode["pegs"][k]]
-        return super().things(k)[0], rods
+        pegs = [Rod(np.array([0.85, *peg]), np.array([1.1, *peg]), PEG_RADIUS) for peg in self.episode["pegs"][k]]
+        return super().things(k)[0], pegs
 
 
 class ArmNest(ArmPegs):

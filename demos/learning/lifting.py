@@ -1,7 +1,8 @@
 """A soft finger lifts a plate from its posts and holds it: an obstacle that moves as the finger pushes it."""
 
 import numpy as np
-from soft_bodies import LOAD_HEIGHT
+from picture import Block
+from soft_bodies import LOAD_HEIGHT, LOAD_SIZE
 from vector import SoftBodies
 
 Array = np.ndarray
@@ -64,7 +65,8 @@ class FingerLift(SoftBodies):
         return -off / UNIT + (off < 5e-4), np.zeros(self.num_envs, bool)
 
     def things(self, k: int):
-        """The plate, as a rod across the finger."""
-        centre = np.array([0.09, 0.0, LOAD_HEIGHT + self.episode["height"][k]])
-        half = np.array([0.0, 0.015, 0.0])
-        return [], [(centre - half, centre + half, 0.005)]
+        """The plate, and the underside that it is to have."""
+        centre, size = np.array([0.09, 0.0, LOAD_HEIGHT]), np.array(LOAD_SIZE)
+        rise = np.array([0.0, 0.0, 1.0])
+        goal = centre + (self.episode["goal"][k] - size[2] / 2) * rise
+        return [Block(goal, size * [1.0, 1.0, 0.05])], [Block(centre + self.episode["height"][k] * rise, size)]

@@ -7,6 +7,7 @@ eight tendons in place of muscles: four end in its middle, four at its tip. Maki
 from pathlib import Path
 
 import fenics_rom as fr
+from fenics_rom.errors import SceneError, check_known
 
 LENGTH, WIDTH = 1.0, 0.08  # m
 BRICKS = 12  # along the arm, of six tetrahedra each
@@ -86,13 +87,14 @@ points = [[0.005, 0.0, 0.008], [0.035, 0.0, 0.008], [0.065, 0.0, 0.008], [0.095,
 [effects.contact.obstacles.load]   # a plate that lies on posts, just above the finger
 shape = "box"
 center = [0.09, 0.0, {height}]
-size = [0.03, 0.03, 0.01]
+size = {size}
 """
-LOAD_HEIGHT = 0.0155  # m, of the middle of the plate on its posts
+LOAD_HEIGHT, LOAD_SIZE = 0.0155, [0.03, 0.03, 0.01]  # m, of the middle of the plate on its posts, and of its edges
 
 
 def make(kind: str, folder: Path) -> Path:
-    """Reduces the body "far", "pegs" or "finger"; the name of its file in a folder, which is kept."""
+    """Reduces the body "far", "pegs", "finger" or "plate"; the name of its file in a folder, which is kept."""
+    check_known("body", kind, (*EFFECTS, "finger", "plate"), SceneError)
     file = folder / f"{kind}.h5"
     if not file.exists():
         fr.write_rom(file, fr.reduce(fr.assemble(scene(kind, folder)), order=ORDER))
@@ -103,9 +105,13 @@ def scene(kind: str, folder: Path) -> fr.Scene:
     """The scene of a body."""
     from fenics_rom.scene.file import parse_scene  # here, as environments need the numbers above where there is none
 
+    if kind == "plate":
+        return fr.read_scene(Path(__file__).parents[1] / "plate" / "plate.toml")
     folder = folder.resolve()  # a mesh is looked for beside its scene
     if kind == "finger":
-        text = FINGER.format(file=Path(__file__).parents[2] / "meshes" / "finger.msh", height=LOAD_HEIGHT)
+        text = FINGER.format(
+            file=Path(__file__).parents[2] / "meshes" / "finger.msh", height=LOAD_HEIGHT, size=LOAD_SIZE
+        )
         return parse_scene(text, folder=folder, source=kind)
     mesh = folder / "arm.msh"
     write_mesh(mesh)

@@ -5,6 +5,7 @@
 A vector environment of its own runs in each process, as threads gain little: most of a step is in small NumPy calls.
 """
 
+import argparse
 import multiprocessing
 import time
 import warnings
@@ -22,6 +23,7 @@ TASKS = "ArmFollow", "ArmReach", "ArmPegs", "ArmNest", "FingerLift"
 
 def main() -> None:
     """Measures and tables."""
+    argparse.ArgumentParser(description="Measures the soft tasks under random actions; takes two minutes.").parse_args()
     warnings.simplefilter("ignore", FenicsRomWarning)
     soft_tasks.OUT.mkdir(exist_ok=True)
     rows = []

@@ -1,6 +1,6 @@
 """Registers the tasks: after `import soft_tasks`, `gymnasium.make_vec("fenics_rom/ArmFollow-v0", num_envs=256)`.
 
-`rom=` says where the file of the body is; else it is that in out/, which train.py makes (of the plate learning.py).
+`rom=` says where the file of the body is, which soft_bodies.make makes; else it is that in out/, which train.py makes.
 """
 
 from pathlib import Path

@@ -10,6 +10,7 @@ of soft_bodies.py, which it makes where they are not there. Curves and their tab
 """
 
 import argparse
+import sys
 import time
 import warnings
 from dataclasses import dataclass, field
@@ -20,11 +21,16 @@ import matplotlib as mpl
 import numpy as np
 import soft_bodies
 import soft_tasks
-import torch
-from torch import nn
 
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
+
+try:
+    import torch
+    from torch import nn
+except ModuleNotFoundError as error:
+    why = f"training needs {error.name}, which this Python lacks"
+    sys.exit(f"error: {why}: .venv/bin/pip install -r demos/learning/requirements-training.txt")
 
 mpl.use("Agg")
 
@@ -85,8 +91,9 @@ class Run:
     """What a training has seen."""
 
     task: str
-    steps: list[int] = field(default_factory=list)  # of the environment, after which an episode's mean return is
-    returns: list[float] = field(default_factory=list)
+    count: int = 0  # of steps of the environment
+    steps: list[int] = field(default_factory=list)  # how many there were when episodes ended
+    returns: list[float] = field(default_factory=list)  # of these, their mean
     seconds: list[float] = field(default_factory=list)  # of environment, and of all else
     untrained: float = 0.0
     trained: float = 0.0
@@ -95,9 +102,13 @@ class Run:
 def main() -> None:
     """Trains, tables and draws."""
     parser = argparse.ArgumentParser(description="Trains policies for soft tasks.")
-    parser.add_argument("tasks", nargs="*", choices=[[], *soft_tasks.TASKS], help="which; none: ArmFollow and ArmPegs")
-    parser.add_argument("--steps", type=int, help="of the environment")
+    parser.add_argument("tasks", nargs="*", help=f"of {', '.join(soft_tasks.TASKS)}; none: ArmFollow and ArmPegs")
+    parser.add_argument("--steps", type=int, help="of the environment, rounded up to whole updates of the policy")
     given = parser.parse_args()
+    if unknown := [task for task in given.tasks if task not in soft_tasks.TASKS]:
+        parser.error(f"no task {', '.join(unknown)}; there is {', '.join(soft_tasks.TASKS)}")
+    if given.steps is not None and given.steps < 1:
+        parser.error(f"--steps {given.steps}: allowed are whole numbers > 0")
     torch.set_num_threads(1)
     warnings.simplefilter("ignore", FenicsRomWarning)
     soft_tasks.OUT.mkdir(exist_ok=True)
@@ -106,9 +117,8 @@ def main() -> None:
     rows = []
     for run in runs:
         inside, outside = run.seconds
-        count = run.steps[-1]
-        rates = f"{count / (inside + outside):,.0f}", f"{count / inside:,.0f}"
-        rows.append((run.task, f"{count:,}", f"{run.untrained:.1f}", f"{run.trained:.1f}", *rates))
+        rates = f"{run.count / (inside + outside):,.0f}", f"{run.count / inside:,.0f}"
+        rows.append((run.task, f"{run.count:,}", f"{run.untrained:.1f}", f"{run.trained:.1f}", *rates))
     table = markdown(heading, rows)
     (soft_tasks.OUT / "training.md").write_text(table)
     print(table)
@@ -129,6 +139,7 @@ def train(task: str, steps: int) -> Run:
     observation, _ = env.reset(seed=SEED)
     over, returns, gain, finished = np.zeros(ENVIRONMENTS, bool), *np.zeros((2, ENVIRONMENTS)), list[float]()
     updates = -(-steps // (ENVIRONMENTS * ROLLOUT))
+    total = updates * ENVIRONMENTS * ROLLOUT
     for update in range(updates):
         adam.param_groups[0]["lr"] = RATE * (1 - update / updates)
         kept = []
@@ -154,9 +165,11 @@ def train(task: str, steps: int) -> Run:
         with torch.no_grad():
             last = policy.value(seen(observation))[:, 0]
         improve(policy, adam, [torch.stack(part) for part in zip(*kept, strict=True)], last)
+        run.count += ENVIRONMENTS * ROLLOUT
         if finished:
-            run.steps.append((update + 1) * ENVIRONMENTS * ROLLOUT)
+            run.steps.append(run.count)
             run.returns.append(float(np.mean(finished)))
+            print(f"{task}: {run.count:,} of {total:,} steps, return {run.returns[-1]:.1f}", file=sys.stderr)
             finished.clear()
     run.seconds = [inside, time.process_time() - started - inside]
     run.untrained, run.trained = (play(env, chooser) for chooser in (None, lambda o: policy.mean(seen(o))))

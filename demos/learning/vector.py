@@ -1,7 +1,7 @@
 """What the vector environments of soft bodies have in common: episodes, seeds, failures, save and restore, pictures."""
 
 from copy import copy, deepcopy
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from environment import checked
@@ -12,6 +12,9 @@ from gymnasium.vector.utils import batch_space
 
 from fenics_rom import Batch, Rom, read_rom
 from fenics_rom.errors import SceneError
+
+if TYPE_CHECKING:
+    from picture import Thing
 
 Array = np.ndarray
 FAILURE = -10.0  # reward of an action that no step could be found for
@@ -129,7 +132,7 @@ class SoftBodies(VectorEnv):
         """Pictures (240, 320, 3) of all environments, drawn where there need not be a screen; None without a mode."""
         if self.render_mode is None:
             return None
-        from picture import picture
+        from picture import picture  # here, as drawing takes PyVista
 
         return tuple(picture(self.rom, self.batch.shape(k), *self.things(k)) for k in range(self.num_envs))
 
@@ -140,8 +143,8 @@ class SoftBodies(VectorEnv):
     def moves(self, part: int) -> None:
         """What moves by itself in the physics' step of that number."""
 
-    def things(self, k: int) -> tuple[list[tuple[Array, float]], list[tuple[Array, Array, float]]]:
-        """Balls (centre, radius) and rods (start, end, radius) beside a body, to draw them."""
+    def things(self, k: int) -> tuple[list["Thing"], list["Thing"]]:
+        """What a body is to reach, and what is in its way, to draw them."""
         return [], []
 
     def begin(self, which: Array) -> None:
