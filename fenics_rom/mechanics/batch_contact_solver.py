@@ -20,6 +20,7 @@ from fenics_rom.mechanics.complementarity.splitting import Splitting
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
 
+ROUND_OFF = 1e-14  # of the work that forces do at what they add: that of work, as the sum over the points has it
 HELPING = 1e-9  # of that of velocities to be stopped: work of friction on a body that is looked at; less is let pass
 
 
@@ -50,15 +51,9 @@ class BatchMotion(NamedTuple):
 class Response(NamedTuple):
     """What T bodies do under contact forces."""
 
-    moved: Array  # (3, P, T) W f, m/s
     push: Array  # (T, m) what that adds to what drives them
     yields: Array  # (3, P, T) what it adds to the velocities of their residual parts, m/s
-
-    def scale(self, share: Array) -> None:
-        """That of forces that are such shares (T,) of these."""
-        self.push[:] *= share[:, None]
-        for part in (self.moved, self.yields):
-            np.multiply(part, share, out=part)
+    work: Array  # (T,) of the forces at what they add to the velocities of the points, fᵀ W f, W
 
 
 class TouchingBodies(Protocol):
@@ -149,22 +144,22 @@ class BatchContactSolver:
         forces, u = np.ascontiguousarray(forces), np.ascontiguousarray(u)
         pairs = self._pairs(motion, distances, dt, obstacles, approaches)
         chosen = _Chosen.of_pairs(pairs, friction)
-        alone = np.zeros(len(touching), bool)
-        alone[bodies.operator.solve(chosen.problems, forces, u)] = True
+        alone, settled = np.zeros(len(touching), bool), np.ones(len(touching), bool)
+        settled[bodies.operator.look(chosen.problems, forces, u)] = False
         several = len(self._obstacles) > 1
         if several:
             alone |= np.count_nonzero(pairs.due, axis=0).max(axis=0) > 1
-            alone |= pairs.others_due(chosen, u)
-        again, part = chosen.to_solve_again(forces, u), chosen
+            alone |= pairs.others_due(chosen, u) & settled
+        again, part = chosen.to_solve_again(forces, u, settled), chosen
         pending = again.nonzero()[0]
         while len(pending):
             part, found = part.of(again.nonzero()[0]), (taken(forces, pending), taken(u, pending))
-            alone[pending[bodies.operator.solve(part.problems, *found)]] = True
+            alone[pending[bodies.operator.search(part.problems, *found)]] = True
             if several:
                 alone[pending] |= pairs.of(pending).others_due(part, found[1])
             put(forces, pending, found[0])
             put(u, pending, found[1])
-            again = part.to_solve_again(*found)
+            again = part.to_solve_again(*found, np.ones(len(pending), bool))
             pending = pending[again]
         response = bodies.respond(forces)
         work = chosen.make_passive(forces, response)
@@ -286,33 +281,37 @@ class _Chosen(NamedTuple):
             c_t = c_t * (friction > 0)
         q = free - c_t
         subtract_along(q, target, normals)
-        return _Chosen(Problems(q, normals, due.astype(float), friction), obstacle, free, level, target, c_t)
+        return _Chosen(Problems.whole(q, normals, due.astype(float), friction), obstacle, free, level, target, c_t)
 
     def of(self, bodies: Array) -> "_Chosen":
         """Those of some of the bodies."""
         return _Chosen(self.problems.of(bodies), *(taken(part, bodies) for part in self[1:]))
 
-    def to_solve_again(self, forces: Array, u: Array) -> Array:
-        """Bodies (B,) with pairs that were missed, or which friction would help, under forces (3, P, B), at u.
+    def to_solve_again(self, forces: Array, u: Array, settled: Array) -> Array:
+        """Bodies (B,) that are not settled, or have pairs that were missed, or which friction would help.
 
-        They are made to take part, and not to be helped.
+        Under forces (3, P, B), at u. Such pairs of settled bodies are made to take part, and not to be helped.
         """
-        return self._stop_helping_friction(forces, u) | self._add_missed(u)
+        again = ~settled
+        if not again.all():
+            again |= self._stop_helping_friction(forces, u, settled)
+            again |= self._add_missed(u, settled)
+        return again
 
-    def _add_missed(self, u: Array) -> Array:
+    def _add_missed(self, u: Array, settled: Array) -> Array:
         """Has pairs take part that come too close under the forces; bodies (B,) with such."""
         due = self.problems.due
         if due.all():
             return np.zeros(due.shape[1], bool)
-        missed = (self.target + along(u, self.problems.normals) < self.level) & (due == 0)
+        missed = (self.target + along(u, self.problems.normals) < self.level) & (due == 0) & settled
         due[missed] = 1.0
         return missed.any(axis=0)
 
-    def _stop_helping_friction(self, forces: Array, u: Array) -> Array:
+    def _stop_helping_friction(self, forces: Array, u: Array, settled: Array) -> Array:
         """Sets c_t = 0 where friction would do work on a body; bodies (B,) with such."""
         c_t, q = self.tangential_target, self.problems.q
         negligible = HELPING * np.abs(np.einsum("apb,apb->b", forces, q))
-        suspects = (np.einsum("apb,apb->b", forces, c_t) > negligible).nonzero()[0]
+        suspects = ((np.einsum("apb,apb->b", forces, c_t) > negligible) & settled).nonzero()[0]
         helped = np.zeros(len(negligible), bool)
         if not len(suspects):
             return helped
@@ -330,14 +329,15 @@ class _Chosen(NamedTuple):
 
     def make_passive(self, forces: Array, response: Response) -> Array:
         """Makes forces, and their response, smaller where they would do work on a body; that which they do, (B,), W."""
-        spent, given = (np.einsum("apb,apb->b", forces, velocity) for velocity in (response.moved, self.free))
-        added = ((given + spent > 0) & (spent > 0)).nonzero()[0]
-        share = np.ones(len(spent))
+        given, spent = np.einsum("apb,apb->b", forces, self.free), response.work
+        work: Array = given + spent
+        added = (work > ROUND_OFF * spent).nonzero()[0]
         if len(added):
-            share[added] = np.maximum(-given[added] / spent[added], 0.0)
-            np.multiply(forces, share, out=forces)
-            response.scale(share)
-        work: Array = share * (given + share * spent)
+            share = np.maximum(-given[added] / spent[added], 0.0)
+            for part in (forces, response.yields):
+                put(part, added, taken(part, added) * share)
+            response.push[added] *= share[:, None]
+            work[added] = share * (given[added] + share * spent[added])
         return work
 
 

@@ -37,8 +37,9 @@ class BatchContactMode:
         m = self.model.order
         S, spread = self.S[:, :m], np.zeros(self.S.shape)
         spread[:, :m] = S * a if a.ndim == 1 else S @ a
-        # With 4/h of the batch's a, which is yet to come where it is dense.
-        self._push, self._moves = (2 * spread, self.S / 2) if a.ndim == 1 else (h / 2 * self.S, 2 / h * spread)
+        # With 4/h of the batch's a, which is yet to come where it is dense; and fᵀ S A⁻¹ Sᵀ f of what it makes of f.
+        self._push, self._work = 2 * spread if a.ndim == 1 else h / 2 * self.S, np.zeros((self.S.shape[1],) * 2)
+        self._work[:m, :m] = np.diag(1 / (4 * a)) if a.ndim == 1 else 4 / h**2 * a
         self.relaxation = relaxation(h, self.part.time_constant, β)
         inertia, whole, _ = self.relaxation
         self._rates = np.kron([[-1 / whole, inertia / whole]], np.identity(2))
@@ -60,10 +61,10 @@ class BatchContactMode:
     def respond(self, forces: Array) -> Response:
         """As `TouchingBodies` has it."""
         f = forces.reshape(len(self.S), -1)
-        push, yields = f.T @ self._push, self._yields @ f
-        moved = self._moves @ push.T
-        moved += yields
-        return Response(moved.reshape(forces.shape), push, yields.reshape(forces.shape))
+        push, yields = f.T @ self._push, (self._yields @ f).reshape(forces.shape)
+        work = np.einsum("bm,bm->b", push @ self._work, push)
+        work += np.einsum("apb,apb->b", forces, yields)
+        return Response(push, yields, work)
 
 
 def by_axis(rows: Array, axes: Array) -> Array:

@@ -99,7 +99,7 @@ def test_many_bodies_at_once_have_the_forces_of_each(seed, bodies):
     μ, due = rng.uniform(0, 0.5, bodies), rng.random((P, bodies)) < rng.choice([0.25, 0.7])
     many = Splitting(W)
     forces, u = np.zeros((2, *q.shape))
-    unsettled = many.solve(Problems(q, None if one_normal else n, due.astype(float), μ), forces, u)
+    unsettled = many.solve(Problems.whole(q, None if one_normal else n, due.astype(float), μ), forces, u)
     assert not len(unsettled)
     assert not forces[:, ~due].any()
     velocities = many.moved(forces) + q
@@ -136,7 +136,7 @@ def test_forces_of_many_bodies_fulfil_their_conditions_to_the_tolerance(seed, co
         n[:] = np.array([0.0, 0.0, 1.0])[:, None, None]
     many, (forces, u) = Splitting(W), np.zeros((2, *q.shape))
     for _ in range(2):
-        problems = Problems(q, None if one_normal else n, np.ones((P, bodies)), np.full(bodies, μ))
+        problems = Problems.whole(q, None if one_normal else n, np.ones((P, bodies)), np.full(bodies, μ))
         unsettled = many.solve(problems, forces, u)
         assert len(unsettled) <= bodies / 100
         for k in np.setdiff1d(np.arange(0, bodies, 40), unsettled):
@@ -154,7 +154,7 @@ def test_bodies_that_newtons_method_does_not_settle_are_told(monkeypatch):
     q, n = rng.standard_normal((2, 3, P, bodies))
     n /= np.linalg.norm(n, axis=0)
     due = (np.arange(P) < 6)[:, None] * np.ones(bodies)
-    problems, newton, told = Problems(q, n, due, np.full(bodies, 0.3)), BatchedNewton(W, TOLERANCE), []
+    problems, newton, told = Problems.whole(q, n, due, np.full(bodies, 0.3)), BatchedNewton(W, TOLERANCE), []
     for iterations in (0, 1, 15):
         monkeypatch.setattr(batched_newton, "MOST_ITERATIONS", iterations)
         forces, unsettled = newton.solve(problems, np.zeros_like(q), 6)
@@ -179,7 +179,7 @@ def test_what_sticks_is_found_by_one_product():
     exact = n * rng.uniform(1, 2, (P, bodies)) + 0.1 * rng.standard_normal((3, P, bodies))
     many = Splitting(W)
     forces, u = 10 * n, np.zeros_like(exact)
-    unsettled = many.solve(Problems(-many.moved(exact), n, np.ones((P, bodies)), np.ones(bodies)), forces, u)
+    unsettled = many.solve(Problems.whole(-many.moved(exact), n, np.ones((P, bodies)), np.ones(bodies)), forces, u)
     assert not len(unsettled)
     np.testing.assert_allclose(forces, exact, atol=1e-14 * np.linalg.cond(W) * np.abs(exact).max())
     assert not u.any()

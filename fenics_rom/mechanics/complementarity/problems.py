@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import numpy as np
 from numpy import ndarray as Array
 from numpy.typing import DTypeLike
 
@@ -15,14 +16,20 @@ class Problems(NamedTuple):
     normals: Array | None  # (3, P, B) unit vectors from the obstacle to the body; None: the last axis for all
     due: Array  # (P, B) which pairs may push, as 1.0 or 0.0
     friction: Array  # μ (B,)
+    scale: Array  # (B,) velocities of which tolerances are shares, m/s
+
+    @staticmethod
+    def whole(q: Array, normals: Array | None, due: Array, friction: Array) -> "Problems":
+        """Of all that their bodies have: tolerances are shares of the largest velocity without contact."""
+        return Problems(q, normals, due, friction, np.maximum(q.max(axis=(0, 1)), -q.min(axis=(0, 1))))
 
     def of(self, bodies: Array | slice) -> "Problems":
         """Those of some of the bodies."""
         normals = None if self.normals is None else taken(self.normals, bodies)
-        return Problems(taken(self.q, bodies), normals, taken(self.due, bodies), taken(self.friction, bodies))
+        return Problems(taken(self.q, bodies), normals, *(taken(part, bodies) for part in self[2:]))
 
     def astype(self, dtype: DTypeLike) -> "Problems":
         """The same in another precision."""
         normals = None if self.normals is None else self.normals.astype(dtype, copy=False)
-        q, due, friction = (part.astype(dtype, copy=False) for part in (self.q, self.due, self.friction))
-        return Problems(q, normals, due, friction)
+        parts = (part.astype(dtype, copy=False) for part in self[2:])
+        return Problems(self.q.astype(dtype, copy=False), normals, *parts)

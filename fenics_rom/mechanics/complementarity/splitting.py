@@ -40,10 +40,11 @@ ROUND_OFF = 0.7  # times that of single precision: changes at which iterations i
 GROUP_BYTES = 1 << 19  # of an array of bodies that go through the iterations together: all of them stay in the cache
 LEAVES_AT = 0.75  # of a group: when so few go on, the others are taken out of the arrays
 POOLED_AT = 0.3  # of a group: when so few go on, they wait for those of the other groups
-MOVING_AT = 0.25  # of the points: when so few move, it is found while all others stick how they do
-RARE = 0.02  # of the bodies: points that move in fewer are not among them
-FEW = 8  # pairs, that Newton's method is faster for, where it leaves out most of the points
-FEW_AT = 0.4  # of the points: so few they have to be
+POINTS_AT = 12  # from so many on, it is found how few of them move while all others stick,
+MOVING_AT = 0.25  # if these are no more than such a share of them
+RARE = 0.04  # of the bodies: points that move in fewer are not among them
+FEW = 8  # bodies that points have to move in at least; pairs that Newton's method is faster for,
+FEW_AT = 0.4  # if these are no more than such a share of the points
 
 
 class Splitting:
@@ -85,20 +86,36 @@ class Splitting:
             forces: (3, P, B) of the last step, N; made those of this one.
             u: (3, P, B) in the last step, m/s; made those in this one.
         """
-        counts = problems.due.sum(axis=0)
-        few = counts <= min(FEW, FEW_AT * len(problems.due))
-        z = np.empty(u.shape)
-        unsettled = self._go_on(problems, forces, u, z, (~few).nonzero()[0])
-        unsettled = self._move_few(problems, forces, u, z, unsettled)
-        self._iterate(self._coarse, problems, z, unsettled)
-        iterated = self._go_on(problems, forces, u, z, unsettled, iterated=True)
-        unsettled = self._iterate(self._fine, problems, z, iterated)
-        if len(iterated):
-            own = taken(z, iterated)
-            found = _projected(own, problems.of(iterated))
-            put(u, iterated, found - own)
-            put(forces, iterated, found / self.ρ)
-        failed = []
+        left = self.look(problems, forces, u)
+        if not len(left):
+            return left
+        begun = taken(forces, left), taken(u, left)
+        unsettled = self.search(problems.of(left), *begun)
+        for part, found in zip((forces, u), begun, strict=True):
+            put(part, left, found)
+        return left[unsettled]
+
+    def look(self, problems: Problems, forces: Array, u: Array) -> Array:
+        """As `solve`, for bodies whose points move as they did, or of which few do anything but stick."""
+        few, done = self._is_few(problems), np.zeros(u.shape[-1], bool)
+        bodies = (~few).nonzero()[0]
+        if self._moving is not None:
+            done[self._move(self._moving, problems, forces, u, bodies)] = True
+        left = self._go_on(problems, forces, u, bodies)
+        if len(left) > max(RARE * len(few), FEW):
+            self._learn_moving(u, left)
+            if self._moving is not None:
+                own = self._move(self._moving, problems, forces, u, left[~done[left]])
+                left = np.concatenate([np.setdiff1d(left, own), self._go_on(problems, forces, u, own)])
+        return np.concatenate([few.nonzero()[0], left])
+
+    def search(self, problems: Problems, forces: Array, u: Array) -> Array:
+        """As `solve`, from forces and velocities as a look leaves them."""
+        few = self._is_few(problems)
+        many = (~few).nonzero()[0]
+        self._iterate(self._coarse, problems, forces, u, many)
+        unsettled = self._iterate(self._fine, problems, forces, u, self._go_on(problems, forces, u, many))
+        failed, counts = [], problems.due.sum(axis=0)
         for bodies in (few.nonzero()[0], unsettled):
             if not len(bodies):
                 continue
@@ -114,72 +131,84 @@ class Splitting:
         """W f (3, P, B), m/s."""
         return _times(self.W, forces, np.empty_like(forces))
 
-    def _go_on(
-        self, problems: Problems, forces: Array, u: Array, z: Array, bodies: Array, iterated: bool = False
-    ) -> Array:
-        """Has the points of these bodies move at u, or as z was iterated; those that this does not settle.
+    def _is_few(self, problems: Problems) -> Array:
+        """Bodies (B,) with so few pairs that Newton's method is faster."""
+        return problems.due.sum(axis=0) <= min(FEW, FEW_AT * len(problems.due))
 
-        It finds forces and another u, and z of bodies that go on.
-        """
+    def _go_on(self, problems: Problems, forces: Array, u: Array, bodies: Array) -> Array:
+        """Has the points of these bodies move at u; those that this does not settle. It finds forces and another u."""
         waiting = [bodies[:0]]
         for group in _groups(bodies, self.W):
             places = in_one_piece(group)
-            part, velocity = problems.of(places), taken(z if iterated else u, places)
+            part, velocity = problems.of(places), taken(u, places)
             spare = _Spare.of(part)
-            if iterated:
-                velocity = _projected(velocity, part, spare) - velocity
             change = np.subtract(velocity, part.q, out=spare.second)
             own = _times(self._stiffness, change, spare.first)  # ρ f
             own -= velocity
             found = _projected(own, part, spare)
             now = np.subtract(found, own, out=spare.second)
             off = np.subtract(now, velocity, out=spare.product)
-            left = (_largest(off, off) > TOLERANCE * _largest(part.q, off)).nonzero()[0]
+            left = (_largest(off, off) > TOLERANCE * part.scale).nonzero()[0]
             put(u, places, now)
-            put(forces, places, np.divide(found, self.ρ, out=found))
-            if len(left) > len(group) / 2:
-                put(z, places, own)
-            elif len(left):
-                put(z, group[left], taken(own, left))
+            if isinstance(places, slice):
+                np.divide(found, self.ρ, out=forces[..., places])
+            else:
+                put(forces, places, np.divide(found, self.ρ, out=found))
             waiting.append(group[left])
         return np.concatenate(waiting)
 
-    def _move_few(self, problems: Problems, forces: Array, u: Array, z: Array, bodies: Array) -> Array:
-        """Goes on with bodies that only few points move of, which are the same in most; others, and not settled ones.
-
-        How these points move is found while all others stick, by a law of theirs; then all of them are looked at.
-        """
-        P = len(u[0])
-        moving = (taken(u, bodies) != 0).any(axis=0)
-        often = np.count_nonzero(moving, axis=1) > RARE * len(bodies)
-        if not 0 < np.count_nonzero(often) <= MOVING_AT * P:
-            return bodies
-        if self._moving is None or often[self._moving.sticks].any():
-            if self._moving is not None and np.count_nonzero(often | ~self._moving.sticks) <= MOVING_AT * P:
+    def _learn_moving(self, u: Array, bodies: Array) -> None:
+        """Learns which few points move of bodies that did not settle, the same in most, unless they are known."""
+        P, moving = len(u[0]), (taken(u, bodies) != 0).any(axis=0)
+        often = np.count_nonzero(moving, axis=1) > max(RARE * u.shape[-1], FEW)
+        if self._moving is not None:
+            if not often[self._moving.sticks].any():
+                return
+            if np.count_nonzero(often | ~self._moving.sticks) <= MOVING_AT * P:
                 often |= ~self._moving.sticks
+        if 0 < np.count_nonzero(often) <= MOVING_AT * P and P >= POINTS_AT:
             self._moving = _Moving.of(often, self._stiffness / np.tile(self.ρ, (3, 1)))
-        points, sticks, sees, law = self._moving
-        others = moving[sticks].any(axis=0)
-        own = bodies[~others]
+
+    def _move(self, few: "_Moving", problems: Problems, forces: Array, u: Array, bodies: Array) -> Array:
+        """Has the few points of these bodies move as they do while all others stick; bodies that it is found for."""
+        points, sticks, sees, law = few
+        own = bodies[(u[:, points] != 0).any(axis=(0, 1))[bodies]]
+        own = own[~(taken(u, own) != 0).any(axis=0)[sticks].any(axis=0)]
+        if not len(own):
+            return own
         part = problems.of(own)
-        q = (sees @ part.q.reshape(3 * P, -1)).reshape(3, len(points), -1)
+        q = (sees @ part.q.reshape(len(sees[0]), -1)).reshape(3, len(points), -1)
         normals = None if part.normals is None else part.normals.take(points, axis=1)
         places = np.ix_(np.arange(3), points, own)
         velocities = u[places]
-        law.solve(Problems(q, normals, part.due[points], part.friction), forces[places], velocities)
+        law.solve(Problems(q, normals, part.due[points], part.friction, part.scale), forces[places], velocities)
         u[places] = velocities
-        return np.concatenate([bodies[others], self._go_on(problems, forces, u, z, own)])
+        return own
 
-    def _iterate(self, iteration: "_Iteration", problems: Problems, z: Array, bodies: Array) -> Array:
-        """Iterates z (3, P, B) of these bodies; those that did not settle."""
-        waiting, begun = [bodies[:0]], MOST_ITERATIONS
+    def _iterate(self, iteration: "_Iteration", problems: Problems, forces: Array, u: Array, bodies: Array) -> Array:
+        """Iterates forces and velocities (3, P, B) of these bodies; those that did not settle."""
+        if not len(bodies):
+            return bodies
+        z, waiting, begun = np.empty(u.shape, iteration.N2.dtype), [], MOST_ITERATIONS
+        for group in _groups(bodies, iteration.N2):
+            places = in_one_piece(group)
+            begin = self.ρ * taken(forces, places)
+            begin -= taken(u, places)
+            put(z, places, begin)
         for group in _groups(bodies, iteration.N2):
             left, count = iteration.run(problems, z, group, int(POOLED_AT * len(group)), 0)
             waiting.append(left)
             begun = min(begun, count)
-        pooled = np.concatenate(waiting)
-        unsettled = [iteration.run(problems, z, group, 0, begun)[0] for group in _groups(pooled, iteration.N2)]
-        return np.concatenate([pooled[:0], *unsettled])
+        pooled, unsettled = np.concatenate(waiting), [bodies[:0]]
+        for group in _groups(pooled, iteration.N2):
+            unsettled.append(iteration.run(problems, z, group, 0, begun)[0])
+        for group in _groups(bodies, iteration.N2):
+            places = in_one_piece(group)
+            own = taken(z, places)
+            found = _projected(own, problems.of(places).astype(z.dtype))
+            put(u, places, found - own)
+            put(forces, places, found / self.ρ)
+        return np.concatenate(unsettled)
 
 
 class _Moving(NamedTuple):
@@ -209,9 +238,10 @@ class _Iteration(NamedTuple):
 
         `begun`: iterations that were taken before.
         """
-        own, part, count = taken(z, bodies).astype(self.N2.dtype), problems.of(bodies).astype(self.N2.dtype), begun
+        part, count = problems.of(bodies).astype(z.dtype), begun
+        own = taken(z, bodies)
         spare, half = _Spare.of(part), RELAXATION / 2
-        still = self.stop / half * _largest(part.q, spare.w)
+        still = self.stop / half * part.scale
         while count < MOST_ITERATIONS:
             count += 2
             first, second = spare.first, spare.second
@@ -236,7 +266,7 @@ class _Iteration(NamedTuple):
                 put(z, bodies[settled], taken(own, settled))
                 bodies, own, part, still = bodies[left], taken(own, left), part.of(left), still[left]
                 spare = _Spare.of(part)
-        put(z, bodies, own)
+        put(z, in_one_piece(bodies), own)
         return bodies, count
 
 
