@@ -128,6 +128,12 @@ MUTATIONS = [
     ("mechanics/batch_contact_solver.py", "response.push[added] *= share[:, None]", "pass"),
     ("mechanics/batch_contact_solver.py", "share * (given[added] + share", "(given[added] + share"),
     ("mechanics/batch_contact_solver.py", "again = ~settled", "again = ~settled & False"),
+    ("mechanics/complementarity/splitting.py", "> TOLERANCE * part.scale", "> 1e4 * TOLERANCE * part.scale"),
+    (
+        "mechanics/complementarity/splitting.py",
+        "own = own[~(taken(u, own) != 0).any",
+        "own = own[(taken(u, own) != 0).all",
+    ),
     ("mechanics/complementarity/splitting.py", "part.scale), forces[places]", "1e4 * part.scale), forces[places]"),
     ("mechanics/batch_contact_solver.py", "(self.target + along(u", "(self.target - along(u"),
     ("mechanics/batch_contact_solver.py", "alone |= pairs.others_due(chosen, u)", "pass"),

@@ -185,6 +185,27 @@ def test_what_sticks_is_found_by_one_product():
     assert not u.any()
 
 
+def test_a_look_settles_bodies_of_which_the_same_few_points_slide():
+    """Two of twenty, another way and faster than in the step before; solutions are made first, then the problems."""
+    rng = np.random.default_rng(4)
+    P, bodies, μ = 20, 300, 0.5
+    J = rng.standard_normal((3 * P, 3 * P))
+    W = J @ J.T / P + np.eye(3 * P)
+    many, (forces, u) = Splitting(W), np.zeros((2, 3, P, bodies))
+    for _ in range(3):
+        exact, slip = np.zeros((2, 3, P, bodies))
+        exact[2] = rng.uniform(1, 2, (P, bodies))
+        exact[:2] = rng.uniform(-0.3, 0.3, (2, P, bodies))
+        slip[:2, [3, 11]] = rng.standard_normal((2, 2, bodies))
+        exact[:2, [3, 11]] = -μ * exact[2, [3, 11]] * slip[:2, [3, 11]] / np.linalg.norm(slip[:2, [3, 11]], axis=0)
+        problems = Problems.whole(slip - many.moved(exact), None, np.ones((P, bodies)), np.full(bodies, μ))
+        left = many.look(problems, forces, u)
+        assert len(left) <= 0.05 * bodies
+        found = np.setdiff1d(np.arange(bodies), left)
+        off = np.abs(u - slip)[..., found].max(axis=(0, 1))
+        assert (off <= 10 * TOLERANCE * problems.scale[found]).all()
+
+
 @given(seed=seeds)
 @settings(max_examples=60, deadline=None)
 def test_frictionless_forces_are_those_of_the_best_enumerated_set(seed):
