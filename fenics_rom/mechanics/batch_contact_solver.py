@@ -150,17 +150,19 @@ class BatchContactSolver:
         if several:
             alone |= np.count_nonzero(pairs.due, axis=0).max(axis=0) > 1
             alone |= pairs.others_due(chosen, u) & settled
-        again, part = chosen.to_solve_again(forces, u, settled), chosen
-        pending = again.nonzero()[0]
-        while len(pending):
-            part, found = part.of(again.nonzero()[0]), (taken(forces, pending), taken(u, pending))
+        again = chosen.to_solve_again(forces, u, settled)
+        part, found, pending = chosen, (forces, u), np.arange(len(touching))
+        while again.any():
+            if not again.all():
+                left = again.nonzero()[0]
+                part, found, pending = part.of(left), (taken(found[0], left), taken(found[1], left)), pending[left]
             alone[pending[bodies.operator.search(part.problems, *found)]] = True
             if several:
                 alone[pending] |= pairs.of(pending).others_due(part, found[1])
-            put(forces, pending, found[0])
-            put(u, pending, found[1])
+            if part is not chosen:
+                put(forces, pending, found[0])
+                put(u, pending, found[1])
             again = part.to_solve_again(*found, np.ones(len(pending), bool))
-            pending = pending[again]
         response = bodies.respond(forces)
         work = chosen.make_passive(forces, response)
         return BatchForces(
