@@ -114,12 +114,12 @@ class Splitting:
         few = self._is_few(problems)
         many = (~few).nonzero()[0]
         self._iterate(self._coarse, problems, forces, u, many)
-        unsettled = self._iterate(self._fine, problems, forces, u, self._go_on(problems, forces, u, many))
-        failed, counts = [], problems.due.sum(axis=0)
+        unsettled, failed = self._iterate(self._fine, problems, forces, u, self._go_on(problems, forces, u, many)), []
         for bodies in (few.nonzero()[0], unsettled):
             if not len(bodies):
                 continue
-            part, slots = problems.of(bodies), max(1, int(counts[bodies].max()))
+            part = problems.of(bodies)
+            slots = max(1, int(part.due.sum(axis=0).max()))
             begun = _projected(self.ρ * taken(forces, bodies) - taken(u, bodies), part) / self.ρ
             found, left = self._newton.solve(part, begun, slots)
             put(forces, bodies, found)
@@ -150,10 +150,7 @@ class Splitting:
             off = np.subtract(now, velocity, out=spare.product)
             left = (_largest(off, off) > TOLERANCE * part.scale).nonzero()[0]
             put(u, places, now)
-            if isinstance(places, slice):
-                np.divide(found, self.ρ, out=forces[..., places])
-            else:
-                put(forces, places, np.divide(found, self.ρ, out=found))
+            put(forces, places, np.divide(found, self.ρ, out=found))
             waiting.append(group[left])
         return np.concatenate(waiting)
 
