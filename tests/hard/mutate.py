@@ -136,7 +136,7 @@ MUTATIONS = [
     ),
     ("mechanics/complementarity/splitting.py", "part.scale), forces[places]", "1e4 * part.scale), forces[places]"),
     ("mechanics/batch_contact_solver.py", "(self.target + along(u", "(self.target - along(u"),
-    ("mechanics/batch_contact_solver.py", "alone |= pairs.others_due(chosen, u)", "pass"),
+    ("mechanics/batch_contact_solver.py", "alone |= pairs.others_due(chosen, u) & settled", "pass"),
     ("mechanics/batch_contact_solver.py", "alone[pending] |= pairs", "_ = pairs"),
     ("mechanics/complementarity/splitting.py", "length += np.multiply(second, second, out=ratio)", "pass"),
     ("mechanics/complementarity/batched_newton.py", " - 1, STIFFEST)", " - 1, np.inf)"),
