@@ -34,6 +34,9 @@ def run(choice: argparse.Namespace) -> None:
     title = f"{choice.run_file} against {choice.reference}"
     print_table(title, ("quantity", "relative error", *beside, "largest error", "of", "instants"), rows)
     if not steps and run.settings["dt"] == reference.settings["dt"]:
-        print(f"  both took steps of {run.settings['dt']:g} s: what the step itself does is in both; --finer tells it")
+        print(
+            f"  both took steps of {run.settings['dt']:g} s, so that step's own error is in both and not seen here; "
+            "--finer FILE, a run of shorter steps, shows it"
+        )
     files = {choice.run_file: run, choice.reference: reference}
     print_warnings([f"{file}: {warning}" for file, run in files.items() for warning in run.warnings])

@@ -88,15 +88,15 @@ def print_rom(rom: "fr.Rom", file: Path | str) -> None:
 def _residual_compliance(residual: ResidualCompliance) -> str:
     """How much of the contact points' compliance the bases lack, and what is left when it is added."""
     points, kept = residual.factor.shape
-    directions = f"{kept} directions beyond the shared basis"
+    stored = f"of contact points, {kept} of {points} directions are stored"
     if kept < points:
-        directions += f", and in {points - kept} that lack less {residual.floor:.1e} m/N each"
+        stored += f" (each of the others yields less than {residual.floor:.1e} m/N)"
     if not residual.errors:
-        return f"{directions}; what that leaves is measured where a scene with a run is reduced, not truncated"
+        return f"{stored}; its error was not measured, as the scene has no run or the ROM was truncated"
     name, (without, beside) = max(residual.errors.items(), key=lambda item: item[1][1])
     return (
-        f"{directions}; at steps of {residual.dt:g} s it is off by {beside:.1e}, without them by {without:.1e} "
-        f"(contact mode {name!r})"
+        f"{stored}; off full order's by {beside:.1e} in a step of {residual.dt:g} s "
+        f"({without:.1e} without them; contact mode {name!r})"
     )
 
 
@@ -179,6 +179,8 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
     }
     title = f"{run.model} run {run.name}: {file}"
     print_table(title, tuple(account), [tuple(f"{value:.6e} J" for value in account.values())])
+    if run.lost_in_switching[-1]:
+        print("  lost in switching: what the bases of the next contact modes cannot hold of the stored energy")
     lines = {
         **body_lines(run.nodes, run.node_mass, run.settings.get("first_frequency"), run.cells),
         "steps": f"{run.steps} of {dt:g} s",

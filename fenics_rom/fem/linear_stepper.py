@@ -90,7 +90,7 @@ class FullOrderStepper(FullOrderBody):
         M v and K x carried along by their increments close it to round-off. Without an account none of that is done.
 
         Raises:
-            StepError: the force leads out of the finite numbers, or there are no contact forces; no step was taken.
+            StepError: the step overflows, or there are no contact forces; no step was taken.
         """
         h = self.dt
         factor = self._factor(h)
@@ -112,7 +112,7 @@ class FullOrderStepper(FullOrderBody):
         if contact is not None or given is not None:
             v = factor.solve(right)
         if not np.isfinite(self._dot(v, v)):
-            raise StepError("the input leads out of the finite numbers; the state was left as it was")
+            raise StepError("the input is so large that the step overflows; the state was left as it was")
         sums = None if self.ledger is None else self.ledger.sums
         self._before = (self.x, self.v, self._momentum, self._elastic, self.contact, self.reactions), sums
         Kv = None

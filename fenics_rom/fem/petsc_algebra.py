@@ -142,6 +142,7 @@ class PetscAlgebra:
         deviation = np.abs(self.inner(vectors, mv) - np.eye(len(γ))).max()
         if not (norms.max() <= EIGEN_RESIDUAL and deviation <= EIGEN_ORTHONORMALITY):  # so that NaN is refused too
             raise SolverError(
-                f"eigenvectors are not good enough: |K v - γ M v| / |K v| = {norms.max():.1e} "
-                f"(allowed {EIGEN_RESIDUAL:g}), |Vᵀ M V - I| = {deviation:.1e} (allowed {EIGEN_ORTHONORMALITY:g})"
+                f"eigenvectors are not accurate enough: |K v - γ M v| / |K v| = {norms.max():.1e} "
+                f"(allowed {EIGEN_RESIDUAL:g}), |Vᵀ M V - I| = {deviation:.1e} (allowed {EIGEN_ORTHONORMALITY:g}); "
+                "materials of very different stiffness and flat cells do this: see `info` for the cells"
             )

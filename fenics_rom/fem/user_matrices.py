@@ -213,7 +213,7 @@ def _check_definite(
         with closing(PetscFactor(matrix)) as factor:
             lack = ", but singular to round-off" if singular(factor) else ""
     except MemoryShortage as error:
-        return f"{name}: nobody has seen whether it is positive {kind}: {error.shortage}"
+        return f"{name}: whether it is positive {kind} was not checked: {error.shortage}"
     except SolverError as error:
         raise StructureError(f"{name} is not positive {kind}: {error}{hint}") from error
     if lack:

@@ -64,7 +64,7 @@ def _dense_factors(ω: Array, D: Array, G: Array, weight: Array) -> tuple[Array,
     k = len(ω)
     A = np.block([[np.zeros((k, k)), np.diag(ω)], [-np.diag(ω), -D]])
     if not np.isfinite(A).all():
-        raise SolverError("the projected stiffness or damping is beyond floating-point numbers")
+        raise SolverError("stiffness or damping is too large for double precision: are its units N/m and N s/m?")
     T, U = scipy.linalg.schur(A)
     if np.diag(T).max() >= -LEAST_DECAY * ω.max():  # the real parts of its eigenvalues
         raise SolverError(NO_DAMPING)

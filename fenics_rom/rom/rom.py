@@ -190,29 +190,25 @@ class Rom(ByContent):
         return switch_map(self.stiffness, self.contact_models[start], self.contact_models[end], self.switching)
 
     def check_linear(self) -> None:
-        """Checks that the body is linear, under forces that are inputs.
+        """Checks that displacements and velocities are the body's whole state, and follow linearly from forces.
 
         Raises:
             StructureError: it is not.
         """
         acting = self.environment
-        for what, there in {
-            "large deformation": self.deformation is not None,
-            "a moving frame": acting.is_moving,
-            "contact with obstacles": acting.contact_law is not None,
-            "no inertia": not acting.has_inertia,
-            "strokes of actuators, or friction of tendons,": acting.finds_forces,
-        }.items():
+        for there, has, cure in (
+            (self.deformation is not None, "large deformation", "leave effects.large_deformation out"),
+            (acting.is_moving, "a moving frame", 'take frame = "fixed"'),
+            (acting.contact_law is not None, "contact with obstacles", "leave effects.contact out"),
+            (not acting.has_inertia, "no inertia, so its shape follows forces at once", "name effects.inertia"),
+            (acting.finds_forces, "strokes or friction of tendons", "take inputs by force, and no tendon_friction"),
+            (acting.viscoelasticity is not None, "a material that relaxes", "leave effects.viscoelasticity out"),
+        ):
             if there:
                 raise StructureError(
-                    f"ROM {self.name!r} has {what} in its scene, which is not linear in forces that are inputs: "
-                    "reduce the scene without it"
+                    f"ROM {self.name!r} has {has}; a state space is linear in displacements, velocities and forces: to "
+                    f"have one, {cure} and reduce the scene again"
                 )
-        if acting.viscoelasticity is not None:
-            raise StructureError(
-                f"ROM {self.name!r} has viscoelasticity in its scene, whose branches are no states of displacement and "
-                "velocity: reduce the scene without it"
-            )
 
     @property
     def rigid(self) -> int:

@@ -78,24 +78,23 @@ def fit_batch(rom: Rom, signals: Mapping[str, SignalLike] | None) -> tuple[Rom, 
     rom, active = fit_environment(rom, None, signals)
     acting, law, one_by_one = rom.environment, rom.environment.contact_law, "Simulator steps such bodies, one by one"
     if acting.is_moving and (law is not None or rom.moving_frame is None or not rom.moving_frame.carried):
+        has = "contact in a moving frame" if law is not None else "a free body in a moving frame"
         raise StepError(
-            f"ROM {rom.name!r} moves with its frame: allowed in a batch are bodies that a base carries, without "
-            f"contact; {one_by_one}"
+            f"ROM {rom.name!r} has {has}, which no batch takes (only bodies that a base carries); {one_by_one}"
         )
     if not acting.has_inertia or acting.finds_forces:
-        raise StepError(
-            f"ROM {rom.name!r} has strokes, tendon friction or no inertia in its scene: allowed are forces that are "
-            f"known before a step, and contact; {one_by_one}"
-        )
+        has = "strokes of actuators or friction of tendons" if acting.has_inertia else "no inertia"
+        raise StepError(f"ROM {rom.name!r} has {has}, which no batch takes; {one_by_one}")
     if acting.viscoelasticity is not None:
         raise StepError(f"ROM {rom.name!r} has viscoelasticity in its scene: {one_by_one}")
     if law is not None and rom.deformation is not None:
         raise StepError(f"ROM {rom.name!r} has contact with large deformation: {one_by_one}")
     definite = acting.residual_compliance and rom.residual_compliance is not None
     if law is not None and (law.stiffness is not None or not definite):
+        has = "contact by springs (penalty)" if law.stiffness is not None else "contact without residual compliance"
         raise StepError(
-            f"ROM {rom.name!r} has contact by springs or without residual compliance in its scene: allowed is the "
-            f"rigid law with it, which makes problems that are solved together definite; {one_by_one}"
+            f"ROM {rom.name!r} has {has}: a batch takes the rigid law with residual compliance, by which all bodies "
+            f"have one solution that is found together; {one_by_one}"
         )
     return rom, active
 
@@ -177,15 +176,20 @@ class EnvironmentInputs:
 
     Attributes:
         needs_each_step: whether what happens in a step is not known before it is taken.
-        allows_rollout: whether all that is not known is contact of a body whose steps are else linear.
+        needs_single_steps: what makes steps more than linear maps with contact; "" where nothing does.
         switches: whether the contact mode follows the obstacles.
     """
 
     def __init__(self, rom: Rom, environment: ActiveEnvironment):
         self.environment = environment
         acting = environment.environment
-        self.allows_rollout = acting.has_inertia and not (acting.is_moving or acting.finds_forces)
-        self.needs_each_step = not self.allows_rollout or acting.contact_law is not None
+        reasons = {
+            "no inertia": not acting.has_inertia,
+            "a moving frame": acting.is_moving,
+            "strokes of actuators or friction of tendons": acting.finds_forces,
+        }
+        self.needs_single_steps = next((reason for reason, there in reasons.items() if there), "")
+        self.needs_each_step = bool(self.needs_single_steps) or acting.contact_law is not None
         self.switches = acting.switches_itself and len(rom.contact_models) > 1
         self._no_input = np.empty(0)  # zeros, the same array as long as nothing is put in
         self._actuator_columns = sum(rom.actuators.values())

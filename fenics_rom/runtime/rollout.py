@@ -209,12 +209,10 @@ class Rollout:
     ) -> dict[str, Array]:
         """As Simulator.rollout."""
         body = self._body
-        if body.rom.deformation is not None:
-            raise StepError("rollout: is for linear models; with large deformation take each step by itself")
-        if not body.allows_rollout:
+        if body.needs_single_steps:
             raise StepError(
-                "rollout: is for known forces and contact; by strokes, without inertia or in a moving frame take each "
-                "step by itself"
+                f"rollout: this body has {body.needs_single_steps}, so each of its steps depends on the one before "
+                "in a way that is not linear, and taking many at once gains nothing; call step for each"
             )
         if contact is not None and body.switches_itself:
             raise StepError(
@@ -290,7 +288,7 @@ class Rollout:
             if times:
                 outputs, starts, *work = run_blocks(block, state, u[:steps].reshape(times, -1))
                 if not math.isfinite(state.dot(state)):
-                    raise StepError(f"steps from {body.steps} on: the inputs lead out of the finite numbers")
+                    raise StepError(f"steps from {body.steps} on: the inputs are so large that the steps overflow")
                 if body.ledger is not None:
                     body.ledger.book(supplied=work[0], dissipated=work[1])
                 squares = np.einsum("bs,bs->b", starts, starts)

@@ -91,9 +91,11 @@ class SimulatedBody:
         return self._source is not None and self._source.needs_each_step
 
     @property
-    def allows_rollout(self) -> bool:
-        """Whether `rollout` can take steps: all that it does not know of them is contact."""
-        return self._source is None or self._source.allows_rollout
+    def needs_single_steps(self) -> str:
+        """What of the body makes a step more than a linear map with contact, so that `rollout` takes none; or ""."""
+        if self.rom.deformation is not None:
+            return "large deformation"
+        return "" if self._source is None else self._source.needs_single_steps
 
     @property
     def switches_itself(self) -> bool:

@@ -281,7 +281,7 @@ class Simulator(MovingBody):
     def _leave_finite(self, u: Array) -> None:
         self._stepper.rollback()
         raise StepError(
-            f"step {self.steps}: input {u.tolist()} leads out of the finite numbers; the state was left as it was"
+            f"step {self.steps}: input {u.tolist()} is so large that the step overflows; the state was left as it was"
         )
 
     def _wrong_input(self, u: object) -> str:

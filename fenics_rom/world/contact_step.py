@@ -244,7 +244,7 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
         moved = guide.W.dot((found - f).ravel()).reshape(-1, 3)
         size = float(np.abs(moved).max(initial=0.0))
         if not np.isfinite(size):
-            raise StepError("forces of contact lead out of the finite numbers; a smaller dt may help")
+            raise StepError("forces of contact overflow; a smaller dt may help")
         if size <= ROUND_OFF * scale:
             return Found(f, u, sweep, 0.0), guide
         expected, (u_found, fastest) = u + moved, _attempt(pairs, found)

@@ -190,7 +190,7 @@ class Rigid:
             x = added(x, -1.0, change)
             size, scale = max(map(abs, change)), max(map(abs, x)) + forced
             if not math.isfinite(size):
-                raise StepError("forces lead out of the finite numbers; the state was left as it was")
+                raise StepError("forces are so large that the step overflows; the state was left as it was")
             if size <= 4 * TOLERANCE * scale or size * size <= TOLERANCE * scale * before:
                 break
             if held is None and h * size <= TOLERANCE:  # by less it is not linear

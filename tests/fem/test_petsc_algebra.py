@@ -199,7 +199,7 @@ def test_eigenvectors_that_are_not_good_enough_are_refused(twins, lapack, monkey
     for damage in (1e-3, np.nan):
         V[7, 2] += damage
         monkeypatch.setattr(petsc_algebra, "lowest_eigenpairs", lambda *_, V=V: (γ, V))
-        with pytest.raises(SolverError, match="eigenvectors are not good enough"):
+        with pytest.raises(SolverError, match="eigenvectors are not accurate enough"):
             twins.algebra.eigenpairs(twins.mass, twins.stiffness, 5)
 
 
@@ -226,7 +226,7 @@ cholesky_numeric, apply = direct.cholesky_numeric, PetscFactor.apply
 def test_factor_of_another_matrix_does_not_pass(beam):
     with (
         closing(beam.algebra.factor((1.0, beam.stiffness), (1e4, beam.mass))) as factor,
-        pytest.raises(SolverError, match="eigenvectors are not good enough"),
+        pytest.raises(SolverError, match="eigenvectors are not accurate enough"),
     ):
         beam.algebra.eigenpairs(beam.mass, beam.stiffness, 10, factor)
 

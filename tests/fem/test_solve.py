@@ -164,7 +164,7 @@ def test_force_that_is_not_finite_leaves_the_state_as_it_was(small, force):
     simulator, B = FullOrderStepper(small, 1e-3), small.input_matrix("top")
     simulator.step_under(B @ np.ones(3))
     before = simulator.x.copy(), simulator.v.copy(), simulator.energy, simulator.time, simulator.ledger.sums
-    with np.errstate(all="ignore"), pytest.raises(StepError, match="leads out of the finite numbers"):
+    with np.errstate(all="ignore"), pytest.raises(StepError, match="step overflows"):
         simulator.step_under((B * 1e10) @ np.array([0.0, 0.0, force]))
     assert np.array_equal(simulator.x, before[0])
     assert np.array_equal(simulator.v, before[1])

@@ -182,7 +182,7 @@ def test_bases_are_placed_and_what_cannot_be_done_is_said(rom, tmp_path):
         ("allowed in a batch is a switch of bodies that are not", lambda: batch.switch(second, 0)),
         ("no detail 'rough'; there is full, quasi-rigid", lambda: fr.Batch(rom, 2, 1e-3, detail="rough")),
         ("float64", lambda: fr.Batch(rom, 2, 1e-3, dtype=np.float32)),
-        ("allowed in a batch are bodies that a base carries, without contact", lambda: fr.Batch(touching, 2, 1e-3)),
+        ("has contact in a moving frame, which no batch takes", lambda: fr.Batch(touching, 2, 1e-3)),
     ):
         with pytest.raises(StepError, match=message):
             attempt()

@@ -178,7 +178,7 @@ def test_input_that_is_refused_moves_nothing(rom):
     for _ in range(5):
         body.step([0.1, 0.0, 0.0, 0.0])
     before = body.displacement()
-    with pytest.raises(StepError, match="leads out of the finite numbers"):
+    with pytest.raises(StepError, match="step overflows"):
         body.step([1e308, 0.0, 0.0, 1e308])
     np.testing.assert_array_equal(body.displacement(), before)
 

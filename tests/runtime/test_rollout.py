@@ -107,7 +107,7 @@ def test_bad_rollouts_leave_everything_as_it_was(plate_rom):
     nan[120, 1], huge[150:] = np.nan, 1e308
     for message, inputs, choice in (
         ("step 320: input .* is not finite", nan, {}),
-        ("lead out of the finite numbers", huge, {"contact": ["tip_left"] * 100 + ["middle"] * 100}),
+        ("steps overflow", huge, {"contact": ["tip_left"] * 100 + ["middle"] * 100}),
         ("allowed are \\(steps, 3\\) numbers in N", good[:, :2], {}),
         ("allowed are \\(steps, 3\\) numbers in N", good[0], {}),
         ("no contact mode 'tup'", good, {"contact": "tup"}),

@@ -91,7 +91,7 @@ def test_bad_input_of_a_large_model_leaves_the_state_as_it_was(dimensions, newto
     simulator = fr.Simulator(rom, dt=1e-3)
     simulator.step([1.0, 1.0])
     before = everything(simulator)
-    with pytest.raises(StepError, match=r"step 1: .* leads out of the finite numbers"):
+    with pytest.raises(StepError, match=r"step 1: .* step overflows"):
         simulator.step([newton, newton])
     assert everything(simulator) == before
 

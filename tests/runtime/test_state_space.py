@@ -115,7 +115,7 @@ def test_what_is_not_there_or_not_linear_is_refused(plate_rom):
         (replace(plate_rom, environment=replace(plate_rom.environment, frame="moving")), "a moving frame"),
         (replace(plate_rom, environment=replace(plate_rom.environment, controls={"rope": "length"})), "strokes"),
     ):
-        with pytest.raises(StructureError, match=f"has {what}.* in its scene, which is not linear"):
+        with pytest.raises(StructureError, match=f"has {what}.*; a state space is linear in"):
             rom.state_space("middle")
         with pytest.raises(StructureError, match=what):
             rom.switch_map("middle", "middle")

@@ -363,7 +363,7 @@ def test_step_that_is_taken_back_leaves_all_as_it_was(rom):
     for _ in range(5):
         body.step([0.0, 0.0, 1.0])
     energy, before = body.energy, body.save().stepper.auxiliary
-    with pytest.raises(StepError, match="out of the finite numbers"):
+    with pytest.raises(StepError, match="step overflows"):
         body.step([0.0, 0.0, 1e200])
     assert body.energy == energy
     assert (body.save().stepper.auxiliary == before).all()

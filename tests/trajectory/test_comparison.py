@@ -216,7 +216,7 @@ def test_the_command_prints_forces_and_names_a_step_that_both_have(tmp_path, cap
             main(["compare", str(tmp_path / f"{other}.h5"), str(tmp_path / "a.h5")])
         assert not ended.value.code
         said = capsys.readouterr().out
-        assert ("both took steps of 0.1 s: what the step itself does is in both" in said) == same
+        assert ("both took steps of 0.1 s, so that step's own error is in both" in said) == same
         assert "peak force of stop" in said
         assert " N s" in said
     with pytest.raises(SystemExit):

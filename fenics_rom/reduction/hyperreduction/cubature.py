@@ -60,7 +60,10 @@ def fit_cubature(
         points, error = np.flatnonzero(ω), rows.error(ω)
         if error <= tolerance:
             return Cubature(points, ω[points], error)
-    raise SolverError(f"no positive weights of fewer points reach a tolerance of {tolerance:g}, only {error:.1e}")
+    raise SolverError(
+        f"cubature: no positive weights of fewer points than all reach the tolerance {tolerance:g}, only {error:.1e}; "
+        "a larger reduction.cubature, a lower order or a finer mesh may help"
+    )
 
 
 def spread_states(states: Array, count: int) -> Array:

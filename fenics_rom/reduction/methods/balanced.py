@@ -97,8 +97,8 @@ def _adi(problem: ReductionProblem, name: str, augmentation: KrylovAugmentation)
         )
     if stable_sweeps < STABLE_SWEEPS and change > WARNING_CHANGE:
         problem.messages.append(
-            f"contact mode {name!r}: Hankel singular values still changed by {change:.0e} after {gramian.shifts} "
-            "shifts; ask for a lower order"
+            f"contact mode {name!r}: its Hankel singular values are known to {change:.0e} only, after {gramian.shifts} "
+            "shifts: the model may lack directions; its validation says how good it is, and a lower order is surer"
         )
     T = balanced.transformation[:, : choose_order(σ, order, problem.tolerance)]
     return RankedBasis(problem.space.add(gramian.space.basis @ T), σ, True)

@@ -88,7 +88,7 @@ class GoneBackThrough:
 
     def check_differentiable(self) -> None:
         """A StructureError where `adjoint` does not know the steps."""
-        raise StructureError(f"{type(self).__name__}: steps of this kind are not differentiated")
+        raise StructureError("steps of this body are not differentiated")
 
     def adjoint(self, u: Array) -> StepAdjoint:
         """The last step, under u (p,), to go back through."""

@@ -169,7 +169,7 @@ class CarriedFrame(FrameKernel):
         r̂, contact = self._begin_step(u), None
         if self._interface is not None and obstacles is not None:
             if not math.isfinite(r̂.dot(r̂)):
-                raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
+                raise StepError("the inputs are so large that the step overflows; the state was left as it was")
             r̂, contact = touch(self, self._interface, r̂, obstacles)
         return self._end_step(r̂, contact)
 

@@ -68,7 +68,7 @@ class KeptNewton:
             x -= change
             size = size_of(change)
             if not math.isfinite(size):
-                raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
+                raise StepError("the inputs are so large that the step overflows; the state was left as it was")
             scale, ratio = scale or scale_at(x), size / before
             if (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale:
                 self._last, self._iterations, self._steps = iteration, self._iterations + iteration, self._steps + 1

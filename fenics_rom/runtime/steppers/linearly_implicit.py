@@ -113,8 +113,8 @@ class LinearlyImplicit(FiniteStrainKernel):
             return super().messages
         return (
             *super().messages,
-            f"strains that are carried along and those of the shape differ by {100 * mismatch:.2g} % (limit "
-            f"{100 * MISMATCH_LIMIT:g} %): the steps are too long for what moves; take shorter ones or "
+            f"the linearly implicit stepper's strains went {100 * mismatch:.2g} % off those of the shape (limit "
+            f"{100 * MISMATCH_LIMIT:g} %): its steps are too long for this motion; take a smaller dt or "
             'stepper = "newton"',
         )
 
