@@ -3,7 +3,7 @@
 import argparse
 
 import fenics_rom as fr
-from fenics_rom.cli.display import print_table, print_warnings
+from fenics_rom.cli.display import print_run_warnings, print_table
 
 SUMMARY = "relative errors of one run against another"
 
@@ -39,4 +39,4 @@ def run(choice: argparse.Namespace) -> None:
             "--finer FILE, a run of shorter steps, shows it"
         )
     files = {choice.run_file: run, choice.reference: reference}
-    print_warnings([f"{file}: {warning}" for file, run in files.items() for warning in run.warnings])
+    print_run_warnings(files)

@@ -4,7 +4,7 @@ import io
 import math
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import repeat
 from pathlib import Path
@@ -236,6 +236,13 @@ def print_warnings(messages: Sequence[str]) -> None:
     """What the user should know."""
     for message in messages:
         print(f"  warning: {message}")
+
+
+def print_run_warnings(runs: Mapping[str, "fr.Trajectory"]) -> None:
+    """What the user should know of runs by name, each message once, with the runs that it is of."""
+    messages = dict.fromkeys(message for run in runs.values() for message in run.warnings)
+    of = {message: [name for name, run in runs.items() if message in run.warnings] for message in messages}
+    print_warnings([f"{', '.join(names)}: {message}" for message, names in of.items()])
 
 
 def print_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:

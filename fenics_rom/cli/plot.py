@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import fenics_rom as fr
-from fenics_rom.cli.display import print_warnings, progress
+from fenics_rom.cli.display import print_run_warnings, progress
 from fenics_rom.cli.output import add_output
 from fenics_rom.errors import FileError
 from fenics_rom.io.hdf5 import content_of
@@ -44,7 +44,7 @@ def run(choice: argparse.Namespace) -> None:
             runs or choice.files[0], choice.output, what=choice.what, dark=choice.dark, full=full, report=report
         )
     print(*files, sep="\n")
-    print_warnings([f"{name}: {warning}" for name, run in runs.items() for warning in run.warnings])
+    print_run_warnings(runs)
 
 
 def _labels(files: Sequence[str]) -> dict[str, str]:

@@ -210,7 +210,9 @@ def test_the_command_prints_forces_and_names_a_step_that_both_have(tmp_path, cap
         "b": pushed(2 * PUSH),
         "c": pushed(PUSH.reshape(-1, 2).mean(axis=1), 0.2),
     }.items():
-        fr.write_trajectory(tmp_path / f"{name}.h5", run)
+        fr.write_trajectory(
+            tmp_path / f"{name}.h5", replace(run, warnings=("the body turned by 0.3 rad", f"{name} alone"))
+        )
     for other, same in (("b", True), ("c", False)):
         with pytest.raises(SystemExit) as ended:
             main(["compare", str(tmp_path / f"{other}.h5"), str(tmp_path / "a.h5")])
@@ -219,6 +221,9 @@ def test_the_command_prints_forces_and_names_a_step_that_both_have(tmp_path, cap
         assert ("both took steps of 0.1 s, so that step's own error is in both" in said) == same
         assert "peak force of stop" in said
         assert " N s" in said
+        files = f"{tmp_path / f'{other}.h5'}, {tmp_path / 'a.h5'}"
+        assert said.count("the body turned by 0.3 rad") == said.count(f"  warning: {files}: the body turned") == 1
+        assert f"  warning: {tmp_path / f'{other}.h5'}: {other} alone" in said
     with pytest.raises(SystemExit):
         main(["compare", *(str(tmp_path / name) for name in ("b.h5", "c.h5")), "--finer", str(tmp_path / "a.h5")])
     said = capsys.readouterr().out
