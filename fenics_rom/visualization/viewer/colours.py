@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.io.units import prefixed
 
-BANDS = 20
+BANDS = 32  # a mesh each; with more a browser without a GPU draws fewer pictures a second
 COLOUR_MAP = "viridis"
 
 
@@ -18,11 +18,11 @@ def band_colours(bands: int = BANDS) -> list[tuple[int, int, int]]:
     return [(round(255 * r), round(255 * g), round(255 * b)) for r, g, b, _ in colours.tolist()]
 
 
-def bands_of(values: Array, largest: float) -> Array:
-    """The band of each value, from 0 to BANDS - 1; `largest` and beyond is the last."""
+def levels_of(values: Array, largest: float) -> Array:
+    """Of each value, in bands, from 0 to BANDS; those of `largest` and beyond are at the end."""
     if not largest > 0:
-        return np.zeros(len(values), dtype=np.intp)
-    return np.clip(values * (BANDS / largest), 0, BANDS - 1).astype(np.intp)
+        return np.zeros(len(values))
+    return np.clip(values * (BANDS / largest), 0.0, BANDS)
 
 
 def round_up(value: float) -> float:

@@ -1,8 +1,8 @@
 """Bodies, obstacles and pulls in viser's scene.
 
-A mesh of viser has one colour (1.1), so a body is drawn as one mesh for each band of the colour scale, of the pieces of
-triangles that have it: a contour plot. Everything is drawn in units of the body's size, as viser's camera and
-lights are made for scenes of about one metre.
+A mesh of viser has one colour (1.1), so a body is drawn as one mesh for each band of the colour scale, cut along the
+lines where bands meet (`contours.py`): a contour plot. Everything is drawn in units of the body's size, as viser's
+camera and lights are made for scenes of about one metre.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,8 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.obstacles import Box, HalfSpace, Obstacle
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.tendon_routing import TendonRouting
-from fenics_rom.visualization.viewer.colours import BANDS, band_colours, bands_of
+from fenics_rom.visualization.viewer.colours import BANDS, band_colours, levels_of
+from fenics_rom.visualization.viewer.contours import Contours
 from fenics_rom.visualization.viewer.surface import Surface
 
 ORIGIN = np.zeros(3)
@@ -23,7 +24,9 @@ TENDON_COLOUR, TENDON_THICKNESS = (213, 94, 0), 0.012
 SEE_THROUGH = 0.6  # opacity of a body that tendons are inside of
 HIGHLIGHT_COLOUR = (255, 120, 30)
 OBSTACLE_COLOUR = (150, 150, 160)
-SPARE_ROOM = 1.3  # room in a band's mesh, so that it rarely has to be made anew
+SPARE_ROOM = 1.5  # room in a band's mesh, so that it rarely has to be made anew
+PART_OF_A_PIXEL, PART_OF_A_BAND = 1e-4, 0.02  # of the body's size, and of a colour: changes that nobody sees
+NOTHING = np.zeros((3, 3)), np.zeros((1, 3), dtype=np.uint32)
 PICK_OFFSET = 1e-3  # of the body, by which a contact surface is met before the body itself
 FLOOR_SIZES = 3.0  # side of the square that stands for a half-space, in sizes of the body
 
@@ -54,41 +57,71 @@ class BandedBody:
         opacity: float | None = None,
     ):
         self._surface, self._scale = surface, scale
+        self._contours = Contours(surface.faces, BANDS)
         position = tuple(scale * offset)
         options: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False, "side": "double", "opacity": opacity}
-        nothing = np.zeros((3, 3)), np.zeros((1, 3), dtype=np.uint32)
-        self._meshes = [
-            scene.add_mesh_simple(f"{name}/{k}", *nothing, color=colour, position=position, **options)
+        self._bands = [
+            _Band(scene.add_mesh_simple(f"{name}/{k}", *NOTHING, color=colour, position=position, **options))
             for k, colour in enumerate([*band_colours(), HIGHLIGHT_COLOUR])
         ]
-        for mesh in self._meshes:
-            hide_what_is_behind(mesh)
-        self._room = np.zeros(BANDS + 1, dtype=int)
+        self._drawn: tuple[Array, Array, Array | None] | None = None
 
     def draw(self, moved: Array, values: Array, largest: float, highlighted: Array | None = None) -> None:
-        """Draws the moved nodes (n, 3), m.
+        """Draws the moved nodes (n, 3), m, unless nobody could see a difference from the last picture.
 
-        The values of all pieces are not negative, the `largest` has the brightest colour, and the triangles that are
+        The values at all vertices are not negative, the `largest` has the brightest colour, and the triangles that are
         `highlighted` another one.
         """
-        bands = bands_of(values, largest)
-        if highlighted is not None:
-            bands.reshape(-1, self._surface.cuts**2)[highlighted] = BANDS
-        order = np.argsort(bands, kind="stable")
-        corners = (self._scale * self._surface.pieces(moved)).astype(np.float32)[order].reshape(-1, 3)
-        ends = 3 * np.cumsum(np.bincount(bands, minlength=BANDS + 1))
-        for k, part in enumerate(np.split(corners, ends[:-1])):
-            self._draw_band(k, part, corners[0])
+        levels, places = levels_of(values, largest), self._scale * moved
+        if self._drawn is not None and _look_alike(self._drawn, (places, levels, highlighted)):
+            return
+        self._drawn = places, levels, highlighted
+        bands = self._contours.cut(levels, highlighted)
+        corners = bands.places(places[self._surface.node_of]).astype(np.float32)
+        for band, part in zip(self._bands, bands.parts(corners), strict=True):
+            band.draw(*part)
 
-    def _draw_band(self, k: int, corners: Array, somewhere: Array) -> None:
-        """An empty band has triangles without area: hiding it would be seen a picture earlier than what replaces it."""
-        mesh, count = self._meshes[k], len(corners)
-        if not self._room[k] / 4 - 3 < count <= self._room[k]:
-            self._room[k] = 3 * round(SPARE_ROOM * count / 3 + 1)
-            mesh.faces = np.arange(self._room[k], dtype=np.uint32).reshape(-1, 3)
-        padded = np.empty((max(self._room[k], 3), 3), dtype=np.float32)
-        padded[:count], padded[count:] = corners, somewhere
-        mesh.vertices = padded
+
+class _Band:
+    """The mesh of one colour. It has spare corners, and faces without area, so that buffers are rarely made anew."""
+
+    def __init__(self, mesh: Any):
+        hide_what_is_behind(mesh)
+        self._mesh = mesh
+        self._corners, self._faces = len(mesh.vertices), len(mesh.faces)
+
+    def draw(self, corners: Array, faces: Array) -> None:
+        """Draws faces (t, 3) into corners (p, 3); none are drawn as faces without area."""
+        if not len(faces) and not self._mesh.faces.any():
+            return
+        self._corners, self._faces = _room(self._corners, len(corners)), _room(self._faces, len(faces))
+        padded_faces = np.zeros((self._faces, 3), dtype=np.uint32)
+        padded_faces[: len(faces)] = faces
+        padded = np.empty((self._corners, 3), dtype=np.float32)
+        padded[: len(corners)] = corners
+        padded[len(corners) :] = corners[0] if len(corners) else 0.0
+        # Faces never name a corner that is not there yet, or not any more.
+        if len(padded) < len(self._mesh.vertices):
+            self._mesh.faces = padded_faces
+            self._mesh.vertices = padded
+        else:
+            self._mesh.vertices = padded
+            self._mesh.faces = padded_faces
+
+
+def _room(room: int, count: int) -> int:
+    """Of a buffer that holds so many, with room in it before and now."""
+    return room if room / 4 - 3 < count <= room else round(SPARE_ROOM * count) + 3
+
+
+def _look_alike(before: tuple[Array, Array, Array | None], now: tuple[Array, Array, Array | None]) -> bool:
+    """Whether two pictures, of places, levels and highlighted triangles, are the same but for part of a pixel."""
+    (places, levels, highlighted), (places_now, levels_now, highlighted_now) = before, now
+    return (
+        highlighted is highlighted_now
+        and np.abs(places_now - places).max() < PART_OF_A_PIXEL
+        and np.abs(levels_now - levels).max() < PART_OF_A_BAND
+    )
 
 
 def hide_what_is_behind(mesh: Any) -> None:

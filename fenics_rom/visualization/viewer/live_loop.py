@@ -23,7 +23,8 @@ from fenics_rom.visualization.viewer.live import Live
 from fenics_rom.visualization.viewer.panel import ENERGY_SERIES, ColourScale, EnergyPlot, begin_panel
 
 STEPPING_SHARE = 0.6  # of the time of a picture that steps may take; the rest is for drawing and for the browser
-MAX_CATCH_UP_SECONDS = 0.1  # between two pictures that steps make up for
+FEWEST_FRAMES_PER_SECOND = 10.0  # where the machine does not keep up: drawing, here and in a browser, takes from steps
+PACE = 1.25  # by which the time between pictures changes from one to the next
 PANEL_INTERVAL_SECONDS = 0.25  # between two states of the panel
 MIN_SPEED = 0.01
 
@@ -44,6 +45,7 @@ class LiveLoop(ABC):
         self._server, self._live, self.scale = server, live, scale
         self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._paused, self._speed, self._behind = False, 1.0, 0.0
+        self._frame = 1 / FRAMES_PER_SECOND  # s, from one picture to the next
         self._holder: int | None = None
         self._error = ""
         self._panel_due, self._panel_since, self._steps_since, self._time_since = 0.0, time.perf_counter(), 0, 0.0
@@ -174,7 +176,7 @@ class LiveLoop(ABC):
             while not ended.is_set():
                 self._run_frame()
                 now = time.perf_counter()
-                due = max(due + 1 / FRAMES_PER_SECOND, now)
+                due = max(due + self._frame, now)
                 ended.wait(due - now)
         finally:
             self._end()
@@ -204,14 +206,15 @@ class LiveLoop(ABC):
 
     def _step(self, passed: float) -> None:
         """The steps of the time that has passed. What the machine cannot keep up with is dropped."""
-        due = self._speed * min(passed, MAX_CATCH_UP_SECONDS) + self._behind
+        due = self._speed * min(passed, 1 / FEWEST_FRAMES_PER_SECOND) + self._behind
         self._behind = 0.0
         if not self._attempt(lambda: self._advance(due)):
             self._paused = True
 
     def _advance(self, due: float) -> None:
-        left = self._live.advance(due, STEPPING_SHARE / FRAMES_PER_SECOND)
-        self._behind = min(left, self._speed / FRAMES_PER_SECOND)
+        left = self._live.advance(due, STEPPING_SHARE * self._frame)
+        self._behind = min(left, self._speed * self._frame)
+        self._frame = next_frame(self._frame, keeps_up=left <= 0)
 
     def _draw_pull(self) -> None:
         live = self._live
@@ -245,3 +248,9 @@ class LiveLoop(ABC):
         sums = zip(ENERGY_SERIES, live.account, strict=True)
         self._account.content = " · ".join(f"{name} {with_unit(energy, 'J')}" for name, energy in sums)
         self._plot.add(simulated, live.account)
+
+
+def next_frame(frame: float, *, keeps_up: bool) -> float:
+    """How long the next picture stays, s, after one that stayed so long: longer where steps do not keep up."""
+    longer = frame / PACE if keeps_up else frame * PACE
+    return min(max(longer, 1 / FRAMES_PER_SECOND), 1 / FEWEST_FRAMES_PER_SECOND)

@@ -1,4 +1,4 @@
-"""What of a surface is drawn: pieces of triangles, and what colours them."""
+"""What of a surface is drawn: smooth parts between its edges, and what colours them."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -11,54 +11,73 @@ from fenics_rom.mechanics.linearity import triangle_frames
 from fenics_rom.trajectory.series import ReadingSeries
 from fenics_rom.visualization.viewer.colours import with_unit
 
-# Of displacement (n, 3), m, and velocity (n, 3), m/s: values of all pieces.
+# Of displacement (n, 3), m, and velocity (n, 3), m/s: values at all vertices.
 SurfaceField = Callable[[Array, Array], Array]
 
 READING = "reading "  # before the name of one, among the fields
 OFF_SURFACE = ("length", "volume", "marker")  # readings that are said in words
 UNITS = {"displacement": "m", "speed": "m/s", "strain": "%", "energy density": "J/m³"}
-MIN_PIECES = 4000  # so that the colours of a coarse mesh follow the field and not the triangles
-MAX_CUTS = 4  # of an edge of a triangle
+CREASE = math.radians(35)  # between triangles that turn by more, light and colours have an edge
 MIN_RELATIVE_AREA = 1e-9  # twice the area of a triangle, of its longest side squared; below, it has no strain
 
 
 class Surface:
-    """The surface of a body, each triangle cut into equal pieces as a coarse mesh needs them.
+    """The surface of a body as it is drawn: smooth, but for the edges that the body has at rest.
 
     Attributes:
         nodes: (n,) those of the body that are on the surface.
         places: (n, 3) theirs at rest, m.
         triangles: (F, 3) into `nodes`.
-        cuts: into how many parts an edge is cut; a triangle makes cuts² pieces.
+        node_of: (V,) the node (into `nodes`) that each vertex is at; on an edge a node has one for each side of it.
+        faces: (F, 3) the triangles' vertices.
     """
 
     def __init__(self, nodes: Array, triangles: Array):
         self.nodes, corners = np.unique(triangles, return_inverse=True)
         self.places, self.triangles = nodes[self.nodes], corners.reshape(-1, 3)
-        self.cuts = min(MAX_CUTS, max(1, math.ceil(math.sqrt(MIN_PIECES / len(triangles)))))
-        self._weights = _pieces(self.cuts)
-
-    def pieces(self, moved: Array) -> Array:
-        """Corners of all pieces, (F cuts², 3, 3), of the moved nodes (n, 3)."""
-        if self.cuts == 1:
-            return moved[self.triangles]
-        return np.einsum("pck,fkx->fpcx", self._weights, moved[self.triangles]).reshape(-1, 3, 3)
+        across = np.cross(*(self.places[self.triangles[:, k]] - self.places[self.triangles[:, 0]] for k in (1, 2)))
+        self._doubled_area = np.linalg.norm(across, axis=1)
+        normals = across / np.maximum(self._doubled_area, np.finfo(float).tiny)[:, None]
+        smooth = _smoothly_joined_corners(self.triangles, normals)
+        _, first, faces = np.unique(smooth, return_index=True, return_inverse=True)
+        self.node_of, self.faces = self.triangles.ravel()[first], faces.reshape(-1, 3)
 
     def of_nodes(self, values: Array) -> Array:
-        """Values in the middle of all pieces, (F cuts²,), of values at the nodes (n,)."""
-        return (values[self.triangles] @ self._weights.mean(axis=1).T).ravel()
+        """Values at all vertices, (V,), of values at the nodes (n,)."""
+        return values[self.node_of]
 
     def of_triangles(self, values: Array) -> Array:
-        """Values of all pieces, (F cuts²,), of values that are constant on triangles (F,)."""
-        return np.repeat(values, self.cuts**2)
+        """Values at all vertices, (V,), of values that are constant on triangles (F,): means weighted by area."""
+        weight = np.maximum(self._doubled_area, np.finfo(float).tiny)
+        sums = [
+            np.bincount(self.faces.ravel(), np.repeat(each, 3), len(self.node_of)) for each in (weight * values, weight)
+        ]
+        return sums[0] / sums[1]
 
 
-def _pieces(cuts: int) -> Array:
-    """Barycentric coordinates (cuts², 3 corners, 3) of the equal pieces of a triangle."""
-    upward = [((i, j), (i + 1, j), (i, j + 1)) for i in range(cuts) for j in range(cuts - i)]
-    downward = [((i + 1, j), (i + 1, j + 1), (i, j + 1)) for i in range(cuts) for j in range(cuts - 1 - i)]
-    steps = np.array(upward + downward) / cuts
-    return np.concatenate([1 - steps.sum(axis=2, keepdims=True), steps], axis=2)
+def _smoothly_joined_corners(triangles: Array, normals: Array) -> Array:
+    """A number for each corner of triangles, (3 F,), the same of those at one node that no crease parts."""
+    corners = np.arange(triangles.size).reshape(-1, 3)
+    starts, ends = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
+    at = triangles.ravel()
+    sides = np.sort(np.stack([at[starts], at[ends]], axis=1), axis=1)
+    order = np.lexsort(sides.T)
+    same = (sides[order[1:]] == sides[order[:-1]]).all(axis=1)
+    one, other = order[:-1][same], order[1:][same]
+    flat = (normals[one // 3] * normals[other // 3]).sum(axis=1) > math.cos(CREASE)
+    one, other = one[flat], other[flat]
+    meets = at[starts[one]] == at[ends[other]]  # neighbours run through a side in opposite directions
+    one_ends = np.concatenate([starts[one], ends[one]])
+    other_ends = np.concatenate(
+        [np.where(meets, ends[other], starts[other]), np.where(meets, starts[other], ends[other])]
+    )
+    numbers = corners.ravel().copy()
+    while True:  # the least of a group goes round it, a triangle at a time
+        least = np.minimum(numbers[one_ends], numbers[other_ends])
+        if (least == numbers[one_ends]).all() and (least == numbers[other_ends]).all():
+            return numbers
+        np.minimum.at(numbers, one_ends, least)
+        np.minimum.at(numbers, other_ends, least)
 
 
 class SurfaceStrain:
@@ -139,7 +158,7 @@ class ReadingField:
         self._factor, self.unit = (100.0, "%") if reading.quantity == "strain" else (1.0, reading.unit)
 
     def __call__(self, sizes: Array) -> Array:
-        """Values of all pieces, (F cuts²,), from those at the reading's places; 0 where nothing is read."""
+        """Values at all vertices, (V,), from those at the reading's places; 0 where nothing is read."""
         if len(self._nodes):
             on_nodes = np.zeros(len(self._surface.nodes))
             on_nodes[np.searchsorted(self._surface.nodes, self._nodes)] = sizes

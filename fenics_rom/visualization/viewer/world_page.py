@@ -131,7 +131,7 @@ class _SoftBody:
         return self._live.grab_soft(self._name, contact, nodes[triangles[nearest]], weights)
 
     def field(self, what: str) -> Array:
-        """What colours show, of all pieces: of what strains it, and not of where it is."""
+        """What colours show, at all vertices: of what strains it, and not of where it is."""
         body, on = self._live.world.simulator(self._name), self._surface.nodes
         strained = body.displacement()
         if self._rom.environment.is_moving:

@@ -13,7 +13,9 @@ from fenics_rom.mechanics.environment import AppliedLoad, Run
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization.contact_surface import divide_contact_triangles
+from fenics_rom.visualization.viewer.drawing import FRAMES_PER_SECOND
 from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
+from fenics_rom.visualization.viewer.live_loop import FEWEST_FRAMES_PER_SECOND, next_frame
 from fenics_rom.visualization.viewer.mouse_spring import attach_spring, closest_point
 
 BALL = 'shape = "sphere"\ncenter = [0.75, 0.2, 0.41]\nradius = 0.1'
@@ -293,3 +295,14 @@ def test_free_name_is_free(tmp_path):
     assert free_name(tmp_path, "plate").name == "plate-view-1.h5"
     (tmp_path / "plate-view-1.h5").touch()
     assert free_name(tmp_path, "plate").name == "plate-view-2.h5"
+
+
+def test_pictures_become_fewer_where_steps_do_not_keep_up_and_many_again():
+    frame, slow = 1 / FRAMES_PER_SECOND, 1 / FEWEST_FRAMES_PER_SECOND
+    assert next_frame(frame, keeps_up=True) == frame
+    for _ in range(20):
+        frame = next_frame(frame, keeps_up=False)
+    assert frame == slow
+    for _ in range(20):
+        frame = next_frame(frame, keeps_up=True)
+    assert frame == 1 / FRAMES_PER_SECOND

@@ -1,4 +1,4 @@
-"""Pieces of triangles, strain of a surface, colours and obstacles."""
+"""Edges of a surface, its strain, colours and obstacles."""
 
 from dataclasses import replace
 
@@ -8,8 +8,8 @@ from bodies import box_arrays, box_surfaces
 
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
-from fenics_rom.visualization.viewer.colours import BANDS, band_colours, bands_of, round_up, with_unit
-from fenics_rom.visualization.viewer.surface import MAX_CUTS, MIN_PIECES, Surface, SurfaceStrain, surface_fields
+from fenics_rom.visualization.viewer.colours import BANDS, band_colours, levels_of, round_up, with_unit
+from fenics_rom.visualization.viewer.surface import Surface, SurfaceStrain, surface_fields
 
 
 @pytest.fixture(scope="module")
@@ -19,33 +19,33 @@ def box():
     return points, np.concatenate(list(box_surfaces(points, cells).values()))
 
 
-def areas(corners):
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return np.linalg.norm(np.cross(a, b), axis=1) / 2
+def test_a_box_is_smooth_but_for_its_edges(box):
+    nodes, triangles = box
+    corners = nodes[triangles]
+    outwards = corners.mean(axis=1) - nodes.mean(axis=0)
+    inside_out = (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * outwards).sum(axis=1) < 0
+    surface = Surface(nodes, np.where(inside_out[:, None], triangles[:, ::-1], triangles))
+    assert len(surface.nodes) < len(surface.node_of) < 3 * len(surface.triangles)
+    assert np.array_equal(surface.node_of[surface.faces], surface.triangles)
+    corners = surface.places[surface.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    sides = len(np.unique(normals.round(9), axis=0))
+    assert sides == 6
+    for vertex in range(len(surface.node_of)):
+        assert len(np.unique(normals[(surface.faces == vertex).any(axis=1)].round(9), axis=0)) == 1
+    of_sides = np.unique(normals.round(9), axis=0, return_inverse=True)[1].ravel().astype(float)
+    of_corners = surface.of_triangles(of_sides)[surface.faces]
+    np.testing.assert_allclose(of_corners, np.repeat(of_sides[:, None], 3, axis=1), rtol=1e-14)
 
 
-def test_pieces_are_equal_parts_of_the_triangles(box):
-    surface = Surface(*box)
-    pieces = surface.pieces(surface.places)
-    assert surface.cuts == MAX_CUTS
-    assert pieces.shape == (len(box[1]) * MAX_CUTS**2, 3, 3)
-    whole = areas(box[0][box[1]])
-    assert areas(pieces) == pytest.approx(np.repeat(whole / MAX_CUTS**2, MAX_CUTS**2), rel=1e-12)
-
-
-def test_a_fine_surface_is_not_cut():
-    triangles = np.tile([[0, 1, 2]], (MIN_PIECES, 1))
-    surface = Surface(np.eye(3), triangles)
-    assert surface.cuts == 1
-    assert np.array_equal(surface.pieces(surface.places), surface.places[triangles])
-
-
-def test_values_of_a_linear_field_are_exact_in_the_middle_of_pieces(box):
-    surface = Surface(*box)
-    slope = np.array([1.0, -2.0, 3.0])
-    middles = surface.pieces(surface.places).mean(axis=1)
-    assert surface.of_nodes(surface.places @ slope) == pytest.approx(middles @ slope, abs=1e-14)
-    assert np.array_equal(surface.of_triangles(np.arange(len(box[1])))[:: MAX_CUTS**2], np.arange(len(box[1])))
+def test_what_is_round_has_one_vertex_at_each_node():
+    ball = obstacle_mesh(Sphere((0.0, 0.0, 0.0), 1.0), np.zeros(3), 1.0)
+    surface = Surface(*ball)
+    assert len(surface.node_of) == len(surface.nodes)
+    ones = np.ones(len(surface.triangles))
+    assert surface.of_triangles(ones) == pytest.approx(1.0, abs=1e-14)
+    assert np.array_equal(surface.of_nodes(np.arange(len(surface.nodes)))[surface.faces], surface.triangles)
 
 
 def test_bar_under_tension_has_its_energy_density_on_every_side(box):
@@ -89,10 +89,10 @@ def test_energy_density_is_offered_for_one_material_only(box, plate_rom):
     assert "energy density" not in surface_fields(surface, both)
 
 
-def test_bands_are_even_and_closed():
-    bands = bands_of(np.array([0.0, 0.999 / BANDS, 1 / BANDS + 1e-9, 1.0, 2.0]), 1.0)
-    assert np.array_equal(bands, [0, 0, 1, BANDS - 1, BANDS - 1])
-    assert not bands_of(np.array([0.0, 1.0]), 0.0).any()
+def test_levels_are_even_and_closed():
+    levels = levels_of(np.array([0.0, 0.5, 1.0, 2.0]), 1.0)
+    assert np.array_equal(levels, [0, BANDS / 2, BANDS, BANDS])
+    assert not levels_of(np.array([0.0, 1.0]), 0.0).any()
     assert len(set(band_colours())) == BANDS
     assert band_colours()[0] == (68, 1, 84)
     assert band_colours()[-1] == (253, 231, 37)
