@@ -201,7 +201,8 @@ class Rom(ByContent):
             (acting.is_moving, "a moving frame", 'take frame = "fixed"'),
             (acting.contact_law is not None, "contact with obstacles", "leave effects.contact out"),
             (not acting.has_inertia, "no inertia, so its shape follows forces at once", "name effects.inertia"),
-            (acting.finds_forces, "strokes or friction of tendons", "take inputs by force, and no tendon_friction"),
+            (bool(acting.controls), "actuators that are given strokes", "give them forces (control)"),
+            (bool(acting.guides), "friction of tendons", "leave effects.tendon_friction out"),
             (acting.viscoelasticity is not None, "a material that relaxes", "leave effects.viscoelasticity out"),
         ):
             if there:

@@ -83,7 +83,8 @@ def fit_batch(rom: Rom, signals: Mapping[str, SignalLike] | None) -> tuple[Rom, 
             f"ROM {rom.name!r} has {has}, which no batch takes (only bodies that a base carries); {one_by_one}"
         )
     if not acting.has_inertia or acting.finds_forces:
-        has = "strokes of actuators or friction of tendons" if acting.has_inertia else "no inertia"
+        strokes = "actuators that are given strokes" if acting.controls else "friction of tendons"
+        has = strokes if acting.has_inertia else "no inertia"
         raise StepError(f"ROM {rom.name!r} has {has}, which no batch takes; {one_by_one}")
     if acting.viscoelasticity is not None:
         raise StepError(f"ROM {rom.name!r} has viscoelasticity in its scene: {one_by_one}")
@@ -186,7 +187,8 @@ class EnvironmentInputs:
         reasons = {
             "no inertia": not acting.has_inertia,
             "a moving frame": acting.is_moving,
-            "strokes of actuators or friction of tendons": acting.finds_forces,
+            "actuators that are given strokes": bool(acting.controls),
+            "friction of tendons": bool(acting.guides),
         }
         self.needs_single_steps = next((reason for reason, there in reasons.items() if there), "")
         self.needs_each_step = bool(self.needs_single_steps) or acting.contact_law is not None

@@ -116,5 +116,5 @@ def test_one_dashpot_that_all_motions_feel_is_damping_enough():
 
 
 def test_numbers_beyond_floating_point_are_an_error_of_the_solver():
-    with pytest.raises(SolverError, match="beyond floating-point numbers"):
+    with pytest.raises(SolverError, match="too large for double precision"):
         gramian_factors(np.array([1.0, 4.0]), np.diag([1.0, np.inf]), np.ones((2, 1)), np.eye(2))
