@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics import contact_solver
-from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ContactSearch, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_pairs import PairsProblem, helping_pairs
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
@@ -552,3 +552,10 @@ def test_each_pair_is_told_to_help_but_once():
     assert helping(u, 0 * one) is None
     assert helping(u - [[0.0], [0.2], [0.0]], one) is None
     assert helping(u, None) is None
+
+
+def test_forces_that_are_off_by_less_than_matters_are_not_told():
+    search = ContactResidual().with_step(1e-8)
+    assert search == ContactResidual(1, 1e-8)
+    assert search.message == ""
+    assert "in 2 steps contact forces were not found exactly (the worst leave 1e-05" in search.with_step(1e-5).message

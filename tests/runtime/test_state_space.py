@@ -113,7 +113,7 @@ def test_what_is_not_there_or_not_linear_is_refused(plate_rom):
         (replace(soft_rom(order=2, contact=True), deformation=None), "contact with obstacles"),
         (replace(soft_rom(order=2, inertia=False), deformation=None), "no inertia"),
         (replace(plate_rom, environment=replace(plate_rom.environment, frame="moving")), "a moving frame"),
-        (replace(plate_rom, environment=replace(plate_rom.environment, controls={"rope": "length"})), "strokes"),
+        (replace(plate_rom, environment=replace(plate_rom.environment, controls={"rope": "length"})), "actuators that"),
     ):
         with pytest.raises(StructureError, match=f"has {what}.*; a state space is linear in"):
             rom.state_space("middle")
