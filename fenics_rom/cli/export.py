@@ -29,7 +29,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(choice: argparse.Namespace) -> None:
     """Exports, and prints the name of the file."""
     with progress() as report:
-        names = ("what", "count", "time", "scale", "seconds", "dark", "dt", "outputs")
+        names = ("what", "count", "time", "scale", "seconds", "dark", "dt", "outputs", "force")
         chosen = {name: getattr(choice, name) for name in names}
         file = fr.export(choice.file, choice.output, **chosen, report=report)
     print(file)

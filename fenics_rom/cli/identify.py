@@ -8,6 +8,7 @@ from fenics_rom.cli.display import print_lines, print_table, progress
 from fenics_rom.cli.output import add_output
 from fenics_rom.io.atomic_write import check_folder
 from fenics_rom.io.mpi_ranks import is_root_process
+from fenics_rom.io.overwriting import check_outputs_in
 from fenics_rom.visualization.figure import figure_class
 
 SUMMARY = "find material and damping from marker data; runs under mpirun"
@@ -39,13 +40,18 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(choice: argparse.Namespace) -> None:
     """Identifies, and writes what was found."""
+    from fenics_rom.identification.write import FILES  # needs SciPy, which a run of a ROM does not
+
     figure_class()
     check_folder(choice.output)
     scene = fr.read_scene(choice.scene)
     with progress() as report:
-        data = [*choice.data, *(fr.read_markers(file, fr.read_scene(other)) for other, file in choice.also)]
+        also = [fr.read_markers(file, fr.read_scene(other)) for other, file in choice.also]
+        data = [*choice.data, *also]
+        read = [*choice.data, *(file for part in also for file in (*part.scene.files, part.file))]
+        check_outputs_in(choice.output, FILES, inputs=[*scene.files, *read], force=choice.force)
         result = fr.identify(scene, data, parameters=choice.parameters, report=report)
-    fr.write_identification(choice.output, result)
+    fr.write_identification(choice.output, result, force=choice.force)
     if is_root_process():
         _print_identification(result, choice.output)
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from fenics_rom.cli.display import print_lines
-from fenics_rom.cli.output import add_output, check_output
+from fenics_rom.cli.output import add_output
+from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.lazy_import import load
 
 SUMMARY = "fill a closed surface, or a STEP body, with tetrahedra"
@@ -27,7 +28,7 @@ def run(choice: argparse.Namespace) -> None:
             choice.wrong_usage(f"--{option} {getattr(choice, option):g}: allowed is a finite number > 0")
     if choice.output.suffix != ".msh":
         choice.wrong_usage(f"-o {choice.output}: allowed is the ending .msh")
-    check_output(choice.output, choice.file)
+    check_outputs(choice.output, inputs=[choice.file], force=choice.force)
     fill_surface = load("fem.filling", "fill_surface")
     mesh, quality = fill_surface(Path(choice.file), choice.output, choice.size, choice.scale)
     size = " x ".join(f"{length:.4g}" for length in np.ptp(mesh.points, axis=0))

@@ -9,6 +9,7 @@ from fenics_rom.cli.display import print_run_warnings, progress
 from fenics_rom.cli.output import add_output
 from fenics_rom.errors import FileError
 from fenics_rom.io.hdf5 import content_of
+from fenics_rom.io.overwriting import check_outputs
 
 SUMMARY = "draw energy and outputs of runs, or σ and responses of a ROM"
 
@@ -29,9 +30,10 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(choice: argparse.Namespace) -> None:
     """Draws, and prints the names of the files."""
-    from fenics_rom.visualization.plots.plot import check_output
+    from fenics_rom.visualization.plots.plot import is_folder
 
-    check_output(choice.output)
+    if not is_folder(choice.output):
+        check_outputs(choice.output, inputs=[*choice.files, *filter(None, [choice.full])], force=choice.force)
     contents = [content_of(file) for file in choice.files]
     if "rom" in contents and len(contents) > 1:
         raise FileError("plots are of one ROM, or of any number of runs")
@@ -40,9 +42,8 @@ def run(choice: argparse.Namespace) -> None:
     with progress() as report:
         runs = {} if "rom" in contents else {n: fr.read_trajectory(file) for n, file in _labels(choice.files).items()}
         full = None if choice.full is None else fr.assemble(fr.read_scene(choice.full))
-        files = fr.plot(
-            runs or choice.files[0], choice.output, what=choice.what, dark=choice.dark, full=full, report=report
-        )
+        chosen = {name: getattr(choice, name) for name in ("what", "dark", "force")}
+        files = fr.plot(runs or choice.files[0], choice.output, **chosen, full=full, report=report)
     print(*files, sep="\n")
     print_run_warnings(runs)
 

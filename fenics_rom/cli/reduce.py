@@ -5,11 +5,12 @@ from pathlib import Path
 
 import fenics_rom as fr
 from fenics_rom.cli.display import print_rom, progress
-from fenics_rom.cli.output import add_output, check_output
+from fenics_rom.cli.output import add_output
 from fenics_rom.errors import FileError, SceneError, exactly
 from fenics_rom.io.atomic_write import sole_writer
 from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.io.names import NAME, NAME_IN_WORDS
+from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.mechanics.environment import FRAMES, SWITCHINGS
 from fenics_rom.scene.scene import LYAPUNOV, METHODS, SOLVERS, WEIGHTINGS
 
@@ -39,7 +40,9 @@ def run(choice: argparse.Namespace) -> None:
     from fenics_rom.reduction.checkpoint import remove_checkpoint
 
     files = _matrix_files(choice)
-    check_output(choice.output, choice.scene, *files)
+    check_outputs(choice.output, inputs=files or [choice.scene], force=True)
+    scene = None if files else fr.read_scene(choice.scene)
+    check_outputs(choice.output, content="rom", inputs=scene.files if scene else (), force=choice.force)
     partial = Path(f"{choice.output}.partial")
     if partial.exists() and not partial.is_dir():
         raise FileError(f"{partial}: is needed for what is finished, but it is not a folder")
@@ -57,12 +60,12 @@ def run(choice: argparse.Namespace) -> None:
             show(stage, done, of)
 
         report("assembly", 0, 1)
-        system = _read_matrices(choice) if files else fr.assemble(fr.read_scene(choice.scene))
+        system = _read_matrices(choice) if scene is None else fr.assemble(scene)
         report("assembly", 1, 1)
         chosen = {name: getattr(choice, name) for name in CHOICES}
         rom = fr.reduce(system, **chosen, checkpoint=partial, report=report)
         rom = fr.validate_forces(system, rom, report=report)
-        fr.write_rom(choice.output, rom)
+        fr.write_rom(choice.output, rom, force=choice.force)
         remove_checkpoint(partial)
     if is_root_process():
         print_rom(rom, choice.output)

@@ -2,14 +2,16 @@
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
 import fenics_rom as fr
 from fenics_rom.cli.display import print_trajectory, progress
-from fenics_rom.cli.output import add_output, check_output
+from fenics_rom.cli.output import add_output
 from fenics_rom.io.mpi_ranks import is_root_process
+from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.run import is_rom_file
-from fenics_rom.scene.world_file import is_world_file
+from fenics_rom.scene.world_file import files_of_world, is_world_file
 
 SUMMARY = "run a scene at full order (also under mpirun), a ROM or a world through its load history"
 FOR_ROMS = ("scene", "order", "profile", "rate", "stepper")  # options
@@ -42,7 +44,12 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(choice: argparse.Namespace) -> None:
     """Simulates, and writes the run."""
-    check_output(choice.output, choice.model, choice.scene)
+    named = [choice.model, *filter(None, [choice.scene])]  # which may name other files
+    check_outputs(choice.output, inputs=named, force=True)
+
+    def check(*inputs: Path) -> None:
+        check_outputs(choice.output, content="run", inputs=inputs, force=choice.force)
+
     with progress() as report:
         is_scene = not (is_rom_file(choice.model) or is_world_file(choice.model))
         if choice.arc_length and not is_scene:
@@ -54,13 +61,16 @@ def run(choice: argparse.Namespace) -> None:
             if choice.order is not None:
                 rom = fr.truncate(rom, choice.order)
             scene = fr.read_scene(choice.scene) if choice.scene else None
+            check(*(scene.files if scene else ()))
             chosen = {name: getattr(choice, name) for name in ("dt", "every", "profile", "rate", "stepper")}
             trajectory = fr.simulate(rom, scene=scene, **chosen, report=report)
         elif is_world_file(choice.model):
             given = [f"--{name}" for name in FOR_ROMS if name != "rate" and getattr(choice, name)]
             if given or choice.petsc_words:
                 choice.wrong_usage(f"{', '.join([*given, *choice.petsc_words])}: not for a world, as {choice.model} is")
-            trajectory = fr.simulate(choice.model, dt=choice.dt, every=choice.every, rate=choice.rate, report=report)
+            world = fr.read_world(choice.model)
+            check(*files_of_world(world))
+            trajectory = fr.simulate(world, dt=choice.dt, every=choice.every, rate=choice.rate, report=report)
         else:
             options = {f"--{name}": getattr(choice, name) for name in FOR_ROMS}
             given = [name for name, value in options.items() if value is not None and value is not False]
@@ -68,11 +78,13 @@ def run(choice: argparse.Namespace) -> None:
                 choice.wrong_usage(f"{', '.join(given)}: for a ROM; {choice.model} is a scene, run at full order")
             from fenics_rom.reduction.rigid_mode_deflation import first_frequency
 
-            system = fr.assemble(fr.read_scene(choice.model))
+            scene = fr.read_scene(choice.model)
+            check(*scene.files)
+            system = fr.assemble(scene)
             chosen = {name: getattr(choice, name) for name in ("dt", "every", "arc_length")}
             trajectory = fr.simulate(system, **chosen, report=report)
             settings = {**trajectory.settings, "first_frequency": first_frequency(system)}
             trajectory = replace(trajectory, settings=settings)
-    fr.write_trajectory(choice.output, trajectory)
+    fr.write_trajectory(choice.output, trajectory, force=choice.force)
     if is_root_process():
         print_trajectory(trajectory, choice.output)

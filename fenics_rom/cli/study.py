@@ -9,14 +9,15 @@ from fenics_rom.cli.display import print_lines, print_table, print_warnings, pro
 from fenics_rom.cli.output import add_output
 from fenics_rom.io.atomic_write import check_folder
 from fenics_rom.io.mpi_ranks import is_rank_0, is_root_process
+from fenics_rom.io.overwriting import check_outputs_in
 from fenics_rom.studies.method_configs import METHOD_CONFIGS
 from fenics_rom.studies.pareto import describe_choice, describe_full_steps, select_per_decade
-from fenics_rom.studies.report import COST_HEADING, FORCE_HEADING, cost_rows, force_rows, remarks, write_report
+from fenics_rom.studies.report import COST_HEADING, FILES, FORCE_HEADING, cost_rows, force_rows, remarks, write_report
 from fenics_rom.studies.study_results import PICTURES, StudyResults
 from fenics_rom.visualization.figure import figure_class
 
 SUMMARY = "what accuracy costs in time, for a scene; runs under mpirun"
-CHOICES = ("methods", "orders", "steps", "meshes", "quick", "resume")
+CHOICES = ("methods", "orders", "steps", "meshes", "quick", "resume", "force")
 ROM = "rom.h5"  # in the folder of a study for a tolerance
 
 
@@ -55,6 +56,8 @@ def run(choice: argparse.Namespace) -> None:
             choice.wrong_usage(f"with large_deformation a study goes over the size of the load, without --{given[0]}")
         _study_amplitudes(scene, choice, command)
         return
+    inputs = [*scene.files, *choice.meshes]
+    check_outputs_in(choice.output, (*FILES, ROM), {ROM: "rom"}, inputs=inputs, force=choice.force)
     with progress() as report:
         if choice.tolerance is None:
             chosen = {name: getattr(choice, name) for name in CHOICES}
@@ -62,10 +65,9 @@ def run(choice: argparse.Namespace) -> None:
         else:
             from fenics_rom.studies.study import study_for_tolerance
 
-            results, row, rom = study_for_tolerance(
-                scene, choice.output, choice.tolerance, resume=choice.resume, report=report
-            )
-            fr.write_rom(choice.output / ROM, rom)
+            chosen = {name: getattr(choice, name) for name in ("resume", "force")}
+            results, row, rom = study_for_tolerance(scene, choice.output, choice.tolerance, **chosen, report=report)
+            fr.write_rom(choice.output / ROM, rom, force=True)  # or it was refused at the beginning
     write_report(choice.output, results, command)
     if not is_root_process():
         return
@@ -78,11 +80,13 @@ def run(choice: argparse.Namespace) -> None:
 
 
 def _study_amplitudes(scene: "fr.Scene", choice: argparse.Namespace, command: str) -> None:
-    from fenics_rom.studies.amplitude_report import TABLE_HEADING, table_rows, write_amplitude_report
+    from fenics_rom.studies.amplitude_report import FILES, TABLE_HEADING, table_rows, write_amplitude_report
     from fenics_rom.studies.amplitudes import study_amplitudes
 
+    check_outputs_in(choice.output, FILES, inputs=scene.files, force=choice.force)
+    chosen = {name: getattr(choice, name) for name in ("quick", "resume", "force")}
     with progress() as report:
-        amplitudes = study_amplitudes(scene, choice.output, quick=choice.quick, resume=choice.resume, report=report)
+        amplitudes = study_amplitudes(scene, choice.output, **chosen, report=report)
     if not is_rank_0():
         return
     write_amplitude_report(choice.output, amplitudes, command)

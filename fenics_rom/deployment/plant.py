@@ -8,7 +8,7 @@ from fenics_rom.deployment.fmu import write_fmu
 from fenics_rom.deployment.identifiers import check_identifier
 from fenics_rom.deployment.matrices import write_matrices
 from fenics_rom.errors import FileError
-from fenics_rom.io.atomic_write import check_place, write_whole
+from fenics_rom.io.atomic_write import write_whole
 from fenics_rom.rom.rom import Rom
 
 PLANT_FORMATS = (".npz", ".mat", ".c", ".fmu")
@@ -28,7 +28,6 @@ def write_plant(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: float 
         FileError: a file cannot be written, a name cannot be one in it, or code has no time step.
         MissingPackageError: SciPy, which .mat needs, or the C compiler, which .fmu needs, is not there.
     """
-    check_place(place)
     if place.suffix in (".npz", ".mat"):
         write_matrices(place, rom, outputs, dt)
         return
@@ -38,7 +37,6 @@ def write_plant(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: float 
         write_fmu(place, rom, plant)
         return
     header = place.with_suffix(".h")
-    check_place(header)
     write_whole(header, plant.header.encode())
     write_whole(place, plant.source.encode())
 

@@ -109,6 +109,7 @@ def identify(
         full_order_jacobian=deforms_largely,
         order=fit.model.order,
         bases=fit.bases,
+        read_files=(*scene.files, *(file for part in read for file in (*part.scene.files, Path(part.file)))),
     )
     messages = dict.fromkeys(message for answer in answers for message in answer.warnings)
     reasons = [combination.reason for combination in unidentifiable]

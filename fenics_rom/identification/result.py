@@ -1,6 +1,7 @@
 """The result of an identification: values with intervals, and every reason that is known to doubt them."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy import ndarray as Array
@@ -72,6 +73,7 @@ class Identification:
         order: displacements of the reduced model.
         bases: how many were made on the way.
         warnings: what the user should know.
+        read_files: those of the scenes and of the data.
 
     Example:
         >>> result = fr.identify(scene, ["markers.csv"], parameters=["young"])
@@ -93,6 +95,7 @@ class Identification:
     order: int
     bases: int
     warnings: tuple[str, ...] = ()
+    read_files: tuple[Path, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:

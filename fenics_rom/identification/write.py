@@ -13,24 +13,28 @@ import tomlkit
 from fenics_rom.identification.parameters import is_tilting
 from fenics_rom.identification.plot import draw_fit
 from fenics_rom.identification.result import Given, Identification
-from fenics_rom.io.atomic_write import check_folder, make_folder, write_whole
+from fenics_rom.io.atomic_write import make_folder, write_whole
 from fenics_rom.io.markdown import markdown
 from fenics_rom.io.mpi_ranks import is_rank_0
+from fenics_rom.io.overwriting import check_outputs_in
 
 Keys = tuple[str | int, ...]
 
+FILES = ("identified.toml", "identification.md", "residuals.csv", "fit.png", "fit.pdf")
 PARAMETER_HEADING = ("parameter", "unit", "start", "found", "95 % interval", "given")
 
 
-def write_identification(folder: str | Path, result: Identification) -> None:
+def write_identification(folder: str | Path, result: Identification, *, force: bool = False) -> None:
     """Writes identified.toml, identification.md, residuals.csv, fit.png and fit.pdf; under MPI rank 0 alone writes.
 
     Args:
         folder: is made where it does not exist.
         result: what was found.
+        force: whether files of other kinds are written over.
 
     Raises:
-        FileError: the folder cannot be made or written to.
+        FileError: the folder cannot be made or written to, or one of the files there was read for the result, or is of
+            another kind.
         MissingPackageError: there is no Matplotlib.
 
     Example:
@@ -46,7 +50,7 @@ def write_identification(folder: str | Path, result: Identification) -> None:
         "identification.md": markdown_report(result),
         "residuals.csv": residuals_csv(result),
     }
-    check_folder(place)
+    check_outputs_in(place, FILES, inputs=result.read_files, force=force)
     make_folder(place)
     for name, text in texts.items():
         write_whole(place / name, text.encode())

@@ -127,11 +127,16 @@ FORCE_RUN, FORCE_ERRORS = Entry("s", (2,)), Entry("1", (3,))
 BETWEEN = {"nodes": Entry("1", ("B", "c"), "i"), "weights": Entry("1", ("B", "c")), "gap": Entry("m", (1,))}
 
 
-def write_rom(file: str | Path, rom: Rom | str | PathLike[str]) -> None:
+def write_rom(file: str | Path, rom: Rom | str | PathLike[str], *, force: bool = False) -> None:
     """Writes a ROM, or that of another file; an existing file is replaced only by a complete one.
 
+    Args:
+        file: where to.
+        rom: what.
+        force: whether an existing file that is no ROM is replaced.
+
     Raises:
-        RomFileError: it cannot be written, or its parts do not fit each other.
+        RomFileError: it cannot be written, there is another kind of file, or its parts do not fit each other.
         SceneError, FileError: something else than a ROM was given.
         StructureError: the ROM lacks the structure that passivity rests on.
 
@@ -139,7 +144,7 @@ def write_rom(file: str | Path, rom: Rom | str | PathLike[str]) -> None:
         >>> fr.write_rom("small.h5", fr.truncate(rom, 5))
     """
     given: Rom = object_or_file("write_rom", rom, ROM_FILE)
-    hdf5.write_file(file, "rom", lambda h5: _fill(h5, given))
+    hdf5.write_file(file, "rom", lambda h5: _fill(h5, given), force=force)
 
 
 def read_rom(file: str | Path) -> Rom:

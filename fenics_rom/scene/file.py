@@ -6,7 +6,7 @@ The text and the tables of signals travel with the record.
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,8 @@ def read_scene(file: str | Path) -> Scene:
     """
     path = Path(file)
     text = text_of(path)
-    return parse_scene(text, folder=path.parent, source=str(path))
+    scene = parse_scene(text, folder=path.parent, source=str(path))
+    return replace(scene, read_files=(path, *scene.read_files))
 
 
 def text_of(path: Path) -> str:
@@ -112,6 +113,9 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
     tables = SignalTables(folder, given, _load_units(raw, file))
     file = _ADAPTER.validate_python(raw, context=tables)
     check_base_path(file)
+    read = [*tables.found] if given is None else []
+    if file.run is not None and file.run.initial is not None and file.run.initial.trajectory is not None:
+        read.append(file.run.initial.trajectory)
     materials = {"material": file.material} if file.materials is None else file.materials
     return Scene(
         name=file.name,
@@ -135,6 +139,7 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
         text=text,
         tables=dict(sorted(tables.found.items())),
         source=source,
+        read_files=tuple(folder / name for name in read),
     )
 
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -138,6 +139,7 @@ class Scene:
         text: of the file.
         tables: by the names of their files: time in s and what it is a signal of, (times, 1 + columns).
         source: for messages.
+        read_files: the file of the scene itself, and those of tables and of a run, which it was read from.
 
     Example:
         >>> scene = fr.read_scene("plate.toml")
@@ -166,6 +168,12 @@ class Scene:
     text: str
     tables: Mapping[str, np.ndarray]
     source: str
+    read_files: tuple[Path, ...] = ()
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that it is read from, with its mesh, and what an XDMF file of that has its arrays in."""
+        return (*self.read_files, self.mesh_file, *_array_files(self.mesh_file))
 
     @cached_property
     def environment(self) -> Environment:
@@ -202,6 +210,16 @@ class Scene:
                 f"effects {', '.join(self.effects.names) or 'none'}; {run}",
             ]
         )
+
+
+def _array_files(mesh_file: Path) -> set[Path]:
+    """Files that an XDMF file names as those of its arrays."""
+    if mesh_file.suffix.lower() != ".xdmf":
+        return set()
+    with suppress(OSError):
+        text = mesh_file.read_text(errors="replace")
+        return {mesh_file.parent / name for name in re.findall(r">\s*([^<>:]+):/", text)}
+    return set()
 
 
 def check_order(order: int | Mapping[str, int] | None, contacts: Mapping[str, Any], where: str) -> None:

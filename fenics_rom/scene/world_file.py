@@ -8,7 +8,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from fenics_rom.errors import SceneError, check_known, exactly
 from fenics_rom.scene.consistency import check_choices
-from fenics_rom.scene.file import mistake, text_of, toml_of
+from fenics_rom.scene.file import mistake, read_scene, text_of, toml_of
 from fenics_rom.scene.signal_tables import SignalTables, UnreadTables
 from fenics_rom.scene.world_format import WORLD_SHAPES, WorldBody, WorldFile, WorldScene
 
@@ -57,12 +57,22 @@ def read_world(file: str | Path) -> WorldScene:
         parsed = _ADAPTER.validate_python(raw, context=UnreadTables())
         _check(parsed)
         units = {each.get("table", ""): {"N"} for each in raw.get("run", {}).get("input", ())}
-        parsed = _ADAPTER.validate_python(raw, context=SignalTables(path.parent, None, units))
+        tables = SignalTables(path.parent, None, units)
+        parsed = _ADAPTER.validate_python(raw, context=tables)
     except ValidationError as error:
         raise SceneError(f"{source}: {mistake(error, WorldFile)}") from error
     except SceneError as error:
         raise SceneError(f"{source}: {error}") from error
-    return WorldScene(parsed, path.parent, source)
+    return WorldScene(parsed, path.parent, source, tuple(tables.found))
+
+
+def files_of_world(scene: WorldScene) -> tuple[Path, ...]:
+    """All files that a world is read from, with those of its bodies; SceneError where a body's scene cannot be read."""
+    bodies = scene.file.bodies.values()
+    roms = [scene.folder / body.rom for body in bodies if body.rom is not None]
+    scenes = [read_scene(scene.folder / body.scene).files for body in bodies if body.scene is not None]
+    tables = [scene.folder / name for name in scene.tables]
+    return (Path(scene.source), *tables, *roms, *(file for files in scenes for file in files))
 
 
 def _check(file: WorldFile) -> None:

@@ -147,11 +147,13 @@ class WorldScene:
         file: what it says.
         folder: what paths in it are relative to.
         source: its name, for messages.
+        tables: names of the tables that it was read from.
     """
 
     file: WorldFile
     folder: Path
     source: str
+    tables: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         file = self.file

@@ -8,6 +8,7 @@ from fenics_rom.studies.amplitudes import AmplitudeResults
 from fenics_rom.trajectory.comparison import FORCE_MEASURES
 from fenics_rom.visualization.figure import figure_class, write_figure
 
+FILES = ("amplitudes.md", "amplitudes.png", "amplitudes.pdf")
 TABLE_HEADING = ("load", "largest displacement", "model", "step", "error", "steps per second", "times real time")
 STYLES = {  # colour, marker, line
     "linear, full order": ("tab:red", "s", "--"),

@@ -14,6 +14,7 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, SceneError
 from fenics_rom.fem.ranks import run_on_rank_0
+from fenics_rom.io.overwriting import check_outputs_in
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.rom.rom import Rom
@@ -30,6 +31,7 @@ QUICK_LOAD_SHARES = (1 / 8, 1.0)
 EFFECT = "large_deformation"
 RESULTS_FILE = "amplitudes.json"
 ROM_FILES = {"linear": "linear.h5", "nonlinear": "rom.h5"}
+FILES = {RESULTS_FILE: "", **dict.fromkeys(ROM_FILES.values(), "rom")}  # and what ours hold
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,13 @@ class AmplitudeResults(Record):
 
 
 def study_amplitudes(
-    scene: Scene, folder: str | Path, *, quick: bool = False, resume: bool = False, report: Report = silent
+    scene: Scene,
+    folder: str | Path,
+    *,
+    quick: bool = False,
+    resume: bool = False,
+    force: bool = False,
+    report: Report = silent,
 ) -> AmplitudeResults:
     """Compares linear and large-deformation models, reduced and at full order; every rank must call it.
 
@@ -77,6 +85,7 @@ def study_amplitudes(
         raise SceneError(f"{scene.source}: a study of amplitudes is of scenes that name effects.{EFFECT}")
     if not (run.loads or scene.effects.prescribed):
         raise SceneError(f"{scene.source}: has no [[run.load]] and no prescribed force whose size could be varied")
+    check_outputs_in(Path(folder), FILES, FILES, inputs=scene.files, force=force)
     amplitude_study = _AmplitudeStudy(scene, Path(folder), resume, report)
     results, roms = amplitude_study.prepare()
     shares = QUICK_LOAD_SHARES if quick else LOAD_SHARES
@@ -138,7 +147,7 @@ class _AmplitudeStudy:
             return self._earlier, roms
         roms = {name: fr.reduce(self._systems[name], report=self._report) for name in files}
         for name, file in files.items():
-            fr.write_rom(file, roms[name])
+            fr.write_rom(file, roms[name], force=True)  # or it was refused at the beginning
         deformation = roms["nonlinear"].deformation
         results = AmplitudeResults(
             name=self._scene.name,

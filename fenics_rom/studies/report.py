@@ -16,9 +16,10 @@ from fenics_rom.studies.pareto import (
     pareto_front,
     select_per_decade,
 )
-from fenics_rom.studies.study_results import StudyResults
+from fenics_rom.studies.study_results import PICTURES, StudyResults
 from fenics_rom.trajectory.comparison import FORCE_MEASURES
 
+FILES = ("study.csv", "study.md", *(f"{name}.{ending}" for name in PICTURES for ending in ("png", "pdf")))
 FORCE_HEADING = ("obstacle", "model", "order", "step", *FORCE_MEASURES)
 COST_HEADING = ("for", "method", "order", "step", "error", "steps per second", "times real time", "times full order")
 REFERENCE_ERROR_SHARE = 0.1  # share of the smallest error reported that the reference's own may be

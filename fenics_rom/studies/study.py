@@ -10,6 +10,7 @@ import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError, StepError
 from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.simulate import plain_rate
+from fenics_rom.io.overwriting import check_outputs_in
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.environment import Run
 from fenics_rom.rom.rom import Rom
@@ -31,6 +32,7 @@ from fenics_rom.trajectory.trajectory import Trajectory
 
 RESULTS_FILE = "study.json"
 REFERENCE_FILE = "reference.h5"
+FILES = {RESULTS_FILE: "", REFERENCE_FILE: "run"}  # and what ours hold
 STEP_EXPONENTS = range(3, -9, -1)  # of two, times the scene's step: what is tried for a tolerance
 TIME_STEP_ERROR_SHARE = 0.7  # share of a tolerance that the step may use up
 MAX_STEP_HALVINGS = 3  # halvings of a step that turned out too long
@@ -46,6 +48,7 @@ def study(
     meshes: Sequence[str | Path] = (),
     quick: bool = False,
     resume: bool = False,
+    force: bool = False,
     report: Report = silent,
 ) -> StudyResults:
     """Measures what accuracy costs in a scene; every rank must call it, rank 0 runs the reduced models and writes.
@@ -62,11 +65,13 @@ def study(
         meshes: files of finer meshes of the same body: how far the scene's own is from the finest at its outputs.
         quick: a first look: a coarser grid and reference, one reduction for each method, the beginning of a long run.
         resume: go on from what an interrupted study left in the folder.
+        force: whether files of other kinds in the folder are written over.
         report: called with the stage, how much of it is done, and of how much.
 
     Raises:
         SceneError: nothing to benchmark, or a choice that does not exist.
-        FileError: the folder cannot be written, or holds another study.
+        FileError: the folder cannot be written, holds another study, or a file there is read for this, or of another
+            kind.
         SolverError: not one reduced model could be made.
 
     Example:
@@ -76,6 +81,7 @@ def study(
     """
     finer = [Path(file) for file in meshes]
     run = reference.measurable_run(scene, finer)
+    check_outputs_in(Path(folder), FILES, FILES, inputs=[*scene.files, *finer], force=force)
     system = fr.assemble(scene)
     grid = make_grid(scene, run, system.elastic_size, quick=quick, methods=methods, orders=orders, steps=steps)
     results = _StudyRun(scene, system, Path(folder), grid, resume, report).run(finer)
@@ -85,7 +91,13 @@ def study(
 
 
 def study_for_tolerance(
-    scene: Scene, folder: str | Path, tolerance: float, *, resume: bool = False, report: Report = silent
+    scene: Scene,
+    folder: str | Path,
+    tolerance: float,
+    *,
+    resume: bool = False,
+    force: bool = False,
+    report: Report = silent,
 ) -> tuple[StudyResults, BenchmarkRow, Rom]:
     """Finds the longest step and the lowest order of a balanced model within a tolerance of the whole shape.
 
@@ -96,6 +108,7 @@ def study_for_tolerance(
     """
     TOLERANCE.check(tolerance, "tolerance")
     run = reference.measurable_run(scene)
+    check_outputs_in(Path(folder), FILES, FILES, inputs=scene.files, force=force)
     system = fr.assemble(scene)
     step = _longest_step(scene, run, system, tolerance, report)
     for _ in range(MAX_STEP_HALVINGS):
@@ -197,7 +210,7 @@ class _StudyRun:
         own = compare(coarse_run, full)
         touches = self._scene.effects.contact is not None  # then steps cost what happens in them
         of_run = coarse / coarse_run.settings["seconds"]
-        fr.write_trajectory(self._folder / REFERENCE_FILE, full)
+        fr.write_trajectory(self._folder / REFERENCE_FILE, full, force=True)  # or it was refused at the beginning
         self._reference = full
         return StudyResults(
             name=self._scene.name,

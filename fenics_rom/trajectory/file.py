@@ -93,16 +93,22 @@ MOTION = {"motion": Entry("m", ("s", 3))}
 SECONDS_PER_STEP = Entry("s", (1,))
 
 
-def write_trajectory(file: str | Path, trajectory: Trajectory) -> None:
+def write_trajectory(file: str | Path, trajectory: Trajectory, *, force: bool = False) -> None:
     """Writes a run; an existing file is replaced only by a complete one.
 
+    Args:
+        file: where to.
+        trajectory: what.
+        force: whether an existing file that is no run is replaced.
+
     Raises:
-        TrajectoryFileError: it cannot be written, or holds numbers that are not finite.
+        TrajectoryFileError: it cannot be written, there is another kind of file, or it holds numbers that are not
+            finite.
 
     Example:
         >>> fr.write_trajectory("again.h5", run)
     """
-    hdf5.write_file(file, "run", lambda h5: _fill(h5, trajectory))
+    hdf5.write_file(file, "run", lambda h5: _fill(h5, trajectory), force=force)
 
 
 def read_trajectory(file: str | Path) -> Trajectory:

@@ -9,8 +9,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.deployment.plant import PLANT_FORMATS, write_plant
 from fenics_rom.errors import FileError
-from fenics_rom.io.atomic_write import check_place
 from fenics_rom.io.given import object_or_file
+from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.file import ROM_FILE
 from fenics_rom.rom.rom import Rom
@@ -47,6 +47,7 @@ def export(
     dark: bool = False,
     dt: float | None = None,
     outputs: Sequence[str] | None = None,
+    force: bool = False,
     report: Report = silent,
 ) -> Path:
     """Writes a ROM's shapes or linear models, or a run, as a file that others read; nothing of it where it fails.
@@ -71,13 +72,15 @@ def export(
         dark: light on dark instead of dark on light, in pictures.
         dt: time step of linear models, s; None: continuous time, in C that of the scene's run.
         outputs: names of those that linear models read; None: all.
+        force: whether an existing file of another kind is written over.
         report: called with the stage, how much of it is done, and of how much.
 
     Returns:
         The file.
 
     Raises:
-        FileError: another ending, a file that cannot be written, or a run without what was asked for.
+        FileError: another ending, a file that cannot be written, is the model's own or of another kind, or a run
+            without what was asked for.
         SceneError: there is no such kind of shape, no surface, or neither a ROM nor a run.
         StepError, StructureError: as `Rom.state_space`.
         MissingPackageError: a package is not installed.
@@ -88,6 +91,11 @@ def export(
         'modes.vtu'
     """
     place, given = Path(output), object_or_file("export", model, ROM_FILE, RUN_FILE)
+    endings, kind = (ROM_FORMATS, "a ROM") if isinstance(given, Rom) else (RUN_FORMATS, "a run")
+    if place.suffix not in endings:
+        raise FileError(f"{place}: {kind} becomes a file that ends in {', '.join(endings)}")
+    files = [place, *([place.with_suffix(".h")] if place.suffix == ".c" else [])]
+    check_outputs(*files, inputs=[model] if isinstance(model, str | PathLike) else [], force=force)
     if place.suffix in PLANT_FORMATS and isinstance(given, Rom):
         if what is not None or count is not None or time is not None:
             raise FileError(f"{place}: has neither shapes nor instants; --what, --count and --time are for other files")
@@ -99,20 +107,12 @@ def export(
     if isinstance(given, Rom):
         if time is not None:
             raise FileError(f"ROM {given.name!r} has no instants; --time is for runs")
-        _check_ending(place, ROM_FORMATS, "a ROM")
         _export_rom(place, given, what or next(iter(SHAPE_KINDS)), count, dark)
     else:
         if what is not None or count is not None:
             raise FileError(f"run {given.name!r} has no modes; --what and --count are for ROMs")
-        _check_ending(place, RUN_FORMATS, "a run")
         _export_run(place, given, time, scale, seconds, dark, report)
     return place
-
-
-def _check_ending(place: Path, allowed: tuple[str, ...], what: str) -> None:
-    if place.suffix not in allowed:
-        raise FileError(f"{place}: {what} becomes a file that ends in {', '.join(allowed)}")
-    check_place(place)
 
 
 def _export_rom(place: Path, rom: Rom, kind: str, count: int | None, dark: bool) -> None:

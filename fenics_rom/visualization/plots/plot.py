@@ -4,10 +4,12 @@ import math
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from fenics_rom.errors import FileError, SceneError, check_known
-from fenics_rom.io.atomic_write import check_folder, check_place, make_folder
+from fenics_rom.io.atomic_write import check_folder, make_folder
 from fenics_rom.io.given import object_or_file
+from fenics_rom.io.overwriting import check_outputs, check_outputs_in
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.file import ROM_FILE
 from fenics_rom.rom.rom import Rom
@@ -34,6 +36,7 @@ def plot(
     what: Sequence[str] | None = None,
     dark: bool = False,
     full: System | None = None,
+    force: bool = False,
     report: Report = silent,
 ) -> tuple[Path, ...]:
     """Draws what there is to see of a ROM or of runs.
@@ -49,13 +52,14 @@ def plot(
         dark: light on dark instead of dark on light.
         full: the full model that the ROM was made from: its responses are drawn beside the reduced ones. It takes a
             factorisation at each of some fifty frequencies.
+        force: whether existing files of another kind are written over.
         report: called with the stage, how much of it is done, and of how much.
 
     Returns:
         The files that were written.
 
     Raises:
-        FileError: the output has another ending, or cannot be written.
+        FileError: the output has another ending, cannot be written, or is read for this, or of another kind.
         SceneError: there is no such panel, or something else was given than ROMs and runs.
         StructureError, SolverError: of `full`.
         MissingPackageError: there is no Matplotlib.
@@ -68,19 +72,25 @@ def plot(
     import matplotlib
 
     place, style = Path(output), DARK if dark else LIGHT
-    in_folder = check_output(place)
+    inputs = [*_files_in(model), *(full.scene.files if full is not None and full.scene is not None else ())]
+    in_folder = is_folder(place)
+    if not in_folder:
+        check_outputs(place, inputs=inputs, force=force)
     panels = _select_panels(_read(model), style, what, full, report)
-    files = []
+    files = [place]
+    if in_folder:
+        names = [f"{name}{ending}" for name in panels for ending in FOLDER_FORMATS]
+        check_outputs_in(place, names, inputs=inputs, force=force)
+        make_folder(place)
+        files = [place / name for name in names]
     with matplotlib.rc_context(style.settings):
         if in_folder:
-            make_folder(place)
             for name, draw in panels.items():
                 size = COLUMN_INCHES, HEIGHT_INCHES * RELATIVE_HEIGHTS.get(name, 1.0)
                 figure = figure_of(figsize=size, layout="constrained")
                 draw(figure)
                 for ending in FOLDER_FORMATS:
-                    files.append(place / f"{name}{ending}")
-                    write_figure(figure, files[-1], dpi=DPI)
+                    write_figure(figure, place / f"{name}{ending}", dpi=DPI)
         else:
             wide = min(len(panels), 2)
             high = math.ceil(len(panels) / wide)
@@ -90,19 +100,24 @@ def plot(
             for draw, part in zip(panels.values(), parts.flat, strict=False):
                 draw(part)
             write_figure(figure, place, dpi=DPI)
-            files.append(place)
     return tuple(files)
 
 
-def check_output(place: Path) -> bool:
-    """Checks where plots are to go, and tells whether that is a folder; raises FileError where they cannot."""
+def is_folder(place: Path) -> bool:
+    """Whether plots are to go into a folder; FileError where they can go neither into one nor into such a file."""
     if place.is_dir() or not place.suffix:
         check_folder(place)
         return True
     if place.suffix not in FORMATS:
         raise FileError(f"{place}: allowed are a folder, or a file that ends in {', '.join(FORMATS)}")
-    check_place(place)
     return False
+
+
+def _files_in(model: Any) -> list[File]:
+    """Names of files among what is to be drawn."""
+    return [
+        each for each in (model.values() if isinstance(model, Mapping) else [model]) if isinstance(each, str | PathLike)
+    ]
 
 
 def _read(model: File | Rom | Trajectory | Mapping[str, Trajectory | File]) -> Rom | dict[str, Trajectory]:

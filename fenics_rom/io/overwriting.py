@@ -1,0 +1,95 @@
+"""What may be written over: no file that the same work reads, and, unless that is forced, none of another kind."""
+
+from collections.abc import Iterable, Mapping
+from os import PathLike
+from pathlib import Path
+
+from fenics_rom.errors import FileError
+from fenics_rom.io.atomic_write import check_folder, check_place, system_reason
+
+SEALED = {"rom": "a ROM", "run": "a run"}  # files of this package by their content
+FIRST_BYTES = {  # of files of other programs that begin so
+    b"\x89HDF": "an HDF5 file of another program",
+    b"\x89PNG": "a picture (PNG)",
+    b"GIF8": "a film (GIF)",
+    b"%PDF": "a PDF",
+    b"PK\3\4": "an archive (ZIP)",
+    b"MATLAB 5.0": "a file of MATLAB",
+    b"$MeshFormat": "a mesh of Gmsh",
+}
+KIND_OF_ENDING = {".png": b"\x89PNG", ".gif": b"GIF8", ".pdf": b"%PDF", ".npz": b"PK\3\4", ".fmu": b"PK\3\4"}
+KIND_OF_ENDING |= {".mat": b"MATLAB 5.0", ".msh": b"$MeshFormat"}
+
+
+def check_outputs(
+    *files: Path, content: str | None = None, inputs: Iterable[str | PathLike[str]] = (), force: bool = False
+) -> None:
+    """Checks, before long work, that files can be put where they are to go, and that nothing else is lost by that.
+
+    Args:
+        files: that will be written; an empty file is always written over.
+        content: "rom" or "run"; None: what the ending of each file says.
+        inputs: files that the same work reads; none of them is written over, by whatever name or link, forced or not.
+        force: whether an existing file of another kind is written over.
+
+    Raises:
+        FileError: a file cannot be put there, is one of the inputs, or is there already and of another kind.
+    """
+    read = [Path(name) for name in inputs]
+    for file in files:
+        check_place(file)
+        if not file.exists():
+            continue
+        for other in read:
+            if other.exists() and file.samefile(other):
+                alias = "" if other == file else f" (it is {other})"
+                raise FileError(
+                    f"{file}: is read by this command, so it cannot be its output{alias}; give another name"
+                )
+        if force:
+            continue
+        wanted = SEALED[content] if content else _kind_of_ending(file)
+        if (found := _kind(file)) not in (wanted, None):
+            raise FileError(
+                f"{file}: is {found}, and would be replaced by {wanted}; give another name, or allow it by --force "
+                "(in Python force=True)"
+            )
+
+
+def check_outputs_in(
+    folder: Path,
+    names: Iterable[str],
+    contents: Mapping[str, str] | None = None,
+    *,
+    inputs: Iterable[str | PathLike[str]] = (),
+    force: bool = False,
+) -> None:
+    """The same of files in a folder of results, which is there or can be made; with contents by name."""
+    check_folder(folder)
+    for name in names if folder.is_dir() else ():
+        check_outputs(folder / name, content=(contents or {}).get(name), inputs=inputs, force=force)
+
+
+def _kind(file: Path) -> str | None:
+    """What a file is, by its first bytes, else by its ending; None where it is empty."""
+    from fenics_rom.io.hdf5 import content_of, is_sealed  # here, as these are written by way of this
+
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(16)
+        if not head:
+            return None
+        if is_sealed(file):
+            return SEALED[content_of(file)]
+    except FileError:
+        return "a file of fenics-rom that is neither a ROM nor a run, or damaged"
+    except OSError as error:
+        return f"a file that cannot be looked into ({system_reason(error)})"
+    begun = next((begin for begin in FIRST_BYTES if head.startswith(begin)), None)
+    if begun is not None:
+        return _kind_of_ending(file) if KIND_OF_ENDING.get(file.suffix) == begun else FIRST_BYTES[begun]
+    return "something else than its ending says" if file.suffix in KIND_OF_ENDING else _kind_of_ending(file)
+
+
+def _kind_of_ending(file: Path) -> str:
+    return f"a {file.suffix} file" if file.suffix else "a file without ending"
