@@ -41,8 +41,6 @@ def run(choice: argparse.Namespace) -> None:
 
     files = _matrix_files(choice)
     check_outputs(choice.output, inputs=files or [choice.scene], force=True)
-    scene = None if files else fr.read_scene(choice.scene)
-    check_outputs(choice.output, content="rom", inputs=scene.files if scene else (), force=choice.force)
     partial = Path(f"{choice.output}.partial")
     if partial.exists() and not partial.is_dir():
         raise FileError(f"{partial}: is needed for what is finished, but it is not a folder")
@@ -52,6 +50,8 @@ def run(choice: argparse.Namespace) -> None:
         raise SceneError(f"--share {exactly(choice.share)}: allowed is more than 0 and at most 1")
     if choice.order is not None and choice.order < 1:
         raise SceneError(f"--order {choice.order}: allowed are whole numbers from 1")
+    scene = None if files else fr.read_scene(choice.scene)
+    check_outputs(choice.output, content="rom", inputs=scene.files if scene else (), force=choice.force)
     begun: dict[str, tuple[int, int]] = {}  # what was done already when a stage began, and of how much
     with sole_writer(choice.output, partial), progress() as show:
 
