@@ -91,9 +91,9 @@ def exactly(number: float) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value as a short text."""
+    """A value as a short text in one line."""
     try:
-        text = repr(value)
+        text = " ".join(repr(value).split())
     except ValueError:  # Python does not print whole numbers of thousands of digits
         text = "a number with thousands of digits"
     return text if len(text) <= 80 else f"{text[:76]} ..."

@@ -15,6 +15,7 @@ from fenics_rom.mechanics.environment import FRAMES, SWITCHINGS
 from fenics_rom.scene.scene import LYAPUNOV, METHODS, SOLVERS, WEIGHTINGS
 
 SUMMARY = "reduce a scene, or matrices, to a ROM; runs under mpirun"
+KEPT_STAGES = ("contact modes", "training runs")  # of which ROM.h5.partial has what is finished
 CHOICES = ("order", "tolerance", "method", "switching", "weighting", "lyapunov", "share", "solver", "resume")
 
 
@@ -70,7 +71,8 @@ def run(choice: argparse.Namespace) -> None:
     if is_root_process():
         print_rom(rom, choice.output)
         if choice.resume:
-            print("  resumed: {} of {} contact modes were taken over".format(*begun["contact modes"]))
+            kept = [f"{done} of {of} {stage}" for stage, (done, of) in begun.items() if stage in KEPT_STAGES]
+            print(f"  resumed: {kept[0] if kept else 'nothing'} {'were' if kept else 'was'} taken over")
 
 
 def _add_matrix_options(command: argparse.ArgumentParser) -> None:

@@ -24,7 +24,6 @@ from fenics_rom.errors import FenicsRomError, FileError, RomFileError, Trajector
 from fenics_rom.io.atomic_write import check_place, system_reason, write_whole
 from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.io.names import NAME, NAME_IN_WORDS
-from fenics_rom.io.overwriting import check_outputs
 
 FORMAT = "fenics-rom"
 VERSION = "2.5"
@@ -50,8 +49,8 @@ class Entry:
 Table = Mapping[str, Entry]
 
 
-def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None], *, force: bool = False) -> None:
-    """Writes a file of some content, such as "rom" or "run", or nothing; a ROM or a run over another kind if forced.
+def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]) -> None:
+    """Writes a file of some content, such as "rom" or "run", or nothing.
 
     Raises:
         FileError: it cannot be written, or its content does not hold together; of a ROM RomFileError, of a run
@@ -61,8 +60,6 @@ def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]
         return
     path = Path(file)
     try:
-        if content in ERROR_OF:
-            check_outputs(path, content=content, force=force)
         check_place(path)
         memory = io.BytesIO()  # not the disk: HDF5 does not take it well when that is full
         with h5py.File(memory, "w", track_order=True, userblock_size=SEAL_SIZE) as h5:
@@ -115,12 +112,17 @@ def content_of(file: str | Path) -> str:
     Raises:
         FileError: it is no such file.
     """
-    path = Path(file)
-    with _errors_of_reading(path, FileError), _opened(path) as h5:
-        content = get_text(h5, "content")
+    content = sealed_content(file)
     if content not in ERROR_OF:
         raise FileError(f"{file}: holds neither a rom nor a run")
     return content
+
+
+def sealed_content(file: str | Path) -> str:
+    """What a file holds that this package has written, whatever it is; FileError where it is none, or damaged."""
+    path = Path(file)
+    with _errors_of_reading(path, FileError), _opened(path) as h5:
+        return get_text(h5, "content")
 
 
 @contextmanager

@@ -1,13 +1,20 @@
 """What may be written over: no file that the same work reads, and, unless that is forced, none of another kind."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from fenics_rom.errors import FileError
 from fenics_rom.io.atomic_write import check_folder, check_place, system_reason
+from fenics_rom.io.hdf5 import is_sealed, sealed_content, write_file
 
-SEALED = {"rom": "a ROM", "run": "a run"}  # files of this package by their content
+SEALED = {  # files of this package by their content
+    "rom": "a ROM",
+    "run": "a run",
+    "part": "a contact mode of an unfinished reduction",
+    "training run": "a training run of an unfinished reduction",
+}
 FIRST_BYTES = {  # of files of other programs that begin so
     b"\x89HDF": "an HDF5 file of another program",
     b"\x89PNG": "a picture (PNG)",
@@ -28,7 +35,7 @@ def check_outputs(
 
     Args:
         files: that will be written; an empty file is always written over.
-        content: "rom" or "run"; None: what the ending of each file says.
+        content: "rom", "run" or another one of SEALED; None: what the ending of each file says.
         inputs: files that the same work reads; none of them is written over, by whatever name or link, forced or not.
         force: whether an existing file of another kind is written over.
 
@@ -70,19 +77,27 @@ def check_outputs_in(
         check_outputs(folder / name, content=(contents or {}).get(name), inputs=inputs, force=force)
 
 
+def write_over(file: str | Path, content: str, fill: Callable[[Any], None], *, force: bool = False) -> None:
+    """`hdf5.write_file` that replaces, unless it is forced, no file of another kind."""
+
+    def checked(h5: Any) -> None:
+        check_outputs(Path(file), content=content, force=force)
+        fill(h5)
+
+    write_file(file, content, checked)
+
+
 def _kind(file: Path) -> str | None:
     """What a file is, by its first bytes, else by its ending; None where it is empty."""
-    from fenics_rom.io.hdf5 import content_of, is_sealed  # here, as these are written by way of this
-
     try:
         with file.open("rb") as stream:
             head = stream.read(16)
         if not head:
             return None
         if is_sealed(file):
-            return SEALED[content_of(file)]
+            return SEALED.get(content := sealed_content(file), f"a {content} of fenics-rom")
     except FileError:
-        return "a file of fenics-rom that is neither a ROM nor a run, or damaged"
+        return "a file of fenics-rom that is damaged, or of another release"
     except OSError as error:
         return f"a file that cannot be looked into ({system_reason(error)})"
     begun = next((begin for begin in FIRST_BYTES if head.startswith(begin)), None)

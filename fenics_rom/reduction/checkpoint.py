@@ -14,14 +14,26 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import FileError
-from fenics_rom.io.hdf5 import Entry, Table, get_record, get_text, put_arrays, put_text, read_file, write_file
+from fenics_rom.io.hdf5 import (
+    Entry,
+    Table,
+    get_record,
+    get_text,
+    is_sealed,
+    put_arrays,
+    put_text,
+    read_file,
+    sealed_content,
+)
 from fenics_rom.io.mpi_ranks import is_rank_0
+from fenics_rom.io.overwriting import write_over
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis
 from fenics_rom.system.columns import probe_columns
 
 PROBE_TOLERANCE = 1e-9  # largest relative difference between probes of the same system
 PART_FILE = re.compile(r"(run-)?\d+\.h5|\.(run-)?\d+\.h5\..*\.part")
+PART_CONTENT, RUN_CONTENT = "part", "training run"
 PART = {
     "probe": Entry("1", ("probes",)),
     "eigenvectors": Entry("1", (1,), "i"),
@@ -31,7 +43,12 @@ PART = {
     "hankel_singular_values": Entry("1", ("r",)),
     "left_inverse": Entry("1", ("m", "k"), optional=True),
 }
-RUN = {"probe": Entry("1", ("probes",)), "share": Entry("1", (1,)), "shapes": Entry("m", ("n", "s"))}
+RUN = {
+    "probe": Entry("1", ("probes",)),
+    "share": Entry("1", (1,)),
+    "loads": Entry("1", ("l",)),
+    "shapes": Entry("m", ("n", "s")),
+}
 
 
 class Checkpoint:
@@ -55,6 +72,11 @@ class Checkpoint:
         if is_rank_0():
             if not resume:
                 _remove_parts(self._folder)
+                others = [file.name for file in self._folder.glob("*.h5") if PART_FILE.fullmatch(file.name)]
+                if others:
+                    raise FileError(
+                        f"{self._folder}: holds {others[0]!r}, which no reduction left; give another folder"
+                    )
             try:
                 self._folder.mkdir(exist_ok=True)
             except OSError as error:
@@ -68,7 +90,7 @@ class Checkpoint:
         """
         retained: dict[str, RetainedBasis] = {}
         while self._is_there(file := f"{self._written_files}.h5"):
-            name, basis, eigenvectors, part, messages = read_file(self._folder / file, "part", self._read_part)
+            name, basis, eigenvectors, part, messages = read_file(self._folder / file, PART_CONTENT, self._read_part)
             problem.messages.extend(messages)
             problem.space.append(basis[problem.system.algebra.rows()])
             problem.space.eigenvectors = eigenvectors
@@ -84,12 +106,12 @@ class Checkpoint:
         new = problem.system.algebra.gather(np.ascontiguousarray(problem.space.basis[:, self._written_columns :]))
         arrays = {"probe": self._probe, "eigenvectors": problem.space.eigenvectors, "basis": new} | vars(retained)
         texts = {"name": name, "messages": "\n".join(problem.messages[self._written_messages :])}
-        self._write(f"{self._written_files}.h5", "part", PART, arrays, choices=self._choices, **texts)
+        self._write(f"{self._written_files}.h5", PART_CONTENT, PART, arrays, choices=self._choices, **texts)
         self._written_files += 1
         self._written_columns, self._written_messages = problem.space.size, len(problem.messages)
 
-    def restored_run(self, number: int, loads: str, rows: slice) -> tuple[float, Array] | None:
-        """Of a training run under such loads the share that was put on, and the shapes (rows here, s).
+    def restored_run(self, number: int, title: str, loads: Array, rows: slice) -> tuple[float, Array] | None:
+        """Of a training run under such loads (l,) the share that was put on, and the shapes (rows here, s).
 
         None where it is not finished.
 
@@ -98,20 +120,23 @@ class Checkpoint:
         """
         if not self._is_there(file := f"run-{number}.h5"):
             return None
+        tolerance = PROBE_TOLERANCE * np.abs(loads).max()
 
         def read_shapes(h5: Any) -> tuple[float, Array]:
             a = get_record(h5, RUN)
-            self._check_same(a["probe"], get_text(h5, "loads") == loads)
+            same = get_text(h5, "title") == title and len(a["loads"]) == len(loads)
+            same = same and np.allclose(a["loads"], loads, rtol=0, atol=tolerance)
+            self._check_same(a["probe"], same)
             return a["share"], np.asarray(a["shapes"])
 
-        share, shapes = read_file(self._folder / file, "training run", read_shapes)
+        share, shapes = read_file(self._folder / file, RUN_CONTENT, read_shapes)
         return share, shapes[rows]
 
-    def keep_run(self, number: int, loads: str, share: float, shapes: Array) -> None:
+    def keep_run(self, number: int, title: str, loads: Array, share: float, shapes: Array) -> None:
         """Writes a training run that is finished, with the share of its loads and its shapes on all rows (n, s)."""
         if self._keeps:
-            arrays = {"probe": self._probe, "share": share, "shapes": shapes}
-            self._write(f"run-{number}.h5", "training run", RUN, arrays, loads=loads)
+            arrays = {"probe": self._probe, "share": share, "loads": loads, "shapes": shapes}
+            self._write(f"run-{number}.h5", RUN_CONTENT, RUN, arrays, title=title)
 
     def _is_there(self, file: str) -> bool:
         return self._keeps and self._resume and (self._folder / file).exists()
@@ -124,7 +149,7 @@ class Checkpoint:
         if is_rank_0():
             with suppress(OSError):  # another run of the same output removes the folder when it is done
                 self._folder.mkdir(exist_ok=True)
-        write_file(self._folder / file, content, fill)
+        write_over(self._folder / file, content, fill)
 
     def _check_same(self, probe: Array, same_choices: bool) -> None:
         same_length = len(probe) == len(self._probe)
@@ -149,8 +174,16 @@ def remove_checkpoint(folder: Path) -> None:
 
 def _remove_parts(folder: Path) -> None:
     for file in list(folder.glob("*")):
-        if PART_FILE.fullmatch(file.name):
+        if PART_FILE.fullmatch(file.name) and _is_ours(file):
             file.unlink(missing_ok=True)
+
+
+def _is_ours(file: Path) -> bool:
+    """Whether a file of such a name is a checkpoint's, perhaps a damaged one, and no run or ROM of somebody's."""
+    try:
+        return file.suffix == ".part" or (is_sealed(file) and sealed_content(file) in (PART_CONTENT, RUN_CONTENT))
+    except FileError:
+        return True
 
 
 def _probe(problem: ReductionProblem) -> Array:

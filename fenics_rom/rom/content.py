@@ -31,10 +31,7 @@ class ByContent:
 
     @cached_property
     def _digest(self) -> bytes:
-        sha = hashlib.sha256()
-        for part in _parts({each.name: getattr(self, each.name) for each in fields(self)}):  # type: ignore[arg-type]
-            sha.update(part)
-        return sha.digest()
+        return digest_of({each.name: getattr(self, each.name) for each in fields(self)})  # type: ignore[arg-type]
 
     def __eq__(self, other: object) -> bool:
         if self is other:
@@ -43,6 +40,14 @@ class ByContent:
 
     def __hash__(self) -> int:
         return hash(self._digest)
+
+
+def digest_of(content: Mapping[str, Any]) -> bytes:
+    """The same 32 bytes for the same numbers, names and texts, also of records."""
+    sha = hashlib.sha256()
+    for part in _parts(content):
+        sha.update(part)
+    return sha.digest()
 
 
 def _read_only(value: Any) -> Any:

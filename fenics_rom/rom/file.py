@@ -82,6 +82,7 @@ from fenics_rom.errors import FileError, check_known
 from fenics_rom.io import hdf5
 from fenics_rom.io.given import Kind, object_or_file
 from fenics_rom.io.hdf5 import Entry, Sizes
+from fenics_rom.io.overwriting import write_over
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.contact_points import PointsBetween
@@ -144,7 +145,7 @@ def write_rom(file: str | Path, rom: Rom | str | PathLike[str], *, force: bool =
         >>> fr.write_rom("small.h5", fr.truncate(rom, 5))
     """
     given: Rom = object_or_file("write_rom", rom, ROM_FILE)
-    hdf5.write_file(file, "rom", lambda h5: _fill(h5, given), force=force)
+    write_over(file, "rom", lambda h5: _fill(h5, given), force=force)
 
 
 def read_rom(file: str | Path) -> Rom:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,7 @@ from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.contact_points import PointsBetween
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.rom.contact_model import ContactModel, neglected
-from fenics_rom.rom.content import ByContent
+from fenics_rom.rom.content import ByContent, digest_of
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.readings import Reading
@@ -122,6 +123,12 @@ class Rom(ByContent):
             f"  contact modes: {', '.join(orders)}; inputs in N\n"
             f"  {'; '.join(f'{kind}: ' + ', '.join(names) for kind, names in others.items() if names)}"
         ).rstrip()
+
+    @cached_property
+    def identity(self) -> str:
+        """Equal of ROMs that take the same steps, and of no others: a digest of all that these take from a ROM."""
+        names = ("contact_models", "actuators", "loads", "deformation", "residual_compliance", "moving_frame")
+        return digest_of({name: getattr(self, name) for name in (*names, "switching")}).hex()
 
     @property
     def contacts(self) -> dict[str, int]:

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError, check_known, unknown
+from fenics_rom.errors import StepError, check_known, shown, unknown
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.mechanics.step import StepperState
@@ -20,6 +20,25 @@ from fenics_rom.runtime.switching import SwitchLoss
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment, ObstacleState
     from fenics_rom.runtime.environment_inputs import EnvironmentInputs
+
+
+class Belongs(NamedTuple):
+    """What a state is of, and among: a state of something else may well have as many numbers."""
+
+    rom: str  # its name
+    identity: str  # and what tells it from others
+    obstacles: tuple[str, ...]
+
+    def check(self, state: Any) -> None:
+        """A StepError where something was not saved by a simulator of this ROM among these obstacles."""
+        if not isinstance(state, SimulatorState):
+            raise StepError(f"restore: {shown(state)} was given; allowed is what save() gave")
+        given = state.belongs or Belongs("unknown", "", ())
+        if given.identity != self.identity:
+            raise StepError(f"the snapshot is of another ROM, {given.rom!r}, than this simulator's, {self.rom!r}")
+        if given.obstacles != self.obstacles:
+            there, here = (", ".join(of.obstacles) or "none" for of in (given, self))
+            raise StepError(f"the snapshot is of a body among other obstacles, {there}, than this simulator's, {here}")
 
 
 @dataclass(frozen=True)
@@ -35,6 +54,7 @@ class SimulatorState:
     surface_peak: SurfaceStrainPeak
     loss: SwitchLoss  # the largest
     obstacles: "ObstacleState | None" = None  # None where nothing acts by itself
+    belongs: "Belongs | None" = None  # what it is a state of
 
 
 class SimulatedBody:

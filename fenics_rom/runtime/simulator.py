@@ -4,6 +4,7 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from copy import copy
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.moving_body import MovingBody
-from fenics_rom.runtime.simulated_body import SimulatorState
+from fenics_rom.runtime.simulated_body import Belongs, SimulatorState
 from fenics_rom.runtime.steppers.selection import make_stepper
 from fenics_rom.runtime.switching import SwitchLoss
 
@@ -344,15 +345,22 @@ class Simulator(MovingBody):
         stepper = self._stepper.snapshot()
         sums = None if self.ledger is None else self.ledger.sums
         obstacles = None if self.environment is None else self.environment.state
-        when = self._dt, self.steps, self._since
-        return SimulatorState(self.contact, *when, stepper, sums, self.surface_peak, self.loss, obstacles)
+        when, peak, belongs = (self._dt, self.steps, self._since), self.surface_peak, self._belongs
+        return SimulatorState(self.contact, *when, stepper, sums, peak, self.loss, obstacles, belongs)
+
+    @cached_property
+    def _belongs(self) -> Belongs:
+        obstacles = () if self.environment is None else tuple(self.environment.obstacles)
+        return Belongs(self._origin[0].name, self._origin[0].identity, obstacles)
 
     def restore(self, state: SimulatorState) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
 
         Raises:
-            StepError: it is of another ROM, or has a ledger where this has none, or none where this has one.
+            StepError: it is no such state, of another ROM or among other obstacles, or has a ledger where this has
+                none, or none where this has one.
         """
+        self._belongs.check(state)
         self._stepper.check(state.contact, state.stepper)
         if (state.sums is None) != (self.ledger is None):
             raise StepError("the snapshot and the simulator must both keep an energy account, or neither")

@@ -49,6 +49,7 @@ from fenics_rom.errors import FileError, check_known
 from fenics_rom.io import hdf5
 from fenics_rom.io.given import Kind
 from fenics_rom.io.hdf5 import Entry, Sizes
+from fenics_rom.io.overwriting import write_over
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of, shape_of
 from fenics_rom.trajectory.bodies import put_bodies, take_bodies
@@ -108,7 +109,7 @@ def write_trajectory(file: str | Path, trajectory: Trajectory, *, force: bool = 
     Example:
         >>> fr.write_trajectory("again.h5", run)
     """
-    hdf5.write_file(file, "run", lambda h5: _fill(h5, trajectory), force=force)
+    write_over(file, "run", lambda h5: _fill(h5, trajectory), force=force)
 
 
 def read_trajectory(file: str | Path) -> Trajectory:

@@ -1,6 +1,7 @@
 """A reduction that is stopped goes on from the last finished contact mode, and from nothing else."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -86,6 +87,18 @@ def test_what_a_checkpoint_wrote_is_removed_and_nothing_else(stopped):
     (folder / "note.txt").unlink()
     remove_checkpoint(folder)
     assert not folder.exists()
+
+
+@pytest.mark.parametrize("name", ["1.h5", "run-0.h5"])
+def test_a_file_of_somebody_s_that_is_called_like_a_part_is_kept(box_system, stopped, name):
+    folder = stopped()
+    run = (Path(__file__).parents[1] / "data" / "run-1.2.h5").read_bytes()
+    (folder / name).write_bytes(run)
+    with pytest.raises(FileError, match=f"holds '{name}', which no reduction left; give another folder"):
+        fr.reduce(box_system, order=6, checkpoint=folder)
+    remove_checkpoint(folder)
+    assert [file.name for file in folder.iterdir()] == [name]
+    assert (folder / name).read_bytes() == run
 
 
 def test_messages_are_told_again(box_system, stopped):

@@ -354,6 +354,10 @@ def test_saved_bodies_go_on_to_the_bit(tabled, tmp_path):
     fr.write_rom(tmp_path / "rom.h5", tabled)
     elsewhere = fr.Simulator(fr.read_rom(tmp_path / "rom.h5"), 5e-4)
     elsewhere.restore(there)
+    acting = tabled.environment
+    less = replace(acting, obstacles={name: acting.obstacles[name] for name in acting.obstacles if name != "ball"})
+    with pytest.raises(StepError, match=r"a body among other obstacles, .*ball.*, than this simulator's, \w+"):
+        fr.Simulator(tabled, 1e-3, scene=less).restore(there)
     for one in (body, *others, elsewhere):
         assert bits(one) == first
         assert run_on(one, 60, seed=1) == second

@@ -563,3 +563,11 @@ def test_what_a_model_does_not_follow_is_told(free, spin, amplitude, detail, tol
     assert bool(messages) == (told is not None)
     assert told is None or any(re.search(told, message) for message in messages)
     assert copy.copy(body).warnings == body.warnings
+
+
+def test_snapshots_of_bodies_that_are_free_and_carried_are_told_apart(free, pulled, carried):
+    body = fr.Simulator(free, 1e-3)
+    body.step({"right": [0.0, 0.1, 0.0]})
+    for other in (pulled, carried):
+        with pytest.raises(StepError, match="is of another ROM"):
+            fr.Simulator(other, 1e-3).restore(body.save())

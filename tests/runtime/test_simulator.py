@@ -4,6 +4,7 @@ import copy
 import math
 import pickle
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -201,6 +202,10 @@ def test_a_copy_goes_its_own_way(plate_rom, copied):
     assert everything(twin) == everything(simulator)
 
 
+def simulator_arrays(rom):
+    return fr.Simulator(rom, dt=1e-3).state
+
+
 def test_snapshots_of_others_are_refused(plate_system, plate_rom):
     snapshot = restless(plate_rom).save()
     with pytest.raises(ValueError, match="read-only"):
@@ -210,6 +215,18 @@ def test_snapshots_of_others_are_refused(plate_system, plate_rom):
         other.restore(snapshot)
     with pytest.raises(StepError, match="energy account"):
         fr.Simulator(plate_rom, dt=1e-3, ledger=False).restore(snapshot)
+    models = plate_rom.contact_models
+    stiffer = {name: replace(model, eigenvalues=1.1 * model.eigenvalues) for name, model in models.items()}
+    pushed = {name: replace(model, inputs=-model.inputs) for name, model in models.items()}
+    for changed in (stiffer, pushed):  # of the same size
+        alike = fr.Simulator(replace(plate_rom, name="alike", contact_models=changed), dt=1e-3)
+        before = everything(alike)
+        with pytest.raises(StepError, match="is of another ROM, 'plate', than this simulator's, 'alike'"):
+            alike.restore(snapshot)
+        assert everything(alike) == before
+    for wrong in (None, {}, simulator_arrays(plate_rom)):
+        with pytest.raises(StepError, match=r"restore: .* was given; allowed is what save\(\) gave"):
+            fr.Simulator(plate_rom, dt=1e-3).restore(wrong)
 
 
 def test_reset_is_a_new_simulator(plate_rom):

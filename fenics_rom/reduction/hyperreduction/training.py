@@ -52,6 +52,16 @@ class Run:
     dt: float | None  # s; None where every step is an equilibrium
     share: float = 1.0  # of the loads that it was planned with
 
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """The contact modes that it is in, one after another."""
+        return tuple(dict.fromkeys(contact for contact, _ in self.steps))
+
+    @property
+    def numbers(self) -> Array:
+        """Its time step, 0 where it has none, and all inputs."""
+        return np.concatenate([[self.dt or 0.0], *(u for _, u in self.steps)])
+
     def lowered(self, loads: LoadExtremes, share: float) -> "Run":
         """The run under a share of its loads, with all of what is always there."""
         if share == 1.0:
@@ -97,14 +107,15 @@ def _simulated(
     series = scene_with_run(system)[0].environment.viscoelasticity
     relaxing = f"{series}; " if series else ""
     with problem.stages("training runs"), closing(body.stepper(1.0, _acting(system), ledger=False)) as stepper:
-        for number, run in enumerate(planned):
-            problem.stages.report("training runs", number, len(planned))
-            key = f"{body.law}; {relaxing}{run.title}; {len(run.steps)} steps of {run.dt} s"
+        keys = [(f"{body.law}; {relaxing}{', '.join(run.contacts)}", run.numbers) for run in planned]
+        earlier = [checkpoint.restored_run(k, *key, system.algebra.rows()) for k, key in enumerate(keys)]
+        problem.stages.report("training runs", sum(run is not None for run in earlier), len(planned))
+        for number, (run, restored) in enumerate(zip(planned, earlier, strict=True)):
             name = f"training run {number + 1} of {len(planned)}"
-            restored = checkpoint.restored_run(number, key, system.algebra.rows())
             share, snapshots = restored or _followed(stepper, run, loads, name)
             if restored is None:
-                checkpoint.keep_run(number, key, share, system.algebra.gather(snapshots))
+                checkpoint.keep_run(number, *keys[number], share, system.algebra.gather(snapshots))
+                problem.stages.report("training runs", number + 1, len(planned))
             if share < 1:
                 problem.messages.append(
                     f"{name} ({run.title}) was lowered to {share:.2g} of its loads, as the full model does not follow "
@@ -112,7 +123,6 @@ def _simulated(
                 )
             runs.append(run.lowered(loads, share))
             shapes.append(snapshots)
-    problem.stages.report("training runs", len(planned), len(planned))
     return runs, shapes
 
 
