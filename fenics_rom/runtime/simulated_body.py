@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -65,6 +66,7 @@ class SimulatedBody:
     loss: SwitchLoss
     environment: "ActiveEnvironment | None"
     _dt: float
+    _origin: tuple[Any, ...]  # what it was made of, a ROM first
     _stepper: ReducedStepper
     _source: "EnvironmentInputs | None"
     _monitor: LinearityMonitor
@@ -84,6 +86,12 @@ class SimulatedBody:
             f"{steps} taken, {self.stepper}\n"
             f"  input: {', '.join(f'{count} of {name}' for name, count in columns.items())}"
         )
+
+    @cached_property
+    def _belongs(self) -> Belongs:
+        """What a state of this is a state of."""
+        obstacles = () if self.environment is None else tuple(self.environment.obstacles)
+        return Belongs(self._origin[0].name, self._origin[0].identity, obstacles)
 
     @property
     def contact(self) -> str:

@@ -4,7 +4,6 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from copy import copy
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.moving_body import MovingBody
-from fenics_rom.runtime.simulated_body import Belongs, SimulatorState
+from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.steppers.selection import make_stepper
 from fenics_rom.runtime.switching import SwitchLoss
 
@@ -348,17 +347,11 @@ class Simulator(MovingBody):
         when, peak, belongs = (self._dt, self.steps, self._since), self.surface_peak, self._belongs
         return SimulatorState(self.contact, *when, stepper, sums, peak, self.loss, obstacles, belongs)
 
-    @cached_property
-    def _belongs(self) -> Belongs:
-        obstacles = () if self.environment is None else tuple(self.environment.obstacles)
-        return Belongs(self._origin[0].name, self._origin[0].identity, obstacles)
-
     def restore(self, state: SimulatorState) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
 
         Raises:
-            StepError: it is no such state, of another ROM or among other obstacles, or has a ledger where this has
-                none, or none where this has one.
+            StepError: it is no such state, of another ROM or among other obstacles, or one alone has a ledger.
         """
         self._belongs.check(state)
         self._stepper.check(state.contact, state.stepper)

@@ -109,13 +109,15 @@ def _simulated(
     with problem.stages("training runs"), closing(body.stepper(1.0, _acting(system), ledger=False)) as stepper:
         keys = [(f"{body.law}; {relaxing}{', '.join(run.contacts)}", run.numbers) for run in planned]
         earlier = [checkpoint.restored_run(k, *key, system.algebra.rows()) for k, key in enumerate(keys)]
-        problem.stages.report("training runs", sum(run is not None for run in earlier), len(planned))
+        done = sum(run is not None for run in earlier)
+        problem.stages.report("training runs", done, len(planned))
         for number, (run, restored) in enumerate(zip(planned, earlier, strict=True)):
             name = f"training run {number + 1} of {len(planned)}"
             share, snapshots = restored or _followed(stepper, run, loads, name)
             if restored is None:
                 checkpoint.keep_run(number, *keys[number], share, system.algebra.gather(snapshots))
-                problem.stages.report("training runs", number + 1, len(planned))
+                done += 1
+                problem.stages.report("training runs", done, len(planned))
             if share < 1:
                 problem.messages.append(
                     f"{name} ({run.title}) was lowered to {share:.2g} of its loads, as the full model does not follow "
