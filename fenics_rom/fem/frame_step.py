@@ -53,10 +53,10 @@ class FrameStep:
         interface: the contact points; None where nothing can touch.
 
     Attributes:
-        round_off, tells_apart: see mechanics.frame_contact.FrameBody.
+        tells_apart: see mechanics.frame_contact.FrameBody.
     """
 
-    round_off, tells_apart = NO_PROGRESS, True
+    tells_apart = True
 
     def __init__(
         self,
@@ -81,13 +81,14 @@ class FrameStep:
             StepError: none were found.
         """
         x, size = np.concatenate([self._now.ω[: self._free], self._now.r.ravel()]), np.inf
-        scale = self._speed(x)
+        given = self._given_speed(x)
+        scale = self._speed(x) + given
         for _ in range(MOST_ITERATIONS):
             change = self.corrected(x, None) - x
             x, before, size = x + change, size, self.size(change)
             if not np.isfinite(size):
                 break
-            scale = max(scale, self._speed(x))
+            scale = max(scale, self._speed(x) + given)
             if size <= TOLERANCE * scale or (size <= NO_PROGRESS * scale and size > before / 2):
                 return x
         raise StepError(
@@ -182,6 +183,9 @@ class FrameStep:
         turning = (self._now.ω + after.ω)[: self._free] / 2
         return np.concatenate([turning, x[self._free :] - δ])
 
+    def renew(self, x: Array) -> None:
+        """As in FrameBody of mechanics.frame_contact: there is one factor, that of the body at rest."""
+
     def spread(self, change: Push) -> Array:
         """What x changes by, where contact forces change by so much."""
         turning = np.zeros(0) if self._base is not None else self._top @ np.array(change.turning)
@@ -202,6 +206,19 @@ class FrameStep:
     def _speed(self, x: Array) -> float:
         """Of the velocities of the step at its start and at x, but for translation."""
         return self.size(x) + self._body.speed(self._now)
+
+    def _given_speed(self, x: Array) -> float:
+        """Of what enters the balance of a step and may leave nothing of turning and bending but round-off, as √(2 J).
+
+        That is what all forces would do to the body as one mass, each with its size, as weight and loads that balance
+        one another cancel; and the base at both ends, as an acceleration is a difference of velocities.
+        """
+        body, loads, now = self._body, self._loads, self._now
+        forces = np.linalg.norm(loads.on_nodes(body, self.geometry(x)), axis=1)
+        given = self.h / 2 / math.sqrt(body.mass) * float(body.sum(forces[:, None])[0])
+        if self._base is not None:
+            given += math.sqrt(body.mass) * float(np.linalg.norm(now.v) + np.linalg.norm(self._v_end))
+        return given
 
     def push(self, forces: Array, turn: Geometry, arms: Array) -> Push:
         """What forces (P, 3) on the contact points do, N in world axes."""

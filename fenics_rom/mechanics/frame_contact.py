@@ -27,6 +27,8 @@ from fenics_rom.mechanics.frame_motion import Vector
 
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
 ROUND_OFF = 1e-14  # of them: a change that is none
+NO_PROGRESS = 1e-12  # of them: the same where changes shrink no more; the law's forces are no nearer to its solution
+SLOW, FEW_SWEEPS = 0.5, 5  # of a change to the one before, from which on slopes are found anew, after so many
 MOST_SWEEPS = 60
 PROXIMAL, SMALLEST_PROXIMAL = 1e-4, 1e-8  # of the mean compliance, beside W where that may be singular: it only guides
 LESS = 0.1  # of it in each sweep, so that they end soon, but not less than what forces were found with
@@ -50,12 +52,10 @@ class FrameBody(Protocol):
 
     Attributes:
         h: of the step, s.
-        round_off: of its velocities: changes that are, once they shrink no more.
         tells_apart: whether W is regular, so that forces that differ move points differently.
     """
 
     h: float
-    round_off: float
 
     @property
     def tells_apart(self) -> bool:
@@ -78,6 +78,9 @@ class FrameBody(Protocol):
 
     def corrected(self, x: Array, push: Push | None) -> Array:
         """Velocities nearer to those of the step, under contact forces that push."""
+
+    def renew(self, x: Array) -> None:
+        """Finds anew, at the velocities x, the slopes that they are corrected by, if these are kept from elsewhere."""
 
     def velocities(self, turn: Geometry, arms: Array, x: Array, yielding: Array | None) -> Array:
         """Mid-step velocities (P, 3) of the contact points in world axes, less that of the origin, m/s."""
@@ -152,7 +155,7 @@ def touch(
         x, forces, size = x + change, found, body.size(change)
         scale = max(scale, body.scale(x))
         converged = size <= ROUND_OFF * scale or (size < size_before and size * size / size_before <= TOLERANCE * scale)
-        if converged or (size <= body.round_off * scale and size > size_before / 2 > 0):
+        if converged or (size <= NO_PROGRESS * scale and size > size_before / 2 > 0):
             if left and contact is not None:
                 solver.search = solver.search._replace(residual=search_before.residual.with_step(left))
                 contact = _passive(contact, moving)
@@ -160,6 +163,8 @@ def touch(
         if not found_all and sweep >= PATIENCE and size <= LARGEST_RESIDUAL * scale:
             found_all, left = True, size / scale
         found_all = found_all or (size <= NEGLIGIBLE_RESIDUAL * scale and size > size_before / 4 > 0)
+        if sweep >= FEW_SWEEPS and size > SLOW * size_before:
+            body.renew(x)
         size_before = size
     raise StepError(
         f"contact of a turning body: after {MOST_SWEEPS} sweeps forces still change by {size / scale:.1e} of the "

@@ -12,6 +12,7 @@ from fenics_rom.errors import SolverError
 from fenics_rom.fem.finite_strain.model import ExternalForce
 from fenics_rom.fem.finite_strain.residuals import QuasiStaticResidual
 from fenics_rom.fem.petsc_matrix import PetscMatrix
+from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.hyperelastic import LAWS
 from fenics_rom.mechanics.step import StepInput
@@ -161,4 +162,20 @@ def test_a_column_is_told_to_buckle_at_eulers_load(tmp_path, law):
     body.rollback()
     assert body.negative_pivots == 0
     assert not any("buckles" in text for text in body.diagnostics())
+    body.close()
+
+
+@pytest.mark.parametrize("young", [5e4, 2e11])
+@pytest.mark.parametrize("least", [0.0, 1e-12])
+def test_a_load_that_is_let_go_leaves_the_shape_at_rest(tmp_path, young, least):
+    """Then no force is left that the last correction could be small against, but those that there were before."""
+    mesh = write_arrays(tmp_path / "beam.msh", *box_arrays((0.3, 0.03, 0.02), (4, 1, 1)))
+    system = assembled(mesh, young, 0.4, degree=1)
+    body = FullOrderSimulator(system, 1.0, system.scene.environment)
+    bent = 0.0
+    for share in (1.0, 1.0, 0.5, least, 0.0, 1e-9, 0.0):
+        body.step(np.array([0.0, 0.0, 4e-7 * share * young]))
+        bent = max(bent, np.abs(body.stepper.x).max())
+    assert bent > 1e-3
+    assert np.abs(body.stepper.x).max() <= 1e-12 * bent
     body.close()

@@ -16,8 +16,8 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL
 from fenics_rom.mechanics.contact import ContactLaw
-from fenics_rom.mechanics.frame_motion import cross_matrix, quaternion_of_vector, rotation_matrix, turned
-from fenics_rom.runtime.steppers.inertia import definite_up_to
+from fenics_rom.mechanics.frame_motion import ZERO, cross_matrix, quaternion_of_vector, rotation_matrix, turned
+from fenics_rom.runtime.steppers.inertia import definite_up_to, turn_of_top
 from fenics_rom.scene.file import parse_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -100,6 +100,43 @@ def falling(tmp_path_factory):
     """A free beam above a floor."""
     surfaces = "".join(f'[contacts.{name}]\nsurface = "{name}"\n' for name in ("left", "right"))
     return reduced(tmp_path_factory.mktemp("falling"), contacts=surfaces, effects=FLOOR)
+
+
+@pytest.fixture(scope="module")
+def hard(tmp_path_factory):
+    """The same of a stiffer material."""
+    surfaces = "".join(f'[contacts.{name}]\nsurface = "{name}"\n' for name in ("left", "right"))
+    return reduced(tmp_path_factory.mktemp("hard"), contacts=surfaces, effects=FLOOR, young="1e8")
+
+
+@pytest.mark.parametrize("seed", [7, 19, 23, 28, 30])
+def test_a_beam_that_hits_a_floor_at_50_m_per_s_is_stopped(hard, seed):
+    """Contact bends it far from how it would fly: sweeps shrink what they change all the same."""
+    rng = np.random.default_rng(seed)
+    q = np.array([1.0, *(0.1 * rng.standard_normal(3))])
+    velocity = 50 * (direction := rng.standard_normal(3)) / np.linalg.norm(direction)
+    velocity[2] = -abs(velocity[2])
+    body = fr.Simulator(hard, 5e-4)
+    position = np.array(body.pose.position) + [0.0, 0.0, 0.03]
+    body.place(BaseState(position, q / np.linalg.norm(q), velocity, 3 * rng.standard_normal(3)))
+    start = body.energy
+    for _ in range(20):
+        body.step(np.zeros(body.inputs))
+    account = body.ledger
+    assert account.contact > 0.05 * start
+    balance = body.energy - start - account.supplied + account.dissipated + account.lost_in_switching
+    assert abs(balance) <= LEFT * start
+
+
+def test_a_top_at_rest_is_turned_by_a_torque():
+    """2/h I ω̂ + ω̂ × I ω̂ = τ, where there is no rotation yet to compare corrections with."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        (xx, yy, zz), h, τ = rng.uniform(1.0, 1.9, 3), 10 ** rng.uniform(-5, -1), rng.standard_normal(3)
+        ω̂, left = turn_of_top((xx, yy, zz, 0.0, 0.0, 0.0), ZERO, tuple(τ), ZERO, ZERO, h)
+        L = np.array([xx, yy, zz]) * ω̂
+        assert left == 0.0
+        np.testing.assert_allclose(2 / h * L + np.cross(ω̂, L), τ, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("detail", ["full", "quasi-rigid"])

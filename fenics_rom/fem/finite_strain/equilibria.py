@@ -147,7 +147,7 @@ def solve_equilibrium(
             return equation.evaluate(v)
 
     trial, previous, near = evaluate(np.zeros_like(equation.start.x)), math.inf, True
-    smallest, last_better = math.inf, 0
+    smallest, last_better, scale_before = math.inf, 0, 0.0
     for iteration in range(MAX_ITERATIONS + 1):
         residual = trial.residual
         if not residual.any():
@@ -157,6 +157,9 @@ def solve_equilibrium(
         terms = equation.terms(trial)
         shapes = tangent.factor_at_hand.solve(terms) / equation.h
         scale = math.sqrt(max(abs(dot(terms[:, [k]], shape[:, None])) for k, shape in enumerate(shapes.T)))
+        # Where a load is let go no force is left at the solution, but the round-off of those that were there before.
+        scale_before = scale_before or scale
+        scale = max(scale, scale_before)
         tell(iteration, size / scale)
         if size <= CONVERGENCE_TOLERANCE * scale or STAGNATION_TOLERANCE * scale >= size > previous / 2:
             tangent.factor(trial)

@@ -23,7 +23,6 @@ from fenics_rom.errors import StepError, StructureError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_contact import ROUND_OFF
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
@@ -88,10 +87,7 @@ class FrameKernel(BookedKernel):
     Attributes:
         frame: where the frame is; set it, then `resume`.
         base: that carries the body, at the end of the next step; None: it stands still, or there is none.
-        round_off: see mechanics.frame_contact.FrameBody.
     """
-
-    round_off = ROUND_OFF
 
     def __init__(
         self,
@@ -283,6 +279,9 @@ class FrameKernel(BookedKernel):
     def rates(self, x: Array) -> tuple[Array, Array]:
         """ω̂ (3,) in the frame's axes and r̂ (m,) of the velocities x that a step solves for."""
         raise NotImplementedError
+
+    def renew(self, x: Array) -> None:
+        """As in FrameBody of mechanics.frame_contact; nothing where slopes are exact."""
 
     def velocities(self, turn: Geometry, arms: Array, x: Array, yielding: Array | None) -> Array:
         """Mid-step velocities (P, 3) of the contact points in world axes, less that of the origin, m/s."""

@@ -320,6 +320,10 @@ class FreeFrame(FrameKernel):
         corrected: Array = x - self.newton.inverse.dot(self._residual(x, push))
         return corrected
 
+    def renew(self, x: Array) -> None:
+        """As in FrameBody of mechanics.frame_contact: contact may have put x far from where it was without."""
+        self.newton.keep(self.jacobian(x))
+
     def spread(self, change: Push) -> Array:
         """What x changes by, where contact forces change by so much."""
         assert self.newton.inverse is not None

@@ -86,13 +86,13 @@ def turn_of_top(
     In its axes, 2/h (I ω̂ - L) + ω̂ × I ω̂ = torque; the iteration is Newton's from `start` with kept slopes.
     """
     ω̂, slopes, before, size = start, _slopes(inertia, start, h), math.inf, math.inf
-    scale = math.hypot(*start) + math.hypot(*ω)
+    known = math.hypot(*start) + math.hypot(*ω)  # nothing from rest, where there is but what the torque makes
     for _ in range(MOST_ITERATIONS):
         M = times_inertia(inertia, ω̂)
         lack = added(added(cross(ω̂, M), -1.0, torque), 2 / h, added(M, -1.0, L))
         change = _solved(slopes, lack)
         ω̂, size = added(ω̂, -1.0, change), math.hypot(*change)
-        ratio = size / before
+        scale, ratio = max(known, math.hypot(*ω̂)), size / before
         if size <= ROUND_OFF * scale or (0 < ratio < 1 and size * ratio <= TOLERANCE * scale):
             return ω̂, 0.0
         if ratio > SLOW:
