@@ -1,7 +1,6 @@
 """The motions of a mesh that strain nothing and leave clamped nodes where they are."""
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
@@ -10,7 +9,7 @@ from fenics_rom.fem.nodes import Nodes
 from fenics_rom.system.body import Unknowns
 from fenics_rom.system.rigid_modes import rigid_fields
 
-FIXED_TOLERANCE = 1e-9  # share of the largest motion of clamped components, above which a motion is held
+FIXED_TOLERANCE = 1e-9  # share of how held components would move, above which a motion is refused, and not by round-off
 
 
 def rigid_motions(nodes: Nodes, node_mass: np.ndarray, unknowns: Unknowns) -> np.ndarray:
@@ -30,8 +29,10 @@ def rigid_motions(nodes: Nodes, node_mass: np.ndarray, unknowns: Unknowns) -> np
         motions = motions.reshape(-1, 6)
         held = np.setdiff1d((3 * part_nodes[:, None] + np.arange(3)).ravel(), unknowns.free)
         refused = motions[held] - unknowns.expand(motions[unknowns.free])[held]
-        if len(refused):
-            motions = motions @ scipy.linalg.null_space(np.linalg.qr(refused, mode="r"), rcond=FIXED_TOLERANCE)
+        if len(refused):  # by rigid surfaces none are: all of it is round-off
+            _, sizes, combinations = np.linalg.svd(np.linalg.qr(refused, mode="r"))
+            count_refused = np.count_nonzero(sizes > FIXED_TOLERANCE * np.linalg.norm(motions[held]))
+            motions = motions @ combinations[count_refused:].T
         columns.append(motions)
     return np.hstack(columns)[unknowns.free]
 

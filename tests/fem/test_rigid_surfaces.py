@@ -101,3 +101,56 @@ def test_a_model_knows_its_rigid_surfaces(tmp_path):
     moved = sim.displacement()[face].ravel()
     motions = rigid_motions(rom.nodes[face], np.zeros(3))
     assert np.abs(moved - motions @ np.linalg.lstsq(motions, moved, rcond=None)[0]).max() < 1e-13 * np.abs(moved).max()
+
+
+ENDS = '[contacts.left]\nsurface = "left"\nforce = "wrench"\n[contacts.right]\nsurface = "right"\nforce = "wrench"'
+
+
+@pytest.fixture(scope="module", params=["stout", "slender"])
+def link(request, tmp_path_factory):
+    """A body that nothing holds, whose two ends are rigid: the interfaces of a flexible link."""
+    lengths = (1.0, 0.4, 0.3) if request.param == "stout" else (1.0, 0.02, 0.01)
+    mesh = write_arrays(tmp_path_factory.mktemp("link") / "box.msh", *box_arrays(lengths, (6, 2, 2)))
+    supports = 'rigid = ["left", "right"]'
+    return fr.assemble(parse_scene(scene_text(mesh, supports=supports, contacts=ENDS, damping="beta = 1e-4")))
+
+
+def test_a_free_body_with_rigid_ends_has_six_rigid_motions(link):
+    """That strain nothing, and are all motions that do not."""
+    K, R = dense(link.stiffness, link.size), link.rigid
+    assert R.shape == (link.size, 6)
+    assert link.elastic_size == link.size - 6
+    λ = np.linalg.eigvalsh(K)
+    assert np.abs(K @ R).max() <= 1e-12 * λ[-1] * np.abs(R).max()
+    assert λ[6] > 1e3 * np.abs(λ[:6]).max()
+    moved = link.body.unknowns.expand(R)
+    turns = rigid_motions(link.body.nodes, link.body.nodes.mean(axis=0))
+    rest = moved - turns @ np.linalg.lstsq(turns, moved, rcond=None)[0]
+    assert np.abs(rest).max() <= 1e-12 * np.abs(moved).max()
+
+
+def test_frequencies_and_static_shapes_of_a_link_are_those_of_dense_algebra(link):
+    """The first by eigenvectors alone; what wrenches in balance do at rest, Bᵀ P K⁺ Pᵀ B, by Craig-Bampton's shapes."""
+    K, M, R = dense(link.stiffness, link.size), dense(link.mass, link.size), link.rigid
+    λ = scipy.linalg.eigh(K, M, eigvals_only=True)[6:]
+    for model in fr.reduce(link, order=12, method="modal").contact_models.values():
+        assert model.rigid == 6
+        np.testing.assert_allclose(model.eigenvalues[6:18], λ[:12], rtol=1e-8)
+    for name, model in fr.reduce(link, order=12, method="modal+static").contact_models.items():
+        balanced = link.contacts[name] - M @ R @ (R.T @ link.contacts[name])
+        shapes = np.linalg.lstsq(
+            np.vstack([K, K.max() * (M @ R).T]), np.vstack([balanced, np.zeros((6, 6))]), rcond=None
+        )
+        at_rest, G = balanced.T @ shapes[0], model.inputs[6:]
+        given = (G / model.eigenvalues[6:, None]).T @ G
+        sizes = np.sqrt(np.diag(at_rest))  # of forces and moments, in m/N and rad/N m
+        np.testing.assert_allclose(given / sizes / sizes[:, None], at_rest / sizes / sizes[:, None], rtol=0, atol=1e-8)
+        assert model.eigenvalues[6] == pytest.approx(λ[0], rel=0.02)
+
+
+def test_a_link_is_reduced_by_balancing(link):
+    """The model of all unknowns is the body."""
+    λ = scipy.linalg.eigh(dense(link.stiffness, link.size), dense(link.mass, link.size), eigvals_only=True)[6:]
+    for model in fr.reduce(link, order=24).contact_models.values():
+        assert model.rigid == 6
+        np.testing.assert_allclose(model.eigenvalues[6:9], λ[:3], rtol=1e-4)

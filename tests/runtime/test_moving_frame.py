@@ -117,7 +117,7 @@ def test_a_beam_that_hits_a_floor_at_50_m_per_s_is_stopped(hard, seed):
     velocity = 50 * (direction := rng.standard_normal(3)) / np.linalg.norm(direction)
     velocity[2] = -abs(velocity[2])
     body = fr.Simulator(hard, 5e-4)
-    position = np.array(body.pose.position) + [0.0, 0.0, 0.03]
+    position = np.add(body.pose.position, [0.0, 0.0, 0.03])
     body.place(BaseState(position, q / np.linalg.norm(q), velocity, 3 * rng.standard_normal(3)))
     start = body.energy
     for _ in range(20):
