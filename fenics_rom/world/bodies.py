@@ -75,6 +75,9 @@ class Body(Protocol):
     def travel(self) -> tuple[Array, float]:
         """How far it goes as a whole in the step, (3,), and how far a point of it may go beside that, m."""
 
+    def swerve(self) -> tuple[Array, float]:
+        """How much farther than `travel` says it goes as a whole as it was tried last, (3,), and a point beside, m."""
+
     @property
     def lead(self) -> Array:
         """How far it is expected to go in half of the step beyond what its velocity says, (3,), m."""

@@ -6,6 +6,11 @@ and a joint has u = 0. At forces f, a sweep tries the bodies, which move by u(f)
 bodies that would move by u(f) + W (f' - f), and goes on with these, until that is how they move. Then laws and balances
 hold, whatever W is: the sum of the bodies' Delassus operators, and a little more, so that it is regular. It is kept
 from step to step as long as it is nearly right, and with it the law as it was linearised.
+
+Rigid bodies that rest do so on one another, at any step. A pair that takes part because it is pressed, and not because
+of how fast it comes near, has c = (-g/h + (1 - e)/2 a)/(2 - e): so it closes the gap in two steps, and rests. A rebound
+that would be over within the step, e |a| < n·(v - free v̂), is none. And bodies that rest in one another, as they turned
+far in a step, are let out, with c = (a + out)/2 > 0, in two steps, too: see `StepPairs.let_out`.
 """
 
 from dataclasses import dataclass
@@ -55,8 +60,9 @@ class Pairs(NamedTuple):
     normals: Array  # (C, 3) from the second to the first
     gaps: Array  # (C,) when the step begins, m
     friction: Array  # μ (C,)
-    rebound: Array  # (1 - e)/2 (C,) of the restitution e
-    rebound_rate: Array  # 1/(2 - e) (C,)
+    restitution: Array  # e (C,)
+    are_rigid: Array  # (C,) whether of two rigid bodies
+    out: Array  # (C,) speeds that those are to have at the end that are let out of one another, m/s; else 0
     halves: Array  # (C, 1): 1/2 where there is friction, else 0
 
 
@@ -225,13 +231,10 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
         StepError: no forces were found.
     """
     C, n = len(pairs.normals), pairs.normals
-    before = pairs.before
+    before, f = pairs.before, start
     a = (n * before[:C]).dot(_ONES)
-    half, closing = pairs.rebound * a, pairs.gaps / -h
-    level = np.maximum(closing, (closing + half) * pairs.rebound_rate)
-    target = np.minimum(half, 0.0)[:, None] * n
     sliding = (before[:C] - a[:, None] * n) * pairs.halves  # what sticks is to stop within the step
-    asked, f = _Asked(level, target, sliding, np.zeros(C, dtype=bool)), start
+    asked = _Asked(np.empty(0), np.empty(0), sliding, np.zeros(C, dtype=bool))
     size_before, proximal, scale = 0.0, PROXIMAL, float(np.abs(before).max(initial=0.0))
     u, fastest = _attempt(pairs, f)
     for sweep in range(1, MOST_SWEEPS + 1):
@@ -240,6 +243,8 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
         scale = max(scale, fastest)
         free = u - guide.W.dot(f.ravel()).reshape(-1, 3)
         scale = max(scale, float(np.abs(free).max(initial=0.0)))
+        if sweep == 1:
+            asked.level, asked.target = _normal_law(pairs, guide, free, a, h)
         found = _law(pairs, guide, free, f, asked)
         moved = guide.W.dot((found - f).ravel()).reshape(-1, 3)
         size = float(np.abs(moved).max(initial=0.0))
@@ -257,7 +262,8 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
             stays = stays or size > size_before / 4 > 0
         if size <= LARGEST_RESIDUAL * scale and (stays or sweep >= PATIENCE):
             u, _ = _attempt(pairs, f)
-            f, u = _passive(pairs, f, u, scale)
+            if not pairs.out.any():  # of which it is looked at what work is done
+                f, u = _passive(pairs, f, u, scale)
             return Found(f, u, sweep, size / scale if size > STAGNATION * scale else 0.0), guide
         if size > size_before > 0 and proximal < LARGEST_PROXIMAL and not guide.yields.all():
             proximal *= STEADIER
@@ -319,6 +325,21 @@ def _add(W: Array, part: Part, operator: Array) -> None:
     else:
         rows = (3 * part.pairs[:, None] + np.arange(3)).ravel()
         W[rows[:, None], rows] += signed
+
+
+def _normal_law(pairs: Pairs, guide: Guide, free: Array, a: Array, h: float) -> tuple[Array, Array]:
+    """Levels (C,) and targets (C, 3) of pairs that come apart at a (C,), and would move by free (C + J, 3)."""
+    n, e, closing = pairs.normals, pairs.restitution, pairs.gaps / -h
+    bounces = pairs.are_rigid & (e > 0) & (a < 0)
+    if bounces.any():
+        _, free_contacts = guide.without_contact(free)
+        e = np.where(bounces & (e * -a < a - (n * free_contacts).dot(_ONES)), 0.0, e)
+    half = (1 - e) / 2 * a
+    level = np.maximum(closing, (closing + half) / (2 - e))
+    target = np.minimum(np.where((a < level) | ~pairs.are_rigid, half, level), 0.0)
+    if pairs.out.any():
+        target = np.where(pairs.out > 0, np.minimum((a + pairs.out) / 2, closing), target)
+    return level, target[:, None] * n
 
 
 def _law(pairs: Pairs, guide: Guide, free: Array, f: Array, asked: _Asked) -> Array:

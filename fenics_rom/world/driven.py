@@ -92,6 +92,10 @@ class Driven:
         size = 1.0 if self.size == np.inf else self.size
         return self._h * self._v̂, self._h * math.hypot(*self._ω̂) * size
 
+    def swerve(self) -> tuple[Array, float]:
+        """As in Body."""
+        return _NOTHING, 0.0
+
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""
         arms = places - self._middle

@@ -46,6 +46,10 @@ class Meeting:
         contacts = find_contacts(first, second, margin)
         self.contacts, self._looked_at = contacts if len(contacts.gaps) else None, (first, second)
 
+    def forget(self) -> None:
+        """Looks again, wherever the bodies are."""
+        self._looked_at = None
+
 
 def is_still(now: Placed | None, then: Placed | None, size: float) -> bool:
     """Whether a rigid body of a size, m, lies as it lay."""

@@ -107,8 +107,14 @@ class Rigid:
 
     def travel(self) -> tuple[Array, float]:
         """As in Body."""
-        ω, g = (math.sqrt(vector.dot(vector)) for vector in (self._ω, self._gravity))
-        return self._h * self._v, self._h * (ω * self.size + self._h * g)
+        h = self._h
+        ω, g, speeds_up = (math.sqrt(of.dot(of)) for of in (self._ω, self._gravity, self._acceleration))
+        return h * self._v, h * (ω * self.size + h * (g + speeds_up / 4))
+
+    def swerve(self) -> tuple[Array, float]:
+        """As in Body."""
+        turned = self._try.turning - self._ω
+        return self._h * (self._try.velocity - self._v), self._h * math.sqrt(turned.dot(turned)) * self.size
 
     @property
     def lead(self) -> Array:

@@ -221,6 +221,10 @@ class Soft(Simulator):
         beside *= beside
         return self._h * whole, 2 * self._h * math.sqrt(largest(beside.dot(_ONES)))
 
+    def swerve(self) -> tuple[Array, float]:
+        """As in Body: it is not looked at."""
+        return self.lead, 0.0
+
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""
         self._turn(points, self._start + self._h / 2 * self._velocity)

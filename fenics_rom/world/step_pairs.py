@@ -6,15 +6,20 @@ from collections.abc import Sequence
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.complementarity.solution import largest
 from fenics_rom.world.bodies import Body, Points
 from fenics_rom.world.collision.contacts import Contacts, Spots
 from fenics_rom.world.contact_step import Found, Guide, Pairs, Part
 from fenics_rom.world.joints import JointPoints
-from fenics_rom.world.meetings import Meeting, Placed, is_still
+from fenics_rom.world.meetings import PENETRATION_TOLERANCE, Meeting, Placed, is_still
+from fenics_rom.world.soft import Soft
 
 NEAR = 0.01  # of the smaller body: what is nearer is looked at in every step, besides what can be reached
+SWERVES = 0.005  # of a body's size: so much farther than was foreseen it may go before others are looked for again
+ROUND_OFF = 1e-12  # of the smaller body: gaps that are none
 LARGEST = 1.0  # m: of a half-space, of how far it moves
 GUIDES = 1e-9  # of arms, and rad: by so much bodies may have moved since W was found
+RESTS = 2.5  # times as deep as two bodies are in one another: so far points may move in a step of what rests there
 _ONES = np.ones(3)
 MORE_SWEEPS = 1  # than at first: if there are more W is found anew
 
@@ -42,10 +47,20 @@ class StepPairs:
         self._held: tuple[tuple[Part, ...], list[tuple[Body, Array, Array, Points]]] = (), []
         self._lie = list[Array | tuple[Array, Array]]()  # the bodies in the step, as `_where`
         self._start = np.empty((0, 3))
+        self._meeting_of = np.empty(0, dtype=int)  # of each pair
+        self._none = np.empty(0)  # of each, m
+        self._swerve = SWERVES * min((meeting.size for meeting in meetings), default=0.0)
+        both = [(bodies[meeting.first], bodies[meeting.second]) for meeting in meetings]
+        self._are_rigid = np.array([not any(isinstance(body, Soft) for body in pair) for pair in both], dtype=bool)
+        self._deep = -PENETRATION_TOLERANCE * np.array([meeting.size for meeting in meetings])
+        self._dissipated = np.zeros(len(meetings))  # by contact, of which what is let out may take, J
 
-    def of_step(self, h: float) -> tuple[Pairs, Array, Guide | None]:
-        """The pairs of a step of h s that all bodies have begun, forces to begin with, and what may guide."""
-        contacts = self._look()
+    def of_step(self, h: float, far: bool = False) -> tuple[Pairs, Array, Guide | None]:
+        """The pairs of a step of h s that all bodies have begun, forces to begin with, and what may guide.
+
+        `far`: as the bodies go as they were tried last.
+        """
+        contacts = self._look(far)
         known = self._contacts
         if self._pairs is None or len(contacts) != len(known) or not all(map(_are_same, contacts, known)):
             self._gather(contacts)
@@ -62,21 +77,72 @@ class StepPairs:
                 gone[rows] += signs * lead
         gone += h / 2 * before
         gaps = self._middle_gaps - (pairs.normals * gone[:C]).dot(_ONES)
+        gaps[np.abs(gaps) < self._none] = 0.0
         return pairs._replace(places=places, before=before, gaps=gaps), self._start, self._known_guide(h)
 
-    def _look(self) -> list[tuple[int, Contacts]]:
+    def let_out(self, pairs: Pairs, found: Found, guide: Guide, h: float) -> Pairs:
+        """The same pairs, or with speeds of those that are to be let out of one another, as they rest there.
+
+        Rests is what the forces of the step press without an impact. They leave no faster than these could stop.
+        """
+        C = len(pairs.gaps)
+        if not C or pairs.gaps.item(pairs.gaps.argmin()) >= 0.0:
+            return pairs
+        n, depths = pairs.normals, -pairs.gaps
+        is_deep = pairs.are_rigid & (pairs.gaps < self._deep[self._meeting_of])
+        if not is_deep.any():
+            return pairs
+        a, pressure = (n * pairs.before[:C]).dot(_ONES), (n * found.forces[:C]).dot(_ONES)
+        of_meetings = np.zeros((2, len(self._meetings)))
+        np.maximum.at(of_meetings[0], self._meeting_of, h * np.abs(a) * (is_deep | (pressure > 0)))
+        np.maximum.at(of_meetings[1], self._meeting_of, depths)
+        rests = (of_meetings[0] <= RESTS * of_meetings[1]) & (self._dissipated > 0)
+        own = np.einsum("ci,cicj,cj->c", n, guide.W[: 3 * C, : 3 * C].reshape(C, 3, C, 3), n)
+        out = np.minimum(depths / h, np.maximum(a, 2 * own * pressure))
+        return pairs._replace(out=np.where(is_deep & rests[self._meeting_of], np.maximum(out, 0.0), 0.0))
+
+    def overdraws(self, found: Found, h: float) -> bool:
+        """Whether contact of two bodies would have done more work in a step of h s than it has dissipated before."""
+        return bool((self._dissipated + self._dissipation(found, h) < 0).any())
+
+    def _dissipation(self, found: Found, h: float) -> Array:
+        """Of a step of h s by each meeting, J."""
+        C = len(self._meeting_of)
+        work = (found.forces[:C] * found.velocities[:C]).dot(_ONES)
+        return -h * np.bincount(self._meeting_of, work, len(self._meetings))
+
+    def lacks_pairs(self, pairs: Pairs, found: Found, h: float) -> bool:
+        """Whether some bodies go much farther than what was looked for is near, under the forces of a step of h s.
+
+        Others have hit them, and they may hit others in turn.
+        """
+        if not len(pairs.gaps) or h * largest(np.abs(found.velocities - pairs.before)) <= self._swerve:
+            return False
+        for number in self._touching:
+            body = self._bodies[number]
+            whole, beside = body.swerve()
+            if math.hypot(*whole) + beside > SWERVES * min(body.size, LARGEST) + body.travel()[1]:
+                return True
+        return False
+
+    def _look(self, far: bool) -> list[tuple[int, Contacts]]:
         placed, travels, found = self._placed, dict[int, tuple[Array, float]](), []
         for number in self._touching:
             body = self._bodies[number]
             now, travels[number] = body.placed(), body.travel()
             if not is_still(now, placed[number], self._sizes[number]):
                 placed[number] = now
+        swerves = {number: self._bodies[number].swerve() for number in self._touching} if far else {}
         for number, meeting in enumerate(self._meetings):
             one, other = placed[meeting.first], placed[meeting.second]
             assert one is not None
             assert other is not None
             (whole, beside), (other_whole, other_beside) = travels[meeting.first], travels[meeting.second]
             nearer = 2 * math.hypot(*(whole - other_whole))
+            if far:
+                (more, beyond), (other_more, other_beyond) = swerves[meeting.first], swerves[meeting.second]
+                nearer += 3 * math.hypot(*(more - other_more)) + beyond + other_beyond
+                meeting.forget()
             meeting.look(one, other, nearer + beside + other_beside + NEAR * meeting.size)
             if meeting.contacts is not None:
                 found.append((number, meeting.contacts))
@@ -110,6 +176,11 @@ class StepPairs:
             places.append(joint.points)
             count += k
         e, μ = np.concatenate(laws, axis=1)
+        sizes = np.array([meeting.size for meeting in self._meetings])
+        self._meeting_of = np.repeat([number for number, _ in contacts], [len(of.gaps) for _, of in contacts]).astype(
+            int
+        )
+        self._none = ROUND_OFF * sizes[self._meeting_of] * self._are_rigid[self._meeting_of]
         parts = [_part(body, mine) for body, mine in zip(self._bodies, rows, strict=True)]
         self._contacts, self._middle_gaps, self._guide = contacts, np.concatenate(gaps), None
         parts = [part for part in parts if len(part.pairs) or not part.body.is_driven]
@@ -117,7 +188,7 @@ class StepPairs:
         everywhere = np.concatenate(places)
         self._pairs = Pairs(
             *(tuple(soft_first), everywhere, 0 * everywhere, np.concatenate(normals), self._middle_gaps, μ),
-            *((1 - e) / 2, 1 / (2 - e), (μ > 0)[:, None] / 2),
+            *(e, self._are_rigid[self._meeting_of], np.zeros(len(e)), (μ > 0)[:, None] / 2),
         )
         self._start = np.concatenate([np.array(start).reshape(-1, 3), self._joint_forces])
 
@@ -156,6 +227,8 @@ class StepPairs:
         """Takes note of the forces of a step of h s that was taken, and of what guided them."""
         C = len(found.forces) - len(self._joint_forces)
         self._start, self._joint_forces = found.forces, found.forces[C:]
+        if C:
+            self._dissipated += self._dissipation(found, h)
         if self._guide is None or self._guide[0] is not guide:
             self._guide, self._fewest = (guide, h, self._lie), found.sweeps
         elif found.sweeps > self._fewest + MORE_SWEEPS:

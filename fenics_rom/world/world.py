@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from itertools import combinations
 from typing import Any
 
@@ -23,6 +24,7 @@ from fenics_rom.world.soft import Soft
 from fenics_rom.world.step_pairs import StepPairs
 
 _ONES = np.ones(3)
+LONGEST_TO_SHORTEST = 1000  # of steps that are looked at where one of a world is refused
 
 
 class World:
@@ -241,13 +243,14 @@ class World:
         if inputs:
             self._check_inputs(inputs)
         try:
-            pairs, start, guide = self._begin(inputs or {})
-            found, guide = find_forces(pairs, h, start, guide)
+            pairs, found, guide = self._find(inputs or {})
             for soft in self._soft:
                 soft.close()
-        except BaseException:
+        except BaseException as error:
             for body in bodies.values():
                 body.undo()
+            if isinstance(error, StepError) and (shorter := self._step_that_would_do(inputs or {})):
+                raise StepError(f"{error}; steps of {shorter:.3g} s would do") from error
             raise
         for body in bodies.values():
             body.commit()
@@ -259,6 +262,38 @@ class World:
         if found.residual:
             self._residuals = self._residuals[0] + 1, max(self._residuals[1], found.residual)
         self._steps, self._time = self._steps + 1, self._time + h
+
+    def _find(self, inputs: Mapping[str, Mapping[str, Any]]) -> tuple[Pairs, Found, Guide]:
+        """Opens a step, and finds its forces; all bodies have tried them last."""
+        h, known = self._dt, self._step_pairs
+        pairs, start, guide = self._begin(inputs)
+        found, guide = find_forces(pairs, h, start, guide)
+        for _ in self.bodies:  # each may hit the next
+            if not known.lacks_pairs(pairs, found, h):
+                break
+            more, start, guided = self._pairs_of_step(far=True)
+            if more.parts is pairs.parts:
+                break
+            pairs = more
+            found, guide = find_forces(pairs, h, start, guided)
+        if (deep := known.let_out(pairs, found, guide, h)) is not pairs:
+            found, guide = find_forces(deep, h, found.forces, guide)
+            if known.overdraws(found, h):
+                found, guide = find_forces(pairs, h, start, guide)
+        return pairs, found, guide
+
+    def _step_that_would_do(self, inputs: Mapping[str, Mapping[str, Any]]) -> float | None:
+        """The longest of shorter steps, s, in which forces are found; None where that is not looked for."""
+        dt, self._dt = self._dt, self._dt / 2
+        try:
+            while not self._soft and self._dt > dt / LONGEST_TO_SHORTEST:
+                with suppress(StepError):
+                    self._find(inputs)
+                    return self._dt
+                self._dt /= 2
+            return None
+        finally:
+            self._dt = dt
 
     def _step_alone(self, inputs: Mapping[str, Any] | None = None) -> None:
         """`step` of a world that has one soft body: it costs little more than that of its simulator."""
@@ -291,7 +326,10 @@ class World:
                 body.begin(self._dt)
             except StepError as error:
                 raise StepError(f"body {name!r}: {error}") from error
-        pairs, start, guide = self._step_pairs.of_step(self._dt)
+        return self._pairs_of_step()
+
+    def _pairs_of_step(self, far: bool = False) -> tuple[Pairs, Array, Guide | None]:
+        pairs, start, guide = self._step_pairs.of_step(self._dt, far)
         for part in pairs.parts:
             if isinstance(part.body, Soft):
                 part.body.note_gaps(part.points, pairs.gaps[part.pairs[part.pairs < len(pairs.gaps)]])
