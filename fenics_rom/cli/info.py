@@ -1,22 +1,61 @@
-"""`fenics-rom info`: what is in a ROM or a run."""
+"""`fenics-rom info`: what is in a ROM or a run, and what the places of a scene pick."""
 
 import argparse
+from pathlib import Path
+from typing import Any
 
 import fenics_rom as fr
-from fenics_rom.cli.display import print_rom, print_trajectory
+from fenics_rom.cli.display import print_rom, print_table, print_trajectory
+from fenics_rom.errors import SceneError
 from fenics_rom.io.hdf5 import content_of
+from fenics_rom.lazy_import import load
 
-SUMMARY = "say what is in a ROM or a run"
+SUMMARY = "say what is in a ROM or a run, or what the places of a scene pick"
+HEADS = ("place", "picks", "count", "nodes", "size", "from (m)", "to (m)")
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
-    command.add_argument("file", metavar="FILE.h5")
+    command.add_argument("file", metavar="FILE", help="a ROM, a run, or with --surfaces a scene")
+    command.add_argument(
+        "--surfaces", action="store_true", help="list what each place of a scene, and each group of its mesh, picks"
+    )
+    command.add_argument("-o", "--output", type=Path, metavar="PICTURE.png", help="with --surfaces: draw it, too")
 
 
 def run(choice: argparse.Namespace) -> None:
-    """Prints what `reduce` or `simulate` printed."""
+    """Prints what `reduce` or `simulate` printed, or the places of a scene."""
+    if choice.surfaces:
+        _list_places(choice.file, choice.output)
+        return
+    if choice.output is not None:
+        choice.wrong_usage("-o goes with --surfaces")
+    if Path(choice.file).suffix == ".toml":
+        choice.wrong_usage(f"{choice.file}: of a scene --surfaces lists the places; else allowed are a ROM and a run")
     if content_of(choice.file) == "rom":
         print_rom(fr.read_rom(choice.file), choice.file)
     else:
         print_trajectory(fr.read_trajectory(choice.file), choice.file)
+
+
+def _list_places(file: str, picture: Path | None) -> None:
+    """What is picked, in a table and perhaps in a picture; SceneError where a place picks nothing."""
+    scene = fr.read_scene(file)
+    if picture is not None:
+        from fenics_rom.visualization.exports.place_pictures import check_picture, draw_places
+
+        check_picture(picture)
+    survey = load("fem.named_places", "survey_places")(scene)
+    print_table(f"places of {file}", HEADS, [_row(place) for place in survey.places])
+    if picture is not None:
+        draw_places(picture, survey.coordinates, survey.surface, survey.places)
+        print(picture)
+    if survey.mistakes:
+        raise SceneError("; ".join(survey.mistakes))
+
+
+def _row(place: Any) -> tuple[str, ...]:
+    unit = {"triangles": " m²", "cells": " m³"}.get(place.kind)
+    corners = (", ".join(f"{x:.4g}" for x in corner) for corner in place.corners)
+    size = "-" if unit is None else f"{place.size:.4g}{unit}"
+    return (place.name, place.kind, str(place.count), str(len(place.nodes)), size, *corners)

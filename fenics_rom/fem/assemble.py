@@ -12,19 +12,21 @@ from fenics_rom.fem.assembly_warnings import obstacles_too_small, warnings_of
 from fenics_rom.fem.body_matrices import body_matrices, damping_of_cells, material_of_cells
 from fenics_rom.fem.contact_points import contact_points_of, points_between
 from fenics_rom.fem.finite_strain.assemble import assemble_deformation
-from fenics_rom.fem.loads import actuators_of, loads_of
+from fenics_rom.fem.loads import actuators_of, loads_of, patch_columns
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.mesh_quality import radius_ratios
 from fenics_rom.fem.moving_frame import assemble_frame
-from fenics_rom.fem.nodes import canonical_nodes, patch_columns, patch_nodes
+from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.fem.outputs import output_rows
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
+from fenics_rom.fem.places import patch_nodes
 from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.readings import readings_of
 from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.supports import unknowns_of
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.body_facts import implausible, quality_of
+from fenics_rom.scene.places import given_piece
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Body
 from fenics_rom.system.moving_frame import check_motions
@@ -67,7 +69,9 @@ def _system(scene: Scene, comm: Any) -> System:
             "allowed along an axis only; turn the mesh"
         )
     material, effects = material_of_cells(scene, mesh), scene.effects
-    young = {"material" if m.cells is None else f"materials.{name}": m.young for name, m in scene.materials.items()}
+    young = {
+        "material" if given_piece(m) is None else f"materials.{name}": m.young for name, m in scene.materials.items()
+    }
     is_proportional = not (effects.damped.materials or effects.damped.dashpots)
 
     matrices = body_matrices(comm, mesh, nodes, scene, material, unknowns)

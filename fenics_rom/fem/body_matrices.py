@@ -24,8 +24,10 @@ from fenics_rom.fem.mesh import Mesh
 from fenics_rom.fem.moving_frame import frame_origin, mass_times
 from fenics_rom.fem.nodes import CELL_EDGES, Nodes
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
+from fenics_rom.fem.places import picked_cells
 from fenics_rom.fem.restriction import restrict_matrices
 from fenics_rom.fem.springs import dashpots_of, springs_of, with_attached
+from fenics_rom.scene.places import given_piece
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
 
@@ -149,9 +151,10 @@ def material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
     """λ, μ (Pa) and ρ (kg/m3) of every cell of the mesh file, (C, 3)."""
     values = np.full((len(mesh.cells), 3), np.nan)
     for name, m in scene.materials.items():
-        cells = slice(None) if m.cells is None else mesh.region(m.cells)
+        cells = cells_of(scene, mesh, name)
         if not np.isnan(values[cells]).all():
-            raise SceneError(f"{scene.source}: materials.{name}: some cells of {m.cells!r} already have a material")
+            shared = np.count_nonzero(~np.isnan(values[cells][:, 0]))
+            raise SceneError(f"{scene.source}: materials.{name}: {shared} of its cells already have a material")
         shear = m.young / (2 * (1 + m.poisson))
         values[cells] = 2 * shear * m.poisson / (1 - 2 * m.poisson), shear, m.density
     unassigned = np.isnan(values[:, 0])
@@ -166,9 +169,16 @@ def damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
     values = np.tile([rayleigh.alpha, rayleigh.beta], (len(mesh.cells), 1))
     for name, of_material in scene.effects.damped.materials.items():
         check_known("material", name, scene.materials, SceneError, f"{scene.source}: effects.damping.materials: ")
-        cells = scene.materials[name].cells
-        values[slice(None) if cells is None else mesh.region(cells)] = of_material.alpha, of_material.beta
+        values[cells_of(scene, mesh, name)] = of_material.alpha, of_material.beta
     return values
+
+
+def cells_of(scene: Scene, mesh: Mesh, material: str) -> np.ndarray | slice:
+    """Those of a material: whether each of the mesh file is one, (C,), or all."""
+    place = scene.materials[material]
+    if given_piece(place) is None:
+        return slice(None)
+    return picked_cells(mesh, place, f"{scene.source}: materials.{material}")
 
 
 def assemble_form(form: Any) -> PETSc.Mat:

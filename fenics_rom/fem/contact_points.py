@@ -3,7 +3,8 @@
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.fem.nodes import Nodes, patch_nodes, patch_triangles
+from fenics_rom.fem.nodes import Nodes
+from fenics_rom.fem.places import patch_nodes, patch_triangles
 from fenics_rom.mechanics.contact_points import MOST_BETWEEN, PointsBetween, covering_radius
 from fenics_rom.mechanics.obstacles import smallest_radius
 from fenics_rom.scene.scene import Scene

@@ -8,8 +8,11 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
-from fenics_rom.fem.nodes import Nodes, patch_area, patch_columns, shape_functions
+from fenics_rom.fem.nodes import Nodes, area_vectors, load_weights, mean_over, shape_functions
+from fenics_rom.fem.places import patch_area, patch_nodes, patch_triangles
+from fenics_rom.mechanics.surface_points import mean_turning_maps
 from fenics_rom.mechanics.tendon import measure_segments, unit_tension_forces
+from fenics_rom.scene.places import Patch
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
 
@@ -84,3 +87,44 @@ def _cable(nodes: Nodes, points: Array, where: str) -> Array:
 def _refuse_nothing(columns: Array, unknowns: Unknowns, where: str) -> None:
     if not np.any(unknowns.restrict(columns)):
         raise SceneError(f"{where}: acts on nothing that can move")
+
+
+def patch_columns(nodes: Nodes, patch: Patch, unknowns: Unknowns, where: str) -> Array:
+    """Columns of the input matrix of a patch, on the components of all nodes, (3 N, columns).
+
+    Refuses a patch that cannot move; messages call it `where`.
+    """
+    triangles = patch_triangles(nodes, patch, where)
+    if patch.force == "normal":
+        columns = _inward_pressure(nodes, triangles).reshape(-1, 1)
+    elif patch.force == "resultant":
+        columns = np.kron(mean_over(nodes, triangles)[:, None], np.eye(3))
+    elif patch.force == "wrench":
+        columns = wrench_columns(nodes.coordinates, mean_over(nodes, triangles))
+    else:
+        touched_nodes = patch_nodes(nodes, patch, where)
+        components = np.intersect1d(3 * touched_nodes[:, None] + np.arange(3), unknowns.free)
+        columns = np.zeros((3 * len(nodes.coordinates), len(components)))
+        columns[components, np.arange(len(components))] = 1.0
+    if not np.any(unknowns.restrict(columns)):
+        raise SceneError(f"{where}: the whole patch is clamped, so no force on it can move the body")
+    return columns
+
+
+def wrench_columns(coordinates: Array, weights: Array) -> Array:
+    """Nodal forces (3 N, 6) of unit forces, and of unit moments about the mean place, of weights (N,) whose sum is 1.
+
+    See mechanics/surface_points.py; moments in N m.
+    """
+    turning = mean_turning_maps(coordinates - weights @ coordinates, weights)
+    return np.hstack([np.kron(weights[:, None], np.eye(3)), turning.swapaxes(1, 2).reshape(-1, 3)])
+
+
+def _inward_pressure(nodes: Nodes, triangles: Array) -> Array:
+    """Nodal forces (N, 3) of a total of 1 N."""
+    carriers, weight = load_weights(nodes, triangles)
+    inward = -area_vectors(nodes, triangles)
+    inward /= np.linalg.norm(inward, axis=1)[:, None]
+    force = np.zeros((len(nodes.coordinates), 3))
+    np.add.at(force, carriers, (weight * inward)[:, None, :])
+    return force / (3 * weight.sum())

@@ -10,7 +10,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
-from fenics_rom.fem.nodes import Nodes, patch_columns
+from fenics_rom.fem.loads import patch_columns
+from fenics_rom.fem.nodes import Nodes
 from fenics_rom.fem.outputs import output_rows
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, linear_stress, small_strain
 from fenics_rom.scene.scene import Scene

@@ -5,7 +5,8 @@ import scipy.sparse
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
-from fenics_rom.fem.nodes import Nodes, mean_over, shape_functions, surface_triangles
+from fenics_rom.fem.nodes import Nodes, mean_over, shape_functions
+from fenics_rom.fem.places import patch_triangles
 from fenics_rom.mechanics.readings import MarkerReading
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.scene.scene import Output
@@ -58,8 +59,8 @@ def output_rows(nodes: Nodes, output: Output, unknowns: Unknowns, where: str) ->
     if output.markers is not None:
         markers = [marker_reading(nodes, np.array(place), unknowns, f"{where}.markers") for place in output.markers]
         return np.hstack([marker.operator.T @ marker.small_motion.T for marker in markers])
-    if output.surface is not None:
-        weights = mean_over(nodes, surface_triangles(nodes, output.surface))[:, None]
+    if output.points is not None:
+        weights = np.stack([shape_functions(nodes, np.array(point), where) for point in output.points], axis=1)
     else:
-        weights = np.stack([shape_functions(nodes, np.array(point), where) for point in output.points or ()], axis=1)
+        weights = mean_over(nodes, patch_triangles(nodes, output, where))[:, None]
     return unknowns.restrict(np.kron(weights, np.eye(3)))

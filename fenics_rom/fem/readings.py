@@ -11,8 +11,9 @@ from scipy.sparse.csgraph import connected_components
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES, volume_within
-from fenics_rom.fem.nodes import Nodes, face_keys, patch_triangles, triangle_areas
+from fenics_rom.fem.nodes import Nodes, face_keys, triangle_areas
 from fenics_rom.fem.outputs import marker_reading
+from fenics_rom.fem.places import patch_triangles
 from fenics_rom.mechanics.readings import (
     ContactPressure,
     ReadableBody,

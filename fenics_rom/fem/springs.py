@@ -6,8 +6,9 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
-from fenics_rom.fem.nodes import Nodes, patch_triangles, surface_mass
+from fenics_rom.fem.nodes import Nodes, surface_mass
 from fenics_rom.fem.petsc_matrix import PetscMatrix, from_local_rows
+from fenics_rom.fem.places import patch_triangles
 from fenics_rom.scene.places import Place
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns

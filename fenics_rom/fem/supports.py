@@ -7,13 +7,12 @@ import scipy.linalg
 import scipy.sparse
 
 from fenics_rom.errors import SceneError
-from fenics_rom.fem.nodes import Nodes, clamped_nodes, patch_nodes, surface_triangles
-from fenics_rom.scene.places import Held
+from fenics_rom.fem.nodes import Nodes
+from fenics_rom.fem.places import held_nodes, patch_nodes
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
 from fenics_rom.system.rigid_modes import rigid_fields
 
-SAME_POINT = 1e-6  # share of the size of the body within which a node is at a point
 DEPENDENT = 1e-9  # length that is left of a normal of 1 beside others, below which it says what they say
 
 
@@ -25,8 +24,8 @@ def unknowns_of(scene: Scene, nodes: Nodes) -> Unknowns:
     """
     count = len(nodes.coordinates)
     clamped, normals = np.zeros(count, dtype=bool), defaultdict[int, list[np.ndarray]](list)
-    for name in scene.clamped:
-        clamped[clamped_nodes(nodes, name)] = True
+    for k, place in enumerate(scene.clamped):
+        clamped[held_nodes(nodes, place, f"{scene.source}: supports.clamped[{k}]")] = True
     for k, held in enumerate(scene.held):
         numbers = held_nodes(nodes, held, f"{scene.source}: supports.held[{k}]")
         if held.normal is None:
@@ -44,9 +43,9 @@ def unknowns_of(scene: Scene, nodes: Nodes) -> Unknowns:
         fixed, weights = eliminate(np.array(along))
         is_free[node, fixed] = False
         ties += [(3 * node + i, 3 * node + j, w) for i, row in zip(fixed, weights, strict=True) for j, w in row.items()]
-    for name in scene.rigid:
-        where = f"{scene.source}: supports.rigid: surface {name!r}"
-        numbers = np.unique(nodes.triangle_nodes(surface_triangles(nodes, name)))
+    for k, place in enumerate(scene.rigid):
+        where = f"{scene.source}: supports.rigid[{k}]"
+        numbers = patch_nodes(nodes, place, where)
         if not is_free[numbers].all():
             raise SceneError(f"{where} has nodes that are held, or on another rigid surface: allowed are free ones")
         components, leaders, shares = rigid_ties(nodes.coordinates[numbers])
@@ -78,26 +77,6 @@ def rigid_ties(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     leaders = np.sort(scipy.linalg.qr(motions.T, mode="r", pivoting=True)[1][:6])
     components = np.setdiff1d(np.arange(len(motions)), leaders)
     return components, leaders, np.linalg.solve(motions[leaders].T, motions[components].T).T
-
-
-def held_nodes(nodes: Nodes, held: Held, where: str) -> np.ndarray:
-    """The nodes (any,) that a support holds.
-
-    Raises:
-        MeshError, SceneError: the surface does not exist, or there is no node at the point.
-    """
-    if held.surface is not None:
-        return clamped_nodes(nodes, held.surface)
-    if held.point is None:
-        return patch_nodes(nodes, held, where)
-    distance = np.linalg.norm(nodes.coordinates - np.array(held.point), axis=1)
-    nearest = int(distance.argmin())
-    if distance[nearest] > SAME_POINT * np.linalg.norm(np.ptp(nodes.coordinates, axis=0)):
-        raise SceneError(
-            f"{where}.point = {list(held.point)}: no node of the mesh is there; the nearest is at "
-            f"{nodes.coordinates[nearest].round(9).tolist()}, {distance[nearest]:.3g} m away"
-        )
-    return np.array([nearest])
 
 
 def eliminate(normals: np.ndarray) -> tuple[list[int], list[dict[int, float]]]:

@@ -15,6 +15,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import SceneError, unknown
 from fenics_rom.identification.tilt import tilt_axes, tilted
 from fenics_rom.scene.effects import Gravity, RayleighDamping
+from fenics_rom.scene.places import given_piece
 from fenics_rom.scene.scene import Scene
 
 YOUNG, POISSON, DENSITY, ALPHA, BETA = range(5)  # columns of θ
@@ -104,7 +105,7 @@ def parameters_of(scene: Scene) -> dict[str, Parameter]:
     """All that a scene gives a value to, by name; damping that it says is 0 is not looked for."""
     θ, found = values_of(scene), []
     for row, (material, m) in enumerate(scene.materials.items()):
-        prefix, path = ("", ("material",)) if m.cells is None else (f"{material}.", ("materials", material))
+        prefix, path = ("", ("material",)) if given_piece(m) is None else (f"{material}.", ("materials", material))
         for column, key in enumerate(NAMES[:ALPHA]):
             found.append(Parameter(prefix + key, column, (row,), float(θ[row, column]), (*path, key)))
     if (damping := scene.effects.damping) is not None:

@@ -13,6 +13,7 @@ from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import Contact, Effects, Viscoelasticity
 from fenics_rom.scene.environment import guides_of, obstacle_of
 from fenics_rom.scene.file_format import LoadEntry, SceneFile
+from fenics_rom.scene.places import given_piece
 from fenics_rom.scene.scene import ReadingEntry, check_order
 
 ROUND_OFF = 1e-9  # of moments of inertia
@@ -76,9 +77,9 @@ def check_choices(part: Any, where: str) -> None:
         given = [key for key in keys if getattr(part, key) is not None]
         if len(given) != 1:
             raise SceneError(f"{where}: give exactly one of {', '.join(keys)}; given: {', '.join(given) or 'none'}")
-    alternatives = getattr(part, "AT_MOST_ONE", ())
-    if alternatives and all(getattr(part, key) is not None for key in alternatives):
-        raise SceneError(f"{where}: give {' or '.join(alternatives)}, not both")
+    given = [key for key in getattr(part, "AT_MOST_ONE", ()) if getattr(part, key) is not None]
+    if len(given) > 1:
+        raise SceneError(f"{where}: give {' or '.join(given)}, not both")
     if isinstance(part, tuple):
         for k, inner in enumerate(part):
             check_choices(inner, f"{where}[{k}]")
@@ -99,8 +100,8 @@ def _check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:
         raise SceneError(f"{where}.point: goes with a marker; {reading.quantity} has none")
     if not kind:
         return
-    if reading.near is not None:
-        raise SceneError(f"{where}.near: goes with strain and stress; a {reading.quantity} is that of a {kind}")
+    if (piece := given_piece(reading)) is not None:
+        raise SceneError(f"{where}.{piece}: goes with strain and stress; a {reading.quantity} is that of a {kind}")
     if reading.of is None:
         raise SceneError(f"{where}.of is missing: the {kind} whose {reading.quantity} is read")
     check_known(kind, reading.of, known, SceneError, f"{where}.of: ")
@@ -111,8 +112,8 @@ def _check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:
 def _check_marker(reading: ReadingEntry, frame: str, where: str) -> None:
     if reading.point is None:
         raise SceneError(f"{where}.point is missing: where the middle of the marker is at rest")
-    for key in ("of", "near"):
-        if getattr(reading, key) is not None:
+    for key in ("of", given_piece(reading)):
+        if key is not None and getattr(reading, key) is not None:
             raise SceneError(f"{where}.{key}: a marker is on the triangle that is nearest to its point")
     if frame == "moving":
         raise SceneError(f"{where}: allowed with frame = 'moving' are outputs.NAME.markers, which the frame carries")

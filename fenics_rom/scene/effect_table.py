@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, get_origin
 
 from fenics_rom.scene.effects import Effects, Law
+from fenics_rom.scene.places import PIECES
 from fenics_rom.scene.values import Items, Number, keys_of, part_of, type_in, value_in
 
 
@@ -65,7 +66,7 @@ def table_of_effects() -> list[tuple[str, str, str, str]]:
         (
             f"`{name}.NAME`" if effect.several else f"`{name}`",
             effect.law.force,
-            ", ".join(_described(key, annotation) for key, annotation in effect.parameters.items()) or "-",
+            ", ".join(dict.fromkeys(_described(key, part) for key, part in effect.parameters.items())) or "-",
             "; ".join(
                 f"{verb} {getattr(effect.law, verb)}"
                 for verb in ("stores", "dissipates", "supplies")
@@ -77,7 +78,9 @@ def table_of_effects() -> list[tuple[str, str, str, str]]:
 
 
 def _described(key: str, annotation: Any) -> str:
-    """A parameter with its unit and its bounds."""
+    """A parameter with its unit and its bounds; a place for all of its keys."""
+    if key in PIECES:
+        return "a place"
     value = value_in(annotation)
     if isinstance(value, Items):
         value = value_in(part_of(annotation, 0))

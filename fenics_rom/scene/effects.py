@@ -113,7 +113,7 @@ class PointMass(Place):
     LAW: ClassVar = Law(
         force="m dv/dt of a mass fixed to the body, and its weight under gravity", stores="½ m v²", online=False
     )
-    ONE_OF = (("surface", "near", "plane", "facing", "point"),)
+    ONE_OF = ((*PIECES, "point"),)
     point: Annotated[Point | None, "a material point of the body"] = None
     mass: Annotated[float, Number(above=0.0, unit="kg"), "of the whole"]
     direction: Annotated[

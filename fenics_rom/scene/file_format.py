@@ -7,12 +7,11 @@ from typing import Annotated, ClassVar
 from fenics_rom.mechanics.environment import DETAILS, FRAMES
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import Effects, constant_signal
-from fenics_rom.scene.places import Held, Patch
-from fenics_rom.scene.scene import INTEGRATIONS, Elasticity, Output, ReadingEntry, Reduction
+from fenics_rom.scene.places import Held, Patch, PlaceItem
+from fenics_rom.scene.scene import INTEGRATIONS, Elasticity, Material, Output, ReadingEntry, Reduction
 from fenics_rom.scene.values import Items, Metres, Name, Number, Table, Text
 
 Group = Annotated[int, Number(integer=True, at_least=0)]
-SurfaceName = Annotated[str, Text()]
 InputValue = Annotated[float, Number(unit="N")]
 
 
@@ -38,22 +37,15 @@ class Mesh:
 
 
 @dataclass(frozen=True)
-class CellMaterial(Elasticity):
-    """Isotropic linear elastic material of some cells."""
-
-    cells: Annotated[str, Text(), "a named cell group of the mesh"]
-
-
-@dataclass(frozen=True)
 class Supports:
     """What holds the body."""
 
-    clamped: Annotated[tuple[SurfaceName, ...], Items(), "named surfaces that do not move"] = ()
-    held: Annotated[tuple[Held, ...], Items(), "rollers and planes of symmetry, and pieces without a name"] = ()
+    clamped: Annotated[tuple[PlaceItem, ...], Items(), "surfaces that do not move, by name or as places"] = ()
+    held: Annotated[tuple[Held, ...], Items(), "rollers and planes of symmetry"] = ()
     rigid: Annotated[
-        tuple[SurfaceName, ...],
+        tuple[PlaceItem, ...],
         Items(),
-        "named surfaces that move as rigid bodies do, as where a plate is glued on; they turn but a little",
+        "surfaces that move as rigid bodies do, as where a plate is glued on; they turn but a little",
     ] = ()
 
 
@@ -139,7 +131,7 @@ class SceneFile:
     name: Annotated[str, Text(), "of the scene"] = "scene"
     mesh: Annotated[Mesh, "tetrahedra of a Gmsh file"]
     material: Annotated[Elasticity | None, "of the whole body; this or materials"] = None
-    materials: Annotated[Mapping[Name, CellMaterial] | None, "of cell groups; this or material"] = None
+    materials: Annotated[Mapping[Name, Material] | None, "of cell groups; this or material"] = None
     frame: Annotated[
         str,
         Text(choices=FRAMES),

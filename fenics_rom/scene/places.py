@@ -1,16 +1,14 @@
-"""Where on a body something acts."""
+"""Where on a body something acts or is read: one record for surfaces and nodes, one for cells."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, ClassVar
 
-from fenics_rom.scene.values import Direction, Number, Point, Text
-
-PIECES = ("surface", "near", "plane", "facing")  # ways to say which piece of the surface
+from fenics_rom.scene.values import Direction, Flag, Items, NameOrTable, Number, Point, Text
 
 
 @dataclass(frozen=True)
 class Near:
-    """The surface triangles whose centroids lie in a ball."""
+    """What lies in a ball."""
 
     point: Annotated[Point, "centre of the ball"]
     radius: Annotated[float, Number(above=0.0, unit="m"), "of the ball"]
@@ -36,18 +34,50 @@ class Facing:
 
 
 @dataclass(frozen=True)
-class Place:
-    """A piece of the surface: exactly one of them."""
+class Box:
+    """What lies in a box along the axes, or within 1e-6 of the body's length of it; the box may be flat."""
 
-    ONE_OF: ClassVar[tuple[tuple[str, ...], ...]] = (PIECES,)
+    corners: Annotated[tuple[Point, Point], Items(2), "two that are opposite, in any order"]
+
+
+@dataclass(frozen=True)
+class Along:
+    """What lies along a line of straight pieces, as a row of nodes on an edge does."""
+
+    points: Annotated[tuple[Point, ...], Items(at_least=2), "of the line, from one end to the other"]
+    radius: Annotated[
+        float | None, Number(above=0.0, unit="m"), "distance from the line; without it 1e-6 of the body's length"
+    ] = None
+
+
+@dataclass(frozen=True)
+class Place:
+    """A piece of the surface, or nodes: exactly one of these keys. In a list, a text is the name of a surface."""
+
     surface: Annotated[str | None, Text(), "a named surface of the mesh"] = None
-    near: Annotated[Near | None, "the surface triangles whose centroids lie in a ball"] = None
+    near: Annotated[Near | None, "what lies in a ball"] = None
     plane: Annotated[Plane | None, "the surface triangles in a plane"] = None
     facing: Annotated[Facing | None, "the surface triangles that look in a direction"] = None
+    box: Annotated[Box | None, "what lies in a box along the axes"] = None
+    along: Annotated[Along | None, "what lies along a line of straight pieces"] = None
+    inner: Annotated[
+        bool | None, Flag(), "the walls of chambers, which hardly see the outside; false: the rest of the surface"
+    ] = None
+    all: Annotated["tuple[PlaceItem, ...] | None", Items(at_least=1), "what is in all of these places"] = None
+    any: Annotated["tuple[PlaceItem, ...] | None", Items(at_least=1), "what is in any of these places"] = None
+    none: Annotated["tuple[PlaceItem, ...] | None", Items(at_least=1), "what is in none of these places"] = None
+
+    ONE_OF: ClassVar[tuple[tuple[str, ...], ...]] = (
+        ("surface", "near", "plane", "facing", "box", "along", "inner", "all", "any", "none"),
+    )
 
     def patch(self, force: str) -> "Patch":
         """The place, with the forces that can act on it."""
-        return Patch(self.surface, self.near, self.plane, self.facing, force)
+        return Patch(**{piece: getattr(self, piece) for piece in PIECES}, force=force)
+
+
+PlaceItem = Annotated[Place, NameOrTable("surface")]
+PIECES = tuple(field.name for field in fields(Place))  # ways to say which piece of the surface
 
 
 @dataclass(frozen=True)
@@ -68,7 +98,37 @@ class Held(Place):
     """Nodes that do not move, or do not move along a normal: a roller, or a plane of symmetry."""
 
     ONE_OF = ((*PIECES, "point"),)
-    point: Annotated[Point | None, "a node of the mesh; instead of a piece of the surface"] = None
+    point: Annotated[Point | None, "a node of the mesh; instead of a place"] = None
     normal: Annotated[
         Direction | None, "along which they are held, of any length but zero; without one they are clamped"
     ] = None
+
+
+@dataclass(frozen=True)
+class CellPlace:
+    """Cells: exactly one of these keys. In a list, a text is the name of a cell group."""
+
+    cells: Annotated[str | None, Text(), "a named cell group of the mesh"] = None
+    near: Annotated[Near | None, "what lies in a ball"] = None
+    box: Annotated[Box | None, "what lies in a box along the axes"] = None
+    along: Annotated[Along | None, "what lies along a line of straight pieces"] = None
+    all: Annotated["tuple[CellItem, ...] | None", Items(at_least=1), "what is in all of these places"] = None
+    any: Annotated["tuple[CellItem, ...] | None", Items(at_least=1), "what is in any of these places"] = None
+    none: Annotated["tuple[CellItem, ...] | None", Items(at_least=1), "what is in none of these places"] = None
+
+    ONE_OF: ClassVar[tuple[tuple[str, ...], ...]] = (("cells", "near", "box", "along", "all", "any", "none"),)
+
+
+CellItem = Annotated[CellPlace, NameOrTable("cells")]
+CELL_PIECES = tuple(field.name for field in fields(CellPlace))  # ways to say which cells
+
+
+def given_piece(place: Place | CellPlace) -> str | None:
+    """Which of the keys of a place is given; None where none is."""
+    pieces = PIECES if isinstance(place, Place) else CELL_PIECES
+    return next((piece for piece in pieces if getattr(place, piece) is not None), None)
+
+
+def only_name(place: Place) -> "str | Place":
+    """A place that is a named surface by its name; any other as it is."""
+    return place if place.surface is None else place.surface

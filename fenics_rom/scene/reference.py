@@ -10,6 +10,7 @@ from typing import Any, get_args, get_origin
 from fenics_rom.io.markdown import markdown
 from fenics_rom.scene.effect_table import table_of_effects
 from fenics_rom.scene.file_format import SceneFile
+from fenics_rom.scene.places import CellPlace, Place
 from fenics_rom.scene.values import (
     Items,
     Number,
@@ -30,7 +31,8 @@ from fenics_rom.scene.world_format import WorldFile
 EXAMPLE = Path(__file__).with_name("example.toml")
 INTRODUCTION = Path(__file__).with_name("introduction.txt")
 WORLD_EXAMPLE = Path(__file__).with_name("world_example.toml")
-FILES = {SceneFile: "The file", WorldFile: "The world file"}
+FILES: dict[Any, str] = {SceneFile: "The file", WorldFile: "The world file"}
+PLACES: dict[Any, str] = {Place: "A place", CellPlace: "A place of cells"}  # described once, whatever has their keys
 WORLDS = """# Worlds: several bodies
 
 A file with `[bodies.NAME]` is a world: rigid and soft bodies that touch one another. `fenics-rom simulate` runs it,
@@ -42,8 +44,7 @@ and `plot`, `view` and `export` show the run as they do that of one body. Soft b
 def reference() -> str:
     """The page, in Markdown."""
     effects = markdown(("effect", "force", "parameters", "energy"), table_of_effects())
-    sections = [_section(record, places) for record, places in _records(SceneFile).items()]
-    worlds = [_section(record, places) for record, places in _records(WorldFile).items()]
+    sections, worlds = ([_section(*each) for each in _records(file).items()] for file in FILES)
     example = f"## A complete example\n\n```toml\n{EXAMPLE.read_text().strip()}\n```\n"
     world = f"{WORLDS}\n```toml\n{WORLD_EXAMPLE.read_text().strip()}\n```\n"
     return "\n".join([INTRODUCTION.read_text(), f"## Effects\n\n{effects}", *sections, example, world, *worlds])
@@ -54,7 +55,14 @@ def _records(file: Any) -> dict[Any, list[str]]:
     records: dict[Any, list[str]] = {file: [FILES[file]]}
 
     def collect(record: Any, path: str) -> None:
+        place = _place_of(record)
+        if place is not None and place not in records:
+            records[place] = [PLACES[place]]
+            collect(place, "")
+        inherited = {} if place in (None, record) else keys_of(place)
         for key, annotation in keys_of(record).items():
+            if key in inherited:
+                continue
             name = f"{path}.{key}" if path else key
             form, brackets = _table_in(annotation), "[{}]"
             if get_origin(type_in(annotation)) is tuple:
@@ -62,11 +70,17 @@ def _records(file: Any) -> dict[Any, list[str]]:
             elif get_origin(type_in(annotation)) is Mapping:
                 name += ".NAME"
             if form is not None and keys_of(form):
-                records.setdefault(form, []).append(f"`{brackets.format(name)}`")
+                of_place = f"`{key}` of {PLACES[record].lower()}" if record in PLACES else ""
+                records.setdefault(form, []).append(of_place or f"`{brackets.format(name)}`")
                 collect(form, name)
 
     collect(file, "")
     return records
+
+
+def _place_of(record: Any) -> Any:
+    """The kind of place whose keys a record has; None of others."""
+    return next((place for place in PLACES if issubclass(record, place)), None)
 
 
 def _table_in(annotation: Any) -> Any:
@@ -83,8 +97,12 @@ def _section(record: Any, places: list[str]) -> str:
     text = " ".join(cleandoc(record.__doc__).split("\n\n"))
     if others:
         text += f" The same: {', '.join(others)}."
-    annotations = keys_of(record)
-    rows = [_row(field, annotations[field.name]) for field in fields(record)]
+    annotations, place = keys_of(record), _place_of(record)
+    inherited = {} if place in (None, record) else keys_of(place)
+    rows = [_row(field, annotations[field.name]) for field in fields(record) if field.name not in inherited]
+    if inherited:
+        anchor = PLACES[place].lower().replace(" ", "-")
+        rows.insert(0, (f"keys of [{PLACES[place].lower()}](#{anchor})", "one of them", "-", "-", "where"))
     return f"## {first}\n\n{text}\n\n{markdown(('key', 'value', 'unit', 'default', 'meaning'), rows)}"
 
 

@@ -1,11 +1,10 @@
 """A scene: what is simulated, as a frozen record. No numerics."""
 
 import hashlib
-import json
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -17,7 +16,7 @@ from fenics_rom.mechanics.environment import SWITCHINGS, Environment, Run
 from fenics_rom.mechanics.readings import READING_UNITS
 from fenics_rom.scene.effects import Effects
 from fenics_rom.scene.environment import as_text, environment_of
-from fenics_rom.scene.places import Held, Near, Patch, Place
+from fenics_rom.scene.places import PIECES, CellPlace, Held, Patch, Place, given_piece, only_name
 from fenics_rom.scene.values import Items, Number, OneOrByName, Point, Text
 
 WEIGHTINGS = ("mass", "nodal", "outputs")
@@ -44,31 +43,29 @@ class Elasticity:
 
 
 @dataclass(frozen=True)
-class Material(Elasticity):
-    """Isotropic linear elastic material of one cell group (of the whole body where `cells` is None)."""
-
-    cells: str | None = None
+class Material(CellPlace, Elasticity):
+    """Isotropic linear elastic material of some cells."""
 
 
 @dataclass(frozen=True)
-class Output:
-    """Displacements that are read often: of points or markers, or the mean over a surface; exactly one of them."""
+class Output(Place):
+    """Displacements that are read often: of points or markers, or the mean over a piece of the surface."""
 
-    ONE_OF: ClassVar = (("points", "markers", "surface"),)
+    ONE_OF = (("points", "markers", *PIECES),)
     points: Annotated[tuple[Point, ...] | None, Items(at_least=1), "material points of the body"] = None
     markers: Annotated[
         tuple[Point, ...] | None,
         Items(at_least=1),
         "middles of markers off the surface, each rigidly on the triangle that is nearest; for small turns",
     ] = None
-    surface: Annotated[str | None, Text(), "a named surface of the mesh, whose mean is read"] = None
 
 
-@dataclass(frozen=True)
-class ReadingEntry:
-    """What is read beside outputs, at every instant that a run keeps."""
+@dataclass(frozen=True, kw_only=True)
+class ReadingEntry(Place):
+    """What is read beside outputs, at every instant that a run keeps; strain and stress of a place, or everywhere."""
 
-    AT_MOST_ONE: ClassVar = ("of", "near")
+    ONE_OF = ()
+    AT_MOST_ONE: ClassVar = ("of", *PIECES)
     quantity: Annotated[
         str,
         Text(choices=tuple(READING_UNITS)),
@@ -80,17 +77,16 @@ class ReadingEntry:
     of: Annotated[
         str | None,
         Text(),
-        "the tendon, the pressure, the contact mode, or a named surface of the mesh; of strain and stress the whole "
-        "surface where neither this nor near is given",
+        "the tendon, the pressure or the contact mode; of strain and stress a named surface, as `surface` is",
     ] = None
-    near: Annotated[Near | None, "of strain and stress: the surface triangles whose centroids lie in a ball"] = None
-
     point: Annotated[Point | None, "of a marker: where its middle is at rest"] = None
 
     @property
     def place(self) -> Place | None:
         """Of strain and stress: the piece of the surface; None: all of it."""
-        return None if self.of is None and self.near is None else Place(self.of, self.near)
+        if given_piece(self) is not None:
+            return self
+        return None if self.of is None else Place(self.of)
 
 
 @dataclass(frozen=True)
@@ -133,9 +129,9 @@ class Scene:
     Attributes:
         integration: of changes of volume, "full" or "selective": in the middle of cells.
         frame: "fixed", or "moving": the body turns as far as it likes.
-        clamped: names of surfaces.
-        held: pieces of the body that do not move, or do not move along a normal.
-        rigid: names of surfaces that move as rigid bodies do.
+        clamped: places that do not move.
+        held: places that do not move, or do not move along a normal.
+        rigid: surfaces that move as rigid bodies do.
         text: of the file.
         tables: by the names of their files: time in s and what it is a signal of, (times, 1 + columns).
         source: for messages.
@@ -155,9 +151,9 @@ class Scene:
     mesh_scale: float
     materials: Mapping[str, Material]
     frame: str
-    clamped: tuple[str, ...]
+    clamped: tuple[Place, ...]
     held: tuple[Held, ...]
-    rigid: tuple[str, ...]
+    rigid: tuple[Place, ...]
     contacts: Mapping[str, Patch]
     actuators: Mapping[str, Patch]
     outputs: Mapping[str, Output]
@@ -181,10 +177,10 @@ class Scene:
         environment = environment_of(self.effects, self.frame, self.run, self.source)
         records: dict[str, Any] = {f"materials.{name}": material for name, material in self.materials.items()}
         records |= {f"readings.{name}": entry for name, entry in self.readings.items()}
-        built_in = {place: json.dumps(asdict(record), sort_keys=True) for place, record in records.items()}
-        built_in |= {place: as_text(getattr(self, place)) for place in ("contacts", "actuators", "outputs")}
-        supports: dict[str, Any] = {"clamped": sorted(self.clamped), "held": self.held}
-        built_in["supports"] = as_text(supports | ({"rigid": sorted(self.rigid)} if self.rigid else {}))
+        records |= {place: getattr(self, place) for place in ("contacts", "actuators", "outputs")}
+        clamped, rigid = (sorted(map(only_name, places), key=as_text) for places in (self.clamped, self.rigid))
+        records["supports"] = {"clamped": clamped, "held": self.held} | ({"rigid": rigid} if rigid else {})
+        built_in = {place: as_text(record) for place, record in records.items()}
         built_in["mesh"] = as_text(self._mesh)
         return replace(environment, built_in={**environment.built_in, **built_in})
 

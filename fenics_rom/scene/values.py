@@ -190,6 +190,26 @@ class OneOrByName(Value):
 
 
 @dataclass(frozen=True)
+class NameOrTable(Value):
+    """A table, as the annotated record has it, or a name alone, which is that of one key of it."""
+
+    key: str
+    allowed = "a name, or a table"
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        def checked(value: Any, table: Any) -> Any:
+            if isinstance(value, str):
+                return source(**{self.key: Text().checked(value)})
+            if not isinstance(value, dict):
+                raise refused(value, self.allowed)
+            return table(value)
+
+        return core_schema.no_info_wrap_validator_function(checked, handler(source))
+
+
+@dataclass(frozen=True)
 class Table(Text):
     """The name of a CSV file with a signal; read as pydantic's context does it, by name, `columns` and `unit`."""
 

@@ -48,7 +48,7 @@ COMMANDS = {
     ],
     "study": ["--tolerance", "--quick", "--methods", "--orders", "--steps", "--mesh", "--resume", "--output"],
     "identify": ["--also", "--data", "--parameters", "--output"],
-    "info": [],
+    "info": ["--surfaces", "--output"],
     "view": ["--port", "--no-browser", "--dt"],
     "compare": ["--finer"],
     "plot": ["--what", "--full", "--dark", "--output"],
@@ -177,6 +177,23 @@ def test_study_for_a_tolerance_writes_the_model(inside, say):
     assert chosen
     assert f"--dt 0.00{chosen[2]}:" in written
     assert max(mode.order for mode in fr.read_rom("out/rom.h5").contact_models.values()) == int(chosen[1])
+
+
+def test_info_lists_and_draws_the_places_of_a_scene(say, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    place = "[outputs.edge]\nall = ['tip', { box = { corners = [[0, 0, 0], [1, 1, 0.001]] } }]\n"
+    Path("scene.toml").write_text(f"{TEXT}\n{place}")
+    status, out, err = say("info", "scene.toml", "--surfaces", "-o", "places.png")
+    assert status == 1  # as no triangle of the tip is that low
+    assert re.search(r"^ +supports.clamped\[0\] +nodes +\d+ +\d+ +- +0, 0, 0 +0, 0.2, 0.01$", out, flags=re.M)
+    assert re.search(r"^ +contacts.middle +triangles +\d+ +\d+ +0.\d+ m² ", out, flags=re.M)
+    assert out.splitlines()[-1] == "places.png"
+    assert Path("places.png").read_bytes().startswith(b"\x89PNG")
+    assert re.fullmatch(
+        r".* outputs.edge.all: no surface triangle is in all of its places, which pick 8, 40 of 128\n", err
+    )
+    assert say("info", "scene.toml", "--surfaces", "-o", "places.pdf")[2].endswith("a file that ends in .png\n")
+    assert say("info", ROM, "--surfaces")[0] == 1
 
 
 def test_info_is_what_the_commands_printed(story, say, monkeypatch):
@@ -372,6 +389,8 @@ def test_help_lists_every_command(say):
         ["compare", "run.h5"],
         ["info", "rom.h5", "more"],
         ["info", "rom.h5", "-fenics_rom_eps_ncv"],
+        ["info", "scene.toml"],
+        ["info", "rom.h5", "-o", "places.png"],
         ["simulate", "rom.h5", "-o", "run.h5", "-fenics_rom_eps_ncv", "40"],
         ["reduce", "scene.toml", "-o", "rom.h5", "-mat_mumps_icntl_14", "40"],
         ["reduce", "scene.toml", "-o", "rom.h5", "--fenics_rom_eps_ncv", "40"],

@@ -622,7 +622,7 @@ COMMANDS = {
     "2, unknown option, hint": (["simulate", "rom.h5", "--ordre", "3"], "did you mean '--order'?"),
     "2, unknown letter": (["info", "rom.h5", "-x"], "no option '-x'; there is --help"),
     "2, missing output": (["reduce", "block.toml"], "the following arguments are required: -o/--output"),
-    "2, missing file": (["info"], "the following arguments are required: FILE.h5; see fenics-rom info --help"),
+    "2, missing file": (["info"], "the following arguments are required: FILE; see fenics-rom info --help"),
     "2, missing value": (["simulate", "rom.h5", "-o", "out.h5", "--dt"], "argument --dt: expected one argument"),
     "2, bad number": (
         ["simulate", "rom.h5", "-o", "out.h5", "--dt", "fast"],

@@ -13,8 +13,9 @@ from fenics_rom.fem.finite_strain.model import FiniteStrainModel
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, HyperelasticMaterial
-from fenics_rom.fem.nodes import Nodes, patch_triangles, shape_functions
+from fenics_rom.fem.nodes import Nodes, shape_functions
 from fenics_rom.fem.petsc_matrix import PetscMatrix
+from fenics_rom.fem.places import patch_triangles
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
