@@ -127,10 +127,13 @@ def surface_mass(nodes: Nodes, triangles: np.ndarray) -> scipy.sparse.csr_matrix
     return scipy.sparse.csr_matrix(entries, shape=2 * (len(nodes.coordinates),))
 
 
-def shape_functions(nodes: Nodes, point: np.ndarray, where: str) -> np.ndarray:
-    """Values (N,) of all shape functions at a point.
+def cell_at(nodes: Nodes, point: np.ndarray, where: str) -> tuple[int, np.ndarray]:
+    """The cell in which a point is, and its barycentric coordinates (4,) there.
 
-    A point just outside (a marker on a curved surface that the mesh cuts off) is read at the nearest cell.
+    A point just outside (a marker on a curved surface that the mesh cuts off) is taken to the nearest cell.
+
+    Raises:
+        SceneError: it is farther outside.
     """
     corners = nodes.coordinates[nodes.cells]
     edges = np.transpose(corners[:, 1:] - corners[:, :1], (0, 2, 1))
@@ -139,15 +142,21 @@ def shape_functions(nodes: Nodes, point: np.ndarray, where: str) -> np.ndarray:
     clipped = np.clip(barycentric, 0, None)
     clipped /= clipped.sum(axis=1)[:, None]
     distance = np.linalg.norm(np.einsum("ci,cij->cj", clipped, corners) - point, axis=1)
-    cell = distance.argmin()
+    cell = int(distance.argmin())
     size = np.linalg.norm(np.ptp(nodes.coordinates, axis=0))
     if distance[cell] > 0.01 * size:
         raise SceneError(
             f"{where}: point {point.tolist()} is {distance[cell]:.3g} m outside the body; "
             f"allowed is 1 % of its size, {0.01 * size:.3g} m (mesh.scale says in which unit the mesh is)"
         )
+    return cell, clipped[cell]
+
+
+def shape_functions(nodes: Nodes, point: np.ndarray, where: str) -> np.ndarray:
+    """Values (N,) of all shape functions at a point; SceneError as of `cell_at`."""
     values = np.zeros(len(nodes.coordinates))
-    vertices, λ = nodes.cells[cell], clipped[cell]
+    cell, λ = cell_at(nodes, point, where)
+    vertices = nodes.cells[cell]
     if len(nodes.edges) == 0:
         values[vertices] = λ
     else:

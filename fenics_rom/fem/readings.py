@@ -10,14 +10,15 @@ from scipy.sparse.csgraph import connected_components
 
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.full_order_body import FullOrderBody
-from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES, volume_within
-from fenics_rom.fem.nodes import Nodes, face_keys, triangle_areas
+from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES, signed_volumes, volume_within
+from fenics_rom.fem.nodes import Nodes, cell_at, face_keys, triangle_areas
 from fenics_rom.fem.outputs import marker_reading
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.mechanics.readings import (
     ContactPressure,
     ReadableBody,
     Reading,
+    StressReading,
     StrokeReading,
     SurfaceReading,
     swept_volume,
@@ -66,6 +67,8 @@ def _reading(
         return ContactPressure(of, touched, facets.reshape(len(triangles), -1), triangle_areas(nodes, triangles))
     if entry.point is not None:
         return marker_reading(nodes, np.array(entry.point), unknowns, f"{where}.point")
+    if entry.points is not None:
+        return _point_stresses(nodes, np.array(entry.points), material, scene.integration, unknowns, f"{where}.points")
     place = entry.place
     facets = nodes.surface if place is None else patch_triangles(nodes, place, where)
     samples, operator, cells = surface_gradients(nodes, facets)
@@ -91,15 +94,55 @@ def surface_gradients(nodes: Nodes, facets: Array) -> tuple[Array, scipy.sparse.
     λ = np.einsum("pk,fkv->pfv", parts, corner).reshape(-1, 4)
     triangles = (np.arange(len(parts))[:, None] * len(nodes.surface) + row).ravel()
     cell = np.tile(cell, len(parts))
-    gradients = _shape_gradients(nodes, cell, λ)
+    return triangles, _gradient_operator(nodes, cell, λ), cell
+
+
+def _gradient_operator(nodes: Nodes, cells: Array, λ: Array) -> scipy.sparse.csr_matrix:
+    """From displacements of all nodes (3 N,) to H (3, 3, P), 1/m, at barycentric coordinates λ (P, 4) of cells (P,)."""
+    gradients = _shape_gradients(nodes, cells, λ)
     P, A = gradients.shape[:2]
-    corners = nodes.cells[cell]
+    corners = nodes.cells[cells]
     cell_nodes = np.hstack([corners, nodes.on_edges(corners[:, CELL_EDGES])]) if len(nodes.edges) else corners
     i, j, p, a = np.meshgrid(range(3), range(3), range(P), range(A), indexing="ij")
     rows, columns = (3 * i + j) * P + p, 3 * cell_nodes[p, a] + i
     entries = gradients[p, a, j].ravel(), (rows.ravel(), columns.ravel())
-    operator = scipy.sparse.coo_matrix(entries, shape=(9 * P, 3 * len(nodes.coordinates))).tocsr()
-    return triangles, operator, cell
+    return scipy.sparse.coo_matrix(entries, shape=(9 * P, 3 * len(nodes.coordinates))).tocsr()
+
+
+def _point_stresses(
+    nodes: Nodes, points: Array, material: Array, integration: str, unknowns: Unknowns, where: str
+) -> StressReading:
+    """Stress at points (G, 3), from the cells around the corners of theirs.
+
+    With selective integration a cell has its change of volume, and so λ, in its middle alone.
+
+    Raises:
+        SceneError: a point is outside the body.
+    """
+    volumes = signed_volumes(nodes.coordinates, nodes.cells)
+    corners, cells, at, shares = [], [], [], []
+    for k, point in enumerate(points):
+        home, λ = cell_at(nodes, point, where)
+        λ = np.where(λ > ROUND_OFF, λ, 0.0)
+        for vertex, weight in zip(nodes.cells[home][λ > 0], (λ / λ.sum())[λ > 0], strict=True):
+            is_there = nodes.cells == vertex
+            around = np.flatnonzero(is_there.any(axis=1) & (material[:, :2] == material[home, :2]).all(axis=1))
+            corners.append((k, weight))
+            cells.append(around)
+            at.append(is_there[around].astype(float))
+            shares.append(volumes[around] / volumes[around].sum())
+    of_point, weights = zip(*corners, strict=True)
+    cell, places = np.concatenate(cells), np.concatenate(at)
+    λ, μ, _ = material[cell].T
+    if integration == "selective":
+        none = np.zeros(len(cell))
+        cell, places = np.tile(cell, 2), np.concatenate([places, np.full((len(cell), 4), 1 / 4)])
+        λ, μ = np.concatenate([none, λ]), np.concatenate([μ, none])
+    operator = (_gradient_operator(nodes, cell, places) @ unknowns.matrix).tocsr()
+    of_corner = np.repeat(np.arange(len(cells)), [len(around) for around in cells])
+    return StressReading(
+        points, np.array(of_point), np.array(weights), of_corner, np.concatenate(shares), operator, λ, μ
+    )
 
 
 def _facets_and_cells(nodes: Nodes, facets: Array) -> tuple[Array, Array]:

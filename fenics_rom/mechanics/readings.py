@@ -5,6 +5,7 @@ The same at full order and reduced: a reading asks a body for what it needs (`Re
     ℓ = ℓ_0 - s,  V = V_0 + s     s the stroke: what the actuator's input of 1 does work on
     p = λ / A                      normal forces of contact over the areas of their nodes
     ε, σ of H = ∂u/∂X              at places of the surface, from the gradients in the cell that adjoins each
+    σ of H, averaged               at points, from the cells around the corners of theirs
     u + (R - 1) d                  of a marker at d from its foot on a triangle that is displaced by u and turned by R
 
 Of a linear model s = bᵀx of the actuator's column b, ε = (H + Hᵀ)/2, and σ = λ tr ε I + 2μ ε, exactly. With large
@@ -30,8 +31,26 @@ from fenics_rom.mechanics.hyperelastic import (
 )
 
 READING_UNITS = {
-    **{"length": "m", "volume": "m3", "contact_pressure": "Pa", "strain": "1", "von_mises_stress": "Pa", "marker": "m"}
+    **{
+        "length": "m",
+        "volume": "m3",
+        "contact_pressure": "Pa",
+        "strain": "1",
+        "von_mises_stress": "Pa",
+        "stress": "Pa",
+    },
+    "marker": "m",
 }
+COMPONENTS = ("xx", "yy", "zz", "yz", "xz", "xy")
+STRESS_PARTS = (
+    *COMPONENTS,
+    "principal 1",
+    "principal 2",
+    "principal 3",
+    "von Mises",
+    "spread",
+)  # what is read at a point
+VON_MISES = STRESS_PARTS.index("von Mises")
 READING_WORDS = {name: name.replace("_", " ") for name in READING_UNITS} | {
     "von_mises_stress": "von Mises stress",
     "marker": "displacement of a marker",
@@ -140,6 +159,66 @@ class SurfaceReading:
 
 
 @dataclass(frozen=True)
+class StressReading:
+    """Stress at points, (G, 11), Pa: `STRESS_PARTS`, with the principal stresses from the largest to the smallest.
+
+    At each corner of the cell that a point is in, the stresses that the cells of the same material around this corner
+    have there are averaged, by volume; between the corners it is interpolated linearly. The spread is how far these
+    cells differ: of the component of which it is most, the largest less the smallest of them, interpolated alike.
+    Where the displacement is of second degree the stress of a cell is linear, where it is of first degree constant.
+
+    Attributes:
+        points: (G, 3), m, at rest.
+        corner_points: (K,) which point each corner is for, ascending.
+        corner_weights: (K,) of the interpolation.
+        value_corners: (T,) which corner each value of a cell is for, ascending.
+        value_shares: (T,) of the cell in the volume around its corner.
+        operator: to H (3, 3, P) of the body's coordinates, (9 P, c), a matrix; 1/m. P is T, or twice T where changes of
+            volume are integrated apart from the rest: then the middles of cells follow.
+        first_lame, shear: λ and μ that each has, (P,), Pa.
+    """
+
+    quantity: ClassVar = "stress"
+    of: ClassVar = ""
+    points: Array
+    corner_points: Array
+    corner_weights: Array
+    value_corners: Array
+    value_shares: Array
+    operator: Any
+    first_lame: Array
+    shear: Array
+
+    def read(self, body: ReadableBody) -> Array:
+        """Its values."""
+        H = (self.operator @ body.coordinates()).reshape(3, 3, -1)
+        if body.law is None:
+            σ = linear_stress(small_strain(H), self.first_lame, self.shear)
+        else:
+            σ = cauchy_stress(H, stress(body.law, strain(H), self.first_lame, self.shear))
+        σ = σ.reshape(6, -1, len(self.value_shares)).sum(axis=1)
+        of_corner = np.searchsorted(self.value_corners, np.arange(len(self.corner_points)))
+        spreads = np.maximum.reduceat(σ, of_corner, axis=1) - np.minimum.reduceat(σ, of_corner, axis=1)
+        at = self._at_points(np.add.reduceat(σ * self.value_shares, of_corner, axis=1))
+        principal = np.linalg.eigvalsh(at[VOIGT_INDEX].transpose(2, 0, 1))[:, ::-1]
+        return np.column_stack([at.T, principal, von_mises(at), self._at_points(spreads).max(axis=0)])
+
+    def components(self, gradients: Array) -> Array:
+        """σ (6, G, m), Pa, of a linear body, from H (3, 3, P, m) of each of m displacements."""
+        λ, μ = self.first_lame[:, None], self.shear[:, None]
+        σ = linear_stress(small_strain(gradients), λ, μ)
+        σ = σ.reshape(6, -1, len(self.value_shares), σ.shape[-1]).sum(axis=1) * self.value_shares[:, None]
+        of_corner = np.searchsorted(self.value_corners, np.arange(len(self.corner_points)))
+        return self._at_points(np.add.reduceat(σ, of_corner, axis=1))
+
+    def _at_points(self, of_corners: Array) -> Array:
+        """Values (6, G, ...) at the points, from those (6, K, ...) at their corners."""
+        of_point = np.searchsorted(self.corner_points, np.arange(len(self.points)))
+        weights = self.corner_weights.reshape(-1, *(1,) * (of_corners.ndim - 2))
+        return np.add.reduceat(weights * of_corners, of_point, axis=1)
+
+
+@dataclass(frozen=True)
 class MarkerReading:
     """Displacement, (3,), m, of a marker that is rigidly on a triangle of the surface, which it may stand off.
 
@@ -189,7 +268,7 @@ def _with_normal(pair: Array) -> Array:
     return np.concatenate([pair, (normal / np.linalg.norm(normal, axis=-1, keepdims=True))[..., None, :]], axis=-2)
 
 
-OfDisplacement = SurfaceReading | MarkerReading  # with an operator on the body's coordinates
+OfDisplacement = SurfaceReading | StressReading | MarkerReading  # with an operator on the body's coordinates
 Reading = StrokeReading | ContactPressure | OfDisplacement
 
 

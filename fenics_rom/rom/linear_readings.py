@@ -13,6 +13,7 @@ from fenics_rom.mechanics.readings import (
     READING_WORDS,
     MarkerReading,
     Reading,
+    StressReading,
     StrokeReading,
     SurfaceReading,
 )
@@ -28,7 +29,8 @@ class ReadRows(NamedTuple):
 
 
 def reading_rows(name: str, reading: Reading, model: ContactModel, inputs: Mapping[str, int]) -> ReadRows:
-    """Those of a reading: of a length or a volume what it is more than at rest, of a strain and a marker the whole.
+    """Those of a reading: of a length or a volume what it is more than at rest, of a strain, a stress
+    at points (its six components) and a marker the whole.
 
     Args:
         name: of the reading.
@@ -50,7 +52,11 @@ def reading_rows(name: str, reading: Reading, model: ContactModel, inputs: Mappi
         gradients = (reading.operator @ model.coordinates).reshape(3, 3, -1, model.order)
         strains = small_strain(gradients) / VOIGT_SHEAR[:, :, None]
         return ReadRows((strains.shape[1], 6), strains.swapaxes(0, 1).reshape(-1, model.order), unit)
+    if isinstance(reading, StressReading):
+        gradients = (reading.operator @ model.coordinates).reshape(3, 3, -1, model.order)
+        stresses = reading.components(gradients)
+        return ReadRows((stresses.shape[1], 6), stresses.swapaxes(0, 1).reshape(-1, model.order), unit)
     raise StepError(
         f"reading {name!r}: {READING_WORDS[reading.quantity]} is not linear in displacements; allowed are lengths, "
-        "volumes, strains and markers"
+        "volumes, strains, stresses at points and markers"
     )

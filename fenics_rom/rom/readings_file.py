@@ -10,6 +10,7 @@ from fenics_rom.mechanics.readings import (
     ContactPressure,
     MarkerReading,
     Reading,
+    StressReading,
     StrokeReading,
     SurfaceReading,
 )
@@ -22,6 +23,16 @@ SURFACE = {
     "operator": Entry("kg^-1/2/m", (3, 3, "P", "k")),
     "first_lame": Entry("Pa", ("P",)),
     "shear": Entry("Pa", ("P",)),
+}
+STRESS = {
+    "points": Entry("m", ("G", 3)),
+    "corner_points": Entry("1", ("K",), "i"),
+    "corner_weights": Entry("1", ("K",)),
+    "value_corners": Entry("1", ("T",), "i"),
+    "value_shares": Entry("1", ("T",)),
+    "operator": SURFACE["operator"],
+    "first_lame": SURFACE["first_lame"],
+    "shear": SURFACE["shear"],
 }
 MARKER = {
     "foot": Entry("kg^-1/2", (3, "k")),
@@ -43,9 +54,10 @@ def put_readings(h5: h5py.File, rom: Rom) -> None:
         part = group.create_group(name, track_order=True)
         put_text(part, quantity=reading.quantity, of=reading.of)
         arrays, sizes = vars(reading), {"k": len(rom.stiffness)}
-        if isinstance(reading, SurfaceReading):
-            operator = reading.operator.reshape(3, 3, len(reading.triangles), -1)
-            put_arrays(part, SURFACE, sizes, arrays | {"operator": operator})
+        if isinstance(reading, SurfaceReading | StressReading):
+            operator = reading.operator.reshape(3, 3, len(reading.shear), -1)
+            table = SURFACE if isinstance(reading, SurfaceReading) else STRESS
+            put_arrays(part, table, sizes, arrays | {"operator": operator})
         elif isinstance(reading, MarkerReading):
             foot, gradients = np.split(reading.operator, [3])
             put_arrays(part, MARKER, sizes, arrays | {"foot": foot, "gradients": gradients.reshape(2, 3, -1)})
@@ -74,10 +86,13 @@ def _take(group: h5py.Group, sizes: dict[str, int]) -> Reading:
         arrays = get_record(group, MARKER, sizes)
         operator = np.concatenate([arrays["foot"], arrays["gradients"].reshape(6, -1)])
         return MarkerReading(operator, arrays["tangents"], np.array(arrays["offset"]))
-    arrays = get_record(group, CONTACT if quantity == "contact_pressure" else SURFACE, sizes)
+    tables = {"contact_pressure": CONTACT, "stress": STRESS}
+    arrays = get_record(group, tables.get(quantity, SURFACE), sizes)
     if quantity == "contact_pressure":
         return ContactPressure(of, **arrays)
     arrays["operator"] = arrays["operator"].reshape(-1, sizes["k"])
+    if quantity == "stress":
+        return StressReading(**arrays)
     return SurfaceReading(quantity, of, **arrays)
 
 
@@ -97,6 +112,8 @@ def check_readings(rom: Rom) -> None:
             _check_indices(f"{where}/triangles", reading.triangles, len(rom.triangles))
             if not ((reading.shear > 0) & (3 * reading.first_lame + 2 * reading.shear > 0)).all():
                 raise FileError(f"{where}: moduli are not positive")
+        elif isinstance(reading, StressReading):
+            _check_stress(where, reading)
         elif isinstance(reading, ContactPressure):
             _check_indices(f"{where}/nodes", reading.nodes, len(rom.nodes))
             _check_indices(f"{where}/facets", reading.facets, len(reading.nodes))
@@ -110,6 +127,25 @@ def check_readings(rom: Rom) -> None:
                 raise FileError(f"{where}/tangents: are not orthonormal")
         elif rom.actuators.get(reading.of) != 1 or not reading.rest > 0:
             raise FileError(f"{where}: {reading.of!r} is no actuator of one column, or nothing is left of it at rest")
+
+
+def _check_stress(where: str, reading: StressReading) -> None:
+    """Points have corners, corners have values, and both have weights whose sum is 1."""
+    for name, indices, weights, count in (
+        ("corner_points", reading.corner_points, reading.corner_weights, len(reading.points)),
+        ("value_corners", reading.value_corners, reading.value_shares, len(reading.corner_points)),
+    ):
+        _check_indices(f"{where}/{name}", indices, count)
+        if (np.diff(indices) < 0).any() or not np.isin(np.arange(count), indices).all():
+            raise FileError(f"{where}/{name}: allowed are all numbers below {count}, ascending")
+        if not (weights > 0).all() or np.abs(np.bincount(indices, weights) - 1).max() > ROUND_OFF:
+            raise FileError(f"{where}/{name}: weights are not positive with the sum 1")
+    samples, values = len(reading.shear), len(reading.value_shares)
+    if (
+        samples not in (values, 2 * values)
+        or not ((reading.shear >= 0) & (reading.first_lame + reading.shear > 0)).all()
+    ):
+        raise FileError(f"{where}: moduli are not positive, or not of {values} values")
 
 
 def _check_indices(where: str, indices: np.ndarray, count: int) -> None:

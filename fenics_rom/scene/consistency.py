@@ -98,6 +98,13 @@ def _check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:
         _check_marker(reading, file.frame, where)
     elif reading.point is not None:
         raise SceneError(f"{where}.point: goes with a marker; {reading.quantity} has none")
+    if reading.quantity == "stress":
+        if reading.points is None:
+            raise SceneError(f"{where}.points is missing: the material points whose stress is read")
+        if key := "of" if reading.of is not None else given_piece(reading):
+            raise SceneError(f"{where}.{key}: goes with von_mises_stress and strain; stress is read at points")
+    elif reading.points is not None:
+        raise SceneError(f"{where}.points: goes with stress; {reading.quantity} has none")
     if not kind:
         return
     if (piece := given_piece(reading)) is not None:

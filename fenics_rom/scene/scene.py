@@ -71,8 +71,10 @@ class ReadingEntry(Place):
         Text(choices=tuple(READING_UNITS)),
         '"length" of a tendon, "volume" of a chamber, "contact_pressure" at the nodes of a contact mode, "strain" (xx, '
         'yy, zz, yz, xz, xy) or "von_mises_stress" in the middle of each surface triangle (at degree 2 of each of its '
-        "four parts), in the cell that adjoins it; with large deformation Green's strain, and of Cauchy's stress; or "
-        'displacement of a "marker" off the surface, rigidly on the triangle that is nearest, however far that turns',
+        'four parts), in the cell that adjoins it; "stress" at points: xx, yy, zz, yz, xz, xy, three principal ones '
+        "from the largest on, von Mises stress, and how far the cells around differ; with large deformation Green's "
+        'strain, and Cauchy\'s stress; or displacement of a "marker" off the surface, rigidly on the triangle that is '
+        "nearest, however far that turns",
     ]
     of: Annotated[
         str | None,
@@ -80,6 +82,7 @@ class ReadingEntry(Place):
         "the tendon, the pressure or the contact mode; of strain and stress a named surface, as `surface` is",
     ] = None
     point: Annotated[Point | None, "of a marker: where its middle is at rest"] = None
+    points: Annotated[tuple[Point, ...] | None, Items(at_least=1), "of stress: material points of the body"] = None
 
     @property
     def place(self) -> Place | None:

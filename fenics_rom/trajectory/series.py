@@ -10,8 +10,10 @@ from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.mechanics.readings import (
     READING_UNITS,
     READING_WORDS,
+    VON_MISES,
     ContactPressure,
     Reading,
+    StressReading,
     SurfaceReading,
     principal_size,
 )
@@ -32,15 +34,18 @@ class ReadingSeries:
     Attributes:
         quantity: one of `mechanics.readings.READING_UNITS`, which has its unit.
         values: of a length or volume (S,), of contact pressure (S, s) at nodes, of von Mises stress (S, P) and of
-            strain (S, P, 6) in the middle of surface triangles, of a marker (S, 3).
+            strain (S, P, 6) in the middle of surface triangles, of stress at points (S, G, 11), whose parts are
+            `mechanics.readings.STRESS_PARTS`, of a marker (S, 3).
         nodes: (s,) which of the body's.
         triangles: (P,) which of the body's.
+        points: (G, 3) at rest, m.
     """
 
     quantity: str
     values: Array
     nodes: Array = field(default_factory=lambda: np.empty(0, dtype=int))
     triangles: Array = field(default_factory=lambda: np.empty(0, dtype=int))
+    points: Array = field(default_factory=lambda: np.empty((0, 3)))
 
     @property
     def unit(self) -> str:
@@ -53,7 +58,13 @@ class ReadingSeries:
 
     @property
     def sizes(self) -> Array:
-        """The values; of strains the largest principal one without its sign, (S, P), of a marker its length, (S,)."""
+        """The values; of strains the largest principal one without its sign, (S, P), of a marker its length, (S,).
+
+        Of stress at points that of von Mises, (S, G).
+        """
+        if self.quantity == "stress":
+            von_mises: Array = self.values[:, :, VON_MISES]
+            return von_mises
         if self.quantity == "marker":
             lengths: Array = np.linalg.norm(self.values, axis=1)
             return lengths
@@ -62,13 +73,18 @@ class ReadingSeries:
     @property
     def words(self) -> str:
         """What `sizes` are."""
-        return ("largest principal " if self.quantity == "strain" else "") + READING_WORDS[self.quantity]
+        return {"strain": "largest principal ", "stress": "von Mises "}.get(self.quantity, "") + READING_WORDS[
+            self.quantity
+        ]
 
     @property
     def by_point(self) -> Array:
-        """The values, (S, points, components); of a strain all nine, whose length no choice of axes changes."""
-        values = self.values[..., VOIGT_INDEX] if self.quantity == "strain" else self.values
-        points = max(len(self.nodes), len(self.triangles), 1)
+        """The values, (S, points, components).
+
+        Of a strain, and of stress at points, all nine of the tensor, whose length no choice of axes changes.
+        """
+        values = self.values[..., VOIGT_INDEX] if self.quantity in ("strain", "stress") else self.values
+        points = max(len(self.nodes), len(self.triangles), len(self.points), 1)
         return values.reshape(len(values), points, -1)
 
 
@@ -86,6 +102,8 @@ def reading_series(reading: Reading, values: Array) -> ReadingSeries:
         places = {"nodes": reading.nodes}
     elif isinstance(reading, SurfaceReading):
         places = {"triangles": reading.triangles}
+    elif isinstance(reading, StressReading):
+        places = {"points": reading.points}
     return ReadingSeries(reading.quantity, values, **places)
 
 

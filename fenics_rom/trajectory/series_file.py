@@ -6,7 +6,7 @@ import h5py
 
 from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.hdf5 import Entry, Sizes, check_names, get_arrays, get_group, get_text, put_arrays, put_text
-from fenics_rom.mechanics.readings import READING_UNITS
+from fenics_rom.mechanics.readings import READING_UNITS, STRESS_PARTS
 from fenics_rom.trajectory.series import ReadingSeries, Series
 from fenics_rom.trajectory.trajectory import Trajectory
 
@@ -17,9 +17,14 @@ SHAPES: dict[str, tuple[str | int, ...]] = {
     "contact_pressure": ("n",),
     "strain": ("G", 6),
     "von_mises_stress": ("G",),
+    "stress": ("p", len(STRESS_PARTS)),
     "marker": (3,),
 }
-PLACES = {"n": {"nodes": Entry("1", ("n",), "i")}, "G": {"triangles": Entry("1", ("G",), "i")}}
+PLACES = {
+    "n": {"nodes": Entry("1", ("n",), "i")},
+    "G": {"triangles": Entry("1", ("G",), "i")},
+    "p": {"points": Entry("m", ("p", 3))},
+}
 
 
 def put_series(h5: h5py.File, run: Trajectory, sizes: Sizes) -> None:

@@ -194,12 +194,12 @@ MISTAKES = {
         "dashpots.oil.coefficient = 0: allowed is a finite number and > 0, in N s/m"
     ),
     f"{INERTIA}[effects.damping.dashpots.oil]\ncoefficient = 1": (
-        "dashpots.oil: give exactly one of surface, near, plane, facing; given: none"
+        "dashpots.oil: give exactly one of surface, near, plane, facing, box, along, inner, all, any, none; given: none"
     ),
     '[effects.springs.bed]\nsurface = "right"\nstiffness = -1': "bed.stiffness = -1: allowed is a finite number",
     "[effects.springs.bed]\nstiffness = 1": "springs.bed: give exactly one of surface, near, plane, facing",
-    f"{PUSH}force = [1, 0, 0]": "prescribed.push: give exactly one of surface, near, plane, facing, point; given: none",
-    f'{PUSH}surface = "right"\npoint = [1, 0, 0]': "facing, point; given: surface, point",
+    f"{PUSH}force = [1, 0, 0]": "prescribed.push: give exactly one of surface, near, plane",
+    f'{PUSH}surface = "right"\npoint = [1, 0, 0]': "none, point; given: surface, point",
     f'{PUSH}surface = "right"\nforce = [1, 0, 0]\ntable = "push.csv"': (
         "effects.prescribed.push: give force or table, not both"
     ),
@@ -222,7 +222,7 @@ MISTAKES = {
     f'{INERTIA}[effects.rigid_parts.q]\nsurface = "right"\nmass = 1': "rigid_parts.q: center is missing",
     f"{INERTIA}[effects.base_motion.q]\ndirection = [0, 0, 0]": "base_motion.q.direction: allowed is any but zero",
     "[effects.tendon.rope]\npoints = [[0, 0, 0]]": "rope.points is a list of 1: allowed is a list of at least 2",
-    "[effects.pressure.wind]": "effects.pressure.wind: give exactly one of surface, near, plane, facing; given: none",
+    "[effects.pressure.wind]": "effects.pressure.wind: give exactly one of surface, near",
     f'{PUSH}surface = "right"\n[effects.tendon.push]\npoints = [[0, 0, 0], [1, 0, 0]]': (
         "effects.tendon.push: the name is taken by effects.prescribed.push"
     ),

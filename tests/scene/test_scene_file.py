@@ -15,7 +15,7 @@ from fenics_rom.mechanics.environment import SWITCHINGS, AppliedLoad
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import Damping, Effects, Inertia
 from fenics_rom.scene.file import LONGEST, parse_scene
-from fenics_rom.scene.places import Near
+from fenics_rom.scene.places import Near, Place
 from fenics_rom.scene.scene import LYAPUNOV, METHODS, Material
 
 TEXT = PLATE.read_text()
@@ -47,7 +47,7 @@ def test_plate_reads():
     assert scene.mesh_file.is_file()
     assert scene.degree == 1
     assert scene.materials == {"material": Material(young=1e6, poisson=0.49, density=2300.0)}
-    assert scene.clamped == ("root",)
+    assert scene.clamped == (Place("root"),)
     assert list(scene.contacts) == ["tip_left", "middle"]  # the order of the file
     assert scene.outputs["tip"].points == ((0.5, 0.2, 0.01), (0.5, 0.0, 0.01))
     assert scene.effects == Effects(inertia=Inertia(), damping=Damping(alpha=0.5, beta=1e-3))
@@ -120,7 +120,7 @@ density = 2300.0 | | material: density is missing
 [supports] | [suports] | no key 'suports'; there is actuators, contacts, effects, frame, material, materials, mesh,
 [supports] | [suports] | did you mean 'supports'?
 young | yuong | material: no key 'yuong'; there is density, poisson, young; did you mean 'young'?
-surface = "middle" | surfac = "m" | contacts.middle: no key 'surfac'; there is facing, force, near, plane, surface; did
+surface = "middle" | surfac = "m" | contacts.middle: no key 'surfac'; there is all, along, any, box, facing, force
 stop = 0.5 | end = 0.5 | run.load[0]: no key 'end'; there is actuator, contact, force, start, stop, table
 alpha = 0.5 | alpa = 0.5 | effects.damping: no key 'alpa'; there is alpha, beta, dashpots, materials; did
 inertia = {} | inertia = {}⏎wind = {} | effects: no key 'wind'; there is base_motion, base_path, contact, damping
@@ -134,15 +134,15 @@ name = "plate" | name = "" | name = '': allowed is a non-empty string
 file = "../../meshes/plate.msh" | | mesh: file is missing
 [mesh] | [mesh]⏎degree = 3 | mesh.degree = 3: allowed is a whole number and >= 1 and <= 2
 [mesh] | [mesh]⏎degree = 1.0 | mesh.degree = 1.0: allowed is a whole number and >= 1 and <= 2
-surface = "middle" | | contacts.middle: give exactly one of surface, near, plane, facing; given: none
-surface = "middle" | surface = "m"⏎near = {point = [0, 0, 0], radius = 1} | facing; given: surface, near
+surface = "middle" | | contacts.middle: give exactly one of surface, near
+surface = "middle" | surface = "m"⏎near = {point = [0, 0, 0], radius = 1} | none; given: surface, near
 surface = "middle" | near = {point = [0, 0, 0]} | contacts.middle.near: radius is missing
 surface = "middle" | near = {point = [0, 0, 0], radius = 0} | contacts.middle.near.radius = 0: allowed is
 surface = "middle" | near = {point = [0, 0], radius = 1} | near.point is a list of 2: allowed is a list of 3
 surface = "middle"⏎force = "resultant" | force = "x" | force: no choice 'x'; there is nodal, normal, resultant, wrench
 [contacts.middle] | [contacts."mid/dle"] | contacts: name 'mid/dle': allowed are letters, digits, _ and -, at most 100
 [outputs.tip] | [outputs.".."] | outputs: name '..': allowed are letters, digits, _ and -, at most 100
-points = [[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | | outputs.tip: give exactly one of points, markers, surface; given: none
+points = [[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | | outputs.tip: give exactly one of points, markers, surface
 [[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | [] | outputs.tip.points is a list of 0: allowed is a list of at least 1
 [[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | [1] | points[0] = 1: allowed is a list of 3, each a finite number, in m
 [reduction] | [reduction]⏎tolerance = 1e-3 | reduction: give order or tolerance, not both

@@ -21,7 +21,8 @@ def scene_of(reading, effects=EFFECTS):
 
 def test_a_reading_is_of_a_name_or_of_a_place():
     assert scene_of('quantity = "length"\nof = "cable"').readings["one"].of == "cable"
-    assert scene_of(f'quantity = "strain"\n{NEAR}').readings["one"].place == Place(near=Near((0.5, 0.2, 0.3), 0.2))
+    assert scene_of(f'quantity = "strain"\n{NEAR}').readings["one"].place.near == Near((0.5, 0.2, 0.3), 0.2)
+    assert scene_of('quantity = "strain"\nof = "top"').readings["one"].place == Place("top")
     assert scene_of('quantity = "strain"').readings["one"].place is None
 
 
@@ -36,6 +37,10 @@ MISTAKES = {
     'quantity = "contact_pressure"\nof = "sole"': r"readings.one.of: no contact mode 'sole'; there is right, top",
     'quantity = "marker"': r"readings.one.point is missing: where the middle of the marker is at rest",
     'quantity = "marker"\nof = "top"\npoint = [0, 0, 0]': r"readings.one.of: a marker is on the triangle",
+    'quantity = "stress"': r"readings.one.points is missing: the material points whose stress is read",
+    'quantity = "stress"\nof = "top"\npoints = [[0, 0, 0]]': r"readings.one.of: goes with von_mises_stress and strain",
+    'quantity = "strain"\npoints = [[0, 0, 0]]': r"readings.one.points: goes with stress; strain has none",
+    'quantity = "strain"\nof = "top"\ninner = true': r"readings.one: give of or inner, not both",
     'quantity = "strain"\npoint = [0, 0, 0]': r"readings.one.point: goes with a marker; strain has none",
     'quantity = "marker"\npoint = [0, 0, 0]\n[outputs.far]\nmarkers = [[0, 0, 1]]\n[effects.large_deformation]': (
         r"outputs.far.markers: are for small turns; allowed with large_deformation are readings"

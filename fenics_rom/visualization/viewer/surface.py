@@ -15,7 +15,7 @@ from fenics_rom.visualization.viewer.colours import with_unit
 SurfaceField = Callable[[Array, Array], Array]
 
 READING = "reading "  # before the name of one, among the fields
-OFF_SURFACE = ("length", "volume", "marker")  # readings that are said in words
+OFF_SURFACE = ("length", "volume", "stress", "marker")  # readings that are said in words
 UNITS = {"displacement": "m", "speed": "m/s", "strain": "%", "energy density": "J/m³"}
 CREASE = math.radians(35)  # between triangles that turn by more, light and colours have an edge
 MIN_RELATIVE_AREA = 1e-9  # twice the area of a triangle, of its longest side squared; below, it has no strain
@@ -178,9 +178,9 @@ def reading_fields(surface: Surface, readings: Mapping[str, ReadingSeries]) -> d
 
 
 def reading_words(readings: Mapping[str, ReadingSeries], instant: int) -> list[str]:
-    """What lengths and volumes are, as flexor: 98.231 mm, and how far markers are displaced."""
+    """Lengths and volumes, as flexor: 98.231 mm, how far markers are displaced, and the largest von Mises stress."""
     return [
-        f"{name}: {with_unit(float(reading.sizes[instant]), reading.unit, digits=5)}"
+        f"{name}: {with_unit(float(reading.sizes[instant].max()), reading.unit, digits=5)}"
         for name, reading in readings.items()
         if reading.quantity in OFF_SURFACE
     ]
