@@ -20,9 +20,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 from beam import tip_of_cantilever, torsion_constant
 from dynamics import flag_that_falls, twisted_column
+from nafems import pressed_plate, solid_plate, tapered_membrane
 from plain_newton import time_beside_plain_newton
 from rubber import cook, pressed_cube
-from solids import LARGE, MIDDLE, PLANE_STRAIN, Row, bar, mesh_of, tip_under
+from solids import LARGE, PLANE_STRAIN, Row, bar, mesh_of, tip_under
 from toggle import toggle
 
 from fenics_rom.errors import FenicsRomWarning
@@ -110,23 +111,8 @@ def flag(quick: bool) -> Iterator[Row]:
             yield Row(f"Turek-Hron {name}", mesh_of(system, bricks), what, expected, float(found), 0.01, iterations)
 
 
-def tapered_membrane(quick: bool) -> Iterator[Row]:
-    """NAFEMS FV32: 10 m long, 5 m to 1 m wide, 0.05 m thick; half of it, which slides in its middle plane."""
-
-    def place(p: Array) -> Array:
-        return np.column_stack([10 * p[:, 0], (p[:, 1] - 0.5) * (5 - 4 * p[:, 0]), 0.025 * p[:, 2]])
-
-    bricks = (16, 8, 1) if quick else (32, 16, 1)
-    system = bar(bricks, place, 200e9, 0.3, 8000.0, "inertia = {}\n", MIDDLE)
-    γ, _ = system.algebra.eigenpairs(system.mass, system.stiffness, 6)
-    for k, (published, found) in enumerate(
-        zip((44.623, 130.03, 162.70, 246.05, 379.90, 391.44), np.sqrt(γ) / (2 * np.pi), strict=True), start=1
-    ):
-        yield Row("NAFEMS FV32", mesh_of(system, bricks), f"frequency {k}, Hz", published, float(found), 0.002)
-
-
-CASES = (princeton, curved_cantilever, heavy_cantilever, flag, tapered_membrane, cook, pressed_cube, flag_that_falls,
-         twisted_column, toggle)  # fmt: skip
+CASES = (princeton, curved_cantilever, heavy_cantilever, flag, tapered_membrane, solid_plate, pressed_plate, cook,
+         pressed_cube, flag_that_falls, twisted_column, toggle)  # fmt: skip
 
 
 def main() -> int:

@@ -2,7 +2,7 @@
 
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,14 +35,15 @@ class Row(NamedTuple):
 
 def bar(bricks: tuple[int, int, int], place: Callable[[Array], Array], young: float, poisson: float, density: float,
         effects: str = LARGE, supports: str = "", clamped: str = '"left"',
-        integration: str = "full", corner: Sequence[float] = (), run: str = "") -> fr.System:  # fmt: skip
+        integration: str = "full", tables: str = "", run: str = "") -> fr.System:  # fmt: skip
     """A bar of quadratic tetrahedra: bricks of a unit cube that are put in place, clamped where x was 0.
 
-    A corner is a material point that is read, too.
+    Tables are further ones of the scene: what else is read.
     """
     points, cells = brick_cells(bricks)
     outer = outer_triangles(cells)
-    faces = {"left": (0, 0.0), "right": (0, 1.0), "bottom": (2, 0.0), "top": (2, 1.0), "front": (1, 0.0)}
+    faces = {"left": (0, 0.0), "right": (0, 1.0), "bottom": (2, 0.0), "top": (2, 1.0), "front": (1, 0.0),
+             "back": (1, 1.0)}  # fmt: skip
     surfaces = {name: outer[(points[outer, axis] == end).all(axis=1)] for name, (axis, end) in faces.items()}
     with tempfile.TemporaryDirectory() as folder:
         mesh = Path(folder) / "bar.msh"
@@ -64,7 +65,7 @@ force = "resultant"
 [outputs.tip]
 surface = "right"
 {f"[run]{chr(10)}{run}" if run else ""}
-{f"[outputs.corner]{chr(10)}points = [{list(map(float, corner))}]" if len(corner) else ""}
+{tables}
 [effects]
 {effects}"""
         return fr.assemble(parse_scene(text))

@@ -17,13 +17,13 @@ from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stage, peak_memory
 from fenics_rom.mechanics.body_facts import body_lines
-from fenics_rom.mechanics.readings import READING_UNITS, READING_WORDS
+from fenics_rom.mechanics.readings import READING_UNITS, READING_WORDS, STRESS_PARTS
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.rom import ForceValidation
-from fenics_rom.trajectory.series import FRAME_SERIES
+from fenics_rom.trajectory.series import FRAME_SERIES, ReadingSeries
 from fenics_rom.visualization.optional_dependencies import load_package
 
 MODE_HEADING = (
@@ -210,12 +210,22 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
     for name, reading in run.readings.items():
         low, high = reading.sizes.min(), reading.sizes.max()
         lines[f"reading {name}"] = f"{reading.words}, {low:.4g} to {high:.4g} {reading.unit}"
+        if reading.quantity == "stress":
+            lines |= _stresses(name, reading)
     print_lines(lines, run.warnings)
     if run.profile:
         print()
         title = "what a step costs (with the clock read between its parts)"
         microseconds = [(part, 1e6 * seconds) for part, seconds in run.profile.items()]
         _print_costs(title, ("part", "microseconds", "share"), microseconds, repeat(()))
+
+
+def _stresses(name: str, reading: ReadingSeries) -> dict[str, str]:
+    """Of stress at points, all that is known of it at the end of a run."""
+    return {
+        f"{name} {k}": ", ".join(f"{part} {number:.4g}" for part, number in zip(STRESS_PARTS, at, strict=True)) + " Pa"
+        for k, at in enumerate(reading.values[-1])
+    }
 
 
 def _rate(run: "fr.Trajectory", seconds: float) -> str:

@@ -23,6 +23,7 @@ READINGS = {
     "readings.cable": 'quantity = "length"\nof = "cable"',
     "readings.sole": 'quantity = "contact_pressure"\nof = "sole"',
     "readings.stress": 'quantity = "von_mises_stress"\nof = "top"',
+    "readings.corner": 'quantity = "stress"\npoints = [[0.5, 0.2, 0.1], [0.7, 0.4, 0.3]]',
     "readings.ball": 'quantity = "marker"\npoint = [0.5, 0.2, 0.32]',
     "readings.gauge": 'quantity = "strain"\nnear = { point = [0.5, 0.2, 0.3], radius = 0.2 }',
 }
@@ -45,7 +46,7 @@ def rom_file(tmp_path, rom):
 
 def test_readings_are_read_to_the_last_bit(rom, rom_file):
     again = fr.read_rom(rom_file)
-    assert list(again.readings) == ["cable", "sole", "stress", "ball", "gauge"]
+    assert list(again.readings) == ["cable", "sole", "stress", "corner", "ball", "gauge"]
     assert same(again, rom)
     bodies = [fr.Simulator(each, dt=0.01) for each in (rom, again)]
     for body in bodies:
@@ -66,6 +67,13 @@ LIES = {
         "readings/stress/triangles", lambda there: there + 80
     ),
     "/readings/stress: moduli are not positive": put("readings/stress/shear", lambda there: -there),
+    "/readings/corner/corner_points: weights are not positive with the sum 1": put(
+        "readings/corner/corner_weights", lambda there: 2 * there
+    ),
+    "/readings/corner/value_corners: allowed are all numbers below": put(
+        "readings/corner/value_corners", lambda there: there[::-1]
+    ),
+    "/readings/corner: moduli are not positive": put("readings/corner/shear", lambda there: -there),
     "/readings/sole: facets have 3 or 6 nodes and an area": put("readings/sole/areas", lambda there: -there),
     "/readings/sole/facets: allowed are some numbers below 15": put("readings/sole/facets", lambda there: there + 1),
     "/readings/sole: a node has no facets": put("readings/sole/facets", lambda there: 0 * there),

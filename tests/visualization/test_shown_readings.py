@@ -1,5 +1,6 @@
 """Inputs and readings in plots, in files for ParaView and in the viewer: the numbers of the run, where they belong."""
 
+import re
 import warnings
 from dataclasses import replace
 
@@ -37,6 +38,7 @@ READINGS = {
     "readings.sole": 'quantity = "contact_pressure"\nof = "sole"',
     "readings.stress": 'quantity = "von_mises_stress"',
     "readings.strain": 'quantity = "strain"\nof = "back"',
+    "readings.corner": 'quantity = "stress"\npoints = [[0.5, 0.2, 0.1], [0.7, 0.4, 0.3]]',
     "readings.ball": 'quantity = "marker"\npoint = [1.0, 0.2, 0.4]',
 }
 RUN = 'dt = 0.01\nduration = 0.1\nsnapshots = 2\nload = [{ actuator = "cable", start = 0.05, force = [50.0] }]'
@@ -74,7 +76,7 @@ def test_inputs_that_change_and_all_readings_have_panels(run):
     panels = run_panels({"run": run})
     assert list(panels) == [
         *("energy", "forces", "input_cable"),
-        *(f"reading_{name}" for name in ("cable", "sole", "stress", "strain", "ball")),
+        *(f"reading_{name}" for name in ("cable", "sole", "stress", "strain", "corner", "ball")),
     ]
     axes, (values,) = lines(panels["input_cable"])
     assert axes.get_ylabel() == "input (N)"
@@ -89,6 +91,10 @@ def test_inputs_that_change_and_all_readings_have_panels(run):
     assert "mean and range of 80 points" in axes.get_title(loc="left") + axes.get_title()
     axes, _ = lines(panels["reading_strain"])
     assert axes.get_ylabel() == "largest principal strain"
+    axes, drawn = lines(panels["reading_corner"])
+    assert re.match(r"stress \(.?Pa\)", axes.get_ylabel())
+    means = run.readings["corner"].values[:, :, :6].mean(axis=1)
+    np.testing.assert_allclose(np.transpose(drawn) / np.abs(drawn).max(), means / np.abs(means).max(), atol=1e-12)
     axes, drawn = lines(panels["reading_ball"])
     assert axes.get_ylabel() == "displacement of a marker (µm)"
     np.testing.assert_allclose(np.transpose(drawn), 1e6 * run.readings["ball"].values)
@@ -106,6 +112,7 @@ def test_files_for_paraview_hold_inputs_and_readings(run, tmp_path):
         np.testing.assert_array_equal(grid.field_data["input.cable"], run.inputs["cable"].values[row])
         np.testing.assert_array_equal(grid.field_data["reading.cable"], run.readings["cable"].values[[row]])
         np.testing.assert_array_equal(grid.cell_data["reading.stress"], run.readings["stress"].values[row])
+        np.testing.assert_array_equal(grid.field_data["reading.corner"], run.readings["corner"].values[row])
         np.testing.assert_array_equal(grid.field_data["reading.ball"], run.readings["ball"].values[row])
         sole, back = run.readings["sole"], run.readings["strain"]
         pressure = grid.point_data["reading.sole"]

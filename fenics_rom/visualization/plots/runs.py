@@ -1,6 +1,6 @@
 """Plots of runs, several over one another: energies, outputs, inputs, reactions, moving frames, readings, obstacles."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -9,6 +9,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.io.units import prefixed
 from fenics_rom.mechanics.base_path import with_nearest_signs
+from fenics_rom.mechanics.readings import COMPONENTS, READING_WORDS
 from fenics_rom.trajectory.series import FRAME_SERIES
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.figure import DASHES, Panel
@@ -112,19 +113,22 @@ def _draw_frame(figure: Any, runs: Runs, name: str) -> None:
 
 
 def _draw_reading(figure: Any, runs: Runs, name: str) -> None:
-    """A reading; of strain the largest principal one at each place, of a marker all three components."""
+    """A reading; of strain the largest principal one at each place; of a marker, and of stress, all components."""
     shown = {label: run for label, run in runs.items() if name in run.readings}
     readings = [run.readings[name] for run in shown.values()]
-    is_marker = readings[0].quantity == "marker"
+    components: Sequence[str] = {"marker": "xyz", "stress": COMPONENTS}.get(readings[0].quantity, "")
     values = [
-        reading.by_point if is_marker else reading.sizes.reshape(len(reading.values), -1, 1) for reading in readings
+        reading.values.reshape(len(reading.values), -1, reading.values.shape[-1])[:, :, : len(components)]
+        if components
+        else reading.sizes.reshape(len(reading.values), -1, 1)
+        for reading in readings
     ]
-    components = "xyz" if is_marker else ""
-    _draw_values(figure, shown, values, readings[0].unit, components, readings[0].words, f"reading {name}")
+    words = READING_WORDS[readings[0].quantity] if components else readings[0].words
+    _draw_values(figure, shown, values, readings[0].unit, components, words, f"reading {name}")
 
 
 def _draw_values(
-    figure: Any, runs: Runs, values: list[Array], unit: str, components: str, words: str, title: str
+    figure: Any, runs: Runs, values: list[Array], unit: str, components: Sequence[str], words: str, title: str
 ) -> None:
     """Values (S, points, components) of each run against time; of several points their mean, and their range."""
     axes = figure.subplots()

@@ -1,0 +1,70 @@
+"""NAFEMS' plates: FV32 and FV52 vibrate, LE10 is pressed."""
+
+import warnings
+from collections.abc import Iterator
+
+import numpy as np
+from solids import MIDDLE, Row, bar, mesh_of
+
+import fenics_rom as fr
+from fenics_rom.errors import FenicsRomWarning
+
+Array = np.ndarray
+LOWER_EDGES = "[[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 10.0, 0.0], [0.0, 10.0, 0.0], [0.0, 0.0, 0.0]]"
+MIDDLE_LINE = "{ box = { corners = [[0.0, 0.0, 0.3], [9.0, 9.0, 0.3]] } }"
+
+
+def tapered_membrane(quick: bool) -> Iterator[Row]:
+    """FV32: 10 m long, 5 m to 1 m wide, 0.05 m thick; half of it, which slides in its middle plane."""
+
+    def place(p: Array) -> Array:
+        return np.column_stack([10 * p[:, 0], (p[:, 1] - 0.5) * (5 - 4 * p[:, 0]), 0.025 * p[:, 2]])
+
+    bricks = (16, 8, 1) if quick else (32, 16, 1)
+    system = bar(bricks, place, 200e9, 0.3, 8000.0, "inertia = {}\n", MIDDLE)
+    γ, _ = system.algebra.eigenpairs(system.mass, system.stiffness, 6)
+    for k, (published, found) in enumerate(
+        zip((44.623, 130.03, 162.70, 246.05, 379.90, 391.44), np.sqrt(γ) / (2 * np.pi), strict=True), start=1
+    ):
+        yield Row("NAFEMS FV32", mesh_of(system, bricks), f"frequency {k}, Hz", published, float(found), 0.002)
+
+
+def solid_plate(_quick: bool) -> Iterator[Row]:
+    """FV52: 10 x 10 x 1 m, which rests on its lower edges and is free to slide; three motions are rigid.
+
+    Where a line carries a solid its displacement has no limit: the finer the mesh, the softer. So this one is coarse.
+    """
+    bricks = (8, 8, 2)
+    held = f"\n[[supports.held]]\nalong = {{ points = {LOWER_EDGES} }}\nnormal = [0, 0, 1]"
+    system = bar(bricks, lambda p: p * (10.0, 10.0, 1.0), 200e9, 0.3, 8000.0, "inertia = {}\n", held, "")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)
+        mode = fr.reduce(system, method="modal", order=10).contact_models["tip"]
+    frequencies = np.sqrt(mode.eigenvalues[mode.rigid :][:7]) / (2 * np.pi)
+    assert mode.rigid == 3
+    for k, (published, found) in enumerate(
+        zip((45.897, 109.44, 109.44, 167.89, 193.59, 206.19, 206.19), frequencies, strict=True), start=4
+    ):
+        yield Row("NAFEMS FV52", mesh_of(system, bricks), f"frequency {k}, Hz", published, float(found), 0.045)
+
+
+def pressed_plate(quick: bool) -> Iterator[Row]:
+    """LE10: a quarter of an elliptic plate, 0.6 m thick, under 1 MPa; σ_yy at D, at the upper edge of its hole."""
+
+    def place(p: Array) -> Array:  # finer towards D
+        outwards, angle = p[:, 0] ** 1.5, np.pi / 2 * p[:, 1] ** 1.3
+        x, y = (2 + 1.25 * outwards) * np.cos(angle), (1 + 1.75 * outwards) * np.sin(angle)
+        return np.column_stack([x, y, 0.6 * p[:, 2]])
+
+    bricks = (4, 6, 2) if quick else (10, 16, 6)
+    sides = {"front": [0, 1, 0], "back": [1, 0, 0], "right": [1, 0, 0]}
+    held = "".join(f'\n[[supports.held]]\nsurface = "{side}"\nnormal = {normal}' for side, normal in sides.items())
+    held += '\n[[supports.held]]\nsurface = "right"\nnormal = [0, 1, 0]'
+    held += f'\n[[supports.held]]\nall = ["right", {MIDDLE_LINE}]\nnormal = [0, 0, 1]'
+    reading = '[readings.D]\nquantity = "stress"\npoints = [[2.0, 0.0, 0.6]]'
+    run = 'dt = 1.0\nduration = 1.0\nload = [{ actuator = "press", force = [1e6] }]'
+    press = 'pressure.press = { surface = "top" }\n'
+    system = bar(bricks, place, 210e9, 0.3, 7800.0, press, held, "", tables=reading, run=run)
+    _, yy, *_, spread = fr.simulate(system).readings["D"].values[-1, 0, [0, 1, -1]] / 1e6
+    what = f"σ_yy at D, MPa (cells around differ by {spread:.2f})"
+    yield Row("NAFEMS LE10", mesh_of(system, bricks), what, -5.38, float(yy), 0.05 if quick else 0.03)
