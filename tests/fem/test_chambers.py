@@ -78,6 +78,28 @@ def test_what_walls_see_is_openings_by_walls():
     assert through.open_share == pytest.approx(8 / (8 * BRICKS[0]), rel=1e-12)
 
 
+def test_a_round_chamber_has_its_flat_ends_and_its_inlet():
+    """Squares about the middle line become circles: a cylinder with 24 sides, a chamber with 16, an inlet with 8."""
+    points, facets = cut(CHAMBER, INLET)
+    a, b = (points[:, 1:] - 3).T
+    ring, is_wide = np.maximum(np.abs(a), np.abs(b)), np.abs(a) >= np.abs(b)
+    slope = np.where(is_wide, b, -a) / np.where(ring > 0, np.where(is_wide, a, b), 1)
+    angle = np.pi / 4 * slope + np.where(is_wide, np.pi * (a < 0), np.pi / 2 * np.sign(b))
+    points = np.column_stack([points[:, 0], ring * np.cos(angle), ring * np.sin(angle)])
+
+    def around(sides, radius):
+        return 2 * sides * radius * np.sin(np.pi / sides)
+
+    def within(sides, radius):
+        return sides / 2 * radius**2 * np.sin(2 * np.pi / sides)
+
+    walls = 8 * around(16, 2) + 2 * within(16, 2) - within(8, 1) + 2 * around(8, 1)
+    inner, hollows = inner_facets(points, facets)
+    assert len(hollows) == 1
+    assert hollows[0].open_share == pytest.approx(within(8, 1) / walls, rel=1e-12)
+    assert area(points, facets[inner]) == pytest.approx(walls, rel=1e-12)
+
+
 def test_a_rim_may_be_round_and_a_mouth_may_be_in_a_bent_side():
     """A box bent to an arc: its sides are smooth, not flat; and a rim that is drawn out, so that it is not sharp."""
     points, facets = cut(CHAMBER, ((5, 2, -1), (7, 4, 1)), bricks=(24, 6, 6))

@@ -79,6 +79,9 @@ def test_a_combination_is_read_as_the_surface_that_it_makes(mesh):
 
 HELD = {  # of the places of nodes
     WHOLE_EDGE: lambda x: np.isclose(x[:, 1], 0) & np.isclose(x[:, 2], 0),
+    "along = { points = [[0.4, 0, 0], [0.8, 0, 0]] }": lambda x: (
+        np.isclose(x[:, 1], 0) & np.isclose(x[:, 2], 0) & (np.abs(x[:, 0] - 0.6) < 0.2001)
+    ),
     RIM: lambda x: np.isclose(x[:, 2], 0) & ((np.abs(x[:, 0] - 0.5) > 0.499) | (np.abs(x[:, 1] - 0.2) > 0.199)),
     "box = { corners = [[0.3, 0.1, 0.1], [0.7, 0.3, 0.2]] }": lambda x: (  # inside the body, too
         (np.abs(x - [0.5, 0.2, 0.15]) <= np.array([0.2, 0.1, 0.05]) + 1e-6).all(axis=1)
@@ -99,6 +102,15 @@ def test_supports_hold_the_nodes_that_are_there(mesh, place, is_in):
     held = held_nodes(nodes, scene.held[0], "supports.held[0]")
     np.testing.assert_array_equal(held, np.flatnonzero(is_in(nodes.coordinates)))
     assert 0 < len(held) < len(nodes.coordinates) / 2
+
+
+def test_supports_near_a_point_hold_the_nodes_of_triangles(mesh):
+    near = "near = { point = [1, 0, 0], radius = 0.15 }"
+    scene = scene_of(mesh, near, f"\n[[supports.held]]\n{near}")
+    nodes = nodes_of(scene)
+    held = held_nodes(nodes, scene.held[0], "")
+    np.testing.assert_array_equal(held, patch_nodes(nodes, scene.outputs["there"], ""))
+    assert np.linalg.norm(nodes.coordinates[held] - [1, 0, 0], axis=1).max() > 0.15
 
 
 def test_one_line_holds_what_an_entry_for_each_node_does(mesh):

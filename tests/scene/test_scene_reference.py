@@ -7,7 +7,8 @@ import numpy as np
 import fenics_rom.scene
 from fenics_rom.scene.effect_table import EFFECTS
 from fenics_rom.scene.file import parse_scene
-from fenics_rom.scene.reference import EXAMPLE, WORLD_EXAMPLE, reference
+from fenics_rom.scene.places import given_piece
+from fenics_rom.scene.reference import EXAMPLE, INTRODUCTION, WORLD_EXAMPLE, reference
 from fenics_rom.scene.world_file import read_world
 
 README = Path(fenics_rom.scene.__file__).with_name("README.md")
@@ -26,6 +27,15 @@ def test_example_reads_and_names_every_effect():
     assert set(scene.tables) == set(tables)
     assert len(repr(scene).splitlines()) == 3
     assert set(scene.environment.loads) == {"gravity", "quake", "wire"}
+
+
+def test_example_of_places_reads():
+    example = INTRODUCTION.read_text().partition("```toml\n")[2].partition("```")[0]
+    others = "[mesh]\nfile = 'a.msh'\n[contacts.all]\ninner = false\n[effects]\ninertia = {}\n[materials.core]\n"
+    scene = parse_scene(f"{others}cells = 'core'\nyoung = 1\npoisson = 0\ndensity = 1\n{example}")
+    assert [given_piece(place) for place in (*scene.clamped, *scene.held)] == ["surface", "box", "along"]
+    assert given_piece(scene.effects.pressure["air"]) == "all"
+    assert given_piece(scene.materials["skin"]) == "none"
 
 
 def test_example_of_a_world_reads():
