@@ -248,8 +248,9 @@ class SimulatedBody:
         """A reading of the scene as it is now; contact pressure is that of the last step.
 
         Length, m, and volume, m³, are (); contact pressure, Pa, is (s,) at the nodes of the contact surface; strain
-        (P, 6), with the components xx, yy, zz, yz, xz, xy, and von Mises stress, Pa, (P,) are on surface triangles.
-        Which nodes and triangles: `rom.readings[name]`.
+        (P, 6), with the components xx, yy, zz, yz, xz, xy, and von Mises stress, Pa, (P,) are on surface triangles;
+        stress at points, Pa, (G, 11) has the parts `mechanics.readings.STRESS_PARTS`; a marker's displacement, m, (3,).
+        Which nodes, triangles and points: `rom.readings[name]`.
 
         Raises:
             StepError: no such reading.
