@@ -6,7 +6,7 @@ from typing import Any
 
 import fenics_rom as fr
 from fenics_rom.cli.display import print_rom, print_table, print_trajectory
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import FileError, SceneError
 from fenics_rom.io.hdf5 import content_of
 from fenics_rom.lazy_import import load
 
@@ -31,7 +31,9 @@ def run(choice: argparse.Namespace) -> None:
     if choice.output is not None:
         choice.wrong_usage("-o goes with --surfaces")
     if Path(choice.file).suffix == ".toml":
-        choice.wrong_usage(f"{choice.file}: of a scene --surfaces lists the places; else allowed are a ROM and a run")
+        raise FileError(
+            f"{choice.file}: is not a fenics-rom file, a ROM or a run; of a scene --surfaces lists the places"
+        )
     if content_of(choice.file) == "rom":
         print_rom(fr.read_rom(choice.file), choice.file)
     else:

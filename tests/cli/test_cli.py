@@ -389,7 +389,6 @@ def test_help_lists_every_command(say):
         ["compare", "run.h5"],
         ["info", "rom.h5", "more"],
         ["info", "rom.h5", "-fenics_rom_eps_ncv"],
-        ["info", "scene.toml"],
         ["info", "rom.h5", "-o", "places.png"],
         ["simulate", "rom.h5", "-o", "run.h5", "-fenics_rom_eps_ncv", "40"],
         ["reduce", "scene.toml", "-o", "rom.h5", "-mat_mumps_icntl_14", "40"],

@@ -651,7 +651,10 @@ COMMANDS = {
         "rom.h5: is a ROM or a run, which info takes; allowed",
     ),
     "1, a mesh for a scene": (["reduce", "block.msh", "-o", "out.h5"], "block.msh: is a mesh; allowed is a scene file"),
-    "1, a scene for a ROM": (["info", "block.toml"], "block.toml: is not a fenics-rom file"),
+    "1, a scene for a ROM": (
+        ["info", "block.toml"],
+        "block.toml: is not a fenics-rom file, a ROM or a run; of a scene --surf",
+    ),
     "1, a run for a ROM": (["simulate", "run.h5", "-o", "out.h5"], "run.h5: holds a run, not a rom"),
     "1, a ROM for a run": (["compare", "rom.h5", "run.h5"], "rom.h5: holds a rom, not a run"),
     "1, another ending": (["simulate", "rom.toml", "-o", "out.h5"], "did you mean 'rom.h5'?"),
