@@ -479,7 +479,7 @@ class TestOptions:
         (
             'clamped = ["root"]',
             'clamped = "root"',
-            "supports.clamped = 'root': allowed is a list, each a non-empty string",
+            "supports.clamped = 'root': allowed is a list, each a name, or a table",
         ),
         ("[0.5, 0.2, 0.01]", "[9.0, 0.2, 0.01]", "outputs.tip: point [9.0, 0.2, 0.01] is"),
         ("dt = 1e-3", "dt = nan", "run.dt = nan: allowed is a finite number and > 0, in s"),
