@@ -6,8 +6,10 @@ from typing import Any
 
 import fenics_rom as fr
 from fenics_rom.cli.display import print_rom, print_table, print_trajectory
+from fenics_rom.cli.output import add_output
 from fenics_rom.errors import FileError, SceneError
 from fenics_rom.io.hdf5 import content_of
+from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.lazy_import import load
 
 SUMMARY = "say what is in a ROM or a run, or what the places of a scene pick"
@@ -20,16 +22,16 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--surfaces", action="store_true", help="list what each place of a scene, and each group of its mesh, picks"
     )
-    command.add_argument("-o", "--output", type=Path, metavar="PICTURE.png", help="with --surfaces: draw it, too")
+    add_output(command, "PICTURE.png", "with --surfaces: draw it, too", required=False)
 
 
 def run(choice: argparse.Namespace) -> None:
     """Prints what `reduce` or `simulate` printed, or the places of a scene."""
     if choice.surfaces:
-        _list_places(choice.file, choice.output)
+        _list_places(choice.file, choice.output, choice.force)
         return
-    if choice.output is not None:
-        choice.wrong_usage("-o goes with --surfaces")
+    if choice.output is not None or choice.force:
+        choice.wrong_usage("-o and --force go with --surfaces")
     if Path(choice.file).suffix == ".toml":
         raise FileError(
             f"{choice.file}: is not a fenics-rom file, a ROM or a run; of a scene --surfaces lists the places"
@@ -40,13 +42,14 @@ def run(choice: argparse.Namespace) -> None:
         print_trajectory(fr.read_trajectory(choice.file), choice.file)
 
 
-def _list_places(file: str, picture: Path | None) -> None:
+def _list_places(file: str, picture: Path | None, force: bool) -> None:
     """What is picked, in a table and perhaps in a picture; SceneError where a place picks nothing."""
     scene = fr.read_scene(file)
     if picture is not None:
         from fenics_rom.visualization.exports.place_pictures import check_picture, draw_places
 
         check_picture(picture)
+        check_outputs(picture, inputs=scene.files, force=force)
     survey = load("fem.named_places", "survey_places")(scene)
     print_table(f"places of {file}", HEADS, [_row(place) for place in survey.places])
     if picture is not None:

@@ -4,7 +4,9 @@ import argparse
 from pathlib import Path
 
 
-def add_output(command: argparse.ArgumentParser, metavar: str, help: str = "file to write") -> None:
+def add_output(
+    command: argparse.ArgumentParser, metavar: str, help: str = "file to write", *, required: bool = True
+) -> None:
     """Gives a command its -o, and --force."""
-    command.add_argument("-o", "--output", type=Path, required=True, metavar=metavar, help=help)
+    command.add_argument("-o", "--output", type=Path, required=required, metavar=metavar, help=help)
     command.add_argument("--force", action="store_true", help="write also over an existing file of another kind")

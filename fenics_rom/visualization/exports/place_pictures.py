@@ -9,7 +9,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import FileError
-from fenics_rom.io.atomic_write import check_place
 from fenics_rom.visualization.exports.body_renderer import CAMERA_DIRECTION, CAMERA_UP, LIGHT, SHARP_EDGE_DEGREES
 from fenics_rom.visualization.exports.pictures import write_still
 from fenics_rom.visualization.optional_dependencies import check_window, pyvista_package
@@ -40,15 +39,14 @@ class ShownPlace(Protocol):
 
 
 def check_picture(file: Path) -> None:
-    """Checks, before long work, that a picture can be drawn and put there.
+    """Checks, before long work, that a picture can be drawn.
 
     Raises:
-        FileError: another ending than .png, or no such folder.
+        FileError: another ending than .png.
         MissingPackageError: there is no PyVista, or nothing that it can draw with.
     """
     if file.suffix != ".png":
         raise FileError(f"{file}: a picture of places becomes a file that ends in .png")
-    check_place(file)
     pyvista_package()
     check_window()
 
