@@ -8,11 +8,11 @@ import numpy as np
 from fenics_rom.errors import SceneError, check_type
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.lazy_import import load
-from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix
 from fenics_rom.mechanics.load_history import count_steps
 from fenics_rom.rom.rom import Rom
+from fenics_rom.scene.world_file import check_whole_steps
 from fenics_rom.scene.world_format import JointEntry, WorldBody, WorldScene
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.world import joints, shapes
@@ -78,6 +78,7 @@ def run_world(
         raise SceneError(f"{scene.source}: has no [run], so there is no load history to simulate; add one")
     every = run.every if every is None else every
     steps = count_steps(run.duration, run.dt if dt is None else dt, every)
+    check_whole_steps(run.duration, run.dt if dt is None else dt, scene.source)
     world = make_world(scene, dt)
     recorder = WorldRecorder(world, steps, snapshots=run.snapshots, every=every)
     seconds = 0.0
@@ -126,9 +127,8 @@ def _body(name: str, body: WorldBody, scene: WorldScene) -> RigidBody | SoftBody
     position = np.array(body.position)
     if isinstance(shape, shapes.Hull):  # whose points are in axes of their own
         position = position + rotation_matrix(rotation) @ shape.shift
-    if body.path is not None or (body.density is None and body.mass is None):
-        still = BaseState(position, rotation, np.zeros(3), np.zeros(3))
-        return RigidBody(shape, motion=body.path or still)
+    if body.path is not None:
+        return RigidBody(shape, motion=body.path)
     return RigidBody(
         shape,
         density=body.density,

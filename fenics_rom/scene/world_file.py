@@ -1,5 +1,6 @@
 """The world file: TOML to a checked WorldScene."""
 
+import math
 import tomllib
 from collections.abc import Collection
 from pathlib import Path
@@ -22,6 +23,7 @@ DIMENSIONS = {
 }
 OF_RIGID = ("density", "mass", "path", *sorted({key for keys in DIMENSIONS.values() for key in keys}))
 STANDS_STILL = "world"
+WHOLE = 1e-9  # of a run: as far off a whole number of steps round-off may be
 _ADAPTER = TypeAdapter(WorldFile)
 assert tuple(DIMENSIONS) == WORLD_SHAPES
 
@@ -87,6 +89,7 @@ def _check(file: WorldFile) -> None:
         _check_names(pair.bodies, file.bodies, f"pairs[{k}].bodies")
     for k, group in enumerate(file.apart):
         _check_names(group, file.bodies, f"apart[{k}]")
+    _check_pairs(file)
     for k, joint in enumerate(file.joints):
         where = f"joints[{k}]"
         _check_names((joint.first, joint.second), (*file.bodies, STANDS_STILL), where)
@@ -105,10 +108,46 @@ def _check(file: WorldFile) -> None:
         raise SceneError(
             f"run.dt = {exactly(file.run.dt)}: allowed is at most the duration, {exactly(file.run.duration)} s"
         )
+    check_whole_steps(file.run.duration, file.run.dt, "run")
     for k, each in enumerate(file.run.input):
         check_known("soft body", each.body, soft, SceneError, f"run.input[{k}].body: ")
         if each.stop is not None and each.stop <= each.start:
             raise SceneError(f"run.input[{k}].stop = {exactly(each.stop)}: allowed is after its start")
+
+
+def check_whole_steps(duration: float, dt: float, where: str) -> None:
+    """A SceneError where a run of `duration`, s, is no whole number of steps of dt, s."""
+    steps = duration / dt
+    if abs(steps - round(steps)) > WHOLE * steps:
+        below = math.floor(steps)
+        ends = f"{below * dt:.9g} s" if below else "0 s"
+        raise SceneError(
+            f"{where}: a duration of {exactly(duration)} s is no whole number of steps of {exactly(dt)} s: {below} "
+            f"end at {ends}, {below + 1} at {(below + 1) * dt:.9g} s; allowed is one of these, or dt = "
+            f"{duration / (below + 1):.9g}"
+        )
+
+
+def _check_pairs(file: WorldFile) -> None:
+    """What laws of two bodies have no effect, or say two things."""
+    named = dict[frozenset[str], int]()
+    for k, pair in enumerate(file.pairs):
+        where, bodies = f"pairs[{k}].bodies: {' and '.join(pair.bodies)}", frozenset(pair.bodies)
+        if bodies in named:
+            raise SceneError(f"{where}: are named in pairs[{named[bodies]}], too: allowed is one law of two bodies")
+        named[bodies] = k
+        for j, group in enumerate(file.apart):
+            if bodies <= set(group):
+                raise SceneError(f"{where}: do not touch one another, as apart[{j}] says: allowed is one of both")
+        for j, joint in enumerate(file.joints):
+            if bodies == {joint.first, joint.second}:
+                raise SceneError(f"{where}: are joined by joints[{j}], and what is joined does not touch: leave it out")
+        if not any(_moves(file.bodies[name]) for name in pair.bodies):
+            raise SceneError(f"{where}: both stand still or follow a path, and do not push one another: leave it out")
+
+
+def _moves(body: WorldBody) -> bool:
+    return body.shape is None or body.density is not None or body.mass is not None
 
 
 def _check_names(names: Collection[str], known: Collection[str], where: str) -> None:
@@ -142,6 +181,9 @@ def _check_body(name: str, body: WorldBody, file: WorldFile) -> None:
     if has_mass and (body.path is not None or body.shape == "half-space"):
         what = "a half-space" if body.shape == "half-space" else "a body that is moved along a path"
         raise SceneError(f"{where}.{'mass' if body.density is None else 'density'}: means nothing of {what}")
+    if body.path is not None and (any(body.position) or any(body.rotation)):
+        key = "position" if any(body.position) else "rotation"
+        raise SceneError(f"{where}.{key}: has no effect beside a path, which says where the body is: leave it out")
     if not has_mass and (any(body.velocity) or any(body.spin)):
         raise SceneError(f"{where}: stands still or follows its path; velocity and spin go with density or mass")
 

@@ -37,8 +37,9 @@ class WorldBody:
     mass: Annotated[float | None, Number(above=0.0, unit="kg"), "of a rigid body that moves; this or density"] = None
     position: Annotated[
         Point,
-        "of the centre of mass; of a half-space a point of its face; of a soft body that is held, of its axes; of one "
-        "that is carried, of its frame, from the carrier's centre of mass in its axes, as its rotation is from theirs",
+        "of the centre of mass; of a half-space a point of its face; of a soft body that is held, of the axes of its "
+        "mesh; of one that is carried (`on`), of the mean place of its clamped nodes or its base_path.origin, counted "
+        "from the carrier's centre of mass, not its surface, along its axes, as the rotation is; none beside a path",
     ] = ZERO
     rotation: Annotated[
         tuple[Angle, Angle, Angle], Items(3), "a rotation vector; the face of a half-space looks along z where it is 0"
@@ -114,7 +115,7 @@ class WorldRun:
     """A load history of a world."""
 
     dt: Annotated[float, Number(above=0.0, unit="s"), "time step"]
-    duration: Annotated[float, Number(above=0.0, unit="s"), "of the run"]
+    duration: Annotated[float, Number(above=0.0, unit="s"), "of the run, a whole number of steps"]
     snapshots: Annotated[int, Number(at_least=1, integer=True), "how many shapes are kept of it, evenly spread"] = 100
     every: Annotated[int, Number(at_least=1, integer=True), "all else is kept after every so many steps"] = 1
     input: Annotated[tuple[WorldInput, ...], Items(), "what acts on actuators"] = ()
@@ -131,9 +132,12 @@ class WorldFile:
         tuple[Acceleration, Acceleration, Acceleration], Items(3), "on rigid bodies; soft ones have that of their scene"
     ] = ZERO
     contact: Annotated[ContactTable, "how all bodies meet"] = field(default_factory=ContactTable)
-    pairs: Annotated[tuple[PairEntry, ...], Items(), "which meet otherwise"] = ()
+    pairs: Annotated[tuple[PairEntry, ...], Items(), "which two bodies meet otherwise; each two once"] = ()
     apart: Annotated[
-        tuple[Annotated[tuple[BodyName, ...], Items(at_least=2)], ...], Items(), "bodies that do not touch one another"
+        tuple[Annotated[tuple[BodyName, ...], Items(at_least=2)], ...],
+        Items(),
+        "groups of bodies without contact between them: they pass through one another, as bodies that are joined do "
+        "without being named here",
     ] = ()
     joints: Annotated[tuple[JointEntry, ...], Items(), "what holds bodies together"] = ()
     run: Annotated[WorldRun | None, "a load history"] = None

@@ -28,11 +28,13 @@ class Joint:
     Args:
         first, second: names of the bodies.
         points: (k, 3) in world axes, where the bodies begin, m.
+        means: what was asked for, for messages: of a weld where it is, and how its points lie about it.
     """
 
     first: str
     second: str
     points: tuple[tuple[float, float, float], ...]
+    means: str = ""
 
     def __post_init__(self) -> None:
         points = np.array(self.points, dtype=float)
@@ -82,15 +84,16 @@ def ball(first: str, second: str, point: Sequence[float]) -> Joint:
 def hinge(first: str, second: str, point: Sequence[float], axis: Sequence[float]) -> Joint:
     """A hinge about an axis through a point, m; how long the axis is says how far apart two points of it are held."""
     along, at = _direction(axis) / 2, np.array(_vector(point))
-    return Joint(first, second, (_vector(at - along), _vector(at + along)))
+    said = f"hinge at {list(_vector(point))}, which holds two points of its axis, {2 * np.linalg.norm(along):g} m apart"
+    return Joint(first, second, (_vector(at - along), _vector(at + along)), said)
 
 
 def weld(first: str, second: str, point: Sequence[float], size: float = 0.1) -> Joint:
     """A weld about a point, m, at three points that are `size` m apart."""
-    corners = np.eye(3) * size / 2**0.5
-    return Joint(
-        first, second, tuple(_vector(np.array(_vector(point)) + corner - corners.mean(axis=0)) for corner in corners)
-    )
+    corners, about = np.eye(3) * size / 2**0.5, _vector(point)
+    points = tuple(_vector(np.array(about) + corner - corners.mean(axis=0)) for corner in corners)
+    said = f"weld at {list(about)}, which holds three points about it, {size:g} m from one another"
+    return Joint(first, second, points, said)
 
 
 def _check_pair(first: str, second: str) -> None:
@@ -140,6 +143,7 @@ class JointPoints:
             raise SceneError(f"{where}allowed is a body that can move, and both move as they are told")
         if isinstance(joint, Joint):
             self.points = np.array(joint.points, dtype=float)
+            where += f"{joint.means}: " if joint.means else ""
             self.on_first = one.points_at(self.points, where)
         else:
             if not isinstance(one, Soft):

@@ -11,7 +11,7 @@ from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.free_soft import FreeSoft
 from fenics_rom.world.mount import Mount
-from fenics_rom.world.records import RigidBody, SoftBody
+from fenics_rom.world.records import STILL, UPRIGHT, RigidBody, SoftBody
 from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.soft import Soft
 
@@ -49,13 +49,35 @@ def make_bodies(
 
 
 def _rigid(name: str, record: RigidBody, gravity: Array) -> Rigid | Driven:
+    _check_driven(name, record)
     if record.motion is not None:
         return Driven(record.shape, given_base(record.motion))
+    if record.is_driven:
+        return Driven(record.shape, given_base(record.pose(f"body {name!r}")))
     try:
         mass, inertia = record.mass_and_inertia()
     except SceneError as error:
         raise SceneError(f"body {name!r}: {error}") from error
     return Rigid(record.shape, mass, inertia, record.pose(f"body {name!r}"), gravity)
+
+
+def _check_driven(name: str, record: RigidBody) -> None:
+    """A SceneError where something is given that has no effect on a body that moves as it is told, or stands still."""
+    if not record.is_driven:
+        return
+    begins = {"position": STILL, "rotation": UPRIGHT, "velocity": STILL, "angular_velocity": STILL}
+    given = [key for key in ("density", "mass", "inertia") if getattr(record, key) is not None]
+    given += [key for key, default in begins.items() if tuple(getattr(record, key)) != default]
+    if record.motion is not None and given:
+        raise SceneError(
+            f"body {name!r}: {given[0]} has no effect beside its motion, which says where it is and how it moves: "
+            "leave one of them out"
+        )
+    if moves := [key for key in given if "velocity" in key]:
+        raise SceneError(
+            f"body {name!r}: {moves[0]}: it has neither density nor mass, so it stands still: allowed beside one of "
+            "them, or a motion"
+        )
 
 
 def _soft(

@@ -149,7 +149,7 @@ def _surface(world: World, name: str) -> tuple[Array, Array, Array]:
     if _is_half_space(body):
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros(0)
     vertices, triangles = body.shape.surface()
-    mass = 1.0 if body.motion is not None else body.mass_and_inertia()[0]
+    mass = 0.0 if body.is_driven else body.mass_and_inertia()[0]
     return vertices, triangles.astype(np.int64), np.full(len(vertices), mass / len(vertices))
 
 
@@ -166,7 +166,7 @@ def _coordinates(world: World) -> int:
     count = 0
     for name, body in world.bodies.items():
         if isinstance(body, RigidBody):
-            count += 6 if body.motion is None else 0
+            count += 0 if body.is_driven else 6
         else:
             simulator = world.simulator(name)
             count += simulator.rom.contact_models[simulator.contact].order

@@ -26,18 +26,19 @@ DEFINITE = 1e-12  # of its trace: the least that an inertia may have about an ax
 
 @dataclass(frozen=True)
 class RigidBody:
-    """A rigid body.
+    """A rigid body. Without density, mass and motion it stands still.
 
     Args:
         shape: in axes about its centre of mass.
-        density: kg/m³; or
+        density: of one that moves freely, kg/m³; or
         mass: kg, with
         inertia: (3, 3) about the centre of mass, in its axes, kg m²; None: that of the shape, with this mass.
         position: of the centre of mass, m.
         rotation: of its axes, a unit quaternion w x y z.
         velocity: m/s.
         angular_velocity: in world axes, rad/s.
-        motion: in place of all that but the shape: where it is and how it moves, for ever or as a function of time, s.
+        motion: in place of all that but the shape, beside which it is refused: where it is and how it moves, for ever
+            or as a function of time, s.
 
     Example:
         >>> from fenics_rom.world.shapes import Box
@@ -56,6 +57,11 @@ class RigidBody:
     angular_velocity: Vector = STILL
     motion: Motion | None = None
 
+    @property
+    def is_driven(self) -> bool:
+        """Whether it moves as its motion says, or stands still."""
+        return self.motion is not None or all(each is None for each in (self.density, self.mass, self.inertia))
+
     def pose(self, where: str) -> BaseState:
         """Where it begins; StepError where that is none."""
         state = self.position, self.rotation, self.velocity, self.angular_velocity
@@ -70,7 +76,10 @@ class RigidBody:
         given = f"density = {self.density!r}, mass = {self.mass!r}"
         known = [number for number in (self.density, self.mass) if number is not None]
         if len(known) != 1 or not 0 < known[0] < np.inf:
-            raise SceneError(f"{given}: allowed is one of both, finite and > 0; or a motion, of a body that is moved")
+            raise SceneError(
+                f"{given}: allowed is one of both, finite and > 0; or neither, and no inertia, of one that "
+                "stands still or has a motion"
+            )
         mass, inertia = self.shape.inertia(1.0 if self.density is None else self.density)
         if self.mass is not None:
             inertia, mass = inertia * (self.mass / mass), float(self.mass)
@@ -93,8 +102,9 @@ class SoftBody:
 
     Args:
         rom: the reduced model, or the name of its file.
-        position: where the axes of a held body are put; of a free one its centre of mass; of a carried one its frame,
-            from the carrier's centre of mass and in its axes; m.
+        position: where the axes of a held body are put; of a free one its centre of mass; of a carried one the mean
+            place of its clamped nodes, or the origin of its base_path, counted from the carrier's centre of mass, not
+            its surface, along the carrier's axes; m.
         rotation: of its axes, a unit quaternion w x y z; of a carried body from those of the carrier.
         velocity, angular_velocity: of a free one, m/s and rad/s.
         on: name of the rigid body that carries it, one with a motion.

@@ -38,13 +38,14 @@ class World:
         gravity: on rigid bodies, m/s²; soft ones have that of their scene.
         friction, restitution: of all bodies.
         pairs: other laws of two bodies, by their names.
-        apart: groups of names of bodies that do not touch one another.
+        apart: groups of names of bodies without contact between them: they pass through one another.
 
     Attributes:
         bodies, gravity: as given.
 
     Raises:
-        SceneError: names that nobody has, bodies that cannot be, joints that cannot be closed.
+        SceneError: names that nobody has, bodies that cannot be, joints that cannot be closed, two laws of a pair, or
+            one of bodies that do not touch.
         StepError: bodies begin inside each other.
 
     Example:
@@ -87,6 +88,10 @@ class World:
         self._names = list(self._bodies)
         law, laws = ContactLaw(restitution, friction), _laws(pairs or {}, self._bodies)
         separate = _pairs_apart(apart, joints, self._bodies)
+        for group in apart:
+            if both := [pair for pair in laws if pair <= set(group)]:
+                names = " and ".join(sorted(both[0]))
+                raise SceneError(f"pairs: {names}: have no contact, as `apart` says: allowed is one of both")
         self._meetings = [
             Meeting(a, b, laws.get(frozenset((self._names[a], self._names[b])), law), self._smaller(a, b))
             for a, b in combinations(range(len(self._names)), 2)
@@ -364,13 +369,21 @@ class World:
         return f"World of {len(self.bodies)} bodies, dt = {self._dt:g} s, {self.steps} steps taken\n  {parts}"
 
 
-def _laws(pairs: Mapping[tuple[str, str], ContactLaw], bodies: Collection[str]) -> dict[frozenset[str], ContactLaw]:
+def _laws(
+    pairs: Mapping[tuple[str, str], ContactLaw], bodies: Mapping[str, AnyBody]
+) -> dict[frozenset[str], ContactLaw]:
+    laws: dict[frozenset[str], ContactLaw] = {}
     for pair, law in pairs.items():
         for name in pair:
             check_known("body", name, bodies, SceneError, "pairs: ")
         if law.stiffness is not None:
-            raise SceneError(f"pairs: {pair}: allowed between bodies is the rigid law, without stiffness")
-    return {frozenset(pair): law for pair, law in pairs.items()}
+            raise SceneError(f"pairs: {pair}: allowed between bodies is a law without stiffness, 'complementarity'")
+        if frozenset(pair) in laws:
+            raise SceneError(f"pairs: {' and '.join(pair)}: are named twice: allowed is one law of two bodies")
+        if all(bodies[name].is_driven for name in pair):
+            raise SceneError(f"pairs: {' and '.join(pair)}: both move as they are told, and do not push one another")
+        laws[frozenset(pair)] = law
+    return laws
 
 
 def _pairs_apart(

@@ -15,7 +15,6 @@ GIVEN = (
 [bodies.palm]
 shape = "box"
 size = [0.1, 0.1, 0.02]
-position = [0, 0, 1]
 path = "palm.csv"
 
 [bodies.finger]
@@ -34,6 +33,8 @@ actuator = "flexor"
 table = "pull.csv"
 """
 )
+DOUBLE = '[[pairs]]\nbodies = ["{}", "{}"]\nfriction = 0.7\n[run]'
+JOINED = '\n[[joints]]\nkind = "ball"\nfirst = "ground"\nsecond = "upper"\npoint = [0, 0, 0]\n[run]'
 PALM = "time (s), position.x, position.y, position.z, rotation.w, rotation.x, rotation.y, rotation.z\n"
 
 
@@ -96,6 +97,25 @@ def test_bodies_joints_and_tables_are_read(folder):
         ('body = "finger"', 'body = "lower"', r"run.input\[0\].body: no soft body 'lower'"),
         ('"pull.csv"', '"push.csv"', r"table .*push.csv: cannot be read"),
         ('"palm.csv"', '"pull.csv"', r"table .*pull.csv"),
+        (
+            'path = "palm.csv"',
+            'path = "palm.csv"\ndensity = 1',
+            r"bodies.palm.density: means nothing of a body that is",
+        ),
+        (
+            'path = "palm.csv"',
+            'path = "palm.csv"\nposition = [0, 0, 1]',
+            r"bodies.palm.position: has no effect beside a path",
+        ),
+        ("dt = 2e-3", "dt = 3e-3", r"a duration of 1 s is no whole number of .* 0.003 s: 333 end at 0.999 s"),
+        ("[run]", DOUBLE.format("upper", "lower"), r"pairs\[1\].bodies: upper and lower: are named in pairs\[0\], too"),
+        ("[run]", DOUBLE.format("ground", "palm"), r"pairs\[1\].bodies: .* both stand still or follow a path"),
+        (
+            "[run]",
+            DOUBLE.format("upper", "ground").replace("[run]", JOINED),
+            r"pairs\[1\].bodies: .* joined by joints\[0\]",
+        ),
+        ("[bodies.ground]", 'apart = [["upper", "ground", "lower"]]\n[bodies.ground]', r"as apart\[0\] says"),
         ("dt = 2e-3", "dt = 2", r"run.dt = 2: allowed is at most the duration, 1 s"),
         ("[bodies.ground]", "[bodies.world]", r"bodies.world: allowed is any other name"),
         ("gravity = [0, 0, -9.81]", "gravity = 9.81", r"gravity = 9.81: allowed is a list of 3"),

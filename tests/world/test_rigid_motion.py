@@ -8,6 +8,7 @@ import pytest
 import fenics_rom as fr
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.world.bodies import Points
+from fenics_rom.world.recorder import WorldRecorder
 from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.shapes import Box, HalfSpace, Sphere
 
@@ -84,6 +85,56 @@ def test_a_push_and_a_torque_do_what_newton_and_euler_say():
     assert world.ledger.supplied == pytest.approx(world.energy, rel=1e-12)
     world.step()  # what is not given is 0
     np.testing.assert_allclose(world.pose("body").velocity, acceleration * t - [0, 0, G * h], rtol=1e-12)
+
+
+def test_a_body_without_mass_stands_still_and_has_none():
+    bodies = {
+        "shelf": fr.RigidBody(Box((0.2, 0.2, 0.02)), position=(0, 0, 1)),
+        "ball": fr.RigidBody(Sphere(0.1), mass=1),
+    }
+    bodies["ball"] = replace(bodies["ball"], position=(0, 0, 1.11))
+    world = fr.World(bodies, 1e-2, gravity=(0, 0, -G))
+    recorder = WorldRecorder(world, 10)
+    for step in range(10):
+        world.step()
+        recorder.sample(step + 1)
+    assert world.pose("shelf").position.tolist() == [0, 0, 1]
+    assert world.force_between("ball", "shelf")[2] == pytest.approx(G, rel=1e-12)
+    run = recorder.record("shelf")
+    assert run.node_mass.sum() == pytest.approx(1.0, rel=1e-12)
+    assert run.settings["order"] == 6
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"motion": LIES, "position": (0, 0, 1)}, "position has no effect beside its motion"),
+        ({"motion": LIES, "mass": 1.0}, "mass has no effect beside its motion"),
+        ({"velocity": (0, 0, 1)}, "velocity: it has neither density nor mass, so it stands still"),
+        ({"inertia": np.eye(3)}, "density = None, mass = None: allowed is one of both"),
+    ],
+)
+def test_what_has_no_effect_on_a_body_is_refused(given, said):
+    with pytest.raises(fr.SceneError, match=f"body 'ball': {said}"):
+        fr.World({"ball": fr.RigidBody(Sphere(0.1), **given)}, 1e-2)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"pairs": {("a", "b"): ContactLaw(), ("b", "a"): ContactLaw()}}, "pairs: b and a: are named twice"),
+        (
+            {"pairs": {("a", "b"): ContactLaw()}, "apart": [("b", "ground", "a")]},
+            "a and b: have no contact, as `apart`",
+        ),
+        ({"pairs": {("ground", "wall"): ContactLaw()}}, "ground and wall: both move as they are told"),
+        ({"pairs": {("a", "b"): ContactLaw(stiffness=1.0)}}, "allowed between bodies is a law without stiffness"),
+    ],
+)
+def test_laws_that_say_two_things_or_nothing_are_refused(given, said):
+    balls = {name: fr.RigidBody(Sphere(0.1), mass=1.0, position=(k, 0, 1)) for k, name in enumerate("ab")}
+    with pytest.raises(fr.SceneError, match=said):
+        fr.World({"ground": GROUND, "wall": GROUND, **balls}, 1e-2, **given)
 
 
 def test_a_world_begins_anew():
@@ -332,8 +383,8 @@ def test_what_cannot_be_is_refused_with_where_and_how_much():
     fr.World({"ground": GROUND, "box": box}, 1e-3, apart=[("ground", "box")]).step()
     with pytest.raises(fr.SceneError, match=r"apart: .*'boxes'.*did you mean 'box'"):
         fr.World({"ground": GROUND, "box": box}, 1e-3, apart=[("ground", "boxes")])
-    with pytest.raises(fr.SceneError, match="body 'box': density = None, mass = None: allowed is one of both"):
-        fr.World({"box": fr.RigidBody(Box((0.1,) * 3))}, 1e-3)
+    with pytest.raises(fr.SceneError, match="body 'box': density = 2, mass = 1: allowed is one of both"):
+        fr.World({"box": fr.RigidBody(Box((0.1,) * 3), density=2, mass=1)}, 1e-3)
     with pytest.raises(fr.SceneError, match="'soft': on = 'soft': allowed is another body"):
         fr.World({"soft": fr.SoftBody("plate.h5", on="soft")}, 1e-3)
     with pytest.raises(fr.SceneError, match="'a': on: a is on b is on a: allowed is no circle"):

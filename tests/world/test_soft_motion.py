@@ -13,7 +13,7 @@ from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.runtime.steppers.pushed_step import PushedPoints, PushedStep
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.world.handed_forces import handed
-from fenics_rom.world.joints import Joint
+from fenics_rom.world.joints import Joint, weld
 from fenics_rom.world.shapes import Box, Sphere
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -288,6 +288,10 @@ def test_what_a_world_refuses_of_soft_bodies(roms):
         fr.World({"beam": fr.SoftBody(roms["held"], on="palm"), "palm": fr.RigidBody(Sphere(0.1), motion=LIES)}, 1e-3)
     with pytest.raises(fr.SceneError, match="on = 'box': allowed is a rigid body with a motion"):
         fr.World({"beam": fr.SoftBody(roms["carried"], on="box"), "box": fr.RigidBody(**BOX)}, 1e-3)
+    with pytest.raises(
+        fr.SceneError, match=r"weld at \[9.0, 0.0, 0.0\], which holds three points about it, 0.1 m from .*"
+    ):
+        fr.World({"beam": fr.SoftBody(roms["free"])}, 1e-3, joints=[weld("beam", "world", (9, 0, 0))])
     for kind, on in (("held", None), ("carried", "palm")):
         thrown = {
             "beam": fr.SoftBody(roms[kind], on=on, velocity=(0, 0, 1)),
@@ -329,7 +333,10 @@ def test_a_world_of_one_body_needs_no_contact(tmp_path):
     ("parts", "said"),
     [
         ({"effects": ""}, "was made without inertia: allowed is a ROM whose scene has it"),
-        ({"effects.contact": 'method = "penalty"\nstiffness = 1e3'}, "with effects.contact.method = 'penalty'"),
+        (
+            {"effects.contact": 'method = "penalty"\nstiffness = 1e3'},
+            "with effects.contact.method = 'penalty': allowed is 'complementarity'",
+        ),
         ({"effects.contact.obstacles.floor": None, "effects.contact": None}, r"was made without effects\.contact"),
     ],
 )

@@ -80,7 +80,7 @@ class LiveWorld(Live):
         """Takes hold of a rigid body at a place (3,), m; False of one that moves as it is told."""
         record = self.world.bodies[name]
         assert isinstance(record, RigidBody)
-        if record.motion is not None:
+        if record.is_driven:
             return False
         self.release()
         mass, inertia = record.mass_and_inertia()

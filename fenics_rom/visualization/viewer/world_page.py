@@ -67,9 +67,9 @@ class WorldPage(LiveLoop):
             vertices, triangles = obstacle_mesh(flat, np.zeros(3), FLOOR_SIZES / self.scale / 2)
         else:
             vertices, triangles = body.shape.surface()
-        colour = OBSTACLE_COLOUR if body.motion is not None else FREE_COLOUR
+        colour = OBSTACLE_COLOUR if body.is_driven else FREE_COLOUR
         mesh = scene.add_mesh_simple(f"/{name}", self.scale * vertices, triangles, color=colour, **options)
-        if body.motion is None:
+        if not body.is_driven:
             self.let_drag(mesh, partial(self.live.grab_rigid, name))
         else:
             hide_what_is_behind(mesh)
