@@ -92,9 +92,7 @@ class Soft(Simulator):
             lacks = "inertia" if not acting.has_inertia else "effects.contact"
             said = f"made without {lacks}: allowed is a ROM whose scene has it, as other bodies may touch it"
             if law is not None and law.stiffness is not None:
-                said = (
-                    "made with effects.contact.method = 'penalty': allowed is 'complementarity', as bodies meet by that law"
-                )
+                said = "made with effects.contact.method = 'penalty': allowed is 'complementarity', the law of a world"
             raise SceneError(f"body {name!r}: ROM {rom.name!r} was {said}; obstacles of its scene are left out")
         if (mount is not None) != (rom.moving_frame is not None and acting.is_moving and rom.moving_frame.carried):
             needs = (
