@@ -120,6 +120,7 @@ class ContactSolver:
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
         settled: Settled | None = None,
+        is_patient: bool = True,
     ) -> ContactSolution | None:
         """Contact forces of one step; None where nothing touches.
 
@@ -132,6 +133,7 @@ class ContactSolver:
             quasi_static: without impacts: a gap may close within the step but not beyond, s >= -max(g, 0)/h, and what
                 sticks does not move.
             settled: of the step, where it is solved in sweeps; this one adds to it.
+            is_patient: whether to go on where Newton's method finds no forces, which can take a hundred times as long.
 
         Raises:
             StepError: no forces found; the next step begins as this one did.
@@ -174,9 +176,9 @@ class ContactSolver:
             problem = pairs.problem(active, operator, search.forces, are_kept)
             try:
                 of_pairs = problem.operator, problem.q, self.law.friction, problem.start
-                solution = solve(*of_pairs, search.law_of(key), not is_tried, was_steady)
+                solution = solve(*of_pairs, search.law_of(key), not is_tried, was_steady, is_patient)
             except StepError as error:
-                if pairs.stop_asking_friction(active):
+                if is_patient and pairs.stop_asking_friction(active):
                     continue
                 told = str(error)
                 raise StepError(told.replace(ADVICE, WEDGED) if self._wedges(active) else told) from error

@@ -62,6 +62,7 @@ class HandedForces(ContactSolver):
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
         settled: Settled | None = None,
+        is_patient: bool = True,
     ) -> ContactSolution | None:
         """See ContactSolver."""
         self.delassus = delassus

@@ -42,9 +42,14 @@ class ForcesInNewton:
         self._spread: Array | None = None  # A⁻¹ Sᵀ
         self._delassus = np.empty((0, 0))
 
-    def begin(self, equation: StepResidual, obstacles: ObstacleMotion | None, u: Array, given: Array) -> None:
-        """Notes where a part of a step begins, its input (p,) and the strokes (n,) that are given at its end."""
-        self._equation, self._obstacles, self._u = equation, obstacles, u
+    def begin(
+        self, equation: StepResidual, obstacles: ObstacleMotion | None, u: Array, given: Array, is_patient: bool
+    ) -> None:
+        """Notes where a part of a step begins, its input (p,) and the strokes (n,) that are given at its end.
+
+        And whether forces of contact that are hard to find are to be looked for.
+        """
+        self._equation, self._obstacles, self._u, self._is_patient = equation, obstacles, u, is_patient
         if self._actuators is not None:
             self._targets = equation.targets(self._actuators, given)
         if self._interface is not None and obstacles is not None:
@@ -139,7 +144,8 @@ class ForcesInNewton:
         assert self._obstacles is not None
         points, h = PointMotion(self._x, self._v, free), self._equation.h
         operator = self._points_operator() if W is None else W
-        return self._interface.solver.solve(points, operator, h, self._obstacles, self._equation.is_quasi_static)
+        of_step = h, self._obstacles, self._equation.is_quasi_static
+        return self._interface.solver.solve(points, operator, *of_step, is_patient=self._is_patient)
 
     def _is_untouched(self, v: Array, last: ContactSolution | None) -> bool:
         """Whether no pair of the rigid law can come too close at velocities v (P, 3) of the points."""

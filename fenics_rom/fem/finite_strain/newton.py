@@ -27,6 +27,9 @@ ROUND_OFF = 1e-11  # share of them where secants that get it no smaller have com
 NOISE = 1e-10  # share of them below which changes say nothing of the tangent
 MAX_ITERATIONS = 25  # with tangents
 MAX_SECANT_ITERATIONS = 50  # with secants or tangents
+SOON = 24  # more iterations: two halves of a step rarely take more
+TREND = 5  # last iterations that tell how many more there will be
+DIVERGENCE = 10  # times the first residual
 SLOW_SECANTS = 2  # in a row that do not halve the residual, after which tangents are tried
 MIN_STEP_SHARE = 1 / 32  # of a Newton step
 SUFFICIENT_DECREASE = 0.1  # share of what a Newton step promises that it must keep
@@ -34,7 +37,7 @@ MAX_FORCING, MIN_FORCING = 0.01, 1e-6  # residuals that linear systems are solve
 
 
 class NotConvergedError(Exception):
-    """Newton's method found no solution; a better factor or a shorter step may."""
+    """Newton's method found no solution, or not soon; a better factor or a shorter step may."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,7 @@ def solve_step(
     dot: Callable[[Array, Array], float],
     last: FoundForces,
     by_secants: bool = True,
+    is_patient: bool = True,
 ) -> NewtonIterate:
     """Solves the equations of a step; every rank must call it.
 
@@ -81,6 +85,7 @@ def solve_step(
         dot: product of columns (rows here, 1).
         last: what was found in the step before, the first guess.
         by_secants: whether they may be tried, which for few steps lead astray.
+        is_patient: whether to go on where it will take long under forces that are found, as convergence is linear then.
     """
 
     def iterate_at(v: Array, found: FoundForces, iterations: int) -> NewtonIterate:
@@ -104,7 +109,7 @@ def solve_step(
     slow, unpushed = 0, forces is not None
     secants.begin()
     spread = np.zeros_like(current.answer)  # of forces since the start
-    previous = current
+    previous, first, sizes = current, current.size, [current.size]
     for iteration in range(MAX_SECANT_ITERATIONS):
         if forces_resolved and current.size <= CONVERGENCE_TOLERANCE * scale:
             return current
@@ -142,6 +147,11 @@ def solve_step(
                 raise NotConvergedError
         halved = current.size <= previous.size / 2
         slow = 0 if halved else slow + 1
+        sizes.append(current.size)
+        if by_secants and slow >= SLOW_SECANTS:  # tangents do not make them better
+            may_use_secants, sizes = False, sizes[-1:]
+        if not is_patient and current.found.act and takes_long(sizes, iteration + 1, first, scale):
+            raise NotConvergedError
         if not halved and current.size <= (ROUND_OFF if by_secants else STAGNATION_TOLERANCE) * scale:
             return current
         forces_resolved = True
@@ -150,3 +160,23 @@ def solve_step(
             reached = (current.size / previous.size) ** 2
             forcing = min(MAX_FORCING, max(MIN_FORCING, reached, CONVERGENCE_TOLERANCE * scale / (3 * current.size)))
     raise NotConvergedError
+
+
+def takes_long(sizes: list[float], iterations: int, first: float, scale: float) -> bool:
+    """Whether it diverges, or will not be solved within SOON iterations.
+
+    Args:
+        sizes: of residuals so far, since directions were last sought in another way.
+        iterations: so far.
+        first: size of the first residual.
+        scale: of the forces.
+    """
+    last, goal = sizes[-1], ROUND_OFF * scale
+    if last <= goal:
+        return False
+    if iterations > 1 and last > DIVERGENCE * max(first, NOISE * scale):
+        return True
+    if len(sizes) <= TREND:
+        return False
+    trend = math.log(sizes[-1 - TREND] / last)
+    return trend <= 0 or TREND * math.log(last / goal) / trend > SOON

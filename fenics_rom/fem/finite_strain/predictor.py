@@ -22,6 +22,7 @@ class Predictor:
     def forget(self) -> None:
         """What was before says nothing of what comes."""
         self._past: list[Array] = []
+        self._h = 0.0
         self.is_smooth = False
 
     @property
@@ -35,11 +36,11 @@ class Predictor:
             return [self._expected(CUBIC)]
         return [v, self._expected(LINE)] if len(self._past) >= len(LINE) else [v]
 
-    def note(self, found: Array, whole: bool) -> None:
-        """Learns the mid-step velocity (rows here, 1) of a step; of steps in parts it forgets all."""
-        if not whole:
+    def note(self, found: Array, h: float) -> None:
+        """Learns the mid-step velocity (rows here, 1) of a step, or a part, of h, s; where h changes it forgets all."""
+        if h != self._h:
             self.forget()
-            return
+            self._h = h
         if len(self._past) == len(CUBIC):
             by_line, by_cubic = (found - self._expected(coefficients) for coefficients in (LINE, CUBIC))
             self.is_smooth = self._dot(by_cubic, by_cubic) < self._dot(by_line, by_line)

@@ -19,6 +19,7 @@ from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel,
 from fenics_rom.fem.finite_strain.newton import MAX_ITERATIONS, NewtonIterate, NotConvergedError, solve_step
 from fenics_rom.fem.finite_strain.predictor import Predictor
 from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepResidual, StepStart
+from fenics_rom.fem.finite_strain.step_parts import LoadParts, StepParts
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentMatrix
 from fenics_rom.fem.full_order_body import FullOrderBody
@@ -31,7 +32,6 @@ from fenics_rom.system.system import System
 
 SMALLEST_PART = 1 / 64  # share of a step below which none is tried
 SMALLEST_LOAD = 1 / 1024  # the same of what the load of an equilibrium changes by
-EASY_ITERATIONS = 6  # that lead to an equilibrium, after which a larger part is tried
 
 
 class FiniteStrainStepper(FullOrderBody):
@@ -45,7 +45,7 @@ class FiniteStrainStepper(FullOrderBody):
         newton: iterations of Newton's method in the last step.
         products: products with tangents in the last step.
         factors: how often a matrix was factored so far.
-        parted: steps that were taken in parts, as Newton's method did not solve them whole.
+        parted: steps that were taken in parts, as Newton's method did not soon solve them whole.
         finest: smallest share of a step that was taken.
         negative_pivots: of the tangent at the last equilibrium, none where it is stable; without contact and strokes.
         report: told of the iterations that find an equilibrium.
@@ -89,7 +89,9 @@ class FiniteStrainStepper(FullOrderBody):
         self._matrix = TangentMatrix(model.points, model.material, model.free, here, terms)
         self._krylov = Gmres(len(self.x), system.size, model.mass.mat.comm)
         self._predictor = Predictor(model.dot)
+        self._parts = StepParts(SMALLEST_PART if self._has_inertia else SMALLEST_LOAD)
         self._kept: KeptFactor | None = None
+        self._is_patient = True
         self._tangent = FactoredTangent(self._matrix, self._krylov) if self._forces_in_newton is None else None
         self.set_state(self.x, self.v)
         self.check_start()
@@ -111,8 +113,8 @@ class FiniteStrainStepper(FullOrderBody):
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""
         parted = (
-            f"Newton's method did not solve {self.parted} of the steps whole: they were taken in parts, the "
-            f"smallest 1/{round(1 / self.finest)} of a step; a smaller dt may be faster"
+            f"Newton's method did not soon solve {self.parted} of the steps whole: they were taken in parts, the "
+            f"smallest 1/{round(1 / self.finest)} of a step, at about the cost of a smaller dt"
         )
         return (*filter(None, [self._unstable, parted if self.parted else ""]), *super().diagnostics())
 
@@ -126,6 +128,7 @@ class FiniteStrainStepper(FullOrderBody):
             self._branches.resume(np.empty(0))
         self._arrive(x.reshape(-1, 1).copy(), v.reshape(-1, 1).copy())
         self._predictor.forget()
+        self._parts.forget()
         self.negative_pivots, self._following = 0, ()
 
     def step(self, inputs: StepInput) -> StepResult:
@@ -143,6 +146,7 @@ class FiniteStrainStepper(FullOrderBody):
     def equilibrium(self, inputs: StepInput) -> None:
         """Brings the body to rest, under inputs put on in as many parts as it takes."""
         self._predictor.forget()
+        self._parts.forget()
         self._advance(inputs, quasi_static=True)
 
     def step_along(self, path: ArcLength, inputs_at: Callable[[float], StepInput]) -> None:
@@ -222,32 +226,41 @@ class FiniteStrainStepper(FullOrderBody):
         return ExternalForce(dead_force, tuple(following), self._found, self._rubbing), u, given
 
     def _advance(self, inputs: StepInput, quasi_static: bool) -> None:
-        """Takes a step, in parts where Newton's method does not solve it whole; if none does, nothing has changed."""
+        """Takes a step, in parts where Newton's method does not soon solve it; if none is, nothing has changed."""
         (load, u, given), state = self._load(inputs.u), self._state()
         strokes = load.strokes(self._start.u)
         self.newton, products = 0, self._krylov.products
         missing = self._unbalanced(load.ramped(self._following, 0.0)) if quasi_static else None
-        done, share, finest = 0.0, 1.0, 1.0
+        done, finest, parts = 0.0, 1.0, self._parts_of(quasi_static)
         while done < 1.0:
-            try:
-                goal = strokes + (done + share) * (given - strokes)
-                iterations = self._part(done, share, load, u, goal, inputs.obstacles, missing)
-            except (NotConvergedError, StepError):
-                if self._tangent is not None:
-                    self._tangent.close()  # it is of a shape that led nowhere
-                share /= 2
-                if share >= (SMALLEST_LOAD if quasi_static else SMALLEST_PART):
-                    continue
-                failure = self._failure(inputs.u, load, quasi_static, done)
-                self._restore(state)
-                raise SolverError(failure) from None
+            parts.begin(done)
+            while True:
+                share = parts.share
+                try:
+                    goal = strokes + (done + share) * (given - strokes)
+                    self._is_patient = parts.is_patient
+                    iterations = self._part(done, share, load, u, goal, inputs.obstacles, missing)
+                    break
+                except (NotConvergedError, StepError):
+                    if self._tangent is not None:
+                        self._tangent.close()  # it is of a shape that led nowhere
+                    if parts.cut():
+                        continue
+                    failure = self._failure(inputs.u, load, quasi_static, done)
+                    self._restore(state)
+                    raise SolverError(failure) from None
+            parts.solved(iterations)
             done, finest = done + share, min(finest, share)
-            if quasi_static and self._tangent is not None:
-                share = min(2 * share if iterations <= EASY_ITERATIONS else share, 1 - done)
         self._following = load.following if quasi_static else ()
         self.products = self._krylov.products - products
         if finest < 1.0:
             self.parted, self.finest = self.parted + 1, min(self.finest, finest)
+
+    def _parts_of(self, quasi_static: bool) -> StepParts:
+        """What chooses the parts of a step: of loads that are put on at rest, others than of steps of a run."""
+        if quasi_static and self._tangent is not None:
+            return LoadParts(SMALLEST_LOAD)
+        return StepParts(SMALLEST_LOAD) if quasi_static and self._has_inertia else self._parts
 
     def _failure(self, u: Array, load: ExternalForce, quasi_static: bool, done: float) -> str:
         """Why a step could not be taken, and what to do; a part of it was `done`."""
@@ -296,7 +309,7 @@ class FiniteStrainStepper(FullOrderBody):
             equation = QuasiStaticResidual(self._model, start, load, h, (1 - done - share) * missing)
         motion = None if obstacles is None else obstacles.part(done, share, self.dt)
         if self._forces_in_newton is not None:
-            self._forces_in_newton.begin(equation, motion, u, given)
+            self._forces_in_newton.begin(equation, motion, u, given, self._is_patient)
         solution = self._solution(equation, done + share)
         if missing is not None and self._tangent is not None:
             self._note_stability(self._tangent.negative_pivots, done, share)
@@ -311,7 +324,7 @@ class FiniteStrainStepper(FullOrderBody):
             book_motion(self, equation, solution, heat)
         x = self.x + h * trial.v
         v = np.zeros_like(x) if missing is not None else 2 * trial.v - self.v
-        self._predictor.note(trial.v, whole=share == 1)
+        self._predictor.note(trial.v, h)
         self.contact, self.reactions = solution.found
         self._arrive(x, v, trial.stresses.F_end - IDENTITY)
         return solution.iterations
@@ -351,7 +364,10 @@ class FiniteStrainStepper(FullOrderBody):
             return self._tried(equation, guesses)
         if self._predictor.is_smooth:
             self._predictor.is_smooth = False
+            self._forget()
             return self._solution(equation, load)
+        if self._kept is not None and not self._is_patient:
+            raise NotConvergedError
         self._factor(equation, stressed=False)
         return self._tried(equation, guesses, by_secants=False)
 
@@ -362,9 +378,8 @@ class FiniteStrainStepper(FullOrderBody):
         if kept.turn(equation, guesses[-1], is_dear) and forces is not None:
             forces.use(kept.factor)
         try:
-            return solve_step(
-                equation, guesses, kept.factor, kept.secants, self._krylov, forces, self._model.dot, last, by_secants
-            )
+            how = kept.factor, kept.secants, self._krylov, forces, self._model.dot, last, by_secants, self._is_patient
+            return solve_step(equation, guesses, *how)
         except NotConvergedError:
             if forces is not None:
                 forces.rollback()

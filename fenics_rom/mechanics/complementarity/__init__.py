@@ -42,6 +42,7 @@ def solve(
     kept: KeptLaw | None = None,
     may_follow: bool = True,
     is_steady: bool = False,
+    is_patient: bool = True,
 ) -> Solution:
     """The contact forces of C pairs.
 
@@ -53,6 +54,7 @@ def solve(
         kept: of the step before, if the same pairs took part.
         may_follow: whether to try that first (`follow`), as has not been done yet.
         is_steady: whether the step before took no search: then the next may need none, too.
+        is_patient: whether slower methods are to be tried, with friction, where Newton's comes to no solution.
 
     Raises:
         StepError: no method came to a solution.
@@ -68,4 +70,4 @@ def solve(
             return followed._replace(forces=forces, velocities=velocities)
     if friction == 0:
         return FrictionlessProblem(operator, q).solve(start, kept)
-    return FrictionalProblem(operator, q, friction).solve(start, kept, is_steady)
+    return FrictionalProblem(operator, q, friction).solve(start, kept, is_steady, is_patient)

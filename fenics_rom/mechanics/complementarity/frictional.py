@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity.delassus import FramedDelassus
 from fenics_rom.mechanics.complementarity.interior_point import find_interior_point
 from fenics_rom.mechanics.complementarity.linearised import Linearisation, LinearisationByVelocities, linearised
@@ -81,7 +82,9 @@ class FrictionalProblem:
         self.best, self.velocities, self.error, self.iterations = q, q, np.inf, 0
         self._law: _Law  # at the forces that were looked at last
 
-    def solve(self, start: Array, kept: KeptLaw | None = None, is_steady: bool = False) -> Solution:
+    def solve(
+        self, start: Array, kept: KeptLaw | None = None, is_steady: bool = False, is_patient: bool = True
+    ) -> Solution:
         """See `complementarity.solve`."""
         near, frames = None, self.operator.frames
         if kept is not None:
@@ -96,6 +99,8 @@ class FrictionalProblem:
         if not found:
             self._take_share(SHARES[self.operator.is_regular])
             found = self.search_newton(self.best)
+        if not (found or is_patient):
+            raise StepError(f"contact of {self.q.shape[1]} pairs: Newton's method found no forces")
         if not found:
             with np.errstate(all="ignore"):  # what diverges ends
                 converged = self.search_interior()
