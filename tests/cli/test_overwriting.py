@@ -19,7 +19,6 @@ shape = "half-space"
 [bodies.palm]
 shape = "box"
 size = [0.1, 0.1, 0.02]
-position = [0, 0, 9]
 path = "palm.csv"
 [bodies.soft]
 rom = "link.h5"
@@ -104,6 +103,7 @@ def say(capfd, *words):
         ("study", "study.toml", "-o", "."),
         ("export", "rom.h5", "-o", "sheet.png"),
         ("plot", "run.h5", "-o", "plots.pdf"),
+        ("info", "box.toml", "--surfaces", "-o", "mesh.png"),
     ],
 )
 def test_what_a_command_reads_is_not_its_output(inside, capfd, words, force):
@@ -114,6 +114,7 @@ def test_what_a_command_reads_is_not_its_output(inside, capfd, words, force):
         Path(name).write_text("time (s),tip.x (m)\n0.1,0\n")
     Path("sheet.png").symlink_to("rom.h5")
     Path("plots.pdf").symlink_to("run.h5")
+    Path("mesh.png").symlink_to("parts/box.msh")
     before = contents()
     status, said = say(capfd, *words, *force)
     assert (status, READ in said, len(said.splitlines())) == (1, True, 1), said
@@ -129,6 +130,7 @@ def test_what_a_command_reads_is_not_its_output(inside, capfd, words, force):
         (("simulate", "rom.h5", "-o", "palm.csv"), "a .csv file", "a run"),
         (("simulate", "world.toml", "-o", "box.toml"), "a .toml file", "a run"),
         (("plot", "run.h5", "-o", "energy.png"), "a ROM", "a .png file"),
+        (("info", "box.toml", "--surfaces", "-o", "energy.png"), "a ROM", "a .png file"),
         (("plot", "run.h5", "-o", "plots", "--what", "energy"), "something else than its ending says", "a .pdf file"),
         (("export", "rom.h5", "-o", "plant.npz"), "something else than its ending says", "a .npz file"),
         (("export", "rom.h5", "-o", "plant.c", "--dt", "0.1"), "a PDF", "a .h file"),
