@@ -23,12 +23,10 @@ from fenics_rom.system.system import System, components_of
 
 
 def frame_origin(scene: Scene, nodes: Nodes, unknowns: Unknowns, node_mass: np.ndarray) -> np.ndarray:
-    """Of a free body the centre of mass; of a carried one what the scene says, or the centroid of clamped nodes."""
-    held = np.setdiff1d(np.arange(len(nodes.coordinates)), unknowns.free // 3)
-    if not len(held):
+    """Of a free body the centre of mass; of a carried one what the scene says, or the origin of its coordinates."""
+    if len(np.unique(unknowns.free // 3)) == len(nodes.coordinates):
         return node_mass @ nodes.coordinates / node_mass.sum()
-    given = scene.environment.details("effects.base_path").get("origin")
-    return nodes.coordinates[held].mean(axis=0) if given is None else np.array(given)
+    return np.array(scene.environment.details("effects.base_path").get("origin", np.zeros(3)))
 
 
 def mass_times(mass: PETSc.Mat, fields: np.ndarray, dolfinx_number: np.ndarray) -> np.ndarray:

@@ -188,8 +188,8 @@ class RigidBase:
         "times, poses and, where they are known, twists, as above; without a table given in Python",
     ] = None
     origin: Annotated[
-        Point | None, "the material point whose position it says; usually the centroid of the clamped nodes"
-    ] = None
+        Point, "the material point whose position it says; unless given a base at 0 leaves the body where its mesh is"
+    ] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)

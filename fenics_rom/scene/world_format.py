@@ -38,7 +38,7 @@ class WorldBody:
     position: Annotated[
         Point,
         "of the centre of mass; of a half-space a point of its face; of a soft body that is held, of the axes of its "
-        "mesh; of one that is carried (`on`), of the mean place of its clamped nodes or its base_path.origin, counted "
+        "mesh; of one that is carried (`on`), of these axes, or of its base_path.origin, counted "
         "from the carrier's centre of mass, not its surface, along its axes, as the rotation is; none beside a path",
     ] = ZERO
     rotation: Annotated[

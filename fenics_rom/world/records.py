@@ -102,9 +102,9 @@ class SoftBody:
 
     Args:
         rom: the reduced model, or the name of its file.
-        position: where the axes of a held body are put; of a free one its centre of mass; of a carried one the mean
-            place of its clamped nodes, or the origin of its base_path, counted from the carrier's centre of mass, not
-            its surface, along the carrier's axes; m.
+        position: where the axes of a held body are put; of a free one its centre of mass; of a carried one the axes of
+            its mesh, or the origin of its base_path, counted from the carrier's centre of mass, not its surface, along
+            the carrier's axes; m.
         rotation: of its axes, a unit quaternion w x y z; of a carried body from those of the carrier.
         velocity, angular_velocity: of a free one, m/s and rad/s.
         on: name of the rigid body that carries it, one with a motion.

@@ -31,7 +31,8 @@ def mesh(tmp_path_factory):
 
 def scene_of(mesh, supports=None, young=5e5, **parts):
     material = f"young = {young}\npoisson = 0.4\ndensity = 1100.0"
-    parts = {"material": material, "effects": FLOOR, "contacts": SURFACES, "supports": supports} | parts
+    effects = FLOOR if supports is None else FLOOR + "\nbase_path = { origin = [0.0, 0.015, 0.01] }"
+    parts = {"material": material, "effects": effects, "contacts": SURFACES, "supports": supports} | parts
     return parse_scene('frame = "moving"\n' + scene_text(mesh, **parts))
 
 

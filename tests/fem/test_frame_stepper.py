@@ -9,6 +9,7 @@ from bodies import box_arrays, scene_text, write_arrays
 import fenics_rom as fr
 from fenics_rom.errors import StepError
 from fenics_rom.fem.simulator import FullOrderSimulator
+from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.scene.file import parse_scene
 
 LENGTHS = (0.3, 0.03, 0.02)
@@ -135,8 +136,10 @@ def test_nodes_move_as_their_velocities_say(mesh):
 def test_beam_on_a_hub_is_drawn_out_as_in_the_textbook(tmp_path):
     """u(L) = ρ ω² L³/(3 E), and the hub pulls with m ω² L/2; stiffening takes some of the stretch: ω/ω₁ = 0.02."""
     mesh = write_arrays(tmp_path / "bar.msh", *box_arrays((1.0, 0.1, 0.1), (8, 1, 1)))
-    parts = {"degree": 2, "outputs.tip": "points = [[1.0, 0.05, 0.05]]"}
-    text = scene_text(mesh, material="young = 1e6\npoisson = 0.0\ndensity = 1000.0", damping="beta = 0.02", **parts)
+    parts = {"outputs.tip": "points = [[1.0, 0.05, 0.05]]", "effects.base_path": "origin = [0.0, 0.05, 0.05]"}
+    text = scene_text(
+        mesh, degree=2, material="young = 1e6\npoisson = 0.0\ndensity = 1000.0", damping="beta = 0.02", **parts
+    )
     scene, ω = parse_scene('frame = "moving"\n' + text), 0.05
     system = fr.assemble(scene)
     origin = system.moving_frame.origin
@@ -192,6 +195,30 @@ def test_a_base_whose_twists_do_not_fit_its_poses_is_told(mesh):
         lines = body.stepper.diagnostics()
         assert len(lines) == len(told)
         assert all(line.startswith(words) for line, words in zip(lines, told, strict=True))
+
+
+@pytest.mark.parametrize("origin", [None, (0.3, 0.015, 0.01)])
+def test_poses_are_of_the_coordinates_of_the_mesh_unless_told(mesh, origin):
+    """A base at 0 leaves the body where it is; at another pose (R, p) its nodes at X go to R X + p, or R (X - o) + p."""
+    parts = {} if origin is None else {"effects.base_path": f"origin = {list(origin)}"}
+    system = fr.assemble(moving(mesh, **parts))
+    rom, o = fr.reduce(system, order=4, method="modal"), np.zeros(3) if origin is None else np.array(origin)
+    rotation = np.array([np.cos(0.4), 0.0, np.sin(0.4), 0.0])
+    X, held = system.body.nodes, np.isclose(system.body.nodes[:, 0], 0.0)
+    for p, q in ((o, np.array([1.0, 0.0, 0.0, 0.0])), (np.array([0.1, 0.2, 0.3]), rotation)):
+        still = {"base_path": fr.BaseState(p, q, np.zeros(3), np.zeros(3))}
+        expected = (X - o) @ rotation_matrix(q).T + p - X
+        for body in (
+            FullOrderSimulator(system, 1e-3, system.scene.environment, still),
+            fr.Simulator(rom, 1e-3, signals=still),
+        ):
+            for _ in range(2):
+                body.step(np.zeros(3))
+                np.testing.assert_allclose(body.displacement()[held], expected[held], rtol=0, atol=1e-15)
+                np.testing.assert_allclose(body.displacement(), expected, rtol=0, atol=1e-15)
+    for body in (FullOrderSimulator(system, 1e-3, system.scene.environment), fr.Simulator(rom, 1e-3)):
+        body.step(np.zeros(3))  # nothing says where the base is: it stands where the mesh is
+        np.testing.assert_allclose(body.displacement(), 0 * X, rtol=0, atol=1e-16)
 
 
 SQUEEZED = """[effects.prescribed.left]

@@ -29,7 +29,8 @@ def slewing(tmp_path_factory):
     mesh = tmp_path_factory.mktemp("slewing") / "beam.msh"
     write_arrays(mesh, *box_arrays((LENGTH, SIDE, SIDE), (8, 1, 1)))
     tip = {"outputs.tip": f"points = [[{LENGTH}, {SIDE / 2}, {SIDE / 2}]]"}
-    return fr.reduce(moving(mesh, material=MATERIAL, effects="inertia = {}", **tip), order=10, method="modal")
+    effects = f"inertia = {{}}\nbase_path = {{ origin = [0.0, {SIDE / 2}, {SIDE / 2}] }}"
+    return fr.reduce(moving(mesh, material=MATERIAL, effects=effects, **tip), order=10, method="modal")
 
 
 def hub_motion(time, speed):
@@ -99,7 +100,8 @@ def test_spin_up_of_simo_and_vu_quoc(tmp_path):
     mesh = write_arrays(tmp_path / "beam.msh", *box_arrays((length, side, side), (12, 1, 1)))
     material = f"young = {stretching / side**2}\npoisson = 0.0\ndensity = {weight / side**2}"
     tip = {"outputs.tip": f"points = [[{length}, {side / 2}, {side / 2}]]"}
-    beam = fr.reduce(moving(mesh, material=material, effects="inertia = {}", **tip), order=12, method="modal+static")
+    effects = f"inertia = {{}}\nbase_path = {{ origin = [0.0, {side / 2}, {side / 2}] }}"
+    beam = fr.reduce(moving(mesh, material=material, effects=effects, **tip), order=12, method="modal+static")
     along, across, _ = tip_motion(beam, speed=speed).T
     lag, exact = -across, largest_lag(length, bending, weight, speed)
     assert along[760:].mean() == pytest.approx(weight * speed**2 * length**3 / (3 * stretching), rel=2e-3)
