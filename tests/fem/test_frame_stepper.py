@@ -199,7 +199,7 @@ def test_a_base_whose_twists_do_not_fit_its_poses_is_told(mesh):
 
 @pytest.mark.parametrize("origin", [None, (0.3, 0.015, 0.01)])
 def test_poses_are_of_the_coordinates_of_the_mesh_unless_told(mesh, origin):
-    """A base at 0 leaves the body where it is; at another pose (R, p) its nodes at X go to R X + p, or R (X - o) + p."""
+    """A base at 0 leaves the body where it is; at a pose (R, p) its nodes at X are at R X + p, or at R (X - o) + p."""
     parts = {} if origin is None else {"effects.base_path": f"origin = {list(origin)}"}
     system = fr.assemble(moving(mesh, **parts))
     rom, o = fr.reduce(system, order=4, method="modal"), np.zeros(3) if origin is None else np.array(origin)

@@ -46,7 +46,7 @@ def roms(tmp_path_factory):
     kinds = {
         "held": {"frame": "fixed", **CLAMPED},
         "free": {"frame": "moving"},
-        "carried": {"frame": "moving", **CLAMPED},
+        "carried": {"frame": "moving", "effects.base_path": "origin = [0.0, 0.015, 0.01]", **CLAMPED},
     }
     return {kind: reduced(tmp_path_factory.mktemp(kind), **parts, **TOUCHED) for kind, parts in kinds.items()}
 
