@@ -241,7 +241,7 @@ class Tendon:
 
     LAW: ClassVar = Law(
         force="a cable through points from its anchor on, without friction; the input is its tension in N, or the "
-        "stroke in m that its tension comes of",
+        "stroke in m (by how much it is pulled in) that its tension comes of",
         supplies="its work",
         changing=("control",),
     )

@@ -117,7 +117,8 @@ class RunTable:
     detail: Annotated[
         str,
         Text(choices=DETAILS),
-        'of a moving frame: "quasi-rigid" has the inertia of the rigid shape alone, for stubby bodies that turn slowly',
+        'of a moving frame, how its inertia follows the shape: "full", or "quasi-rigid", that of the shape at rest: '
+        "cheaper, and good for stubby bodies that turn slowly",
     ] = "full"
     initial: Annotated[Initial | None, "where it begins, if not at rest"] = None
     load: Annotated[tuple[LoadEntry, ...], Items(), "what acts on contact modes and actuators"] = ()
@@ -142,9 +143,12 @@ class SceneFile:
     actuators: Annotated[Mapping[Name, Patch], "forces that are inputs beside those of the contact mode"] = field(
         default_factory=dict
     )
-    outputs: Annotated[Mapping[Name, Output], "displacements that are read often"] = field(default_factory=dict)
+    outputs: Annotated[
+        Mapping[Name, Output], "displacements of points and surfaces by name: what runs, plots and comparisons show"
+    ] = field(default_factory=dict)
     readings: Annotated[
-        Mapping[Name, ReadingEntry], "lengths, volumes, contact pressures, strains, stresses and markers by name"
+        Mapping[Name, ReadingEntry],
+        "what else is read by name: lengths, volumes, contact pressures, strains, stresses and markers",
     ] = field(default_factory=dict)
     effects: Annotated[Effects, "what acts; an effect that is not named costs nothing"]
     reduction: Annotated[Reduction, "how it is to be reduced"] = field(default_factory=Reduction)
