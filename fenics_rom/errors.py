@@ -64,7 +64,8 @@ def unknown(kind: str, given: str, allowed: Iterable[str]) -> str:
 
 def check_known(kind: str, given: str, allowed: Iterable[str], error: type[FenicsRomError], where: str = "") -> None:
     """Raises an error, in which what is `where` stands first, of a name that does not exist."""
-    if given not in (names := list(allowed)):
+    names = list(allowed)
+    if not isinstance(given, str) or given not in names:
         raise error(f"{where}{unknown(kind, given, names)}")
 
 

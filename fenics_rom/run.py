@@ -5,6 +5,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fenics_rom.arguments import check_flag
 from fenics_rom.errors import SceneError, shown
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.lazy_import import load
@@ -65,6 +66,7 @@ def simulate(
         >>> fr.compare(reduced, full)["shape"].relative < 1e-3
         True
     """
+    check_flag("arc_length", arc_length, SceneError)
     if isinstance(model, str | PathLike):
         reader = ("rom.file", "read_rom") if is_rom_file(model) else ("scene.file", "read_scene")
         if reader[1] == "read_scene" and load("scene.world_file", "is_world_file")(model):

@@ -20,7 +20,7 @@ NOT_IN_THE_RUNTIME = FENICSX | {"scipy", "matplotlib", "rich", "viser", "pyvista
 # Folders, and files outside any, from the bottom to the top: what each may import of the package, anywhere in a file,
 # and which packages of others. FACE is `import fenics_rom` itself, which loads what is asked for.
 FACE = "__init__"
-GROUND = {"errors", "version", "io", "mechanics"}
+GROUND = {"errors", "arguments", "version", "io", "mechanics"}
 DATA_OF_A_RUN = GROUND | {"rom", "trajectory"}
 OFFLINE = GROUND | {"scene", "system"}
 BELOW_APPLICATIONS = (
@@ -41,9 +41,10 @@ DRAWING = {
 MAY_IMPORT = {
     "errors": (set(), set()),
     "version": (set(), set()),
+    "arguments": ({"errors"}, set()),
     "lazy_import": ({"errors"}, set()),
-    "io": ({"errors", "version"}, {"numpy", "h5py"}),
-    "mechanics": ({"errors"}, {"numpy"}),
+    "io": ({"errors", "arguments", "version"}, {"numpy", "h5py"}),
+    "mechanics": ({"errors", "arguments"}, {"numpy"}),
     "scene": (GROUND | {"trajectory"}, {"numpy", "pydantic", "pydantic_core"}),
     "system": (GROUND | {"scene"}, {"numpy", "scipy"}),
     "rom": (GROUND, {"numpy", "h5py"}),

@@ -9,6 +9,7 @@ from fenics_rom.deployment.identifiers import check_identifier
 from fenics_rom.deployment.matrices import write_matrices
 from fenics_rom.errors import FileError
 from fenics_rom.io.atomic_write import write_whole
+from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
 
 PLANT_FORMATS = (".npz", ".mat", ".c", ".fmu")
@@ -44,4 +45,4 @@ def write_plant(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: float 
 def _step_of_code(place: Path, rom: Rom, dt: float | None) -> float:
     if dt is None and rom.environment.run is None:
         raise FileError(f"{place}: the scene has no run, so that a time step is missing: --dt, in s")
-    return rom.environment.run.dt if dt is None and rom.environment.run is not None else float(dt or 0.0)
+    return checked_dt(rom.environment.run.dt if dt is None and rom.environment.run is not None else dt)  # type: ignore[arg-type]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import DataError, FenicsRomWarning, SolverError, check_type
+from fenics_rom.errors import DataError, FenicsRomWarning, SolverError, check_type, shown
 from fenics_rom.identification.experiment import Experiments
 from fenics_rom.identification.fit import MAX_BASES, Fit, FitProblem, finish_at_full_order, fit_parameters
 from fenics_rom.identification.marker_data import Data, Motion, clocks_of, read_markers
@@ -66,7 +66,9 @@ def identify(
     """
     check_type("identify", scene, Scene, "fr.read_scene(file)")
     check_identifiable(scene, ())
-    read = [read_markers(part, scene) if isinstance(part, str | Path) else part for part in data]
+    if not isinstance(data, list | tuple):
+        raise DataError(f"data = {shown(data)}: allowed is a list of files, or of what fr.read_markers gave")
+    read = [part if isinstance(part, Data) else read_markers(part, scene) for part in data]
     if not read:
         raise DataError("no data were given; allowed is at least one file")
     scenes = {id(part.scene): part.scene for part in read}

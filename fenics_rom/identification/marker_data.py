@@ -21,7 +21,8 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import DataError, unknown
+from fenics_rom.arguments import path_in
+from fenics_rom.errors import DataError, check_type, unknown
 from fenics_rom.io.tables import Table, read_table
 from fenics_rom.io.units import UNITS
 from fenics_rom.scene.scene import Scene
@@ -87,7 +88,8 @@ def read_markers(file: str | Path, scene: Scene) -> Data:
         >>> fr.read_markers("markers.csv", scene).columns[0]
         'tip[0].x'
     """
-    table = read_table(Path(file), DataError)
+    check_type("read_markers", scene, Scene, "fr.read_scene(file)")
+    table = read_table(path_in("read_markers", file, DataError), DataError)
     first = table.heading[0]
     if first == "contact":
         return _equilibria(table, scene)

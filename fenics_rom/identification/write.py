@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import tomlkit
 
+from fenics_rom.arguments import path_in
+from fenics_rom.errors import check_type
 from fenics_rom.identification.parameters import is_tilting
 from fenics_rom.identification.plot import draw_fit
 from fenics_rom.identification.result import Given, Identification
@@ -42,9 +44,10 @@ def write_identification(folder: str | Path, result: Identification, *, force: b
         >>> fr.read_scene("found/identified.toml").name
         'plate'
     """
+    check_type("write_identification", result, Identification, "fr.identify(scene, data)")
+    place = path_in("write_identification", folder)
     if not is_rank_0():
         return
-    place = Path(folder)
     texts = {
         "identified.toml": identified_text(result, place),
         "identification.md": markdown_report(result),

@@ -41,6 +41,20 @@ def write_whole(path: Path, *parts: bytes | memoryview) -> None:
 
 def check_place(path: Path) -> None:
     """Checks, before long work, that a file can be put there, and over nothing else: root could replace /dev/null."""
+    with _errors_of_place(path):
+        _check_place(path)
+
+
+@contextmanager
+def _errors_of_place(path: Path) -> Iterator[None]:
+    """What the system says of a place, as of a name that is too long, as a FileError."""
+    try:
+        yield
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written: {system_reason(error)}") from error
+
+
+def _check_place(path: Path) -> None:
     if not path.parent.is_dir():
         raise FileError(f"{path}: cannot be written: folder {path.parent} does not exist")
     if path.exists() and not path.is_file():
@@ -51,6 +65,11 @@ def check_place(path: Path) -> None:
 
 def check_folder(folder: Path) -> None:
     """Checks, before long work, that a folder of results is there or can be made; FileError where it cannot."""
+    with _errors_of_place(folder):
+        _check_folder(folder)
+
+
+def _check_folder(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise FileError(f"{folder}: is a file; allowed is a folder, or a name that is free")
     if not folder.resolve().parent.is_dir():

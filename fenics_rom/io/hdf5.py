@@ -20,6 +20,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom import version
+from fenics_rom.arguments import path_in
 from fenics_rom.errors import FenicsRomError, FileError, RomFileError, TrajectoryFileError
 from fenics_rom.io.atomic_write import check_place, system_reason, write_whole
 from fenics_rom.io.mpi_ranks import is_rank_0
@@ -56,9 +57,9 @@ def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]
         FileError: it cannot be written, or its content does not hold together; of a ROM RomFileError, of a run
             TrajectoryFileError.
     """
+    path = path_in("write", file, ERROR_OF.get(content, FileError))
     if not is_rank_0():
         return
-    path = Path(file)
     try:
         check_place(path)
         memory = io.BytesIO()  # not the disk: HDF5 does not take it well when that is full
@@ -91,7 +92,7 @@ def read_file(
         FileError: it is missing, damaged, of another format, or its content does not hold together; of a ROM
             RomFileError, of a run TrajectoryFileError.
     """
-    path = Path(file)
+    path = path_in("read", file, ERROR_OF.get(content, FileError))
     with _errors_of_reading(path, ERROR_OF.get(content, FileError)), _opened(path) as h5:
         given = get_text(h5, "content")
         if given != content:
@@ -120,7 +121,7 @@ def content_of(file: str | Path) -> str:
 
 def sealed_content(file: str | Path) -> str:
     """What a file holds that this package has written, whatever it is; FileError where it is none, or damaged."""
-    path = Path(file)
+    path = path_in("read", file)
     with _errors_of_reading(path, FileError), _opened(path) as h5:
         return get_text(h5, "content")
 
@@ -172,11 +173,14 @@ def _seal(digest: str) -> bytes:
 
 def is_sealed(file: str | Path) -> bool:
     """Whether a file begins as those of this package do, a ROM or a run, damaged or not."""
-    path = Path(file)
-    if not path.is_file():  # a pipe would be waited for
+    path = path_in("read", file)
+    try:
+        if not path.is_file():  # a pipe would be waited for
+            return False
+        with path.open("rb") as stream:
+            return stream.read(len(FORMAT) + 1) == f"{FORMAT} ".encode()
+    except OSError:  # whoever reads it is told why
         return False
-    with path.open("rb") as stream:
-        return stream.read(len(FORMAT) + 1) == f"{FORMAT} ".encode()
 
 
 def check_names(names: Iterable[str]) -> None:

@@ -5,6 +5,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from fenics_rom.arguments import check_flag
 from fenics_rom.errors import FileError
 from fenics_rom.io.atomic_write import check_folder, check_place, system_reason
 from fenics_rom.io.hdf5 import is_sealed, sealed_content, write_file
@@ -42,13 +43,14 @@ def check_outputs(
     Raises:
         FileError: a file cannot be put there, is one of the inputs, or is there already and of another kind.
     """
-    read = [Path(name) for name in inputs]
+    check_flag("force", force, FileError)
+    read = [path for path in map(Path, inputs) if _is_there(path)]
     for file in files:
         check_place(file)
         if not file.exists():
             continue
         for other in read:
-            if other.exists() and file.samefile(other):
+            if file.samefile(other):
                 alias = "" if other == file else f" (it is {other})"
                 raise FileError(
                     f"{file}: is read by this command, so it cannot be its output{alias}; give another name"
@@ -75,6 +77,13 @@ def check_outputs_in(
     check_folder(folder)
     for name in names if folder.is_dir() else ():
         check_outputs(folder / name, content=(contents or {}).get(name), inputs=inputs, force=force)
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # a name that is too long, or a folder that may not be looked into
+        return False
 
 
 def write_over(file: str | Path, content: str, fill: Callable[[Any], None], *, force: bool = False) -> None:

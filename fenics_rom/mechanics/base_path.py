@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError
-from fenics_rom.mechanics.signals import real_numbers
+from fenics_rom.errors import StepError, shown
+from fenics_rom.mechanics.signals import real_numbers, real_numbers_or_nan
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,6 +67,11 @@ class BasePath:
     velocities: Array | None = None
     angular_velocities: Array | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("times", "positions", "rotations", "velocities", "angular_velocities"):
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, real_numbers_or_nan(given))
+
     def __call__(self, time: float) -> BaseState:
         """The base at a time, s."""
         times, cubics = self._cubics
@@ -109,6 +114,14 @@ class BasePath:
         Args:
             duration: of a run, s, throughout which twists must not jump.
         """
+        rows = self.times.shape if self.times.ndim == 1 and len(self.times) > 1 else (2,)
+        widths = {"times": (), "positions": (3,), "rotations": (4,), "velocities": (3,), "angular_velocities": (3,)}
+        for name, width in widths.items():
+            given = getattr(self, name)
+            if given is not None and not (given.shape == (*rows, *width) and np.isfinite(given).all()):
+                return f"{name} is of shape {given.shape}: allowed are finite numbers {(*rows, *width)}"
+        if (np.diff(self.times) <= 0).any():
+            return "times: allowed are times that increase strictly"
         for time, length in zip(self.times, np.linalg.norm(self.rotations, axis=1), strict=True):
             if not abs(length - 1) <= UNIT_TOLERANCE:
                 return f"the rotation at {time:g} s has length {length:.6g}: allowed are unit quaternions, w x y z"
@@ -171,6 +184,8 @@ def given_base(given: object) -> "Callable[[float], BaseState]":
         StepError: it gives something else than a state.
     """
     if isinstance(given, BasePath):
+        if mistake := given.mistake():
+            raise StepError(f"base_path: {mistake}")
         return given
     if callable(given):
         return lambda time: checked_base(given(time), f"base_path at {time:g} s")
@@ -191,8 +206,8 @@ def checked_base(given: object, where: str) -> BaseState:
         sum([sum(part.tolist()) for part in parts])
     ):
         raise StepError(
-            f"{where} = {given!r}: allowed is a BaseState: position (3,) m, rotation (4,), velocity (3,) m/s, angular "
-            "velocity (3,) rad/s, all finite"
+            f"{where} = {shown(given)}: allowed is a BaseState: position (3,) m, rotation (4,), velocity (3,) m/s, "
+            "angular velocity (3,) rad/s, all finite"
         )
     length = math.hypot(*parts[1].tolist())
     if not abs(length - 1) <= UNIT_TOLERANCE:

@@ -7,7 +7,8 @@ from itertools import repeat
 
 import numpy as np
 
-from fenics_rom.errors import SceneError, exactly, unknown
+from fenics_rom.arguments import is_number
+from fenics_rom.errors import SceneError, exactly, shown, unknown
 from fenics_rom.mechanics.environment import AppliedLoad, Environment
 
 MOST_STEPS = 10**7  # a record holds some 100 bytes of each
@@ -21,13 +22,13 @@ def check_width(load: AppliedLoad, columns: int, where: str) -> None:
 
 def count_steps(duration: float, dt: float, every: int) -> int:
     """How many steps of dt, s, a run takes; SceneError where it takes none, or cannot be kept every so many."""
-    if not (np.isfinite(dt) and 0 < dt <= duration):
-        raise SceneError(f"dt = {dt!r}: allowed is more than 0 and at most the duration, {exactly(duration)} s")
+    if not (is_number(dt) and 0 < dt <= duration):
+        raise SceneError(f"dt = {shown(dt)}: allowed is more than 0 and at most the duration, {exactly(duration)} s")
     steps = duration / dt
     if steps > MOST_STEPS:
         raise SceneError(f"dt = {dt:g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")
-    if not (isinstance(every, int | np.integer) and every >= 1):
-        raise SceneError(f"every = {every!r}: allowed is a whole number of steps, at least 1")
+    if not (is_number(every, whole=True) and every >= 1):
+        raise SceneError(f"every = {shown(every)}: allowed is a whole number of steps, at least 1")
     return round(steps)
 
 

@@ -16,7 +16,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import SceneError
+from fenics_rom.arguments import GREATEST, SMALLEST, is_number
+from fenics_rom.errors import SceneError, shown
+from fenics_rom.mechanics.signals import real_numbers_or_nan
 
 _ONES, _UP = np.ones(3), np.array([0.0, 0.0, 1.0])
 _SHORTEST_DIRECTION = 1e-150  # m; shorter vectors have squares that underflow and no direction
@@ -236,22 +238,19 @@ def _rotation_matrix(vector: Array) -> Array:
 def _check_vector(obstacle: object, name: str) -> Array:
     """An attribute as an array (3,); the attribute itself becomes a tuple, so that obstacles compare by value."""
     value = getattr(obstacle, name)
-    try:
-        vector = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        vector = np.empty(0)
+    vector = real_numbers_or_nan(value)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         kind = type(obstacle).__name__.lower()
-        raise SceneError(f"{kind}: {name}: allowed are three finite numbers, given: {value!r}")
+        raise SceneError(f"{kind}: {name}: allowed are three finite numbers, given: {shown(value)}")
     _keep(obstacle, **{name: tuple(vector.tolist())})
     return vector
 
 
 def _check_positive(obstacle: object, name: str) -> None:
     value = getattr(obstacle, name)
-    if not (isinstance(value, int | float | np.number) and math.isfinite(value) and value > 0):
+    if not (is_number(value) and SMALLEST <= value <= GREATEST):
         kind = type(obstacle).__name__.lower()
-        raise SceneError(f"{kind}: {name}: allowed is a finite number > 0, in m, given: {value!r}")
+        raise SceneError(f"{kind}: {name}: allowed is a finite number > 0, in m, given: {shown(value)}")
     _keep(obstacle, **{name: float(value)})
 
 

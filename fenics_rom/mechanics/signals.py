@@ -1,16 +1,20 @@
 """What a load or an obstacle does over time: numbers that stay, or straight lines between given times."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Union
+from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError
+from fenics_rom.errors import StepError, shown
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike  # which takes longer to import than all of the rest here
+
+
+FLOAT = np.dtype(float)
+NO_NUMBERS = bool, str, bytes, type(None)  # which Python would make numbers of, or NumPy NaN
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,16 +56,31 @@ class Signal:
 SignalLike = Union[Signal, "ArrayLike", Callable[[float], "ArrayLike"]]  # a function is of time in s
 
 
-def real_numbers(value: "ArrayLike") -> Array:
+def real_numbers(value: "ArrayLike | Mapping[str, Any]") -> Array:
     """An array of floats.
 
     Raises:
-        TypeError, ValueError: it is not of real numbers; NumPy alone would take the real parts of complex ones.
+        TypeError, ValueError: it is not of real numbers; NumPy alone would take real parts of complex ones, numbers in
+            texts, times, and what a mask hides.
     """
-    array = np.asarray(value)
-    if array.dtype.kind == "c":
-        raise TypeError("complex numbers")
-    return array.astype(float)
+    array, several = np.asarray(value), isinstance(value, list | tuple)
+    if several and array.dtype is FLOAT and array.ndim < 2:  # as most often
+        return array
+    kind = array.dtype.kind
+    if kind not in "fiu" and (kind != "O" or any(isinstance(part, NO_NUMBERS) for part in array.flat)):
+        raise TypeError(f"of type {array.dtype}")
+    parts: Any = value if several else [value]
+    if type(value) is not np.ndarray and any(map(hides_numbers, parts)):
+        raise ValueError("masked")
+    try:
+        return array.astype(float)
+    except OverflowError as error:  # a whole number beyond 1e308
+        raise ValueError("too large") from error
+
+
+def hides_numbers(value: object) -> bool:
+    """Whether it is an array that masks some of its numbers."""
+    return isinstance(value, np.ma.MaskedArray) and bool(np.ma.is_masked(value))
 
 
 def real_numbers_or_nan(value: "ArrayLike") -> Array:
@@ -102,5 +121,5 @@ class CheckedSignal:
             numbers = np.empty(0)
         if len(numbers) != self._width or not np.isfinite(numbers).all():
             allowed = "a finite number" if self._width == 1 else f"{self._width} finite numbers"
-            raise StepError(f"{self._name} = {value!r}: allowed is {allowed}, or a function of time that gives it")
+            raise StepError(f"{self._name} = {shown(value)}: allowed is {allowed}, or a function of time that gives it")
         return numbers

@@ -14,6 +14,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import FileError
+from fenics_rom.io.atomic_write import check_folder
 from fenics_rom.io.hdf5 import (
     Entry,
     Table,
@@ -70,6 +71,7 @@ class Checkpoint:
         choices = (method, p.order, p.tolerance, p.switching, p.weighting, p.lyapunov, p.share)
         self._choices = repr((*choices, p.system.size, p.contacts))
         if is_rank_0():
+            check_folder(self._folder)
             if not resume:
                 _remove_parts(self._folder)
                 others = [file.name for file in self._folder.glob("*.h5") if PART_FILE.fullmatch(file.name)]
@@ -173,7 +175,7 @@ def remove_checkpoint(folder: Path) -> None:
 
 
 def _remove_parts(folder: Path) -> None:
-    for file in list(folder.glob("*")):
+    for file in list(folder.glob("*")) if folder.is_dir() else ():
         if PART_FILE.fullmatch(file.name) and _is_ours(file):
             file.unlink(missing_ok=True)
 

@@ -5,9 +5,11 @@ from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from fenics_rom.arguments import check_flag, path_in
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError, check_type
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stages
@@ -126,11 +128,13 @@ def reduce(
     tolerance = TOLERANCE.check(tolerance, "tolerance")
     share = SHARE.check(chosen.share if share is None else share, "share")
     cubature = CUBATURE.check(chosen.cubature if cubature is None else cubature, "cubature")
-    named, method = _method(method or chosen.method or _default_method(system), system)
-    switching = Text(SWITCHINGS).check(switching or chosen.switching, "switching")
-    weighting = Text(WEIGHTINGS).check(weighting or chosen.weighting, "weighting")
-    lyapunov = Text(LYAPUNOV).check(lyapunov or chosen.lyapunov, "lyapunov")
+    named, method = _method(_given(_given(method, chosen.method), _default_method(system)), system)
+    switching = Text(SWITCHINGS).check(_given(switching, chosen.switching), "switching")
+    weighting = Text(WEIGHTINGS).check(_given(weighting, chosen.weighting), "weighting")
+    lyapunov = Text(LYAPUNOV).check(_given(lyapunov, chosen.lyapunov), "lyapunov")
     solver = Text(SOLVERS).check(solver, "solver")
+    checkpoint = None if checkpoint is None else path_in("checkpoint", checkpoint)
+    resume = check_flag("resume", resume, SceneError)
     if switching == "oblique":
         lyapunov = "as-printed"
     elif lyapunov == "auto":
@@ -176,6 +180,11 @@ def reduce(
     for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return check_rom(rom)
+
+
+def _given(choice: Any, scene: Any) -> Any:
+    """What is given, or else what the scene says."""
+    return scene if choice is None else choice
 
 
 def _require_start(system: System) -> None:
@@ -229,6 +238,8 @@ def _default_method(system: System) -> str:
 
 def _method(method: str | Method, system: System) -> tuple[str, Method | None]:
     """Name and function; of large deformation the name alone."""
+    if isinstance(method, type):  # can be called, but makes no directions
+        Text(METHODS).check(method, "method")
     large = not callable(method) and Text(METHODS).check(method, "method") in BASES
     named = getattr(method, "__name__", type(method).__name__) if callable(method) else method
     if large != (system.deformation is not None):

@@ -1,18 +1,17 @@
 """One step of passive midpoint integration as a linear map; see runtime/steppers/midpoint.py, which takes it."""
 
-import math
-
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError
+from fenics_rom.arguments import is_number
+from fenics_rom.errors import StepError, shown
 from fenics_rom.rom.contact_model import ContactModel
 
 
 def checked_dt(dt: float) -> float:
     """A time step, s; a StepError where it is not a positive finite number."""
-    if not (isinstance(dt, int | float | np.number) and math.isfinite(dt) and dt > 0):
-        raise StepError(f"dt = {dt!r}: allowed is a finite number > 0, in s")
+    if not (is_number(dt) and dt > 0):
+        raise StepError(f"dt = {shown(dt)}: allowed is a finite number > 0, in s")
     return float(dt)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.arguments import names_in
 from fenics_rom.errors import StepError, StructureError, check_known
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.body_facts import CellQuality
@@ -165,7 +166,7 @@ class Rom(ByContent):
         self.check_linear()
         check_known("contact mode", contact, self.contact_models, StepError)
         model, read = self.contact_models[contact], dict[str, ReadRows]()
-        for name in self.outputs if outputs is None else outputs:
+        for name in self.outputs if outputs is None else names_in("outputs", outputs, StepError):
             check_known("output", name, [*self.outputs, *self.readings], StepError)
             if name in self.readings:
                 read[name] = reading_rows(name, self.readings[name], model, self.input_columns(contact))

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StructureError
+from fenics_rom.arguments import is_number
+from fenics_rom.errors import StructureError, shown
 from fenics_rom.mechanics.readings import OfDisplacement
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.given_rom import given_rom
@@ -33,8 +34,8 @@ def truncate(rom: "Rom | str | PathLike[str]", order: int) -> Rom:
     """
     rom = given_rom("truncate", rom)
     most = max(mode.order - mode.rigid for mode in rom.contact_models.values())
-    if not (isinstance(order, int | np.integer) and 1 <= order <= most):
-        raise StructureError(f"order {order}: allowed are 1 to {most}, the largest order in the ROM")
+    if not (is_number(order, whole=True) and 1 <= order <= most):
+        raise StructureError(f"order {shown(order)}: allowed are 1 to {most}, the largest order in the ROM")
     if rom.deformation is not None:
         raise StructureError("a ROM with large deformation cannot be truncated; reduce to that order instead")
     if rom.switching == "oblique":

@@ -21,7 +21,8 @@ import numpy as np
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike, DTypeLike
 
-from fenics_rom.errors import StepError, check_known
+from fenics_rom.arguments import check_flag, is_number, mapping_in, names_in
+from fenics_rom.errors import StepError, check_known, shown
 from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.midpoint_map import checked_dt
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.base_path import BaseState
 
 ON_ERROR = "raise", "hold", "reset"
+MOST_BODIES = 10**8  # of which even the smallest take some ten GB
 
 
 class Batch(SteppedBodies):
@@ -85,16 +87,20 @@ class Batch(SteppedBodies):
         detail: str | None = None,
     ):
         rom = given_rom("Batch", rom)
-        if not (isinstance(size, int | np.integer) and size > 0):
-            raise StepError(f"size = {size!r}: allowed is a whole number > 0")
-        if np.dtype(dtype) not in (np.float64, np.float32):
-            raise StepError(f"dtype = {dtype!r}: allowed are float64 and float32")
+        if not (is_number(size, whole=True) and 0 < size <= MOST_BODIES):
+            raise StepError(f"size = {shown(size)}: allowed is a whole number > 0 and at most {MOST_BODIES:,}")
+        if not _is_dtype(dtype):
+            raise StepError(f"dtype = {shown(dtype)}: allowed are float64 and float32")
+        signals, ledger = mapping_in("signals", signals, StepError), check_flag("ledger", ledger, StepError)
         keep_freed_memory()
         rom, self._environment = fit_batch(rom, signals)
         self.rom, self.size, self.dtype = rom, int(size), np.dtype(dtype)
         self._models = PaddedModels(rom, self.dtype)
         modes, p, m = self._models.inputs.shape
-        self._layout = BatchLayout(self.size, modes, m, p, self.dtype)
+        try:
+            self._layout = BatchLayout(self.size, modes, m, p, self.dtype)
+        except MemoryError as error:
+            raise StepError(f"size = {size}: allowed are as many bodies as the memory holds: {error}") from error
         self._number_limit = float(np.finfo(self._layout.state.dtype).max) ** 0.25
         self._ledger = ledger
         self._account = np.zeros((6, self.size))
@@ -168,6 +174,7 @@ class Batch(SteppedBodies):
             StepError: no such bodies, another shape, numbers that are not finite or absurdly large, or not zero beyond
                 the order of a body's contact mode, or a body inside an obstacle; all are as they were.
         """
+        check_known("choice of on_error", on_error, ON_ERROR, StepError)
         selected = self._layout.select(bodies)
         ω, modes = self._models.frequencies, self._layout.mode[selected]
         shape = (len(selected), ω.shape[1])
@@ -261,7 +268,7 @@ class Batch(SteppedBodies):
                 strained; all states are as they were.
         """
         selected = self._layout.select(bodies)
-        names = [contact] if isinstance(contact, str) else list(contact)
+        names = [contact] if isinstance(contact, str) else list(names_in("contact", contact, StepError))
         if not isinstance(contact, str) and len(names) != len(selected):
             raise StepError(
                 f"contact modes of {len(selected)} bodies: one name or {len(selected)}, given: {len(names)}"
@@ -343,3 +350,11 @@ class Batch(SteppedBodies):
                 'on_error="hold"; all bodies were left as they were'
             )
         return inside
+
+
+def _is_dtype(given: DTypeLike) -> bool:
+    """Whether it names one of the types that a batch may have."""
+    try:
+        return given is not None and np.dtype(given) in (np.float64, np.float32)
+    except (TypeError, ValueError, UnicodeError):
+        return False

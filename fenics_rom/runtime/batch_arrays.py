@@ -167,7 +167,10 @@ class BatchLayout:
         size = len(self.mode)
         if bodies is None:
             return np.arange(size)
-        selected = np.atleast_1d(bodies)
+        try:
+            selected = np.atleast_1d(bodies)
+        except ValueError:  # rows of several lengths
+            selected = np.atleast_2d(np.nan)
         if selected.dtype == bool and selected.shape == (size,):
             return np.flatnonzero(selected)
         if selected.size == 0:

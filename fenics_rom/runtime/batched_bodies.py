@@ -7,7 +7,7 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.signals import real_numbers_or_nan
+from fenics_rom.mechanics.signals import hides_numbers, real_numbers_or_nan
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, StepCoefficients, distinct
 
@@ -309,6 +309,8 @@ class BatchedBodies:
 
     def _check_input(self, u: ArrayLike, on_error: str) -> tuple[Array, Array]:
         """Inputs (size, p), and the bodies to hold still; theirs are zero then."""
+        if type(u) is not Array and hides_numbers(u):
+            raise StepError("input: allowed are numbers in N, given: an array that masks some of them")
         try:
             u = np.asarray(u)
         except ValueError:
@@ -318,7 +320,7 @@ class BatchedBodies:
                 f"input: allowed are {self.inputs} numbers in N for each of {self.size} bodies, or for all; "
                 f"given: an array of shape {u.shape}"
             )
-        if u.dtype.kind not in "fiub":
+        if u.dtype.kind not in "fiu":
             raise StepError(f"input: allowed are real numbers in N, given: an array of {u.dtype}")
         if u.dtype != self.dtype:
             with np.errstate(over="ignore"):

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError, check_known
+from fenics_rom.arguments import is_number, names_in
+from fenics_rom.errors import StepError, check_known, shown
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.midpoint_map import checked_dt, matrices
@@ -148,7 +149,7 @@ def find_constant_intervals(
     names, sizes = columns
     changes = np.flatnonzero((names[1:] != names[:-1]) | (sizes[1:] != sizes[:-1])) + 1
     bounds = [0, *map(int, changes), steps]
-    return [ConstantInterval(start, stop, names[start], sizes[start]) for start, stop in pairwise(bounds)]
+    return [ConstantInterval(start, stop, names[start], checked_dt(sizes[start])) for start, stop in pairwise(bounds)]
 
 
 def plan_steps(
@@ -219,10 +220,10 @@ class Rollout:
                 "rollout: contact: obstacles say which contact mode is active; allowed is None, or "
                 "effects.contact.switching = 'scene' in the scene"
             )
-        if not (isinstance(every, int | np.integer) and every >= 1):
-            raise StepError(f"every = {every!r}: allowed is a whole number of steps, at least 1")
+        if not (is_number(every, whole=True) and every >= 1):
+            raise StepError(f"every = {shown(every)}: allowed is a whole number of steps, at least 1")
         u, plan = plan_steps(body, inputs, contact, dt)
-        names = tuple(body.rom.outputs if outputs is None else outputs)
+        names = tuple(body.rom.outputs) if outputs is None else names_in("outputs", outputs, StepError)
         widths = [len(body.output_rows(name)) for name in names]
         start, rows = body.save(), [np.empty((0, sum(widths)))]
         try:

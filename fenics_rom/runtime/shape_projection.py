@@ -25,6 +25,8 @@ def project_fields(rom: Rom, contact: str, fields: Mapping[str, Array]) -> tuple
         raise StepError("shapes of nodes are of a body in a fixed frame: allowed are `state` and `place`")
     if not len(rom.nodes):
         raise StepError(f"ROM {rom.name!r} has no mesh, so that it has no shapes of nodes; set its `state`")
+    if "displacement" not in fields:
+        raise StepError(f"displacement: allowed is a finite array of shape {rom.nodes.shape}, given: None")
     for name, field in fields.items():
         if field.shape != rom.nodes.shape or not np.isfinite(field).all():
             raise StepError(f"{name}: allowed is a finite array of shape {rom.nodes.shape}, given: {shown(field)}")

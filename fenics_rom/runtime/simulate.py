@@ -8,6 +8,7 @@ from itertools import islice
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.arguments import check_flag, mapping_in
 from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.environment import Environment, HasEnvironment, given_environment
@@ -37,7 +38,9 @@ def simulate(
     report: Report = silent,
 ) -> Trajectory:
     """Runs a ROM through a load history from rest: `fenics_rom.simulate` of a ROM, where arguments and errors are."""
-    environment, history, fresh = _prepared(rom, scene, dt, every, signals, stepper)
+    check_flag("profile", profile, SceneError)
+    check_flag("rate", rate, SceneError)
+    environment, history, fresh = _prepared(rom, scene, dt, every, mapping_in("signals", signals, SceneError), stepper)
     body, lost = fresh()
     recorder = TrajectoryRecorder(
         rom,

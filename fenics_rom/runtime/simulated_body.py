@@ -189,7 +189,7 @@ class SimulatedBody:
     def _by_name(self, given: Any, named: Mapping[str, Any]) -> Array:
         """An input (p,) of a mapping, or of arguments with names."""
         if not isinstance(given, Mapping):
-            if len(given):
+            if np.size(given):
                 raise StepError(f"step {self.steps}: inputs were given by position and by name; allowed is one of both")
             given = {}
         u, starts = np.zeros(self._width), self._input_slices()
@@ -203,7 +203,7 @@ class SimulatedBody:
                 numbers = np.empty(0)
             if numbers.shape != u[starts[name]].shape:
                 allowed = f"{len(u[starts[name]])} real numbers"
-                raise StepError(f"step {self.steps}: input {name!r} = {value!r}: allowed are {allowed}")
+                raise StepError(f"step {self.steps}: input {name!r} = {shown(value)}: allowed are {allowed}")
             u[starts[name]] = numbers
         return u
 
@@ -268,8 +268,9 @@ class SimulatedBody:
         Raises:
             StepError: no such output.
         """
-        if output not in self.rom.outputs:
-            hint = "; it is a reading: Simulator.reading gives it" if output in self.rom.readings else ""
+        if not isinstance(output, str) or output not in self.rom.outputs:
+            is_reading = isinstance(output, str) and output in self.rom.readings
+            hint = "; it is a reading: Simulator.reading gives it" if is_reading else ""
             raise StepError(unknown("output", output, self.rom.outputs) + hint)
         key, model = (self.contact, output), self._stepper.model
         if model is not self.rom.contact_models[self.contact]:  # until the next switch

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import FenicsRomWarning, StepError, check_known, unknown
+from fenics_rom.arguments import check_flag, mapping_in
+from fenics_rom.errors import FenicsRomWarning, StepError, check_known, shown, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.initial_state import lost_messages
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.signals import SignalLike
     from fenics_rom.runtime.rollout import Rollout
 
-_FLOAT, _as_array = np.dtype(float), np.asarray
+_FLOAT = np.dtype(float)
 
 
 class Simulator(MovingBody):
@@ -83,7 +84,7 @@ class Simulator(MovingBody):
         stepper: str | None = None,
         detail: str | None = None,
     ):
-        rom = given_rom("Simulator", rom)
+        rom, signals = given_rom("Simulator", rom), mapping_in("signals", signals, StepError)
         self._origin = rom, scene, signals, stepper, detail
         self.environment: ActiveEnvironment | None = None
         self._source = None
@@ -94,7 +95,7 @@ class Simulator(MovingBody):
             self._source = None if self.environment is None else EnvironmentInputs(rom, self.environment)
         self.rom, self.steps = rom, 0
         self._dt, self._since = checked_dt(dt), (0.0, 0)
-        self.ledger = EnergyLedger(lambda: self._stepper.flush()) if ledger else None
+        self.ledger = EnergyLedger(lambda: self._stepper.flush()) if check_flag("ledger", ledger, StepError) else None
         self.loss = SwitchLoss()
         made_for = self.environment, self.ledger, stepper
         self._stepper = make_stepper(rom, self._dt, *made_for, self._detail(detail), self._solver_of)
@@ -116,7 +117,7 @@ class Simulator(MovingBody):
 
     @dt.setter
     def dt(self, dt: float) -> None:
-        if dt == self._dt:
+        if type(dt) is float and dt == self._dt:
             return
         dt = checked_dt(dt)
         self._since, self._dt = (self.time, self.steps), dt
@@ -129,7 +130,7 @@ class Simulator(MovingBody):
 
     @state.setter
     def state(self, state: tuple[Sequence[float] | Array, Sequence[float] | Array]) -> None:
-        given = [real_numbers_or_nan(part) for part in state]
+        given = [real_numbers_or_nan(part) for part in (state if isinstance(state, tuple | list | Array) else ())]
         shape = (self._order,)
         if len(given) != 2 or any(part.shape != shape or not np.isfinite(part).all() for part in given):
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
@@ -152,7 +153,7 @@ class Simulator(MovingBody):
         from fenics_rom.runtime.shape_projection import project_fields  # here, as not everyone sets one
 
         given = {"displacement": displacement, "velocity": velocity}
-        fields = {name: real_numbers(field) for name, field in given.items() if field is not None}
+        fields = {name: real_numbers_or_nan(field) for name, field in given.items() if field is not None}
         coordinates, lost = project_fields(self.rom, self.contact, fields)
         messages = lost_messages(lost, f"ROM {self.rom.name!r}")
         before = self.save()
@@ -173,7 +174,7 @@ class Simulator(MovingBody):
             StepError: no such contact mode.
         """
         start = self.contact
-        if contact == start:
+        if type(contact) is str and contact == start:
             return
         check_known("contact mode", contact, self.rom.contact_models, StepError)
         lost = self._stepper.switch(contact)
@@ -221,9 +222,7 @@ class Simulator(MovingBody):
         if base is not None or self._base is not None:  # of a step that failed
             self._take_base(base)
         try:
-            if type(u) is Array and u.dtype is not _FLOAT:
-                u = real_numbers(u)
-            given = _as_array(u, _FLOAT)
+            given = u if type(u) is Array and u.dtype is _FLOAT else real_numbers(u)
             twice = self._advance(given)
         except (TypeError, ValueError):
             if isinstance(u, Mapping):  # here, as it costs a step by position nothing
@@ -285,7 +284,7 @@ class Simulator(MovingBody):
         )
 
     def _wrong_input(self, u: object) -> str:
-        given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else repr(u)[:80]
+        given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else shown(u)
         allowed = f"input of contact mode {self.contact!r}: allowed are {self.inputs} numbers in N"
         alone = f", or the {n} of actuators" if self._source and (n := sum(self.rom.actuators.values())) else ""
         return f"step {self.steps}: {allowed}{alone}, given: {given}"

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from fenics_rom.arguments import path_in
 from fenics_rom.errors import FileError, SceneError, did_you_mean, exactly, unknown
 from fenics_rom.io.hdf5 import is_sealed
 from fenics_rom.io.units import QUANTITIES
@@ -46,7 +47,7 @@ def read_scene(file: str | Path) -> Scene:
         >>> fr.read_scene("plate.toml").run.duration  # s
         3.0
     """
-    path = Path(file)
+    path = path_in("read_scene", file, SceneError)
     text = text_of(path)
     scene = parse_scene(text, folder=path.parent, source=str(path))
     return replace(scene, read_files=(path, *scene.read_files))

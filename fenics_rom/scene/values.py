@@ -5,18 +5,16 @@ without pydantic, and told the same. A string among a field's annotations is the
 """
 
 import math
-import numbers
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
+from fenics_rom.arguments import GREATEST, SMALLEST, is_number
 from fenics_rom.errors import SceneError, shown, unknown
 from fenics_rom.io.names import NAME, NAME_IN_WORDS
 from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.signals import Signal
-
-SMALLEST, GREATEST = 1e-50, 1e50  # size of a number that is not 0: what is made of some stays a number, too
 
 
 class Refused(ValueError):
@@ -79,14 +77,9 @@ class Number(Value):
 
     def checked(self, value: Any) -> Any:
         """See Value."""
-        kind: Any = numbers.Integral if self.integer else numbers.Real  # NumPy's numbers count, too
-        if isinstance(value, bool) or not isinstance(value, kind):
+        if not is_number(value, whole=self.integer):
             raise refused(value, self.allowed)
-        try:
-            finite = math.isfinite(value)
-        except OverflowError:  # a whole number beyond 1e308
-            finite = False
-        if not (finite and self.at_least <= value <= self.at_most and self.above < value < self.below):
+        if not (self.at_least <= value <= self.at_most and self.above < value < self.below):
             raise refused(value, self.allowed)
         if value and not SMALLEST <= abs(value) <= GREATEST:
             raise refused(value, f"0 or a size from {SMALLEST:g} to {GREATEST:g}")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
+from fenics_rom.arguments import path_in
 from fenics_rom.errors import SceneError, check_known, exactly
 from fenics_rom.scene.consistency import check_choices
 from fenics_rom.scene.file import mistake, read_scene, text_of, toml_of
@@ -50,7 +51,7 @@ def read_world(file: str | Path) -> WorldScene:
         >>> fr.read_world("stack.toml").file.run.duration  # s
         1.0
     """
-    path = Path(file)
+    path = path_in("read_world", file, SceneError)
     source = str(path)
     raw = toml_of(text_of(path), source)
     if "mesh" in raw and "bodies" not in raw:

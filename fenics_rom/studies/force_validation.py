@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomError, FenicsRomWarning
+from fenics_rom.errors import FenicsRomError, FenicsRomWarning, check_type
 from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stage, peak_memory
@@ -47,6 +47,8 @@ def validate_forces(system: System, rom: Rom, *, report: Report = silent) -> Rom
         >>> fr.validate_forces(system, rom).force_validation is None  # nothing here is touched
         True
     """
+    check_type("validate_forces", system, System, "fr.assemble(scene)")
+    check_type("validate_forces", rom, Rom, "fr.reduce(system)")
     scene = system.scene
     if scene is None or scene.run is None or not scene.environment.obstacles:
         return rom

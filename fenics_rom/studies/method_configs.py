@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fenics_rom.arguments import names_in
 from fenics_rom.errors import SceneError, check_known
 from fenics_rom.mechanics.environment import Run
 from fenics_rom.scene.scene import ORDER, Scene
@@ -100,7 +101,7 @@ def make_grid(
     if methods is None:
         first = first_method(scene)
         methods = (QUICK_METHODS if quick else STUDIED_METHODS) if first == "balanced" else (first,)
-    for name in methods:
+    for name in names_in("methods", methods, SceneError):
         check_known("method", name, METHOD_CONFIGS, SceneError)
     orders = (QUICK_ORDERS if quick else STUDIED_ORDERS) if orders is None else orders
     factors = QUICK_STEP_FACTORS if quick else STUDIED_STEP_FACTORS

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import fenics_rom as fr
-from fenics_rom.errors import FileError, SceneError, SolverError, StepError
+from fenics_rom.arguments import path_in
+from fenics_rom.errors import FileError, SceneError, SolverError, StepError, check_type
 from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.simulate import plain_rate
 from fenics_rom.io.overwriting import check_outputs_in
@@ -79,7 +80,9 @@ def study(
         >>> results.rows[0].error < 0.1
         True
     """
-    finer = [Path(file) for file in meshes]
+    check_type("study", scene, Scene, "fr.read_scene(file)")
+    finer = [path_in("meshes", file) for file in (meshes if isinstance(meshes, list | tuple) else [meshes])]
+    folder = path_in("study", folder)
     run = reference.measurable_run(scene, finer)
     check_outputs_in(Path(folder), FILES, FILES, inputs=[*scene.files, *finer], force=force)
     system = fr.assemble(scene)

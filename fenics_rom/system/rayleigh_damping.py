@@ -1,12 +1,12 @@
 """Proportional damping D = α M + β K: whether it was asked for, and whether a given D is one."""
 
-from math import isfinite
 from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StructureError
+from fenics_rom.arguments import is_number
+from fenics_rom.errors import StructureError, shown
 from fenics_rom.system.columns import probe_columns
 from fenics_rom.system.protocols import Algebra, Operator
 
@@ -24,8 +24,9 @@ def check_damping_choice(damping: Any, rayleigh: tuple[float, float] | None) -> 
             f"{'neither' if damping is None else 'both'} damping {'nor' if damping is None else 'and'} rayleigh given; "
             "allowed is one of them"
         )
-    if rayleigh is not None and not (len(rayleigh) == 2 and all(isfinite(c) and c >= 0 for c in rayleigh)):
-        raise StructureError(f"rayleigh = {rayleigh}: allowed are two finite numbers (α, β) from 0, in 1/s and s")
+    pair = rayleigh if isinstance(rayleigh, tuple | list) else ()
+    if rayleigh is not None and not (len(pair) == 2 and all(is_number(c) and c >= 0 for c in pair)):
+        raise StructureError(f"rayleigh = {shown(rayleigh)}: allowed are two finite numbers (α, β) >= 0, in 1/s and s")
 
 
 def fitted_rayleigh(M: Operator, D: Operator, K: Operator, algebra: Algebra) -> tuple[float, float] | None:

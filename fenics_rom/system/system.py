@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.arguments import mapping_in
 from fenics_rom.errors import StructureError, check_known
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.contact_points import ContactPoints
@@ -116,6 +117,9 @@ class System:
         Raises:
             StructureError: matrices or columns that do not fit or lack structure, with the measured number.
         """
+        for name in ("contacts", "actuators", "outputs"):
+            if (given := getattr(self, name)) is not UNSET:
+                mapping_in(name, given, StructureError)
         if not self.contacts:
             raise StructureError("contacts: at least one contact mode is needed")
         filled: dict[str, Any] = {name: {} for name in OPTIONAL_COLUMNS if getattr(self, name) is UNSET}

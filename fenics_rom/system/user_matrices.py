@@ -7,7 +7,8 @@ import numpy as np
 import scipy.sparse
 from numpy import ndarray as Array
 
-from fenics_rom.errors import SolverError, StructureError
+from fenics_rom.errors import SolverError, StructureError, shown
+from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.system.backends import belongs_to
 from fenics_rom.system.node_positions import body_of_matrices
 from fenics_rom.system.rayleigh_damping import fitted_rayleigh
@@ -73,14 +74,24 @@ def _refuse_petsc_and_complex(given: Mapping[str, Any]) -> None:
     for name, value in ({name: given[name] for name in (*MATRICES, "rigid")} | columns).items():
         if any(belongs_to(v, "petsc4py") for v in (value if isinstance(value, list | tuple) else [value])):
             raise StructureError(f"{name} is of PETSc, but the matrices are not")
-        if np.iscomplexobj(value):
+        if np.iscomplexobj(_array(value, name)):
             raise StructureError(f"{name} is complex; allowed are real numbers")
+
+
+def _array(given: Any, name: str) -> Any:
+    """What is given, as an array unless it is one, or a sparse matrix."""
+    if hasattr(given, "dtype"):
+        return given
+    try:
+        return np.asarray(given)
+    except ValueError as error:
+        raise StructureError(f"{name} = {shown(given)}: allowed are rows of one length") from error
 
 
 def checked_matrix(matrix: Any, name: str, size: int | None, definite: bool | None) -> Any:
     """A float matrix with its structure measured, definiteness but where None; sparse ones become CSR."""
     sparse = scipy.sparse.issparse(matrix)
-    A = scipy.sparse.csr_matrix(matrix, dtype=float) if sparse else np.array(matrix, dtype=float)
+    A = scipy.sparse.csr_matrix(matrix, dtype=float) if sparse else _numbers(matrix, name)
     if A.ndim != 2 or A.shape[0] != A.shape[1] or A.shape[0] != (size or A.shape[0]) or A.shape[0] == 0:
         raise StructureError(f"{name} has shape {A.shape}; allowed is {(size, size) if size else 'square'}")
     entries: Any = A.data if sparse else A
@@ -100,9 +111,17 @@ def checked_matrix(matrix: Any, name: str, size: int | None, definite: bool | No
     return A
 
 
+def _numbers(given: Any, name: str) -> Array:
+    """An array of floats of its own."""
+    try:
+        return real_numbers(given)
+    except (TypeError, ValueError) as error:
+        raise StructureError(f"{name} = {shown(given)}: allowed are real numbers: {error}") from error
+
+
 def checked_block(block: Any, where: str, size: int) -> Array:
     """Float columns (size, any number), finite and at least one; one may be a vector."""
-    dense = block.toarray() if scipy.sparse.issparse(block) else np.array(block, dtype=float)
+    dense = block.toarray() if scipy.sparse.issparse(block) else _numbers(block, where)
     dense = dense[:, None] if dense.ndim == 1 else dense
     if dense.ndim != 2 or dense.shape[0] != size or dense.shape[1] == 0:
         raise StructureError(f"{where} has shape {dense.shape}; allowed is ({size}, columns)")

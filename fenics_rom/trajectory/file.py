@@ -45,7 +45,7 @@ import h5py
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import FileError, check_known
+from fenics_rom.errors import FileError, check_known, check_type
 from fenics_rom.io import hdf5
 from fenics_rom.io.given import Kind
 from fenics_rom.io.hdf5 import Entry, Sizes
@@ -105,10 +105,12 @@ def write_trajectory(file: str | Path, trajectory: Trajectory, *, force: bool = 
     Raises:
         TrajectoryFileError: it cannot be written, there is another kind of file, or it holds numbers that are not
             finite.
+        SceneError: something else than a Trajectory was given.
 
     Example:
         >>> fr.write_trajectory("again.h5", run)
     """
+    check_type("write_trajectory", trajectory, Trajectory, "fr.simulate(model)")
     write_over(file, "run", lambda h5: _fill(h5, trajectory), force=force)
 
 

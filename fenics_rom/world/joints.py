@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import SceneError, check_known
+from fenics_rom.errors import SceneError, check_known, shown
+from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.world.bodies import Body
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.surface_joint import surface_points
@@ -97,14 +98,17 @@ def weld(first: str, second: str, point: Sequence[float], size: float = 0.1) -> 
 
 
 def _check_pair(first: str, second: str) -> None:
+    for name in (first, second):
+        if not isinstance(name, str):
+            raise SceneError(f"joint: {shown(name)} was given; allowed is the name of a body")
     if first == second:
         raise SceneError(f"joint: allowed are two bodies, given: {first!r} with itself")
 
 
 def _vector(numbers: Sequence[float] | Array) -> tuple[float, float, float]:
-    vector = np.array(numbers, dtype=float)
+    vector = real_numbers_or_nan(numbers)
     if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise SceneError(f"joint: allowed are three finite numbers, given: {numbers!r}")
+        raise SceneError(f"joint: allowed are three finite numbers, given: {shown(numbers)}")
     x, y, z = vector.tolist()
     return x, y, z
 

@@ -5,8 +5,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import SceneError, check_known
+from fenics_rom.errors import SceneError, check_known, shown
 from fenics_rom.mechanics.base_path import BaseState, given_base
+from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.free_soft import FreeSoft
@@ -31,9 +32,9 @@ def make_bodies(
         SceneError: a record that is none, or that names who cannot carry it.
         StepError: a pose that is none.
     """
-    g = np.array(gravity, dtype=float)
+    g = real_numbers_or_nan(gravity)
     if g.shape != (3,) or not np.isfinite(g).all():
-        raise SceneError(f"gravity: allowed are three finite numbers, in m/s2, given: {gravity!r}")
+        raise SceneError(f"gravity: allowed are three finite numbers, in m/s2, given: {shown(gravity)}")
     bodies: dict[str, AnyBody] = {FIXED: Driven(None, lambda time: AT_REST)}
     for name, record in records.items():
         if name == FIXED:
@@ -90,7 +91,7 @@ def _soft(
 ) -> Soft:
     mount, where = None, f"body {name!r}"
     if record.on is not None:
-        if record.on == name:
+        if isinstance(record.on, str) and record.on == name:
             raise SceneError(f"body {name!r}: on = {name!r}: allowed is another body, no body carries itself")
         check_known("body", record.on, records, SceneError, f"body {name!r}: on: ")
         chain: list[str] = [name]
@@ -110,8 +111,9 @@ def _soft(
         mount = Mount(found, record.pose(where))
     rom = given_rom("SoftBody", record.rom)
     is_free = mount is None and rom.environment is not None and rom.environment.is_moving
-    if not is_free and (any(record.velocity) or any(record.angular_velocity)):
+    pose = record.pose(where)
+    if not is_free and (pose.velocity.any() or pose.angular_velocity.any()):
         given = f"velocity = {record.velocity!r}, angular_velocity = {record.angular_velocity!r}"
         raise SceneError(f"{where}: {given}: allowed is 0 of a body that is held or carried; a free one has its own")
     kind = FreeSoft if is_free and rom.moving_frame is not None and not rom.moving_frame.carried else Soft
-    return kind(name, rom, dt, record.pose(where), mount, record.signals, is_alone)
+    return kind(name, rom, dt, pose, mount, record.signals, is_alone)

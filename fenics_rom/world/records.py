@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Union
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.arguments import is_number
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.base_path import BaseState, checked_base
+from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.world.shapes import Shape
 
 if TYPE_CHECKING:
@@ -75,7 +77,7 @@ class RigidBody:
         """
         given = f"density = {self.density!r}, mass = {self.mass!r}"
         known = [number for number in (self.density, self.mass) if number is not None]
-        if len(known) != 1 or not 0 < known[0] < np.inf:
+        if len(known) != 1 or not (is_number(known[0]) and known[0] > 0):
             raise SceneError(
                 f"{given}: allowed is one of both, finite and > 0; or neither, and no inertia, of one that "
                 "stands still or has a motion"
@@ -84,7 +86,7 @@ class RigidBody:
         if self.mass is not None:
             inertia, mass = inertia * (self.mass / mass), float(self.mass)
         if self.inertia is not None:
-            inertia = np.array(self.inertia, dtype=float)
+            inertia = real_numbers_or_nan(self.inertia)
             if inertia.shape != (3, 3) or not np.isfinite(inertia).all() or not np.allclose(inertia, inertia.T):
                 raise SceneError("inertia: allowed is a symmetric (3, 3) of finite numbers, in kg m2")
             moments = np.linalg.eigvalsh(inertia)

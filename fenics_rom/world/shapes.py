@@ -11,8 +11,10 @@ from functools import cached_property
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import SceneError
+from fenics_rom.arguments import GREATEST, SMALLEST, is_number
+from fenics_rom.errors import SceneError, shown
 from fenics_rom.mechanics import obstacles
+from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.world.convex_hull import convex_hull
 
@@ -260,10 +262,7 @@ class Hull(Polytope):
     shift: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        try:
-            points = np.array(self.points, dtype=float)
-        except (TypeError, ValueError):
-            points = np.empty(0)
+        points = real_numbers_or_nan(self.points)
         if points.ndim != 2 or points.shape[1:] != (3,) or len(points) < 4 or not np.isfinite(points).all():
             raise SceneError("hull: points: allowed are at least 4 points of three finite numbers, in m")
         vertices, faces = convex_hull(points)
@@ -314,9 +313,9 @@ class Hull(Polytope):
 
 def _check_positive(shape: Shape, name: str) -> None:
     value = getattr(shape, name)
-    if not (isinstance(value, int | float | np.number) and math.isfinite(value) and value > 0):
+    if not (is_number(value) and SMALLEST <= value <= GREATEST):
         kind = type(shape).__name__.lower()
-        raise SceneError(f"{kind}: {name}: allowed is a finite number > 0, in m, given: {value!r}")
+        raise SceneError(f"{kind}: {name}: allowed is a finite number > 0, in m, given: {shown(value)}")
     _keep(shape, **{name: float(value)})
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.arguments import mapping_in
 from fenics_rom.errors import SceneError, StepError, check_known, shown
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import LEAST_TOLD, ContactLaw
@@ -71,7 +72,9 @@ class World:
         pairs: Mapping[tuple[str, str], ContactLaw] | None = None,
         apart: Sequence[Collection[str]] = (),
     ):
-        self.bodies, self.gravity, self._dt = dict(bodies), gravity, checked_dt(dt)
+        self.bodies, self.gravity, self._dt = mapping_in("bodies", bodies, SceneError), gravity, checked_dt(dt)
+        if not isinstance(joints, list | tuple) or not all(isinstance(each, Joint | SurfaceJoint) for each in joints):
+            raise SceneError(f"joints = {shown(joints)}: allowed is a list of Joints and SurfaceJoints")
         self._arguments: dict[str, Any] = {
             "joints": joints,
             "gravity": gravity,

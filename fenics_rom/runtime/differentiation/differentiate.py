@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from numpy import ndarray as Array
 
+from fenics_rom.arguments import check_function, names_in
 from fenics_rom.errors import StepError, check_known, check_type
 from fenics_rom.runtime.differentiation.gradient import Objective, RolloutGradient
 from fenics_rom.runtime.differentiation.linear_steps import differentiate_linear
@@ -50,10 +51,13 @@ def differentiate(
         (2e-06, (200, 3), True)
     """
     check_type("differentiate", body, Simulator, "fr.Simulator(rom, dt)")
-    names = tuple(body.rom.outputs if outputs is None else outputs)
+    check_function("objective", objective, StepError, "of outputs and energies")
+    names = tuple(body.rom.outputs) if outputs is None else names_in("outputs", outputs, StepError)
     for name in names:
         check_known("output", name, body.rom.outputs, StepError)
     u, plan = plan_steps(body, inputs, contact, dt)
+    if not len(u):
+        raise StepError("differentiate: inputs of no step were given; allowed is at least one")
     if body.rom.deformation is None and not (body.needs_each_step or body.relaxes):
         return differentiate_linear(body, u, plan, objective, names)
     from fenics_rom.runtime.differentiation.taken_steps import differentiate_taken  # here, as linear bodies need it not

@@ -8,6 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known, shown
+from fenics_rom.mechanics.signals import real_numbers, real_numbers_or_nan
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.simulator import Simulator
@@ -72,7 +73,10 @@ def checked_slopes(objective: Objective, given: dict[str, Array], energies: Arra
     returned = objective(given, energies)
     try:
         value, by_output, by_energy = returned
-        if not (np.ndim(value) == 0 and np.isfinite(value) and isinstance(by_output, Mapping)):
+        if np.ndim(value) or not isinstance(by_output, Mapping):
+            raise ValueError
+        J = float(real_numbers(value))
+        if not np.isfinite(J):
             raise ValueError
     except (TypeError, ValueError):
         raise StepError(
@@ -84,7 +88,7 @@ def checked_slopes(objective: Objective, given: dict[str, Array], energies: Arra
     steps = len(energies)
     slopes = [_checked(name, by_output.get(name, 0.0), part).reshape(steps, -1) for name, part in given.items()]
     return (
-        float(value),
+        J,
         np.hstack([np.empty((steps, 0)), *slopes]),
         _checked("energies", 0.0 if by_energy is None else by_energy, energies),
     )
@@ -92,7 +96,7 @@ def checked_slopes(objective: Objective, given: dict[str, Array], energies: Arra
 
 def _checked(name: str, slope: "Array | float", of: Array) -> Array:
     """Derivatives with something, as an array of its shape; 0. of what is not named."""
-    slope = np.asarray(slope, dtype=float)
+    slope = real_numbers_or_nan(slope)
     if slope.shape not in ((), of.shape) or not np.isfinite(slope).all():
         raise StepError(f"derivatives with {name}: allowed are finite numbers {of.shape}, given: {slope.shape}")
     return np.broadcast_to(slope, of.shape)

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.arguments import check_flag, is_number, names_in, path_in
 from fenics_rom.deployment.plant import PLANT_FORMATS, write_plant
-from fenics_rom.errors import FileError
+from fenics_rom.errors import FileError, shown
 from fenics_rom.io.given import object_or_file
 from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.io.progress import Report, silent
@@ -90,7 +91,10 @@ def export(
         >>> fr.export(rom, "modes.vtu").name
         'modes.vtu'
     """
-    place, given = Path(output), object_or_file("export", model, ROM_FILE, RUN_FILE)
+    place, given = path_in("export", output), object_or_file("export", model, ROM_FILE, RUN_FILE)
+    check_flag("dark", dark, FileError)
+    if outputs is not None:
+        outputs = names_in("outputs", outputs, FileError)
     endings, kind = (ROM_FORMATS, "a ROM") if isinstance(given, Rom) else (RUN_FORMATS, "a run")
     if place.suffix not in endings:
         raise FileError(f"{place}: {kind} becomes a file that ends in {', '.join(endings)}")
@@ -107,7 +111,7 @@ def export(
     if isinstance(given, Rom):
         if time is not None:
             raise FileError(f"ROM {given.name!r} has no instants; --time is for runs")
-        _export_rom(place, given, what or next(iter(SHAPE_KINDS)), count, dark)
+        _export_rom(place, given, next(iter(SHAPE_KINDS)) if what is None else what, count, dark)
     else:
         if what is not None or count is not None:
             raise FileError(f"run {given.name!r} has no modes; --what and --count are for ROMs")
@@ -116,17 +120,17 @@ def export(
 
 
 def _export_rom(place: Path, rom: Rom, kind: str, count: int | None, dark: bool) -> None:
-    if count is not None and count < 1:
-        raise FileError(f"--count {count}: allowed are whole numbers from 1")
+    if count is not None and not (is_number(count, whole=True) and count >= 1):
+        raise FileError(f"--count {shown(count)}: allowed are whole numbers from 1")
     if place.suffix in SHEET_FORMATS:
         write_sheet(place, rom, kind, SHEET_SHAPES if count is None else count, dark)
         return
     fields: dict[str, Array] = {}
     whole: dict[str, Array] = {}
     for name, row in mode_shapes(rom, kind).items():
-        shown = row[:count]
-        fields |= {f"{name}.{kind}.{shape.number}": shape.displacement for shape in shown}
-        numbers = {"frequency": [shape.frequency for shape in shown], "sigma": [shape.σ for shape in shown]}
+        kept = row[:count]
+        fields |= {f"{name}.{kind}.{shape.number}": shape.displacement for shape in kept}
+        numbers = {"frequency": [shape.frequency for shape in kept], "sigma": [shape.σ for shape in kept]}
         whole |= {f"{name}.{key}": np.array(of, dtype=float) for key, of in numbers.items() if None not in of}
     write_grid(place, rom.nodes, rom.triangles, Fields(fields, whole=whole))
 
@@ -136,15 +140,15 @@ def _export_run(
 ) -> None:
     if not len(run.triangles) or not len(run.snapshots):
         raise FileError(f"run {run.name!r} has no surface to draw")
-    if not (np.isfinite(scale) and scale > 0):
-        raise FileError(f"--scale {scale:g}: allowed are finite numbers > 0")
-    if seconds is not None and not 0 < seconds <= MAX_SECONDS:
-        raise FileError(f"--seconds {seconds:g}: allowed is more than 0 and at most {MAX_SECONDS:g}")
+    if not (is_number(scale) and scale > 0):
+        raise FileError(f"--scale {shown(scale)}: allowed are finite numbers > 0")
+    if seconds is not None and not (is_number(seconds) and 0 < seconds <= MAX_SECONDS):
+        raise FileError(f"--seconds {shown(seconds)}: allowed is more than 0 and at most {MAX_SECONDS:g}")
     if time is not None:
         if place.suffix not in (".vtu", ".png"):
             raise FileError(f"{place}: shows all instants; --time is for .vtu and .png")
-        if not 0 <= time <= run.times[-1]:
-            raise FileError(f"--time {time:g}: allowed are 0 to {run.times[-1]:g} s, which the run lasts")
+        if not (is_number(time) and 0 <= time <= run.times[-1]):
+            raise FileError(f"--time {shown(time)}: allowed are 0 to {run.times[-1]:g} s, which the run lasts")
     row = len(run.snapshots) - 1 if time is None else int(np.abs(run.snapshot_times - time).argmin())
     if place.suffix == ".pvd":
         every = [_fields(run, k) for k in range(len(run.snapshots))]

@@ -6,8 +6,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from fenics_rom.errors import FileError, SceneError, check_known
-from fenics_rom.io.atomic_write import check_folder, make_folder
+from fenics_rom.arguments import check_flag, mapping_in, names_in, path_in
+from fenics_rom.errors import FileError, SceneError, check_known, check_type
+from fenics_rom.io.atomic_write import check_folder, make_folder, system_reason
 from fenics_rom.io.given import object_or_file
 from fenics_rom.io.overwriting import check_outputs, check_outputs_in
 from fenics_rom.io.progress import Report, silent
@@ -71,7 +72,11 @@ def plot(
     figure_of = figure_class()
     import matplotlib
 
-    place, style = Path(output), DARK if dark else LIGHT
+    place, style = path_in("plot", output), DARK if check_flag("dark", dark, SceneError) else LIGHT
+    if what is not None:
+        what = names_in("what", what, SceneError)
+    if full is not None:
+        check_type("plot: full", full, System, "fr.assemble(scene)")
     inputs = [*_files_in(model), *(full.scene.files if full is not None and full.scene is not None else ())]
     in_folder = is_folder(place)
     if not in_folder:
@@ -105,7 +110,11 @@ def plot(
 
 def is_folder(place: Path) -> bool:
     """Whether plots are to go into a folder; FileError where they can go neither into one nor into such a file."""
-    if place.is_dir() or not place.suffix:
+    try:
+        is_folder = place.is_dir() or not place.suffix
+    except OSError as error:  # as of a name that is too long
+        raise FileError(f"{place}: cannot be written: {system_reason(error)}") from error
+    if is_folder:
         check_folder(place)
         return True
     if place.suffix not in FORMATS:
@@ -123,6 +132,9 @@ def _files_in(model: Any) -> list[File]:
 def _read(model: File | Rom | Trajectory | Mapping[str, Trajectory | File]) -> Rom | dict[str, Trajectory]:
     """The ROM, or the runs by their names."""
     if isinstance(model, Mapping):
+        mapping_in("plot", model, SceneError)
+        if not model:
+            raise SceneError("plot: no runs were given; allowed is at least one")
         return {name: object_or_file("plot", run, RUN_FILE) for name, run in model.items()}
     one = object_or_file("plot", model, ROM_FILE, RUN_FILE)
     return one if isinstance(one, Rom) else {one.name: one}
@@ -140,6 +152,8 @@ def _select_panels(
         panels = run_panels(model)
     for name in what or ():
         check_known("plot", name, panels, SceneError)
-    if not panels:
-        raise SceneError("there is nothing to draw: neither Hankel singular values nor frequencies")
+    if not panels or what == ():
+        raise SceneError(
+            "there is nothing to draw: no plot is named, or the ROM has neither Hankel singular values nor frequencies"
+        )
     return {name: panels[name] for name in (panels if what is None else dict.fromkeys(what))}
