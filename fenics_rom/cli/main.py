@@ -32,6 +32,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             stream.reconfigure(errors="replace")  # a terminal without σ gets a ?
     words, petsc = petsc_options.split_words(sys.argv[1:] if arguments is None else arguments)
     choice = _parser().parse_args(words)
+    sys.argv[1:] = [word.encode(errors="replace").decode() for word in sys.argv[1:]]  # which dolfinx reads as UTF-8
     choice.words, choice.petsc_words = words, petsc
     warnings.simplefilter("ignore", FenicsRomWarning)  # the summary at the end lists them
     try:

@@ -43,7 +43,11 @@ def run(choice: argparse.Namespace) -> None:
     files = _matrix_files(choice)
     check_outputs(choice.output, inputs=files or [choice.scene], force=True)
     partial = Path(f"{choice.output}.partial")
-    if partial.exists() and not partial.is_dir():
+    try:
+        in_the_way = partial.exists() and not partial.is_dir()
+    except OSError as error:
+        raise FileError(f"{partial}: is needed for what is finished: {error.strerror}; give a shorter name") from error
+    if in_the_way:
         raise FileError(f"{partial}: is needed for what is finished, but it is not a folder")
     if choice.tolerance is not None and not 0 < choice.tolerance < 1:
         raise SceneError(f"--tolerance {exactly(choice.tolerance)}: allowed is more than 0 and less than 1")

@@ -29,7 +29,11 @@ def fill_surface(file: Path, output: Path, size: float, scale: float = 1.0) -> t
     """
     if file.suffix.lower() not in SURFACES:
         raise MeshError(f"mesh file {file}: allowed endings are {', '.join(SURFACES)}")
-    if not file.is_file():
+    try:
+        is_there = file.is_file()
+    except OSError as error:  # as of a name that is too long
+        raise MeshError(f"mesh file {file}: cannot be read: {error.strerror}") from error
+    if not is_there:
         raise MeshError(f"mesh file {file}: not found")
     if scale != 1.0 and file.suffix.lower() != ".stl":
         raise MeshError(f"mesh file {file}: says its unit; a scale is allowed of .stl")

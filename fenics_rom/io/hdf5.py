@@ -193,7 +193,7 @@ def check_names(names: Iterable[str]) -> None:
 def put_text(group: h5py.Group, **texts: str) -> None:
     """Keeps short texts as attributes; FileError where a text is too long for an attribute."""
     for name, text in texts.items():
-        data = text.encode()
+        data = text.encode(errors="replace")  # a name of a file may be no UTF-8
         if len(data) > LONGEST_TEXT:
             raise FileError(f"text {name!r} has {len(data)} bytes; allowed are {LONGEST_TEXT}")
         group.attrs[name] = np.bytes_(data) if data else h5py.Empty("S1")

@@ -5,7 +5,8 @@ without pydantic, and told the same. A string among a field's annotations is the
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
@@ -182,6 +183,15 @@ class OneOrByName(Value):
         return core_schema.no_info_wrap_validator_function(checked, mapping)
 
 
+@contextmanager
+def _told_by_its_key() -> Iterator[None]:
+    """What is wrong with a table, as a refusal, so that it is told behind the key that names the table."""
+    try:
+        yield
+    except SceneError as error:
+        raise Refused(f": {error}") from error
+
+
 @dataclass(frozen=True)
 class NameOrTable(Value):
     """A table, as the annotated record has it, or a name alone, which is that of one key of it."""
@@ -213,7 +223,8 @@ class Table(Text):
         from pydantic_core import core_schema
 
         def read(value: Any, info: Any) -> Signal:
-            signal: Signal = info.context.signal(self.checked(value), self.columns, self.unit)
+            with _told_by_its_key():
+                signal: Signal = info.context.signal(self.checked(value), self.columns, self.unit)
             return signal
 
         return core_schema.with_info_plain_validator_function(read)
@@ -227,7 +238,8 @@ class PoseTable(Text):
         from pydantic_core import core_schema
 
         def read(value: Any, info: Any) -> BasePath:
-            path: BasePath = info.context.path(self.checked(value))
+            with _told_by_its_key():
+                path: BasePath = info.context.path(self.checked(value))
             return path
 
         return core_schema.with_info_plain_validator_function(read)

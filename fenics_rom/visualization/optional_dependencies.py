@@ -25,12 +25,14 @@ def load_package(module: str, message: str = FOR_PICTURES) -> Any:
         message: what to say where it is missing, with {name} for what is.
 
     Raises:
-        MissingPackageError: it is not installed, or something that it needs.
+        MissingPackageError: it is not installed, or something that it needs, or cannot be loaded.
     """
     try:
         return import_module(module)
     except ModuleNotFoundError as error:
         raise MissingPackageError(message.format(name=error.name)) from error
+    except ValueError as error:  # Matplotlib, of a backend that there is not
+        raise MissingPackageError(f"{module} cannot be loaded: {error}; does MPLBACKEND say what there is?") from error
 
 
 @cache

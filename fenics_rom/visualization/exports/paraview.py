@@ -31,10 +31,7 @@ class Fields:
 
 def write_grid(file: Path, nodes: Array, triangles: Array, fields: Fields) -> None:
     """Writes one .vtu file of nodes (N, 3) and triangles (F, 3), or nothing."""
-    with tempfile.TemporaryDirectory() as folder:
-        written = Path(folder) / "grid.vtu"
-        _save(written, nodes, triangles, fields)
-        write_whole(file, written.read_bytes())
+    write_whole(file, _grid(nodes, triangles, fields))
 
 
 def write_series(file: Path, times: Array, nodes: Array, triangles: Array, instants: Sequence[Fields]) -> None:
@@ -61,7 +58,7 @@ def write_series(file: Path, times: Array, nodes: Array, triangles: Array, insta
             staged = Path(parent) / folder.name
             staged.mkdir()
             for name, fields in zip(names, instants, strict=True):
-                _save(staged / name, nodes, triangles, fields)
+                (staged / name).write_bytes(_grid(nodes, triangles, fields))
             if folder.exists():
                 shutil.rmtree(folder)
             staged.replace(folder)
@@ -83,7 +80,8 @@ def _check_place(file: Path) -> None:
         )
 
 
-def _save(file: Path, nodes: Array, triangles: Array, fields: Fields) -> None:
+def _grid(nodes: Array, triangles: Array, fields: Fields) -> bytes:
+    """The content of a .vtu file, written where VTK takes the name of any folder: it takes those in UTF-8 alone."""
     pv: Any = pyvista_package()
     grid = pv.UnstructuredGrid({pv.CellType.TRIANGLE: triangles}, nodes)
     for data, named in (
@@ -93,4 +91,7 @@ def _save(file: Path, nodes: Array, triangles: Array, fields: Fields) -> None:
     ):
         for name, values in named.items():
             data[name] = values
-    grid.save(file)
+    with tempfile.TemporaryDirectory() as folder:
+        written = Path(folder) / "grid.vtu"
+        grid.save(written)
+        return written.read_bytes()
