@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from linear_roms import LINEAR_BODIES, linear_rom, ride
+from linear_roms import LINEAR_BODIES, LOAD_VALUES, linear_rom, ride
 from soft_rom import soft_rom
 
 import fenics_rom as fr
@@ -57,6 +57,10 @@ class Body:
         assert len(u) <= self._inputs
         return self._code.plant_step(ctypes.byref(self.state), (self._real * self._inputs)(*u))
 
+    def step_by(self, u, h):
+        real = (self._real * self._inputs)(*u)
+        return self._code.plant_step_by(ctypes.byref(self.state), real, ctypes.c_double(h))
+
     @property
     def energy(self):
         return self._code.plant_energy(ctypes.byref(self.state))
@@ -92,6 +96,31 @@ def test_c_takes_the_steps_of_the_simulator(rom, kind, tmp_path):
     scale = np.abs(expected).max(axis=0)
     scale[-4:] = scale[-4:].max()  # energies and works make one account
     assert np.abs(found - expected).max(axis=0) / scale == pytest.approx(0, abs=AGREES_TO[kind])
+
+
+@pytest.mark.parametrize("kind", AGREES_TO)
+def test_steps_of_any_length_are_those_of_the_simulator(rom, kind, tmp_path):
+    """From a thousandth of the step to ten of them; with an account that closes."""
+    body, random = Body(fr.export(rom, tmp_path / "plant.c", dt=1e-3), kind), np.random.default_rng(2)
+    simulator, names = fr.Simulator(rom, 1e-3, signals=LOAD_VALUES if rom.loads else None), list(rom.contact_models)
+    pairs = []
+    for step in range(100):
+        simulator.switch(names[step // 9 % len(names)])
+        simulator.dt, u = 1e-3 * 10 ** random.uniform(-3, 1), 0.1 * random.standard_normal(simulator.inputs)
+        simulator.step(u)
+        given = all_inputs(rom, simulator.contact, np.array([*u, *(LOAD_VALUES[name] for name in rom.loads)]))
+        assert body.switch(names.index(simulator.contact)) == body.step_by(given, simulator.dt) == 0
+        read = np.concatenate([simulator.displacement(name).ravel() for name in rom.outputs])
+        ledger, work = simulator.ledger, ("supplied", "dissipated", "lost_in_switching")
+        expected = [*read, simulator.energy, *(getattr(ledger, name) for name in work)]
+        pairs.append((expected, [*body.outputs, body.energy, *(getattr(body.state, name) for name in work)]))
+    expected, found = np.array(pairs).swapaxes(0, 1)
+    scale = np.abs(expected).max(axis=0)
+    scale[-4:] = scale[-4:].max()
+    assert np.abs(found - expected).max(axis=0) / scale == pytest.approx(0, abs=AGREES_TO[kind])
+    before = bytes(body.state)
+    assert [body.step_by(np.zeros(1), h) for h in (0.0, -1e-3, np.nan, np.inf)] == [-1] * 4
+    assert bytes(body.state) == before
 
 
 def test_what_is_not_finite_or_not_there_leaves_the_body_as_it_was(plate_rom, tmp_path):

@@ -1,4 +1,4 @@
-/* FMI 2.0 for co-simulation, around $name.h: a communication step is any number of steps of $dt s. */
+/* FMI 2.0 for co-simulation, around $name.h: a communication step is steps of $dt s, and a shorter one to its end. */
 #include "$name.h"
 
 #include <stddef.h>
@@ -15,6 +15,7 @@
 #define GUID "$guid"
 #define INPUTS ${NAME}_INPUTS
 #define OUTPUTS ${NAME}_OUTPUTS
+#define ROUNDING 1e-6 /* share of a step that a clock may round by */
 
 /* Of the standard's header files, what is used here. */
 typedef void *fmi2Component, *fmi2ComponentEnvironment, *fmi2FMUstate;
@@ -91,15 +92,25 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component component, fmi2Real time, fmi2Real du
 {
     Instance *instance = component;
     State *state = &instance->state;
+    const State before = *state;
     const double steps = duration / ${NAME}_DT;
-    long left = steps >= 0 && steps < 1e9 ? (long)(steps + 0.5) : -1;
+    double rest;
+    long left;
+    int failed = 0;
     (void)time, (void)final;
-    if (left < 0 || steps - (double)left > 1e-6 * steps || (double)left - steps > 1e-6 * steps)
-        return refuse(instance->callbacks, "communication steps must be multiples of $dt s");
+    if (!(steps >= 0 && steps < 1e9))
+        return refuse(instance->callbacks, "a communication step must be from 0 to 1e9 steps of $dt s");
+    left = (long)(steps + ROUNDING);
+    rest = steps - (double)left > ROUNDING ? duration - (double)left * ${NAME}_DT : 0;
     ${name}_switch(&state->body, state->contact);
-    for (; left > 0; --left)
-        if (${name}_step(&state->body, state->inputs))
-            return refuse(instance->callbacks, "an input is not a finite number, or leads to none");
+    for (; left > 0 && !failed; --left)
+        failed = ${name}_step(&state->body, state->inputs);
+    if (rest > 0 && !failed)
+        failed = ${name}_step_by(&state->body, state->inputs, rest);
+    if (failed) {
+        *state = before;
+        return refuse(instance->callbacks, "an input is not a finite number, or leads to none");
+    }
     return fmi2OK;
 }
 

@@ -58,22 +58,57 @@ int ${name}_switch($name *body, int contact)
     return 0;
 }
 
-int ${name}_step($name *body, const real u[])
+/* What inputs push with in a contact mode. */
+static void push(int mode, const real u[], real force[])
 {
-    const int mode = body->contact, first = FIRST_INPUT[mode], shared = ${NAME}_INPUTS - SHARED;
-    real force[ORDER] = {0}, change[ORDER], supplied = 0, dissipated = 0;
+    const int first = FIRST_INPUT[mode], shared = ${NAME}_INPUTS - SHARED;
     int i, j;
-
+    for (i = 0; i < ORDER; ++i)
+        force[i] = 0;
     for (j = 0; j < INPUT_COUNT[mode]; ++j)
         for (i = 0; i < ORDER; ++i)
             force[i] += INPUT[first + j][i] * u[first + j];
     for (j = 0; j < SHARED; ++j)
         for (i = 0; i < ORDER; ++i)
             force[i] += SHARED_INPUT[mode][j][i] * u[shared + j];
+}
+
+/* Ends a step of such a share of DT, with d and, where damping is dense, the power that is dissipated. */
+static int advance($name *body, real share, const real force[], const real change[], real dissipated)
+{
+    const int mode = body->contact;
+    real supplied = 0;
+    int i;
+    for (i = 0; i < ORDER; ++i) {
+        const real v = body->r[i] + change[i];
+        supplied += force[i] * v;
+#if !DENSE_DAMPING
+        dissipated += DAMPING[mode][i] * v * v;
+#endif
+    }
+    if (!isfinite(supplied) || !isfinite(dissipated))
+        return -1;
+    for (i = 0; i < ORDER; ++i) {
+        body->e[i] += share * TRAVEL[mode][i] * (body->r[i] + change[i]);
+        body->r[i] += 2 * change[i];
+    }
+    body->supplied += share * DT * supplied;
+    body->dissipated += share * DT * dissipated;
+    return 0;
+}
+
+int ${name}_step($name *body, const real u[])
+{
+    const int mode = body->contact;
+    real force[ORDER], change[ORDER], dissipated = 0;
+    int i;
+
+    push(mode, u, force);
 #if DENSE_DAMPING
     {
         const real inertia = 2 / DT;
         real right[ORDER], heat[ORDER] = {0};
+        int j;
         for (i = 0; i < ORDER; ++i) {
             right[i] = force[i] - FREQUENCY[mode][i] * body->e[i];
             change[i] = 0;
@@ -95,22 +130,71 @@ int ${name}_step($name *body, const real u[])
         change[i] = COMPLIANCE[mode][i]
             * (force[i] - FREQUENCY[mode][i] * body->e[i] - RESISTANCE[mode][i] * body->r[i]);
 #endif
-    for (i = 0; i < ORDER; ++i) {
-        const real v = body->r[i] + change[i];
-        supplied += force[i] * v;
-#if !DENSE_DAMPING
-        dissipated += DAMPING[mode][i] * v * v;
-#endif
-    }
-    if (!isfinite(supplied) || !isfinite(dissipated))
+    return advance(body, 1, force, change, dissipated);
+}
+
+int ${name}_step_by($name *body, const real u[], double h)
+{
+    const int mode = body->contact;
+    const real inertia = (real)(2 / h), half = (real)(h / 2);
+    real force[ORDER], change[ORDER], dissipated = 0;
+    int i;
+
+    if (!(h > 0) || !isfinite(h) || !isfinite(inertia))
         return -1;
-    for (i = 0; i < ORDER; ++i) {
-        body->e[i] += TRAVEL[mode][i] * (body->r[i] + change[i]);
-        body->r[i] += 2 * change[i];
+    push(mode, u, force);
+#if DENSE_DAMPING
+    {
+        real A[ORDER][ORDER], v[ORDER]; /* D + h/2 w^2, then the Cholesky factor of A below its diagonal, and on it */
+        int j, k;
+        for (i = 0; i < ORDER; ++i) {
+            for (j = 0; j < ORDER; ++j)
+                A[i][j] = RESISTANCE[mode][i][j];
+            A[i][i] += (half - DT / 2) * FREQUENCY[mode][i] * FREQUENCY[mode][i];
+            change[i] = force[i] - FREQUENCY[mode][i] * body->e[i];
+        }
+        for (i = 0; i < ORDER; ++i)
+            for (j = 0; j < ORDER; ++j)
+                change[i] -= A[i][j] * body->r[j];
+        for (j = 0; j < ORDER; ++j) {
+            A[j][j] += inertia;
+            for (k = 0; k < j; ++k)
+                A[j][j] -= A[j][k] * A[j][k];
+            if (!(A[j][j] > 0))
+                return -1;
+            A[j][j] = (real)sqrt(A[j][j]);
+            for (i = j + 1; i < ORDER; ++i) {
+                for (k = 0; k < j; ++k)
+                    A[i][j] -= A[i][k] * A[j][k];
+                A[i][j] /= A[j][j];
+            }
+        }
+        for (i = 0; i < ORDER; ++i) {
+            for (k = 0; k < i; ++k)
+                change[i] -= A[i][k] * change[k];
+            change[i] /= A[i][i];
+        }
+        for (i = ORDER - 1; i >= 0; --i) {
+            for (k = i + 1; k < ORDER; ++k)
+                change[i] -= A[k][i] * change[k];
+            change[i] /= A[i][i];
+        }
+        for (i = 0; i < ORDER; ++i)
+            v[i] = body->r[i] + change[i];
+        for (i = 0; i < ORDER; ++i) {
+            real resisted = -DT / 2 * FREQUENCY[mode][i] * FREQUENCY[mode][i] * v[i]; /* D v */
+            for (j = 0; j < ORDER; ++j)
+                resisted += RESISTANCE[mode][i][j] * v[j];
+            dissipated += v[i] * resisted;
+        }
     }
-    body->supplied += DT * supplied;
-    body->dissipated += DT * dissipated;
-    return 0;
+#else
+    for (i = 0; i < ORDER; ++i) {
+        const real resistance = DAMPING[mode][i] + half * FREQUENCY[mode][i] * FREQUENCY[mode][i];
+        change[i] = (force[i] - FREQUENCY[mode][i] * body->e[i] - resistance * body->r[i]) / (inertia + resistance);
+    }
+#endif
+    return advance(body, (real)(h / ${NAME}_DT), force, change, dissipated);
 }
 
 void ${name}_outputs(const $name *body, real y[])

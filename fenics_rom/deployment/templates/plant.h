@@ -59,6 +59,9 @@ int ${name}_switch($name *body, int contact);
  * finite. */
 int ${name}_step($name *body, const ${name}_real u[]);
 
+/* The same by any other time h, s; where damping is dense it factorises a matrix, ${NAME}_ORDER^3 / 6 multiplications. */
+int ${name}_step_by($name *body, const ${name}_real u[], double h);
+
 /* Displacements y[${NAME}_OUTPUTS], m. */
 void ${name}_outputs(const $name *body, ${name}_real y[]);
 
