@@ -47,8 +47,8 @@ def mapping_in(where: str, given: Any, error: type[FenicsRomError]) -> dict[str,
 
 
 def check_function(where: str, given: Any, error: type[FenicsRomError], allowed: str) -> None:
-    """The error of what cannot be called."""
-    if not callable(given):
+    """The error of what is no function."""
+    if not callable(given) or isinstance(given, type):
         raise error(f"{where}: {shown(given)} was given; allowed is a function {allowed}")
 
 
@@ -58,5 +58,5 @@ def path_in(where: str, given: Any, error: type[FenicsRomError] = FileError) -> 
     if not isinstance(name, str):
         raise error(f"{where}: {shown(given)} was given; allowed is the name of a file or folder")
     if "\0" in name:
-        raise error(f"{where}: {shown(given)} was given; allowed is a name without NUL")
+        raise error(f"{where}: {shown(name)} cannot be read: allowed is a name without NUL")
     return Path(name)

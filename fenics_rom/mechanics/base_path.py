@@ -69,7 +69,7 @@ class BasePath:
 
     def __post_init__(self) -> None:
         for name in ("times", "positions", "rotations", "velocities", "angular_velocities"):
-            if (given := getattr(self, name)) is not None:
+            if (given := getattr(self, name)) is not None or name in ("times", "positions", "rotations"):
                 object.__setattr__(self, name, real_numbers_or_nan(given))
 
     def __call__(self, time: float) -> BaseState:

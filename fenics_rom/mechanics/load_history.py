@@ -26,8 +26,8 @@ def count_steps(duration: float, dt: float, every: int) -> int:
         raise SceneError(f"dt = {shown(dt)}: allowed is more than 0 and at most the duration, {exactly(duration)} s")
     steps = duration / dt
     if steps > MOST_STEPS:
-        raise SceneError(f"dt = {dt:g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")
-    if not (is_number(every, whole=True) and every >= 1):
+        raise SceneError(f"dt = {float(dt):g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")
+    if not (is_number(every, whole=True) and 1 <= every <= MOST_STEPS):
         raise SceneError(f"every = {shown(every)}: allowed is a whole number of steps, at least 1")
     return round(steps)
 
@@ -67,6 +67,7 @@ class LoadHistory:
         self.dt = run.dt if dt is None else dt
         self.every = run.every if every is None else every
         self.steps = count_steps(run.duration, self.dt, self.every)
+        self.dt, self.every = float(self.dt), int(self.every)
         self.automatic = environment.switches_itself
         self._loads, self._contact_columns = run.loads, dict(contact_columns)
         starts = dict(zip(actuator_columns, np.cumsum([0, *actuator_columns.values()]), strict=False))

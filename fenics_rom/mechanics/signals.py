@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 FLOAT = np.dtype(float)
-NO_NUMBERS = bool, str, bytes, type(None)  # which Python would make numbers of, or NumPy NaN
+NO_NUMBERS = str, bytes, type(None)  # which Python would make numbers of, or NumPy NaN
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ def real_numbers(value: "ArrayLike | Mapping[str, Any]") -> Array:
     if several and array.dtype is FLOAT and array.ndim < 2:  # as most often
         return array
     kind = array.dtype.kind
-    if kind not in "fiu" and (kind != "O" or any(isinstance(part, NO_NUMBERS) for part in array.flat)):
+    if kind not in "fiub" and (kind != "O" or any(isinstance(part, NO_NUMBERS) for part in array.flat)):
         raise TypeError(f"of type {array.dtype}")
     parts: Any = value if several else [value]
     if type(value) is not np.ndarray and any(map(hides_numbers, parts)):

@@ -111,7 +111,7 @@ class Batch(SteppedBodies):
         if (touches or rom.deformation is not None or rom.environment.is_moving) and self.dtype != np.float64:
             raise StepError("dtype = float32: allowed with contact, large deformation or a moving frame is float64")
         if detail is not None and not rom.environment.is_moving:
-            raise StepError(f"detail = {detail!r}: allowed is a ROM of a body in a moving frame")
+            raise StepError(f"detail = {shown(detail)}: allowed is a ROM of a body in a moving frame")
         if rom.environment.is_moving:  # imports are here, as few scenes have such things
             from fenics_rom.runtime.batch_carried import BatchCarried
 

@@ -320,7 +320,7 @@ class BatchedBodies:
                 f"input: allowed are {self.inputs} numbers in N for each of {self.size} bodies, or for all; "
                 f"given: an array of shape {u.shape}"
             )
-        if u.dtype.kind not in "fiu":
+        if u.dtype.kind not in "fiub":
             raise StepError(f"input: allowed are real numbers in N, given: an array of {u.dtype}")
         if u.dtype != self.dtype:
             with np.errstate(over="ignore"):

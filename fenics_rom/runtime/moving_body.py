@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError
+from fenics_rom.errors import StepError, shown
 from fenics_rom.mechanics.base_path import BaseState, checked_base
 from fenics_rom.mechanics.frame_motion import world_displacement, world_velocity
 from fenics_rom.mechanics.step import MOVING_FRAME, StepInput
@@ -133,7 +133,7 @@ class MovingBody(SimulatedBody):
         acting = None if self.environment is None else self.environment.environment
         if acting is None or not acting.is_moving:
             if given is not None:
-                raise StepError(f"detail = {given!r}: allowed is a ROM of a body in a moving frame")
+                raise StepError(f"detail = {shown(given)}: allowed is a ROM of a body in a moving frame")
             return "full"
         return given or (acting.run.detail if acting.run else "full")
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.arguments import is_number
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import SceneError, shown
 from fenics_rom.mechanics.base_path import BaseState, checked_base
 from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.world.shapes import Shape
@@ -75,7 +75,7 @@ class RigidBody:
         Raises:
             SceneError: neither density nor mass, or both, or an inertia that no body has.
         """
-        given = f"density = {self.density!r}, mass = {self.mass!r}"
+        given = f"density = {shown(self.density)}, mass = {shown(self.mass)}"
         known = [number for number in (self.density, self.mass) if number is not None]
         if len(known) != 1 or not (is_number(known[0]) and known[0] > 0):
             raise SceneError(

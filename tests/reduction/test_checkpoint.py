@@ -147,5 +147,5 @@ def test_a_damaged_checkpoint_is_refused(box_system, stopped):
 
 
 def test_a_checkpoint_needs_a_place(box_system, tmp_path):
-    with pytest.raises(FileError, match="cannot be written"):
+    with pytest.raises(FileError, match="cannot be made: folder"):
         fr.reduce(box_system, order=6, checkpoint=tmp_path / "nowhere" / "partial")

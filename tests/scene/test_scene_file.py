@@ -284,7 +284,7 @@ def test_bad_force_table_is_told(tmp_path, content, message):
     file.write_text(changed((FORCE, TABLE)))
     with pytest.raises(SceneError, match=re.escape(message)) as caught:
         fr.read_scene(file)
-    assert str(caught.value).startswith(f"{file}: table ")
+    assert str(caught.value).startswith(f"{file}: run.load[0].table: table ")
     assert "force.csv" in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -59,7 +59,7 @@ int ${name}_switch($name *body, int contact)
 }
 
 /* What inputs push with in a contact mode. */
-static void push(int mode, const real u[], real force[])
+static inline void push(int mode, const real u[], real force[])
 {
     const int first = FIRST_INPUT[mode], shared = ${NAME}_INPUTS - SHARED;
     int i, j;
@@ -74,7 +74,7 @@ static void push(int mode, const real u[], real force[])
 }
 
 /* Ends a step of such a share of DT, with d and, where damping is dense, the power that is dissipated. */
-static int advance($name *body, real share, const real force[], const real change[], real dissipated)
+static inline int advance($name *body, real share, const real force[], const real change[], real dissipated)
 {
     const int mode = body->contact;
     real supplied = 0;

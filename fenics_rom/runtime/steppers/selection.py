@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fenics_rom.errors import StepError, unknown
+from fenics_rom.errors import StepError, shown, unknown
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
@@ -68,7 +68,7 @@ def make_stepper(
     rigid_displacement = np.zeros(rom.rigid)
     if rom.deformation is None:
         if kind is not None:
-            raise StepError(f"stepper = {kind!r}: belongs to large deformation, which ROM {rom.name!r} has not")
+            raise StepError(f"stepper = {shown(kind)}: belongs to large deformation, which ROM {rom.name!r} has not")
         if interface is None and actuators is None and series is None and has_inertia and not is_moving:
 
             def make_kernel(contact: str) -> Kernel:
@@ -115,7 +115,7 @@ def _finite_strain_kind(rom: Rom, dt: float, kind: str | None, has_inertia: bool
     """The stepper that was asked for or, where none was, that suits a time step (s), and why."""
     if not has_inertia:
         if kind is not None:
-            raise StepError(f"stepper = {kind!r}: a scene without inertia has but equilibria")
+            raise StepError(f"stepper = {shown(kind)}: a scene without inertia has but equilibria")
         return "equilibrium", "the scene has no inertia"
     if kind is not None:
         if kind not in FINITE_STRAIN_STEPPERS:

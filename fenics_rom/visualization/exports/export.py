@@ -3,13 +3,14 @@
 from collections.abc import Iterator, Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.arguments import check_flag, is_number, names_in, path_in
 from fenics_rom.deployment.plant import PLANT_FORMATS, write_plant
-from fenics_rom.errors import FileError, shown
+from fenics_rom.errors import FileError, exactly, shown
 from fenics_rom.io.given import object_or_file
 from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.io.progress import Report, silent
@@ -119,6 +120,10 @@ def export(
     return place
 
 
+def _said(given: Any) -> str:
+    return exactly(given) if is_number(given) else shown(given)
+
+
 def _export_rom(place: Path, rom: Rom, kind: str, count: int | None, dark: bool) -> None:
     if count is not None and not (is_number(count, whole=True) and count >= 1):
         raise FileError(f"--count {shown(count)}: allowed are whole numbers from 1")
@@ -141,14 +146,14 @@ def _export_run(
     if not len(run.triangles) or not len(run.snapshots):
         raise FileError(f"run {run.name!r} has no surface to draw")
     if not (is_number(scale) and scale > 0):
-        raise FileError(f"--scale {shown(scale)}: allowed are finite numbers > 0")
+        raise FileError(f"--scale {_said(scale)}: allowed are finite numbers > 0")
     if seconds is not None and not (is_number(seconds) and 0 < seconds <= MAX_SECONDS):
-        raise FileError(f"--seconds {shown(seconds)}: allowed is more than 0 and at most {MAX_SECONDS:g}")
+        raise FileError(f"--seconds {_said(seconds)}: allowed is more than 0 and at most {MAX_SECONDS:g}")
     if time is not None:
         if place.suffix not in (".vtu", ".png"):
             raise FileError(f"{place}: shows all instants; --time is for .vtu and .png")
         if not (is_number(time) and 0 <= time <= run.times[-1]):
-            raise FileError(f"--time {shown(time)}: allowed are 0 to {run.times[-1]:g} s, which the run lasts")
+            raise FileError(f"--time {_said(time)}: allowed are 0 to {run.times[-1]:g} s, which the run lasts")
     row = len(run.snapshots) - 1 if time is None else int(np.abs(run.snapshot_times - time).argmin())
     if place.suffix == ".pvd":
         every = [_fields(run, k) for k in range(len(run.snapshots))]
