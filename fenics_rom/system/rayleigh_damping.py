@@ -26,7 +26,8 @@ def check_damping_choice(damping: Any, rayleigh: tuple[float, float] | None) -> 
         )
     pair = rayleigh if isinstance(rayleigh, tuple | list) else ()
     if rayleigh is not None and not (len(pair) == 2 and all(is_number(c) and c >= 0 for c in pair)):
-        raise StructureError(f"rayleigh = {shown(rayleigh)}: allowed are two finite numbers (α, β) >= 0, in 1/s and s")
+        allowed = "two finite numbers (α, β) from 0, in 1/s and s"
+        raise StructureError(f"rayleigh = {shown(rayleigh)}: allowed are {allowed}")
 
 
 def fitted_rayleigh(M: Operator, D: Operator, K: Operator, algebra: Algebra) -> tuple[float, float] | None:
