@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.batch_braking import BatchBraking
 from fenics_rom.mechanics.body_axis import put, taken
 from fenics_rom.mechanics.complementarity.normals import NORMAL, along, subtract_along
 from fenics_rom.mechanics.complementarity.problems import Problems
@@ -21,7 +22,6 @@ from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
 
 ROUND_OFF = 1e-14  # of the work that forces do at what they add: that of work, as the sum over the points has it
-HELPING = 1e-9  # of that of velocities to be stopped: work of friction on a body that is looked at; less is let pass
 
 
 class BatchObstacles(NamedTuple):
@@ -75,6 +75,7 @@ class BatchForces(NamedTuple):
     obstacle: Array  # (P, T) that each point is paired with
     normals: Array | None  # (3, P, T)
     velocities: Array  # u (3, P, T) of the points under them, less what the law has them be; see `Splitting`
+    swung: Array | None  # (P, T) in how many steps in a row friction did not stop points; None: in none
     alone: Array  # (A,) which of the B bodies are to be solved one by one
 
 
@@ -120,6 +121,7 @@ class BatchContactSolver:
         pushed: Array,
         forces: Array,
         u: Array,
+        swung: Array,
     ) -> BatchForces | None:
         """Contact forces of one step; None where nothing touches.
 
@@ -132,6 +134,7 @@ class BatchContactSolver:
             friction: μ (B,).
             pushed: (O, P, B) pairs that had forces in the step before.
             forces, u: (3, P, B) of the step before; may be made those of this one.
+            swung: (O, P, B) in how many steps in a row pairs were not stopped; see `Braking`.
         """
         approaches = self._approaches(motion, distances, dt, obstacles, pushed)
         touching = approaches.due.any(axis=(0, 1)).nonzero()[0]
@@ -141,6 +144,7 @@ class BatchContactSolver:
             motion, obstacles, approaches = motion.of(touching), obstacles.of(touching), approaches.of(touching)
             distances = taken(distances[0], touching), _of(distances[1], touching)
             friction, forces, u = friction[touching], taken(forces, touching), taken(u, touching)
+            swung = taken(swung, touching)
         forces, u = np.ascontiguousarray(forces), np.ascontiguousarray(u)
         pairs = self._pairs(motion, distances, dt, obstacles, approaches)
         chosen = _Chosen.of_pairs(pairs, friction)
@@ -150,8 +154,9 @@ class BatchContactSolver:
         if several:
             alone |= np.count_nonzero(pairs.due, axis=0).max(axis=0) > 1
             alone |= pairs.others_due(chosen, u) & settled
-        again = chosen.to_solve_again(forces, u, settled)
+        braking = BatchBraking(swung[0] if len(swung) == 1 else _picked(swung, chosen.obstacle))
         part, found, pending = chosen, (forces, u), np.arange(len(touching))
+        again = chosen.to_solve_again(forces, u, settled, braking, pending)
         while again.any():
             if not again.all():
                 left = again.nonzero()[0]
@@ -162,12 +167,11 @@ class BatchContactSolver:
             if part is not chosen:
                 put(forces, pending, found[0])
                 put(u, pending, found[1])
-            again = part.to_solve_again(*found, np.ones(len(pending), bool))
+            again = part.to_solve_again(*found, np.ones(len(pending), bool), braking, pending)
         response = bodies.respond(forces)
         work = chosen.make_passive(forces, response)
-        return BatchForces(
-            touching, forces, response, work, chosen.obstacle, chosen.problems.normals, u, touching[alone]
-        )
+        of_points = chosen.obstacle, chosen.problems.normals, u, braking.swung
+        return BatchForces(touching, forces, response, work, *of_points, touching[alone])
 
     def _approaches(
         self,
@@ -289,14 +293,15 @@ class _Chosen(NamedTuple):
         """Those of some of the bodies."""
         return _Chosen(self.problems.of(bodies), *(taken(part, bodies) for part in self[1:]))
 
-    def to_solve_again(self, forces: Array, u: Array, settled: Array) -> Array:
-        """Bodies (B,) that are not settled, or have pairs that were missed, or which friction would help.
+    def to_solve_again(self, forces: Array, u: Array, settled: Array, braking: BatchBraking, bodies: Array) -> Array:
+        """Bodies (B,) that are not settled, or have pairs that were missed, or are asked for another c_t.
 
-        Under forces (3, P, B), at u. Such pairs of settled bodies are made to take part, and not to be helped.
+        Under forces (3, P, B), at u. Missed pairs of settled bodies are made to take part. Of `braking` these are the
+        `bodies` (B,).
         """
         again = ~settled
         if not again.all():
-            again |= self._stop_helping_friction(forces, u, settled)
+            again |= braking.asks_less(bodies, self.problems, self.tangential_target, forces, u, settled)
             again |= self._add_missed(u, settled)
         return again
 
@@ -308,26 +313,6 @@ class _Chosen(NamedTuple):
         missed = (self.target + along(u, self.problems.normals) < self.level) & (due == 0) & settled
         due[missed] = 1.0
         return missed.any(axis=0)
-
-    def _stop_helping_friction(self, forces: Array, u: Array, settled: Array) -> Array:
-        """Sets c_t = 0 where friction would do work on a body; bodies (B,) with such."""
-        c_t, q = self.tangential_target, self.problems.q
-        negligible = HELPING * np.abs(np.einsum("apb,apb->b", forces, q))
-        suspects = ((np.einsum("apb,apb->b", forces, c_t) > negligible) & settled).nonzero()[0]
-        helped = np.zeros(len(negligible), bool)
-        if not len(suspects):
-            return helped
-        normals = None if self.problems.normals is None else taken(self.problems.normals, suspects)
-        f, velocity, c_t = (taken(part, suspects) for part in (forces, u, c_t))
-        velocity += c_t
-        tangential = f
-        subtract_along(tangential, along(f, normals), normals)
-        work = np.einsum("apb,apb->pb", tangential, velocity)
-        helps = (work > negligible[suspects]) & c_t.any(axis=0) & (work.sum(axis=0) > negligible[suspects])
-        helped[suspects] = helps.any(axis=0)
-        put(q, suspects, taken(q, suspects) + c_t * helps)
-        put(self.tangential_target, suspects, c_t * ~helps)
-        return helped
 
     def make_passive(self, forces: Array, response: Response) -> Array:
         """Makes forces, and their response, smaller where they would do work on a body; that which they do, (B,), W."""

@@ -214,6 +214,7 @@ class ContactSearch(NamedTuple):
     is_steady: bool = False  # whether that step took no search
     unturned: int = 0  # number of steps before it that took none, either, had these frames and left no planes
     planes: TangentPlanes | None = None  # where points have not moved since they were taken
+    swung: Array | None = None  # (O P,) in how many steps in a row friction did not stop pairs; None: in none
 
     def law_of(self, key: bytes) -> KeptLaw | None:
         """The law of those pairs of which the key tells that they take part, as booleans."""

@@ -48,6 +48,13 @@ def is_at_kink(law: ContactLaw, pairs: Pairs | None, found: SolvedPairs | None) 
     return bool((hardly_closed | hardly_slips).any())
 
 
+class _AtShare(NamedTuple):
+    """What the share that swinging pairs are asked for passes back; see Braking."""
+
+    velocities: Array  # derivatives with v (C, 3)
+    normals: Array  # derivatives with the normals n (C, 3)
+
+
 class ContactAdjoint(NamedTuple):
     """Contact of a step, to go back through."""
 
@@ -78,15 +85,46 @@ class ContactAdjoint(NamedTuple):
     def pull_back(self, φ: Array) -> PointMotion:
         """Derivatives with what the points do, (P, 3) each, from those with the forces on them, φ (P, 3), 1/N."""
         frames, point = self.found.problem.frames, self.found.active % len(φ)
-        φ = φ[point]
+        φ, at_share = self._through_share(φ[point])
         ψ = self._law_pulled_back(frames.turned(φ)[0])
         by_gap, by_approach, by_slide = self._target_slopes()
         c = ψ * np.stack([by_approach, by_slide, by_slide])
         n, Ψ, by_start = np.broadcast_to(frames.axes[:, :, 0], (len(point), 3)), frames.in_space(ψ), -frames.in_space(c)
         x = -(by_gap * ψ[0])[:, None] * n
         if self.curvature is not None:
-            x += (self.curvature @ _cross(self._turned_back(φ, Ψ, by_start), n)[:, :, None])[:, :, 0]
+            by_normal = _cross(self._turned_back(φ, Ψ, by_start), n)
+            if at_share is not None:
+                by_normal += at_share.normals
+            x += (self.curvature @ by_normal[:, :, None])[:, :, 0]
+        if at_share is not None:
+            Ψ = Ψ + at_share.velocities
         return PointMotion(*(self._at_points(values) for values in (x, by_start, Ψ)))
+
+    def _through_share(self, φ: Array) -> "tuple[Array, _AtShare | None]":
+        """Derivatives with forces (C, 3) at a share σ that stays, and what else the share depends on.
+
+        Friction does no work at it: G = Σ f_t·v̂_t = 0 changes by γ·δF + .., with γ = v̂_t + W f_t, and forces with σ
+        by -N ∂c/∂σ. So φ + κ γ is in place of φ, κ = -(Nᵀφ)·∂c/∂σ / (Nᵀγ)·∂c/∂σ.
+        """
+        (problem, active), braking = (self.found.problem, self.found.active), self.found.pairs.braking
+        if braking is None or braking.by_share is None or problem.sliding is None:
+            return φ, None
+        frames, (f, u) = problem.frames, (self.found.forces.copy(), self.found.velocities.copy())
+        pressure, closing = f[0].copy(), u[0] + problem.target - self.found.pairs.compliance * f[0]
+        f[0] = u[0] = 0.0
+        u[1:] += problem.sliding
+        F, v̂ = frames.in_space(f), frames.in_space(u)
+        γ = v̂ + self._moved(F)
+        by_share = braking.by_share.take(active, axis=1)
+        own, of_work = (float((self._law_pulled_back(frames.turned(part)[0])[1:] * by_share).sum()) for part in (φ, γ))
+        κ = -own / of_work
+        return φ + κ * γ, _AtShare(κ * F, -κ * (closing[:, None] * F + pressure[:, None] * v̂))
+
+    def _moved(self, forces: Array) -> Array:
+        """Velocities of pairs that took part (C, 3), m/s, by forces on them (C, 3), by the operator transposed."""
+        moved = self.found.operator.T @ self._at_points(forces).ravel()
+        of_pairs: Array = moved.reshape(-1, 3)[self.found.active % (len(self.found.operator) // 3)]
+        return of_pairs
 
     def _at_points(self, values: Array) -> Array:
         """Of pairs that took part (C, 3), together at the points (P, 3)."""
@@ -101,7 +139,7 @@ class ContactAdjoint(NamedTuple):
         v̂ = found.velocities.copy()
         v̂[0] += problem.target - found.pairs.compliance * found.forces[0]
         v̂[1:] += 0.0 if problem.sliding is None else problem.sliding
-        WΨ = (found.operator.T @ self._at_points(Ψ).ravel()).reshape(-1, 3)[found.active % (len(found.operator) // 3)]
+        WΨ = self._moved(Ψ)
         F, v̂, a = map(frames.in_space, (found.forces, v̂, found.pairs.relative.take(found.active, axis=1)))
         turned: Array = _cross(F, φ + WΨ) - _cross(v̂, Ψ) - _cross(a, by_start)
         return turned
@@ -124,10 +162,9 @@ class ContactAdjoint(NamedTuple):
         pairs, active = self.found.pairs, self.found.active
         target, approach = pairs.target.take(active), pairs.relative[0].take(active)
         by_gap, by_approach = target_slopes(self.law, target, approach, self.found.dt, self.found.quasi_static)
-        if pairs.sliding is None:
+        if pairs.braking is None:
             return by_gap, by_approach, np.zeros(len(active))
-        asked = np.ones(len(active)) if pairs.unasked is None else ~pairs.unasked.take(active)
-        return by_gap, by_approach, asked / 2
+        return by_gap, by_approach, pairs.braking.slopes.take(active)
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.complementarity import Delassus, FramedDelassus, Frames
+from fenics_rom.mechanics.braking import WORK_ROUND_OFF, Braking
+from fenics_rom.mechanics.complementarity import Delassus, FramedDelassus, Frames, response
 from fenics_rom.mechanics.contact import ContactLaw, PointMotion
-
-WORK_ROUND_OFF = 1e-12  # of force times velocity: work that is no work
 
 
 class PairsProblem(NamedTuple):
@@ -35,12 +34,12 @@ class Pairs:
     level: Array  # (O P,) normal velocities below which a pair takes part
     target: Array  # c (O P,)
     compliance: float  # of each pair along its normal, m/s/N; 0 for the rigid law
-    sliding: Array | None  # c_t (2, O P); None where nothing slides
-    unasked: Array | None = None  # (O P,) those whose c_t was set to 0; None: no pair's was
+    braking: Braking | None  # with c_t (2, O P); None where nothing slides
 
     def problem(self, active: Array, operator: Delassus, forces: Array, are_kept: bool) -> PairsProblem:
         """Of active pairs, which begins with forces of all pairs (O P, 3); `are_kept`: see FramedDelassus."""
-        frames, free, target, sliding = self.frames, self.free, self.target, self.sliding
+        frames, free, target = self.frames, self.free, self.target
+        sliding = None if self.braking is None else self.braking.targets
         if len(active) < len(target):
             frames, free, target = frames.of(active), free.take(active, axis=1), target.take(active)
             forces, sliding = forces.take(active, axis=0), None if sliding is None else sliding.take(active, axis=1)
@@ -57,28 +56,26 @@ class Pairs:
         A point that is wedged between two obstacles, each with a c_t of its own, may not be able to stick to either:
         then no forces solve the problem. Without c_t what it does stick to needs no velocity from friction.
         """
-        if self.sliding is None or not self.sliding[:, active].any():
-            return False
-        self.sliding[:, active] = 0.0
-        return True
+        return self.braking is not None and self.braking.stop_asking(active)
 
-    def stop_helping_friction(self, active: Array, forces: Array, velocities: Array, problem: PairsProblem) -> bool:
-        """Sets c_t = 0 for active pairs whose friction would do work on the body; whether there are any.
+    def asks_less(
+        self, active: Array, forces: Array, velocities: Array, problem: PairsProblem, friction: float
+    ) -> bool:
+        """Whether the c_t of active pairs are others than before, as friction would do work on the body.
 
         Of these are forces and velocities u = v̂ - w - c n - c_t, (3, C) each.
         """
-        helps = helping_pairs(forces, velocities, problem)
-        if helps is None:
+        if self.braking is None:
             return False
-        self._stop(active[helps])
-        return True
 
-    def _stop(self, pairs: Array) -> None:
-        """Sets c_t = 0 for some pairs."""
-        assert self.sliding is not None
-        self.sliding[:, pairs] = 0.0
-        self.unasked = np.zeros(len(self.target), dtype=bool) if self.unasked is None else self.unasked
-        self.unasked[pairs] = True
+        def by_targets(change: Array) -> tuple[Array, Array]:
+            by_q = np.zeros(forces.shape)
+            np.negative(change, by_q[1:])
+            by_forces = response(problem.operator, friction, forces, velocities, by_q)
+            return by_forces[1:], (problem.operator.moved(by_forces) + by_q)[1:]
+
+        negligible = WORK_ROUND_OFF * float(np.abs(forces).max()) * float(np.abs(problem.q).max())
+        return self.braking.asks_less(active, forces[1:], velocities[1:], negligible, by_targets)
 
 
 class SolvedPairs(NamedTuple):
@@ -103,17 +100,19 @@ class Settled:
 
     def __init__(self) -> None:
         self._chosen: Array | None = None  # (O P,)
-        self._sliding: Array | None = None  # c_t (2, O P)
+        self._braking: Braking | None = None
 
     def take_part(self, chosen: Array, pairs: Pairs) -> None:
         """Adds pairs that took part before, with the c_t that they had."""
         if self._chosen is not None:
             chosen |= self._chosen
-            pairs.sliding = self._sliding
+            pairs.braking = self._braking
+            if self._braking is not None:
+                self._braking.look_anew()
 
     def keep(self, chosen: Array, pairs: Pairs) -> None:
         """Takes note of a sweep."""
-        self._chosen, self._sliding = chosen, pairs.sliding
+        self._chosen, self._braking = chosen, pairs.braking
 
 
 class NormalLaw(NamedTuple):
@@ -214,17 +213,3 @@ def passive_forces(f: Array, problem: PairsProblem) -> tuple[Array, Array]:
     spent, given = float(f.ravel().dot(moved.ravel())), float(f.ravel().dot(problem.free.ravel()))
     share = min(1.0, max(0.0, -given / spent)) if spent > 0 else 1.0
     return share * f, share * moved + problem.q
-
-
-def helping_pairs(forces: Array, velocities: Array, problem: PairsProblem) -> Array | None:
-    """Active pairs whose friction would do work on the body, (C,), or None if it does none as a whole."""
-    friction, c_t = forces[1:], problem.sliding
-    with_targets = 0.0 if c_t is None else float(friction.ravel().dot(c_t.ravel()))
-    if c_t is None or with_targets <= 0:  # with what is left of the velocities it never does
-        return None
-    negligible = WORK_ROUND_OFF * float(np.abs(forces).max()) * float(np.abs(problem.q).max())
-    if with_targets <= negligible:
-        return None
-    work = (friction * (velocities[1:] + c_t)).sum(axis=0)
-    helps = (work > negligible) & c_t.any(axis=0)  # each but once: where c_t = 0, what is left is round-off
-    return helps if work.sum() > negligible and helps.any() else None

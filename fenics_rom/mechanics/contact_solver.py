@@ -18,7 +18,8 @@ gets deeper inside than a step's motion.
 
 Friction is Coulomb's, with s_t = v̂_t - w_t - c_t and c_t = (v_t - w_t)/2: what sticks has v_t⁺ = w_t. Where friction
 as a whole would do work on the body, having turned its motion round within the step, c_t = 0 takes its place for the
-pairs that do it; for all of them where no forces make it stop, as where a point is wedged between two obstacles.
+pairs that do it, and a share of c_t for those that have swung so for some steps (`braking`); for all of them where no
+forces make it stop, as where a point is wedged between two obstacles.
 """
 
 import math
@@ -29,6 +30,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.braking import Braking
 from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Frames, solve
 from fenics_rom.mechanics.complementarity.solution import ADVICE, largest
 from fenics_rom.mechanics.contact import (
@@ -75,6 +77,7 @@ class ContactSolver:
         self._rule: NormalRule | None = None
         self._offsets, self._placed = np.empty((0, 3)), list[Array]()  # the points at rest, less these
         self._followed: Callable[[], tuple[Pairs, SolvedPairs]] | None = None  # tells of the last step, if it was
+        self._begun: tuple[Array, Array | None] = np.empty((0, 3)), None  # velocities at its start, and `swung` before
 
     @property
     def first_search(self) -> ContactSearch:
@@ -160,7 +163,10 @@ class ContactSolver:
                 chosen, beside = chosen | followed.missed, beside.beside(law.key, followed.solution.kept)
         is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
         if not is_near and out_of_reach(gap, points, obstacles, dt):
+            self._touch_nothing()
             return None
+        if not np.array_equal(points.velocity, self._begun[0]):  # else it is asked again in the same step
+            self._begun = points.velocity.copy(), self.search.swung
         pairs = self._all_pairs(*self._relative(points, obstacles, w), normals, asked, slides)
         self._considered = pairs
         chosen = pairs.free[0] < pairs.level
@@ -169,6 +175,7 @@ class ContactSolver:
         key = chosen.tobytes()
         self._touches = b"\x01" in key
         if not self._touches:
+            self._touch_nothing()
             return None
         iterations, are_kept = 0, pairs.frames is search.frames
         while True:
@@ -195,7 +202,7 @@ class ContactSolver:
                 start[active] = pair_forces
             search = ContactSearch(start, search.residual, search.with_law(key, solution.kept), pairs.frames)
             point_forces = self._at_points(start)
-            repeat = pairs.stop_helping_friction(active, forces, velocities, problem)
+            repeat = pairs.asks_less(active, forces, velocities, problem, self.law.friction)
             if len(active) < len(chosen):
                 moved = self._of_pairs(delassus.dot(point_forces.ravel()).reshape(-1, 3))
                 missed = ((normals * moved).dot(_ONES) + pairs.free[0] < pairs.level) > chosen
@@ -211,6 +218,8 @@ class ContactSolver:
         if is_loose:
             search = search._replace(residual=search.residual.with_step(solution.residual))
         found = pairs, gaps, active, problem, forces, velocities, is_loose
+        if pairs.braking is not None:
+            search = search._replace(swung=pairs.braking.swung)
         self._solved = SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found)
         self.search = search
         power = None
@@ -218,6 +227,11 @@ class ContactSolver:
             closing = velocities[0] + problem.target
             power = float(forces[0].dot(closing - pairs.compliance * forces[0] if pairs.compliance else closing))
         return ContactSolution(point_forces, iterations, active, normals.take(active, axis=0), pair_forces, w, power)
+
+    def _touch_nothing(self) -> None:
+        """Takes note of a step in which nothing swings."""
+        if self.search.swung is not None:
+            self.search = self.search._replace(swung=None)
 
     def keep_followed(
         self,
@@ -310,7 +324,8 @@ class ContactSolver:
         """
         frames = self.search.frames_along(normals)
         free, relative = frames.turned(free, relative)
-        return Pairs(frames, free, relative, *asked(relative[0]), relative[1:] / 2 if slides else None)
+        braking = Braking(relative[1:] / 2, self._begun[1]) if slides else None
+        return Pairs(frames, free, relative, *asked(relative[0]), braking)
 
     def _asked(self, gaps: Array, gap: float, obstacles: ObstacleMotion, dt: float, quasi_static: bool) -> Asked:
         """The normal law of a step, of all pairs with these gaps (O P,), m, of which one is the smallest."""

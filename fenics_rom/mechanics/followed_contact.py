@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.braking import WORK_ROUND_OFF
 from fenics_rom.mechanics.complementarity import (
     Delassus,
     FollowedLaw,
@@ -23,7 +24,7 @@ from fenics_rom.mechanics.complementarity import (
 )
 from fenics_rom.mechanics.complementarity.solution import is_none, largest
 from fenics_rom.mechanics.contact import ContactLaw, ContactSearch
-from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF, Asked, NormalLaw
+from fenics_rom.mechanics.contact_pairs import Asked, NormalLaw
 
 _ONES, _HALF = np.ones(3), np.array(0.5)
 _MOST_OTHERS = 3  # pairs that take part, and did not, or the other way round, for which it pays to go on
@@ -160,7 +161,7 @@ def follow_contact(
         λ, closing = (f[0], u[0]) if n is None else (_ONES.dot(f * n), _ONES.dot(u * n))
         power = float(λ.dot(closing - compliance * λ if compliance else closing) + λ.dot(target))
         if sliding is not None:
-            by_friction = f.ravel().dot(sliding.ravel())  # see contact_pairs.helping_pairs
+            by_friction = f.ravel().dot(sliding.ravel())  # see Braking.asks_less
             if across is not None:
                 by_friction -= λ.dot(across)
             if by_friction > 0 and by_friction > WORK_ROUND_OFF * largest(np.abs(f)) * largest(np.abs(q)):

@@ -99,6 +99,7 @@ class BatchContact:
         self._is_read = any(isinstance(reading, ContactPressure) for reading in rom.readings.values())
         self.normal_forces = np.zeros((P, size))
         self._resultants, self._pushed = np.zeros((count, 3, size)), np.zeros((count, P, size), bool)
+        self._swung = np.zeros((count, P, size), np.int8)  # in how many steps in a row friction did not stop pairs
         self.residual = BatchResidual(self._modes, rom.rigid, self._axes, size)
         self._stands = np.zeros(size, bool)  # in this step
         self._clear = np.full(size, -np.inf)  # m: no obstacle is nearer
@@ -169,7 +170,7 @@ class BatchContact:
 
     def begin(self, bodies: Array, frozen: Array) -> None:
         """Bodies are where they were put, and nothing touches; some of them are inside an obstacle."""
-        for part in (self._forces, self.normal_forces, self._u, self._resultants, self._pushed):
+        for part in (self._forces, self.normal_forces, self._u, self._resultants, self._pushed, self._swung):
             part[..., bodies] = 0
         self._clear[bodies], self.frozen[bodies] = -np.inf, frozen
         self.residual.begin(bodies)
@@ -259,9 +260,11 @@ class BatchContact:
         )
         pushed = taken(self._pushed, own).copy()
         problem = motion, distances, kind, h, obstacles
-        found = self._solver.solve(*problem, self.friction[own], pushed, taken(self._forces, own), taken(self._u, own))
+        before = taken(self._forces, own), taken(self._u, own), taken(self._swung, own).copy()
+        found = self._solver.solve(*problem, self.friction[own], pushed, *before)
         works, touching, push = np.zeros((3, B)), np.empty(0, int), np.empty((0, x.shape[1]))
         put(self._resultants, own, np.zeros((len(self.names), 3, B)))
+        put(self._swung, own, np.zeros(before[2].shape, np.int8))
         if self._is_read:
             put(self.normal_forces, own, np.zeros((P, B)))
         if found is not None:
@@ -271,7 +274,8 @@ class BatchContact:
             for body in found.alone:
                 points = PointMotion(*(part[..., body].T.copy() for part in motion))
                 works[:2, body] = self._solve_alone(
-                    kind, found, body, points, obstacles.of(body), int(bodies[body]), pushed[..., body]
+                    *(kind, found, body, points, obstacles.of(body), int(bodies[body])),
+                    *(pushed[..., body], before[2][..., body]),
                 )
             if len(found.alone):
                 response = kind.respond(found.forces)
@@ -298,6 +302,8 @@ class BatchContact:
         for k in range(len(self.names)):
             own = pushed & (found.obstacle == k)
             put(self._pushed[k], bodies, own)
+            if found.swung is not None:
+                put(self._swung[k], bodies, found.swung * (found.obstacle == k))
             forces = found.forces if len(self.names) == 1 else found.forces * own
             put(self._resultants[k], bodies, forces.sum(axis=1))
         if self._is_read:
@@ -314,6 +320,7 @@ class BatchContact:
         obstacles: BatchObstacles,
         among: int,
         pushed: Array,
+        swung: Array,
     ) -> tuple[float, float]:
         """One body by the solver of one, into what was found; works as in ContactStep. Where it finds none, that stays.
 
@@ -325,12 +332,13 @@ class BatchContact:
             obstacles: beside it.
             among: its place in the batch.
             pushed: (O, P) its pairs that had forces in the step before.
+            swung: (O, P) in how many steps in a row friction did not stop them.
         """
         at, h, P = int(np.searchsorted(found.touching, body)), self._h, len(points.displacement)
         solver = ContactSolver(self._coordinates, self._obstacles, replace(self._law, friction=self.friction[among]))
         start, speed, before = obstacles
         begun = np.where(pushed[:, :, None], found.forces[..., at].T + _LEAST, 0.0)  # the law asks what pushed before
-        solver.search = ContactSearch(begun.reshape(-1, 3))
+        solver.search = ContactSearch(begun.reshape(-1, 3), swung=swung.ravel())
         W = kind.operator.W.reshape(3, P, 3, P).transpose(1, 0, 3, 2).reshape(3 * P, 3 * P)
         try:
             contact = solver.solve(points, W, h, ObstacleMotion(start, start + h * speed, before))
@@ -343,6 +351,7 @@ class BatchContact:
         found.forces[..., at], found.velocities[..., at] = contact.forces.T, 0.0
         self._resultants[..., among], self.normal_forces[:, among] = contact.by_obstacle, contact.normal_forces
         self._pushed[..., among] = solver.search.forces.any(axis=1).reshape(-1, P)
+        self._swung[..., among] = 0 if solver.search.swung is None else solver.search.swung.reshape(-1, P)
         moved = W.dot(contact.forces.ravel()).reshape(P, 3)
         work = contact.work(points.free_velocity + moved, h)
         return work.supplied, work.contact + work.friction

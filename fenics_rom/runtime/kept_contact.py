@@ -18,11 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.braking import WORK_ROUND_OFF
 from fenics_rom.mechanics.complementarity import Frames
 from fenics_rom.mechanics.complementarity.frictional import SHARES
 from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE, STAGNATION_RESIDUAL
 from fenics_rom.mechanics.contact import ContactLaw
-from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF, NormalRule
+from fenics_rom.mechanics.contact_pairs import NormalRule
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.midpoint_map import compliance

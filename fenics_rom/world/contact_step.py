@@ -14,6 +14,7 @@ far in a step, are let out, with c = (a + out)/2 > 0, in two steps, too: see `St
 """
 
 from dataclasses import dataclass
+from functools import partial
 from operator import is_
 from typing import NamedTuple
 
@@ -21,7 +22,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.complementarity import Delassus, FramedDelassus, Frames, KeptLaw, solve
+from fenics_rom.mechanics.braking import WORK_ROUND_OFF, Braking
+from fenics_rom.mechanics.complementarity import Delassus, FramedDelassus, Frames, KeptLaw, response, solve
 from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGLIGIBLE_RESIDUAL, largest
 from fenics_rom.world.bodies import Body, Points
 
@@ -36,7 +38,7 @@ STEADIER = 30.0  # times as much, where sweeps lead away: it only guides them
 REDUNDANT = 1e-9  # of the largest singular value: what joints hold twice
 STEADY = 1e-5  # of what a sweep changes: by so much two of them differ that change the same
 SHARES = (1 - 1e-6, 1 - 1e-4, 0.99, 0.9, 0.5, 0.0)  # of forces of contact that would do work
-WORK_ROUND_OFF = 1e-12  # of force times velocity: work that is no work
+MOST_ROUNDS = 3  # in which what sticks is asked for something else, of which the law is kept as it was linearised
 _ONES = np.ones(3)  # to sum components by a product: a third of the time
 
 
@@ -64,6 +66,7 @@ class Pairs(NamedTuple):
     are_rigid: Array  # (C,) whether of two rigid bodies
     out: Array  # (C,) speeds that those are to have at the end that are let out of one another, m/s; else 0
     halves: Array  # (C, 1): 1/2 where there is friction, else 0
+    swung: Array | None = None  # (C,) in how many steps in a row friction did not stop them; None: in none
 
 
 class Found(NamedTuple):
@@ -73,6 +76,7 @@ class Found(NamedTuple):
     velocities: Array  # u (C + J, 3), m/s
     sweeps: int
     residual: float  # of the velocities, which the last sweep still changed
+    swung: Array | None = None  # (C,) in how many steps in a row friction did not stop contacts; None: in none
 
 
 class _Kept(NamedTuple):
@@ -94,9 +98,9 @@ class _Asked:
 
     level: Array  # (C,) speed along normals that is to be reached, m/s
     target: Array  # (C, 3) that is bounced to
-    sliding: Array  # (C, 3) that what sticks is to have, so that it stops within the step
+    braking: Braking  # of what sticks
     chosen: Array  # (C,) who takes part
-    rounds: int = 0  # how often `sliding` has been taken back
+    rounds: int = 0  # how often that was asked for something else, as far as it matters
 
 
 class Guide:
@@ -176,6 +180,24 @@ class Guide:
             return frames.in_space(f), moved + q
         return frames.in_space(f), frames.in_space(u)
 
+    def response(
+        self, active: Array, normals: Array, friction: Array, f: Array, u: Array, change: Array
+    ) -> tuple[Array, Array]:
+        """What forces of active contacts and u change by with targets (3, a), along tangents; see `Braking`."""
+        _, rows, μ, share, frames, framed, *_ = self._kept_for(active, normals, friction)
+        f_in, u_in, by_q = frames.turned(f, u, -change.T)
+        if share is not None:
+            by_q[1:] *= share
+            u_in[1:] *= share
+            f_in[1:] /= np.maximum(share, 1e-300)
+        by_forces = response(framed, μ, f_in, u_in, by_q)
+        if share is not None:
+            by_forces[1:] *= share
+        by_forces = frames.in_space(by_forces)
+        moved = self._operator_of(rows).dot(by_forces.ravel()).reshape(-1, 3) - change.T
+        across = [part - (normals * part).dot(_ONES)[:, None] * normals for part in (by_forces, moved)]
+        return across[0].T, across[1].T
+
     def _kept_for(self, active: Array, normals: Array, friction: Array) -> _Kept:
         """What is kept, of these contacts; of others nothing is."""
         pairs = active.tobytes()
@@ -234,7 +256,7 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
     before, f = pairs.before, start
     a = (n * before[:C]).dot(_ONES)
     sliding = (before[:C] - a[:, None] * n) * pairs.halves  # what sticks is to stop within the step
-    asked = _Asked(np.empty(0), np.empty(0), sliding, np.zeros(C, dtype=bool))
+    asked = _Asked(np.empty(0), np.empty(0), Braking(sliding.T, pairs.swung), np.zeros(C, dtype=bool))
     size_before, proximal, scale = 0.0, PROXIMAL, float(np.abs(before).max(initial=0.0))
     u, fastest = _attempt(pairs, f)
     for sweep in range(1, MOST_SWEEPS + 1):
@@ -251,11 +273,13 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
         if not np.isfinite(size):
             raise StepError("forces of contact overflow; a smaller dt may help")
         if size <= ROUND_OFF * scale:
-            return Found(f, u, sweep, 0.0), guide
+            return Found(f, u, sweep, 0.0, asked.braking.swung), guide
         expected, (u_found, fastest) = u + moved, _attempt(pairs, found)
         missed = float(np.abs(u_found - expected).max(initial=0.0))
         if size * size <= TOLERANCE * scale * size_before or missed <= ROUND_OFF * scale:
-            return Found(found, u_found, sweep, 0.0), guide  # what the next sweep would change is none
+            return Found(
+                found, u_found, sweep, 0.0, asked.braking.swung
+            ), guide  # what the next sweep would change is none
         # Where size stays the same, only forces change that move nothing: the law has no solution that is more exact.
         stays = abs(size - size_before) <= STEADY * size
         if size <= NEGLIGIBLE_RESIDUAL * scale:
@@ -264,7 +288,8 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
             u, _ = _attempt(pairs, f)
             if not pairs.out.any():  # of which it is looked at what work is done
                 f, u = _passive(pairs, f, u, scale)
-            return Found(f, u, sweep, size / scale if size > STAGNATION * scale else 0.0), guide
+            left = size / scale if size > STAGNATION * scale else 0.0
+            return Found(f, u, sweep, left, asked.braking.swung), guide
         if size > size_before > 0 and proximal < LARGEST_PROXIMAL and not guide.yields.all():
             proximal *= STEADIER
             guide.is_right = False
@@ -345,40 +370,31 @@ def _normal_law(pairs: Pairs, guide: Guide, free: Array, a: Array, h: float) -> 
 def _law(pairs: Pairs, guide: Guide, free: Array, f: Array, asked: _Asked) -> Array:
     """Forces (C + J, 3) of pairs that would move by free (C + J, 3) without; `asked` takes note."""
     n, level, chosen = pairs.normals, asked.level, asked.chosen
+    asked.braking.look_anew()
     z, free_contacts = guide.without_contact(free)
     forces = f[: len(level)].copy()
     speed = (n * free_contacts).dot(_ONES)
     chosen |= speed < level
     while chosen.any():
         active = chosen.nonzero()[0]
-        c = asked.sliding[active]
-        q = free_contacts[active] - asked.target[active] - c
+        q = free_contacts[active] - asked.target[active] - asked.braking.targets.take(active, axis=1).T
         f_active, u = guide.solve(active, q, n[active], pairs.friction[active], forces[active], asked.rounds)
         forces = np.zeros(forces.shape)
         forces[active] = f_active
-        helps = _helping_friction(n[active], f_active, u, q, c)
-        if helps is not None:
-            asked.sliding[active[helps]] = 0.0
-            asked.rounds += 1
+        negligible = WORK_ROUND_OFF * float(np.abs(f_active).max()) * float(np.abs(q).max())
+        friction = f_active - (n[active] * f_active).dot(_ONES)[:, None] * n[active]
+        response = partial(guide.response, active, n[active], pairs.friction[active], f_active, u)
+        is_changed = asked.braking.asks_less(active, friction.T, u.T, negligible, response)
+        if is_changed:
+            asked.rounds = min(asked.rounds + 1, MOST_ROUNDS)
         missed = ((n * guide.moved(forces)).dot(_ONES) + speed < level) > chosen
         if missed.any():
             chosen |= missed
-        elif helps is None:
+        elif not is_changed:
             break
     else:
         forces = np.zeros(forces.shape)
     return guide.joined(z, forces)
-
-
-def _helping_friction(n: Array, f: Array, u: Array, q: Array, c: Array) -> Array | None:
-    """Where friction, having turned the motion round, would do work, (a,); None where the pairs' friction does none."""
-    friction = f - (n * f).dot(_ONES)[:, None] * n
-    if friction.ravel().dot(c.ravel()) <= 0:
-        return None
-    negligible = WORK_ROUND_OFF * float(np.abs(f).max()) * float(np.abs(q).max())
-    work = (friction * (u + c)).dot(_ONES)
-    helps: Array = (work > negligible) & c.any(axis=1)
-    return helps if work.sum() > negligible and helps.any() else None
 
 
 def _passive(pairs: Pairs, f: Array, u: Array, scale: float) -> tuple[Array, Array]:

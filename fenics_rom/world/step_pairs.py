@@ -46,7 +46,7 @@ class StepPairs:
         self._fewest = 0  # sweeps, with the guide
         self._held: tuple[tuple[Part, ...], list[tuple[Body, Array, Array, Points]]] = (), []
         self._lie = list[Array | tuple[Array, Array]]()  # the bodies in the step, as `_where`
-        self._start = np.empty((0, 3))
+        self._start, self._swung = np.empty((0, 3)), np.empty(0, int)
         self._meeting_of = np.empty(0, dtype=int)  # of each pair
         self._none = np.empty(0)  # of each, m
         self._swerve = SWERVES * min((meeting.size for meeting in meetings), default=0.0)
@@ -78,7 +78,9 @@ class StepPairs:
         gone += h / 2 * before
         gaps = self._middle_gaps - (pairs.normals * gone[:C]).dot(_ONES)
         gaps[np.abs(gaps) < self._none] = 0.0
-        return pairs._replace(places=places, before=before, gaps=gaps), self._start, self._known_guide(h)
+        swung = self._swung if self._swung.any() else None
+        pairs = pairs._replace(places=places, before=before, gaps=gaps, swung=swung)
+        return pairs, self._start, self._known_guide(h)
 
     def let_out(self, pairs: Pairs, found: Found, guide: Guide, h: float) -> Pairs:
         """The same pairs, or with speeds of those that are to be let out of one another, as they rest there.
@@ -151,7 +153,7 @@ class StepPairs:
     def _gather(self, contacts: list[tuple[int, Contacts]]) -> None:
         """Makes the pairs of these contacts, and takes over the forces of those that were there."""
         features = [(meeting, each) for meeting, seen in self._contacts for each in seen.first.feature.tolist()]
-        before = dict(zip(features, self._start, strict=False))
+        before = dict(zip(features, zip(self._start, self._swung, strict=False), strict=False))
         rows = [list[tuple[Array, float, Points]]() for _ in self._bodies]
         normals, gaps, places, laws = [np.empty((0, 3))], [np.empty(0)], [np.empty((0, 3))], [np.empty((2, 0))]
         count = 0
@@ -166,7 +168,7 @@ class StepPairs:
             gaps.append(found.gaps)
             places.append(found.first.arms)
             laws.append(np.repeat([[meeting.law.restitution], [meeting.law.friction]], k, axis=1))
-            start += [before.get((number, feature), np.zeros(3)) for feature in found.first.feature.tolist()]
+            start += [before.get((number, feature), (np.zeros(3), 0)) for feature in found.first.feature.tolist()]
             count += k
         for joint in self._joints:
             k = len(joint.points)
@@ -190,7 +192,9 @@ class StepPairs:
             *(tuple(soft_first), everywhere, 0 * everywhere, np.concatenate(normals), self._middle_gaps, μ),
             *(e, self._are_rigid[self._meeting_of], np.zeros(len(e)), (μ > 0)[:, None] / 2),
         )
-        self._start = np.concatenate([np.array(start).reshape(-1, 3), self._joint_forces])
+        forces = np.array([force for force, _ in start]).reshape(-1, 3)
+        self._start = np.concatenate([forces, self._joint_forces])
+        self._swung = np.array([swung for _, swung in start], dtype=int)
 
     def _refresh(self, contacts: list[tuple[int, Contacts]]) -> None:
         """The same pairs as before, where they are now."""
@@ -227,6 +231,7 @@ class StepPairs:
         """Takes note of the forces of a step of h s that was taken, and of what guided them."""
         C = len(found.forces) - len(self._joint_forces)
         self._start, self._joint_forces = found.forces, found.forces[C:]
+        self._swung = np.zeros(C, int) if found.swung is None else found.swung
         if C:
             self._dissipated += self._dissipation(found, h)
         if self._guide is None or self._guide[0] is not guide:

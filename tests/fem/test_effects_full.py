@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.fem.simulator import FullOrderSimulator
+from fenics_rom.world.shapes import HalfSpace
 
 EXACT = 1e-10  # degree 2 holds the exact solution: what is left is the round-off of solves
 YOUNG, DENSITY, GRAVITY = 1e6, 1000.0, 9.81
@@ -656,6 +657,58 @@ def test_body_comes_to_rest_on_the_floor_under_its_weight(slab, law, model):
     speed = np.linalg.norm(np.diff(run.outputs["corners"], axis=0), axis=2).max(axis=1) / 2e-3
     assert speed[late[1:]].max() <= 1e-10 * speed.max()
     assert run.balance_error <= 1e-12
+
+
+LOWER = FLOOR.replace("-0.01", "-0.02")
+
+
+@pytest.fixture(scope="module")
+def cube(tmp_path_factory):
+    """The scene of a soft cube that falls on a rough floor, and sticks to it while damping stops it within a step."""
+    mesh = box_arrays((0.05, 0.05, 0.05), (2, 2, 2))
+    file = write_arrays(tmp_path_factory.mktemp("cube") / "cube.msh", *mesh)
+    return acted_on(
+        file,
+        "inertia = {}\ndamping = { beta = 5e-3 }\n" + WEIGHT + LOWER + "[effects.friction]\ncoefficient = 0.5\n",
+        contacts="[contacts.skin]\nnear = { point = [0, 0, 0], radius = 1.0 }",
+        material="young = 5e4\npoisson = 0.3\ndensity = 1000.0",
+        run="dt = 2e-3\nduration = 1.0",
+        supports=None,
+    )
+
+
+@pytest.fixture(scope="module")
+def reduced_cube(cube):
+    return reduced(fr.assemble(cube), order=20, method="modal+static")
+
+
+def check_rest(forces):
+    """Forces in the last steps are the weight, and no others than in the step before, however hard it fell."""
+    forces = np.array(forces) / (1000.0 * 0.05**3 * GRAVITY)
+    assert np.abs(np.diff(forces, axis=0)).max() > 1.0
+    np.testing.assert_allclose(forces[-20:], np.tile([0.0, 0.0, 1.0], (20, 1)), atol=1e-8)
+
+
+@BOTH
+def test_forces_at_rest_do_not_alternate(cube, model, request):
+    run = fr.simulate(cube if model == "full" else request.getfixturevalue("reduced_cube"))
+    check_rest(run.forces["floor"])
+    assert run.balance_error <= 1e-12
+    lost = np.diff(run.contact_account["friction"] + run.contact_account["contact"])
+    assert lost.min() >= -1e-12 * run.dissipated[-1]
+
+
+def test_forces_at_rest_do_not_alternate_in_batches_nor_between_bodies(reduced_cube):
+    bodies, forces = fr.Batch(reduced_cube, 2, 2e-3), []
+    floor = fr.RigidBody(HalfSpace(), motion=fr.BaseState((0, 0, -0.02), (1, 0, 0, 0), (0, 0, 0), (0, 0, 0)))
+    world, between = fr.World({"cube": fr.SoftBody(reduced_cube), "floor": floor}, 2e-3, friction=0.5), []
+    for _ in range(500):
+        bodies.step(np.zeros((2, bodies.inputs)))
+        forces.append(bodies.contact_force("floor")[1])
+        world.step()
+        between.append(world.force_between("cube", "floor"))
+    check_rest(forces)
+    check_rest(between)
 
 
 @BOTH

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics import contact_solver
+from fenics_rom.mechanics.braking import Braking
+from fenics_rom.mechanics.complementarity import solve
 from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ContactSearch, ObstacleMotion, PointMotion
-from fenics_rom.mechanics.contact_pairs import PairsProblem, helping_pairs
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 
@@ -539,19 +540,72 @@ def test_laws_out_of_range_are_refused(arguments, says):
         ContactLaw(**arguments)
 
 
+def rubbed(h=2e-3, friction=0.5, P=4):
+    """Points on a floor that move apart, and that dampers stop within a step: friction that stops them would help."""
+    across = np.array([[1.0, 0.3, 0.0], [-0.7, 0.5, 0.0], [0.2, -1.0, 0.0], [-0.4, 0.1, 0.0]])
+    body = Points(
+        np.column_stack([np.arange(P), np.zeros(P), np.zeros(P)]), [FLOOR], ContactLaw(friction=friction), h,
+        K=chain(P, 1e3), D=chain(P, 4e3), force=(0, 0, -G),
+    )  # fmt: skip
+    body.x = 2e-3 * (np.arange(P)[:, None] * [1.0, 0.4, 0.0]).ravel()  # springs pull, too
+    body.v = 0.2 * across.ravel()
+    return body
+
+
+@pytest.mark.parametrize("friction", [0.5, 5.0])
+def test_forces_of_what_sticks_come_to_rest(friction):
+    """Points that stick swing to and fro no more, nor do forces; nothing creeps, and friction gives no energy."""
+    body, forces, moved = rubbed(friction=friction), [], []
+    for _ in range(400):
+        before = body.x.copy()
+        body.step()
+        moved.append(np.abs(body.x - before).max())
+        forces.append(body.resolution.forces.copy())
+        assert body.accounts[-1].friction >= -1e-12 * body.energy
+    assert np.abs(forces[1] - forces[0]).max() > 0.05 * G
+    assert np.abs(forces[-1] - forces[-2]).max() <= 1e-9 * G
+    assert np.abs(forces[-1][:, :2]).max() > 1e-3 * G
+    assert max(moved[-10:]) <= 1e-16
+    assert np.abs(body.v).max() <= 1e-9 * G * 2e-3
+
+
+def test_friction_stops_as_much_as_it_can_without_doing_work():
+    """What swings is asked for the largest share of its stop at which friction does no work, but in its first step."""
+    body, shares = rubbed(friction=5.0), []
+    for _ in range(100):
+        body.step()
+        found = body.contact.solved
+        braking, problem = found.pairs.braking, found.problem
+        work = (found.forces[1:] * (found.velocities[1:] + problem.sliding)).sum()
+        scale = np.abs(found.forces).max() * np.abs(problem.q).max()
+        assert work <= 1e-12 * scale
+        shares.append(braking.share)
+        if braking.by_share is None:
+            continue
+        by_share = braking.by_share[:, found.active]
+        assert work >= -1e-9 * np.abs(found.forces[1:] * by_share).sum() - 1e-12 * scale
+        more, q = problem.sliding + 1e-3 * by_share, problem.q.copy()
+        q[1:] -= 1e-3 * by_share
+        forces, velocities = solve(problem.operator, q, 5.0, found.forces)[:2]
+        assert (forces[1:] * (velocities[1:] + more)).sum() > 1e-12 * scale
+    assert shares[:10] == 10 * [0.0]  # until then of what friction would help nothing is asked
+    assert sum(0 < share < 1 for share in shares) >= 2
+    assert set(shares[-10:]) == {1.0}
+
+
 def test_each_pair_is_told_to_help_but_once():
     """What has no target any more is not asked again, whatever round-off is left: so the search ends."""
-    f, u, q = np.array([[3.0, 3.0], [1.0, 1.0], [0.0, 0.0]]), np.full((3, 2), 1e-9), np.ones((3, 2))
-    both, one = np.array([[0.1, 0.1], [0.0, 0.0]]), np.array([[0.0, 0.1], [0.0, 0.0]])
+    pairs, friction, slip = np.arange(2), np.array([[1.0, 1.0], [0.0, 0.0]]), np.full((2, 2), 1e-9)
 
-    def helping(u, c_t):
-        return helping_pairs(f, u, PairsProblem(None, None, None, q, None, None, c_t))
+    def helping(targets, slip=slip):
+        braking = Braking(np.array(targets), None)
+        again = braking.asks_less(pairs, friction, slip, 1e-12, lambda change: (change, change))
+        return None if braking.helped is None else braking.helped.tolist(), again, braking.targets.any(axis=0).tolist()
 
-    assert helping(u, both).tolist() == [True, True]
-    assert helping(u, one).tolist() == [False, True]
-    assert helping(u, 0 * one) is None
-    assert helping(u - [[0.0], [0.2], [0.0]], one) is None
-    assert helping(u, None) is None
+    assert helping([[0.1, 0.1], [0.0, 0.0]]) == ([True, True], True, [False, False])
+    assert helping([[0.0, 0.1], [0.0, 0.0]]) == ([False, True], True, [False, False])
+    assert helping([[0.0, 0.0], [0.0, 0.0]]) == (None, False, [False, False])
+    assert helping([[0.0, 0.1], [0.0, 0.0]], slip - [[0.2], [0.0]]) == (None, False, [False, True])
 
 
 def test_forces_that_are_off_by_less_than_matters_are_not_told():

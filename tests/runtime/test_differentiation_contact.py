@@ -9,6 +9,7 @@ from bodies import acted_on, box_arrays, write_arrays
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.mechanics.braking import Braking
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.runtime.differentiation import taken_steps
@@ -64,12 +65,22 @@ QUICK = ["floor, friction", "shapes, friction", "switched"]
 pytestmark = pytest.mark.filterwarnings("ignore:the surface is", "ignore:switching", "ignore:.*contact points leave")
 
 
-@pytest.fixture(scope="module")
-def rom(tmp_path_factory):
-    mesh = write_arrays(tmp_path_factory.mktemp("touched") / "box.msh", *box_arrays((0.4, 0.2, 0.1), (4, 2, 2), 0.2))
+def reduced(folder, effects):
+    mesh = write_arrays(folder / "box.msh", *box_arrays((0.4, 0.2, 0.1), (4, 2, 2), 0.2))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)
-        return fr.reduce(fr.assemble(acted_on(mesh, EFFECTS, **PARTS)), order=8)
+        return fr.reduce(fr.assemble(acted_on(mesh, effects, **PARTS)), order=8)
+
+
+@pytest.fixture(scope="module")
+def rom(tmp_path_factory):
+    return reduced(tmp_path_factory.mktemp("touched"), EFFECTS)
+
+
+@pytest.fixture(scope="module")
+def damped(tmp_path_factory):
+    """Points that stick swing: damping stops them within a step."""
+    return reduced(tmp_path_factory.mktemp("damped"), EFFECTS.replace("beta = 1e-3", "beta = 2e-2"))
 
 
 class Case:
@@ -126,7 +137,11 @@ def squares(outputs, energies):
     "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in CASES]
 )
 def test_gradient_agrees_with_differences(rom, name):
-    case, ε = Case(rom, *CASES[name]), 1e-4
+    check(Case(rom, *CASES[name]))
+
+
+def check(case, ε=1e-4):
+    """A case's gradient, against differences of ε and by its remainder."""
     gradient = case.gradient()
     slopes = (gradient.inputs, *gradient.state)
     assert gradient.kinks == ()
@@ -138,8 +153,24 @@ def test_gradient_agrees_with_differences(rom, name):
         assert part == pytest.approx(difference, rel=AGREES, abs=AGREES * size)
     along = sum(parts)
     assert gradient.value == pytest.approx(case.value(0.0, case.directions), rel=1e-12)
-    left = [abs(case.value(ε, case.directions) - gradient.value - ε * along) for ε in (4e-4, 2e-4)]
+    left = [abs(case.value(ε, case.directions) - gradient.value - ε * along) for ε in (4 * ε, 2 * ε)]
     assert 1.9 < np.log2(left[0] / left[1]) < 2.1
+
+
+@pytest.mark.parametrize(("μ", "obstacles"), [(0.6, FLOOR), (1.0, ROUND)], ids=["flat", "round"])
+def test_gradient_goes_through_what_friction_stops_in_part(damped, monkeypatch, μ, obstacles):
+    """The share that is asked for is told by friction that does no work: it changes with all that forces do."""
+    case = Case(damped, ContactLaw(friction=μ), obstacles, True, {}, None)
+    shares, asks_less = [], Braking.asks_less
+
+    def noted(self, *given):
+        shares.append(self.share)
+        return asks_less(self, *given)
+
+    monkeypatch.setattr(Braking, "asks_less", noted)
+    case.gradient()
+    assert sum(0 < share < 1 for share in shares) >= 2
+    check(case)
 
 
 def test_gradient_with_damping_goes_through_contact(rom):

@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.complementarity.changed_pairs import of_other_pairs
 from fenics_rom.mechanics.complementarity.delassus import Delassus, FramedDelassus, Frames
 from fenics_rom.mechanics.complementarity.following import FollowedLaw, follow
-from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
+from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem, response
 from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
 from fenics_rom.mechanics.complementarity.solution import NEGLIGIBLE_RESIDUAL, KeptLaw, Solution
 
@@ -30,6 +30,7 @@ __all__ = [
     "Solution",
     "follow",
     "of_other_pairs",
+    "response",
     "solve",
 ]
 

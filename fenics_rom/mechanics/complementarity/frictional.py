@@ -65,6 +65,23 @@ def look_at(
     return z, length, cone, projected, largest(np.abs((f - projected) * compliance))
 
 
+def response(operator: FramedDelassus, friction: float, forces: Array, velocities: Array, change: Array) -> Array:
+    """What forces that solve a problem change by, (3, C), N, as long as all pairs do what they do.
+
+    Args:
+        operator, friction: as in `complementarity.solve`.
+        forces, velocities: the solution, (3, C) each.
+        change: of q, (3, C), m/s.
+
+    Raises:
+        LinAlgError: they are not determined.
+    """
+    proximal = 0.0 if operator.is_regular else PROXIMAL_COMPLIANCE
+    ρ, compliance = operator.scaled(SHARES[0])
+    z, length, cone, *_ = look_at(forces, velocities, ρ, compliance, friction)
+    return linearised(operator, friction, compliance, z, length, cone, proximal).change(change)
+
+
 class FrictionalProblem:
     """The conditions of C pairs as in `complementarity.solve`, and the best forces found so far.
 

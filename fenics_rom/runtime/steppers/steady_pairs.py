@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.braking import WORK_ROUND_OFF
 from fenics_rom.mechanics.complementarity import Delassus, KeptLaw
 from fenics_rom.mechanics.complementarity.cones import project
 from fenics_rom.mechanics.complementarity.following import SLOWEST, FollowedLaw
@@ -22,7 +23,6 @@ from fenics_rom.mechanics.complementarity.solution import (
     Solution,
     largest,
 )
-from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF
 from fenics_rom.mechanics.followed_contact import Followed
 from fenics_rom.runtime.steppers.followed_points import FollowedPoints, PairsBegun
 
@@ -153,7 +153,7 @@ class SteadyPairs:
         return largest(np.abs(self._compliance * off)) <= CONVERGENCE_TOLERANCE * abs(q.item(self._fastest))
 
     def _is_work(self, by_friction: float, f: Array, q: Array) -> bool:
-        """Whether it is more than round-off; see contact_pairs.helping_pairs.
+        """Whether it is more than round-off; see Braking.asks_less.
 
         It is to be twice as much: friction is to stop half the velocity at the start.
         """
