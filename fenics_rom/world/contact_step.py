@@ -185,15 +185,10 @@ class Guide:
     ) -> tuple[Array, Array]:
         """What forces of active contacts and u change by with targets (3, a), along tangents; see `Braking`."""
         _, rows, μ, share, frames, framed, *_ = self._kept_for(active, normals, friction)
-        f_in, u_in, by_q = frames.turned(f, u, -change.T)
-        if share is not None:
-            by_q[1:] *= share
-            u_in[1:] *= share
-            f_in[1:] /= np.maximum(share, 1e-300)
-        by_forces = response(framed, μ, f_in, u_in, by_q)
-        if share is not None:
-            by_forces[1:] *= share
-        by_forces = frames.in_space(by_forces)
+        (f_in, *rates), scale = frames.turned(f, u, -change.T), np.ones((3, len(active)))
+        scale[1:] = 1.0 if share is None else np.maximum(share, 1e-300)
+        by_forces = response(framed, μ, f_in / scale, *(scale * rate for rate in rates))
+        by_forces = frames.in_space(scale * by_forces)
         moved = self._operator_of(rows).dot(by_forces.ravel()).reshape(-1, 3) - change.T
         across = [part - (normals * part).dot(_ONES)[:, None] * normals for part in (by_forces, moved)]
         return across[0].T, across[1].T
@@ -277,9 +272,7 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
         expected, (u_found, fastest) = u + moved, _attempt(pairs, found)
         missed = float(np.abs(u_found - expected).max(initial=0.0))
         if size * size <= TOLERANCE * scale * size_before or missed <= ROUND_OFF * scale:
-            return Found(
-                found, u_found, sweep, 0.0, asked.braking.swung
-            ), guide  # what the next sweep would change is none
+            return Found(found, u_found, sweep, 0.0, asked.braking.swung), guide  # the next sweep would change nothing
         # Where size stays the same, only forces change that move nothing: the law has no solution that is more exact.
         stays = abs(size - size_before) <= STEADY * size
         if size <= NEGLIGIBLE_RESIDUAL * scale:
@@ -288,8 +281,7 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
             u, _ = _attempt(pairs, f)
             if not pairs.out.any():  # of which it is looked at what work is done
                 f, u = _passive(pairs, f, u, scale)
-            left = size / scale if size > STAGNATION * scale else 0.0
-            return Found(f, u, sweep, left, asked.braking.swung), guide
+            return Found(f, u, sweep, size / scale * (size > STAGNATION * scale), asked.braking.swung), guide
         if size > size_before > 0 and proximal < LARGEST_PROXIMAL and not guide.yields.all():
             proximal *= STEADIER
             guide.is_right = False
@@ -385,8 +377,7 @@ def _law(pairs: Pairs, guide: Guide, free: Array, f: Array, asked: _Asked) -> Ar
         friction = f_active - (n[active] * f_active).dot(_ONES)[:, None] * n[active]
         response = partial(guide.response, active, n[active], pairs.friction[active], f_active, u)
         is_changed = asked.braking.asks_less(active, friction.T, u.T, negligible, response)
-        if is_changed:
-            asked.rounds = min(asked.rounds + 1, MOST_ROUNDS)
+        asked.rounds = min(asked.rounds + is_changed, MOST_ROUNDS)
         missed = ((n * guide.moved(forces)).dot(_ONES) + speed < level) > chosen
         if missed.any():
             chosen |= missed

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.world.collision.contacts import PlacedShape, PlacedSurface
 from fenics_rom.world.collision.find import find_contacts
+from fenics_rom.world.contact_step import Guide
 from fenics_rom.world.shapes import Box, Capsule, Sphere
 
 TURN = Rotation.from_rotvec((0.4, -0.2, 0.7)).as_matrix()
@@ -119,3 +120,18 @@ def test_features_stay_when_surfaces_move_a_little():
     after = find_contacts(first._replace(points=first.points + 1e-9), second, 0.02)
     np.testing.assert_array_equal(before.first.feature, after.first.feature)
     np.testing.assert_allclose(before.gaps, after.gaps, atol=1e-8)
+
+
+def test_how_forces_of_pairs_with_different_friction_change_is_what_differences_say():
+    rng, C = np.random.default_rng(0), 5
+    B, n, μ = rng.standard_normal((3 * C, 3 * C)), rng.standard_normal((C, 3)), np.array([0.5, 0.2, 0.9, 0.5, 0.0])
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    guide, pairs, q = Guide(B @ B.T / 15, np.ones(C, bool)), np.arange(C), 0.3 * rng.standard_normal((C, 3)) - n
+    forces, u = guide.solve(pairs, q, n, μ, np.zeros((C, 3)), 0)
+    targets, ε = rng.standard_normal((C, 3)), 1e-6
+    targets -= (targets * n).sum(axis=1)[:, None] * n
+    ends = [guide.solve(pairs, q - step * targets, n, μ, forces, 0) for step in (-ε, ε)]
+    for found, before, after in zip(guide.response(pairs, n, μ, forces, u, targets.T), *ends, strict=True):
+        change = (after - before) / (2 * ε)
+        across = (change - (change * n).sum(axis=1)[:, None] * n).T
+        np.testing.assert_allclose(found, across, atol=1e-6 * np.abs(across).max())
