@@ -229,3 +229,52 @@ def test_file_in_the_place_of_the_folder_is_told_before_the_work(scene, tmp_path
     assert (status, out) == (1, "")
     assert err == "fenics-rom: error: rom.h5.partial: is needed for what is finished, but it is not a folder\n"
     assert (tmp_path / "rom.h5.partial").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("method", "kept", "said"), [("trained", 4, "4 of 11 training runs were"), ("modal+derivatives", 0, "nothing was")]
+)
+def test_large_deformation_with_contact_goes_on_and_says_with_what(tmp_path, monkeypatch, capfd, method, kept, said):
+    """Without inertia, whose runs are equilibria; stopped as soon as so many of them are kept, or never begun."""
+    write_arrays(tmp_path / "box.msh", *box_arrays((1.0, 0.2, 0.2), (3, 1, 1)))
+    effects = {
+        "effects": "gravity = { acceleration = [0.0, 0.0, -1e-3] }\nlarge_deformation = {}",
+        "effects.contact": 'switching = "scene"',
+        "effects.contact.obstacles.floor": 'shape = "half-space"\npoint = [0.0, 0.0, -0.01]\nnormal = [0.0, 0.0, 1.0]',
+    }
+    run = 'dt = 0.5\nduration = 1.0\nload = [{ contact = "right", force = [0.0, 0.0, 0.05] }]'
+    text = scene_text(
+        "box.msh", contacts='[contacts.right]\nsurface = "right"', run=run, reduction="order = 3", **effects
+    )
+    (tmp_path / "box.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    words = [*COMMAND, "--method", method]
+
+    def reduced(*more):
+        with pytest.raises(SystemExit) as end:
+            main([*words, *more])
+        said = capfd.readouterr()
+        return end.value.code, said.out or said.err
+
+    status, out = reduced()
+    assert status == 0, out
+    unbroken = fr.read_rom("rom.h5")
+    with monkeypatch.context() as patch:
+        keep = Checkpoint.keep_run
+
+        def keep_and_stop(self, number, *rest):
+            keep(self, number, *rest)
+            if number + 1 == kept:
+                raise KeyboardInterrupt
+
+        patch.setattr(Checkpoint, "keep_run", keep_and_stop)
+        if kept:
+            assert reduced()[0] == 1
+            assert len(left()) == kept
+    status, out = reduced("--resume")
+    assert status == 0
+    assert out.endswith(f"  resumed: {said} taken over\n")
+    rom = fr.read_rom("rom.h5")
+    np.testing.assert_allclose(rom.stiffness, unbroken.stiffness, rtol=1e-8)
+    np.testing.assert_allclose(rom.deformation.weights.sum(), unbroken.deformation.weights.sum(), rtol=1e-6)
+    assert not Path("rom.h5.partial").exists()
