@@ -151,10 +151,11 @@ def _rom(body: WorldBody, scene: WorldScene) -> Rom:
     return reduced
 
 
-def _joint(joint: JointEntry) -> joints.Joint | joints.SurfaceJoint:
+def _joint(joint: JointEntry) -> joints.AnyJoint:
+    when: dict[str, Any] = {"name": joint.name, "start": joint.start, "stop": joint.stop}
     if joint.surface is not None:
-        return joints.SurfaceJoint(joint.first, joint.second, joint.surface, joint.kind, joint.axis)
+        return joints.SurfaceJoint(joint.first, joint.second, joint.surface, joint.kind, joint.axis, **when)
     assert joint.point is not None
     if joint.axis is not None:
-        return joints.hinge(joint.first, joint.second, joint.point, joint.axis)
-    return {"ball": joints.ball, "weld": joints.weld}[joint.kind](joint.first, joint.second, joint.point)
+        return joints.hinge(joint.first, joint.second, joint.point, joint.axis, **when)
+    return {"ball": joints.ball, "weld": joints.weld}[joint.kind](joint.first, joint.second, joint.point, **when)

@@ -103,6 +103,7 @@ def _check(file: WorldFile) -> None:
                 f"{where}.surface = {joint.surface!r}: allowed is that of a soft body, as the first; given: "
                 f"{joint.first!r}, which is rigid"
             )
+    _check_joint_times(file)
     if file.run is None:
         return
     if file.run.dt > file.run.duration:
@@ -129,6 +130,22 @@ def check_whole_steps(duration: float, dt: float, where: str) -> None:
         )
 
 
+def _check_joint_times(file: WorldFile) -> None:
+    names = set[str]()
+    for k, joint in enumerate(file.joints):
+        if joint.name in names:
+            raise SceneError(f"joints[{k}].name = {joint.name!r}: is that of another one: allowed is a name of its own")
+        if joint.name is not None:
+            names.add(joint.name)
+        if joint.stop is not None and joint.stop <= joint.start:
+            raise SceneError(f"joints[{k}].stop = {exactly(joint.stop)}: allowed is after its start")
+        if file.run is not None and joint.start >= file.run.duration:
+            raise SceneError(
+                f"joints[{k}].start = {exactly(joint.start)}: allowed is before the end of the run, "
+                f"{exactly(file.run.duration)} s"
+            )
+
+
 def _check_pairs(file: WorldFile) -> None:
     """What laws of two bodies have no effect, or say two things."""
     named = dict[frozenset[str], int]()
@@ -141,7 +158,7 @@ def _check_pairs(file: WorldFile) -> None:
             if bodies <= set(group):
                 raise SceneError(f"{where}: do not touch one another, as apart[{j}] says: allowed is one of both")
         for j, joint in enumerate(file.joints):
-            if bodies == {joint.first, joint.second}:
+            if bodies == {joint.first, joint.second} and not joint.start and joint.stop is None:
                 raise SceneError(f"{where}: are joined by joints[{j}], and what is joined does not touch: leave it out")
         if not any(_moves(file.bodies[name]) for name in pair.bodies):
             raise SceneError(f"{where}: both stand still or follow a path, and do not push one another: leave it out")

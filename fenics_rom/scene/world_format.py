@@ -74,13 +74,13 @@ class PairEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class JointEntry:
-    """What holds two bodies together; they do not touch one another."""
+    """What holds two bodies together, for ever or between two times; then they do not touch one another."""
 
     ONE_OF: ClassVar = (("point", "surface"),)
     kind: Annotated[str, Text(choices=("ball", "hinge", "weld")), "which motions it leaves"]
     first: Annotated[str, Text(), "a body"]
     second: Annotated[str, Text(), 'another one, or "world", which stands still'] = "world"
-    point: Annotated[Point | None, "of the joint, where the bodies begin; this or surface"] = None
+    point: Annotated[Point | None, "of the joint, where the bodies are when it is made; this or surface"] = None
     surface: Annotated[
         str | None,
         Text(),
@@ -88,6 +88,16 @@ class JointEntry:
         "three forces and three couples), a ball joint its mean place, a hinge a line in it; this or point",
     ] = None
     axis: Annotated[Direction | None, "of a hinge, of any length but zero"] = None
+    name: Annotated[str | None, Text(), 'by which Python makes and lets go of it; else "joint0" and so on'] = None
+    start: Annotated[
+        float,
+        Number(at_least=0.0, unit="s"),
+        "when it is made, where the bodies are then; an impulse stops what moves relative to one another, and takes "
+        "energy, which is dissipated",
+    ] = 0.0
+    stop: Annotated[
+        float | None, Number(above=0.0, unit="s"), "when it is let go, which takes no energy; else never"
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,6 +2,9 @@
 
 Where one of them is soft, a surface of it may be held instead.
 
+A joint holds from its `start` to its `stop`, or while `World.join` and `World.release` say so: its points are those
+where the bodies are when it is made. What moves relative to one another then, an impulse stops.
+
 Each point has u = 0 in the middle of every step. As a point goes by h ŝ exactly, it stays where the other one is, to
 round-off: nothing needs to be pulled back. After a step an impulse takes what relative velocity is left at its end,
 which would change sign in every step: it keeps momenta and can only take energy.
@@ -9,6 +12,7 @@ which would change sign in every step: it keeps momenta and can only take energy
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -30,14 +34,21 @@ class Joint:
         first, second: names of the bodies.
         points: (k, 3) in world axes, where the bodies begin, m.
         means: what was asked for, for messages: of a weld where it is, and how its points lie about it.
+        name: by which a world lets go of it; None: "joint0" and so on.
+        start: when it is made, s; before the first step whose middle is later.
+        stop: when it is let go, s; None: never by itself.
     """
 
     first: str
     second: str
     points: tuple[tuple[float, float, float], ...]
     means: str = ""
+    name: str | None = None
+    start: float = 0.0
+    stop: float | None = None
 
     def __post_init__(self) -> None:
+        _check_times(self)
         points = np.array(self.points, dtype=float)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
             raise SceneError(
@@ -60,6 +71,7 @@ class SurfaceJoint:
         surface: name of a contact mode of the first.
         kind: "weld", "ball" or "hinge".
         axis: of a hinge, in the surface, in world axes, of any length but zero.
+        name, start, stop: as of a Joint.
     """
 
     first: str
@@ -67,8 +79,12 @@ class SurfaceJoint:
     surface: str
     kind: str = "weld"
     axis: tuple[float, float, float] | None = None
+    name: str | None = None
+    start: float = 0.0
+    stop: float | None = None
 
     def __post_init__(self) -> None:
+        _check_times(self)
         check_known("kind of joint", self.kind, KINDS, SceneError)
         _check_pair(self.first, self.second)
         if (self.axis is not None) != (self.kind == "hinge"):
@@ -77,24 +93,38 @@ class SurfaceJoint:
             _direction(self.axis)
 
 
-def ball(first: str, second: str, point: Sequence[float]) -> Joint:
-    """A ball joint at a point, m."""
-    return Joint(first, second, (_vector(point),))
+AnyJoint = Joint | SurfaceJoint
 
 
-def hinge(first: str, second: str, point: Sequence[float], axis: Sequence[float]) -> Joint:
-    """A hinge about an axis through a point, m; how long the axis is says how far apart two points of it are held."""
+def ball(first: str, second: str, point: Sequence[float], **when: Any) -> Joint:
+    """A ball joint at a point, m. `when`: name, start and stop of a Joint."""
+    return Joint(first, second, (_vector(point),), **when)
+
+
+def hinge(first: str, second: str, point: Sequence[float], axis: Sequence[float], **when: Any) -> Joint:
+    """A hinge about an axis through a point, m; how long the axis is says how far apart two points of it are held.
+
+    `when`: name, start and stop of a Joint.
+    """
     along, at = _direction(axis) / 2, np.array(_vector(point))
     said = f"hinge at {list(_vector(point))}, which holds two points of its axis, {2 * np.linalg.norm(along):g} m apart"
-    return Joint(first, second, (_vector(at - along), _vector(at + along)), said)
+    return Joint(first, second, (_vector(at - along), _vector(at + along)), said, **when)
 
 
-def weld(first: str, second: str, point: Sequence[float], size: float = 0.1) -> Joint:
-    """A weld about a point, m, at three points that are `size` m apart."""
+def weld(first: str, second: str, point: Sequence[float], size: float = 0.1, **when: Any) -> Joint:
+    """A weld about a point, m, at three points that are `size` m apart. `when`: name, start and stop of a Joint."""
     corners, about = np.eye(3) * size / 2**0.5, _vector(point)
     points = tuple(_vector(np.array(about) + corner - corners.mean(axis=0)) for corner in corners)
     said = f"weld at {list(about)}, which holds three points about it, {size:g} m from one another"
-    return Joint(first, second, points, said)
+    return Joint(first, second, points, said, **when)
+
+
+def _check_times(joint: "AnyJoint") -> None:
+    where = f"joint of {joint.first!r} and {joint.second!r}"
+    if not 0 <= joint.start < np.inf:
+        raise SceneError(f"{where}: start = {joint.start!r}: allowed is a time from 0 on, in s")
+    if joint.stop is not None and not joint.start < joint.stop < np.inf:
+        raise SceneError(f"{where}: stop = {joint.stop!r}: allowed is a time after its start, {joint.start!r} s")
 
 
 def _check_pair(first: str, second: str) -> None:
@@ -121,7 +151,7 @@ def _direction(axis: Sequence[float]) -> Array:
 
 
 class JointPoints:
-    """A joint of bodies as they begin.
+    """A joint of bodies as they are when it is made.
 
     Args:
         joint: as given.
@@ -129,7 +159,7 @@ class JointPoints:
 
     Attributes:
         first, second: numbers of the bodies.
-        points: (k, 3) where they begin, m.
+        points: (k, 3) where they are then, m.
         on_first, on_second: the same on either.
         are_forces: (k,) of which points: the others stand for how the bodies turn, and have couples.
 
@@ -137,7 +167,7 @@ class JointPoints:
         SceneError: nobody has these names, nothing can move, or the joint cannot be closed.
     """
 
-    def __init__(self, joint: Joint | SurfaceJoint, bodies: Mapping[str, Body]):
+    def __init__(self, joint: AnyJoint, bodies: Mapping[str, Body]):
         names, where = list(bodies), f"joint of {joint.first!r} and {joint.second!r}: "
         for name in (joint.first, joint.second):
             check_known("body", name, names, SceneError, where)

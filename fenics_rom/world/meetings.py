@@ -30,6 +30,7 @@ class Meeting:
         law: how they meet.
         size: of the smaller, m.
         contacts: of the last look; None where they were far from one another.
+        is_on: whether they touch; what is joined does not.
     """
 
     first: int
@@ -37,10 +38,14 @@ class Meeting:
     law: ContactLaw
     size: float
     contacts: Contacts | None = None
+    is_on: bool = True
     _looked_at: tuple[Placed, Placed] | None = None
 
     def look(self, first: Placed, second: Placed, margin: float) -> None:
         """Finds the contacts that are nearer than a margin, m."""
+        if not self.is_on:
+            self.contacts = self._looked_at = None
+            return
         if self._looked_at is not None and first is self._looked_at[0] and second is self._looked_at[1]:
             return
         contacts = find_contacts(first, second, margin)
@@ -65,14 +70,21 @@ def check_apart(bodies: Sequence[Body], names: Sequence[str], meetings: Sequence
         body.begin(0.0)
     placed = [body.placed() for body in bodies]
     for meeting in meetings:
-        one, other = placed[meeting.first], placed[meeting.second]
-        assert one is not None
-        assert other is not None
-        contacts = find_contacts(one, other, 0.0)
-        if len(contacts.gaps) and contacts.gaps.min() < -PENETRATION_TOLERANCE * meeting.size:
+        contacts = overlap(meeting, placed) if meeting.is_on else None
+        if contacts is not None:
             deepest = int(contacts.gaps.argmin())
             raise StepError(
                 f"allowed are bodies that begin outside of one another, but {names[meeting.first]!r} is "
                 f"{-contacts.gaps[deepest]:.3g} m inside {names[meeting.second]!r} at "
                 f"{contacts.first.arms[deepest].round(9).tolist()}; move one of them, or name both in `apart`"
             )
+
+
+def overlap(meeting: Meeting, placed: Sequence[Placed | None]) -> Contacts | None:
+    """Where two bodies, as all lie, are inside one another by more than round-off; None where they are not."""
+    one, other = placed[meeting.first], placed[meeting.second]
+    assert one is not None
+    assert other is not None
+    contacts = find_contacts(one, other, 0.0)
+    is_inside = len(contacts.gaps) and contacts.gaps.min() < -PENETRATION_TOLERANCE * meeting.size
+    return contacts if is_inside else None

@@ -343,6 +343,11 @@ class Soft(Simulator):
             )
         return soft_points(nodes, weights)
 
+    @property
+    def takes_impulses(self) -> bool:
+        """Whether joints stop it by impulses: a linear body that is held or carried."""
+        return isinstance(self._kernel, KICKED)
+
     def end_velocities(self, points: Points) -> Array:
         """As in Body."""
         kernel = self._kernel

@@ -55,6 +55,15 @@ class StepPairs:
         self._deep = -PENETRATION_TOLERANCE * np.array([meeting.size for meeting in meetings])
         self._dissipated = np.zeros(len(meetings))  # by contact, of which what is let out may take, J
 
+    def join(self, joints: Sequence[JointPoints]) -> None:
+        """Goes on with other joints; those that stay keep their forces."""
+        parts = np.split(self._joint_forces, np.cumsum([len(joint.points) for joint in self._joints])[:-1])
+        known = {id(joint): forces for joint, forces in zip(self._joints, parts, strict=False)}
+        forces = [known.get(id(joint), np.zeros((len(joint.points), 3))) for joint in joints]
+        self._start = self._start[: len(self._start) - len(self._joint_forces)]
+        self._joints, self._joint_forces = joints, np.concatenate([np.zeros((0, 3)), *forces])
+        self._pairs, self._guide, self._held = None, None, ((), [])
+
     def of_step(self, h: float, far: bool = False) -> tuple[Pairs, Array, Guide | None]:
         """The pairs of a step of h s that all bodies have begun, forces to begin with, and what may guide.
 
@@ -288,11 +297,11 @@ class StepPairs:
             row += len(joint.points)
         return force
 
-    def forces_of_joint(self, number: int, forces: Array) -> Array:
-        """Of a step on the first body of a joint at its points, (k, 3), N."""
-        before = sum(len(joint.points) for joint in self._joints[number:])
-        start = len(forces) - before
-        return forces[start : start + len(self._joints[number].points)].copy()
+    def of_joint(self, joint: JointPoints, values: Array) -> Array:
+        """Of values (C + J, 3) of all pairs those of the points of a joint that holds, (k, 3)."""
+        number = next(k for k, each in enumerate(self._joints) if each is joint)
+        start = len(values) - sum(len(each.points) for each in self._joints[number:])
+        return values[start : start + len(joint.points)].copy()
 
     def touching(self, forces: Array) -> int:
         """How many pairs of points push, by more than round-off."""

@@ -1,41 +1,42 @@
 """Several bodies in one step, rigid and soft, in contact and joined, and an energy account of each and of the whole."""
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.arguments import mapping_in
-from fenics_rom.errors import SceneError, StepError, check_known, shown
-from fenics_rom.mechanics.base_path import BaseState
-from fenics_rom.mechanics.contact import LEAST_TOLD, ContactLaw
+from fenics_rom.errors import SceneError, StepError, shown
+from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.world.contact_step import Found, Guide, Pairs, find_forces
-from fenics_rom.world.joints import Joint, JointPoints, SurfaceJoint
-from fenics_rom.world.make_bodies import FIXED, AnyBody, make_bodies
-from fenics_rom.world.meetings import Meeting, check_apart
+from fenics_rom.world.joint_plan import JointPlan
+from fenics_rom.world.joints import AnyJoint
+from fenics_rom.world.make_bodies import FIXED, make_bodies
+from fenics_rom.world.meetings import check_apart
+from fenics_rom.world.pair_laws import make_meetings
+from fenics_rom.world.readings import ReadWorld
 from fenics_rom.world.records import RigidBody, SoftBody
 from fenics_rom.world.shapes import passing_radius
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.step_pairs import StepPairs
 
 _ONES = np.ones(3)
+MOVES = 1e-6  # m/s: slower parts are joined as if they moved alike
 LONGEST_TO_SHORTEST = 1000  # of steps that are looked at where one of a world is refused
 
 
-class World:
+class World(ReadWorld):
     """Bodies that touch and hold one another.
 
     Args:
         bodies: by name. Rigid ones with a `motion` move as it says, the ground for example.
         dt: time step, s.
         joints: points of bodies that stay together, surfaces of soft ones that are held; "world" is what stands still.
-            Bodies that are joined do not touch.
+            Bodies that are joined do not touch. They hold from their start to their stop; see `join` and `release`.
         gravity: on rigid bodies, m/s²; soft ones have that of their scene.
         friction, restitution: of all bodies.
         pairs: other laws of two bodies, by their names.
@@ -65,7 +66,7 @@ class World:
         bodies: Mapping[str, RigidBody | SoftBody],
         dt: float,
         *,
-        joints: Sequence[Joint | SurfaceJoint] = (),
+        joints: Sequence[AnyJoint] = (),
         gravity: Sequence[float] = (0.0, 0.0, 0.0),
         friction: float = 0.0,
         restitution: float = 0.0,
@@ -73,7 +74,7 @@ class World:
         apart: Sequence[Collection[str]] = (),
     ):
         self.bodies, self.gravity, self._dt = mapping_in("bodies", bodies, SceneError), gravity, checked_dt(dt)
-        if not isinstance(joints, list | tuple) or not all(isinstance(each, Joint | SurfaceJoint) for each in joints):
+        if not isinstance(joints, list | tuple) or not all(isinstance(each, AnyJoint) for each in joints):
             raise SceneError(f"joints = {shown(joints)}: allowed is a list of Joints and SurfaceJoints")
         self._arguments: dict[str, Any] = {
             "joints": joints,
@@ -86,21 +87,12 @@ class World:
         self._steps, self._time = 0, 0.0
         joined = any(FIXED in (joint.first, joint.second) for joint in joints)
         self._bodies = make_bodies(self.bodies, self._dt, gravity, joined)
-        if not joined:
-            del self._bodies[FIXED]
+        if not joined and all(isinstance(body, SoftBody) for body in self.bodies.values()) and len(self.bodies) == 1:
+            del self._bodies[FIXED]  # as a soft body by itself needs no other
         self._names = list(self._bodies)
-        law, laws = ContactLaw(restitution, friction), _laws(pairs or {}, self._bodies)
-        separate = _pairs_apart(apart, joints, self._bodies)
-        for group in apart:
-            if both := [pair for pair in laws if pair <= set(group)]:
-                names = " and ".join(sorted(both[0]))
-                raise SceneError(f"pairs: {names}: have no contact, as `apart` says: allowed is one of both")
-        self._meetings = [
-            Meeting(a, b, laws.get(frozenset((self._names[a], self._names[b])), law), self._smaller(a, b))
-            for a, b in combinations(range(len(self._names)), 2)
-            if self._may_touch(a, b) and frozenset((self._names[a], self._names[b])) not in separate
-        ]
-        self._joints = [JointPoints(joint, self._bodies) for joint in joints]
+        self._meetings = make_meetings(self._bodies, ContactLaw(restitution, friction), pairs or {}, apart)
+        self._joints = JointPlan(joints, self._bodies, self._meetings)
+        made = self._joints.change(self._dt / 2)
         self._met = EnergyLedger()  # what contacts and joints dissipate
         everyone = list(self._bodies.values())
         self._soft = [body for body in everyone if isinstance(body, Soft)]
@@ -113,27 +105,36 @@ class World:
         of_soft = {body: self._met_by(body) for body in self._soft}
         said = {body.name: body.describe_passing(radii) for body, radii in of_soft.items() if radii}
         self._passing = [f"{name}: {text}" for name, text in said.items() if text]
-        self._step_pairs = StepPairs([] if self._lone else everyone, self._meetings, self._joints)
+        self._step_pairs = StepPairs([] if self._lone else everyone, self._meetings, [])
         self._found = Found(np.empty((0, 3)), np.empty((0, 3)), 0, 0.0)
         self._residuals = 0, 0.0
-        if joints:
-            _, forces, _ = self._begin({})
-            self._found = self._found._replace(forces=0.0 * forces)
-            self._met.book(dissipated=self._step_pairs.stop_joints())
+        if made:
+            self._go_on_with_joints(made)
 
-    def _may_touch(self, a: int, b: int) -> bool:
-        first, second = (self._bodies[self._names[number]] for number in (a, b))
-        return FIXED not in (self._names[a], self._names[b]) and not (first.is_driven and second.is_driven)
+    def _go_on_with_joints(self, made: Sequence[str]) -> None:
+        """Goes on with the joints that hold now, some of which were made now, and stops what moves there."""
+        self._step_pairs.join(list(self._joints.points.values()))
+        pairs, forces, _ = self._begin({})
+        self._found = Found(forces.copy(), np.zeros(forces.shape), self._found.sweeps, 0.0)
+        for name in made:
+            points = self._joints.points[name]
+            speed = float(np.abs(self._step_pairs.of_joint(points, pairs.before)).max())
+            both = [self._bodies[self._names[number]] for number in (points.first, points.second)]
+            swings = [body.name for body in both if isinstance(body, Soft) and not body.takes_impulses]
+            if speed > MOVES and swings:
+                self._joints.warnings.append(
+                    f"{name}: what it joins moved at {speed:.2g} m/s relative to one another, and {swings[0]} takes no "
+                    "impulse: it swings by that until damping takes it; join what moves alike"
+                )
+        self._met.book(dissipated=self._step_pairs.stop_joints())
 
     def _met_by(self, body: Soft) -> dict[str, float]:
         """Radii, m, by name, of the rigid bodies that a soft one may meet."""
-        pairs = [{self._names[meeting.first], self._names[meeting.second]} for meeting in self._meetings]
+        on = [meeting for meeting in self._meetings if meeting.is_on]
+        pairs = [{self._names[meeting.first], self._names[meeting.second]} for meeting in on]
         others = {name for pair in pairs if body.name in pair for name in pair}
         rigid = {name: record for name, record in self.bodies.items() if name in others}
         return {name: passing_radius(record.shape) for name, record in rigid.items() if isinstance(record, RigidBody)}
-
-    def _smaller(self, a: int, b: int) -> float:
-        return min(self._bodies[self._names[number]].size for number in (a, b))
 
     @property
     def dt(self) -> float:
@@ -147,88 +148,47 @@ class World:
             if isinstance(body, Soft):
                 body.dt = self._dt
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the bodies."""
-        return tuple(self.bodies)
+    def join(self, joint: AnyJoint) -> str:
+        """Makes a joint where the bodies are now, between two steps; its name.
 
-    def pose(self, name: str) -> BaseState:
-        """Where a body is and how it moves, in world axes: its centre of mass, or the frame of a soft body."""
-        return self._body(name).pose
+        Its points stay together from now on. Where they move relative to one another, an impulse stops that, which
+        keeps momenta; what energy it takes is booked as dissipated. Soft bodies that are free or deform largely take no
+        impulse: what moves there swings until damping takes it, and the world says so in its warnings.
 
-    def velocity(self, name: str) -> tuple[Array, Array]:
-        """Velocity (3,), m/s, and angular velocity (3,), rad/s, of a body, or of the frame of a soft one."""
-        pose = self._body(name).pose
-        return pose.velocity, pose.angular_velocity
-
-    def simulator(self, name: str) -> Soft:
-        """A soft body's: displacements, readings, switching; it is stepped by the world alone."""
-        body = self._body(name)
-        if not isinstance(body, Soft):
-            raise StepError(f"body {name!r} is rigid: allowed is a soft one")
-        return body
-
-    def account(self, name: str) -> EnergyLedger:
-        """Of a body: of what was supplied to it, `obstacles` is what other bodies did."""
-        return self._body(name).account
-
-    def energy_of(self, name: str) -> float:
-        """Of a body, J: kinetic and elastic."""
-        return self._body(name).energy
-
-    @property
-    def energy(self) -> float:
-        """Of all bodies, J: kinetic and elastic."""
-        return math.fsum(body.energy for body in self._bodies.values())
-
-    @property
-    def ledger(self) -> EnergyLedger:
-        """The account of the whole: by loads and drivers supplied; in bodies, contacts and joints dissipated."""
-        whole = EnergyLedger()
-        accounts = [body.account.sums for body in self._bodies.values()]
-        for sums in accounts:
-            whole.book(supplied=math.fsum((*sums[0], -sums[4][0], -sums[4][1])), dissipated=sum(sums[1]))
-            whole.book(lost_in_switching=sum(sums[2]), numerical=sum(sums[3]))
-        by_contact, by_friction = sum(self._met.sums[5]), sum(self._met.sums[6])
-        whole.book(dissipated=sum(self._met.sums[1]), numerical=sum(self._met.sums[3]))
-        whole.book_parts(0.0, by_contact, by_friction)
-        return whole
-
-    def force_between(self, first: str, second: str) -> Array:
-        """Force of the second body on the first in the last step, by contact and joints, (3,), N."""
-        for name in (first, second):
-            self._body(name)
-        return self._step_pairs.force_between(self._names.index(first), self._names.index(second), self._found.forces)
-
-    def joint_forces(self, number: int) -> Array:
-        """Forces at the points of a joint on its first body in the last step, (k, 3), N.
-
-        Of a rigid surface that is welded the force on it, N, and the couple about its middle, N m, (2, 3).
+        Raises:
+            SceneError: the joint cannot be closed, as at a point where a soft body has no surface.
+            StepError: a world of one soft body alone, or a joint with a start of its own.
         """
-        return self._step_pairs.forces_of_joint(number, self._found.forces)
+        if self._lone is not None:
+            raise StepError("a soft body by itself has no joints: give its world one to begin with, or another body")
+        if joint.start:
+            raise StepError(f"join: start = {joint.start:g} s: allowed is a joint without, as it is made now")
+        if joint.stop is not None and joint.stop <= self._time:
+            raise StepError(f"join: stop = {joint.stop:g} s: allowed is a time after {self._time:g} s, which is now")
+        name = self._joints.make(joint)
+        self._go_on_with_joints([name])
+        return name
 
-    @property
-    def touching(self) -> int:
-        """Number of pairs of points that push in the last step."""
-        return self._step_pairs.touching(self._found.forces)
+    def release(self, which: str | int) -> None:
+        """Lets go of a joint, between two steps; `which`: as in `joint_forces`.
 
-    @property
-    def sweeps(self) -> int:
-        """That the last step took."""
-        return self._found.sweeps
+        Nothing is lost: bodies go on as they move, and what is strained springs back. What was joined can touch again,
+        as soon as the bodies are not inside one another.
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What the user should know of the run so far."""
-        steps, residual = self._residuals
-        soft = {name: body for name, body in self._bodies.items() if isinstance(body, Soft)}
-        said = [*self._passing, *(f"{name}: {text}" for name, body in soft.items() for text in body.warnings)]
-        if residual >= LEAST_TOLD:
-            said.append(
-                f"in {steps} steps contact forces were not found exactly: the worst leave {residual:.0e} of the "
-                "velocities that they stop; a smaller dt or less friction may help"
-            )
-        return tuple(said)
+        Raises:
+            StepError: there is no such joint, or it does not hold.
+        """
+        try:
+            name = self._joints.name_of(which)
+        except StepError as error:
+            if not self._soft:
+                raise
+            raise StepError(
+                f"{error}. Supports of a scene are part of its model, and cannot be let go of: make the body free, "
+                'with frame = "moving" and without the support, and weld its surface to "world"'
+            ) from error
+        self._joints.end(name)
+        self._go_on_with_joints([])
 
     def drive(self, name: str, motion: Any) -> None:
         """Moves a rigid body that has a `motion` by another one, from the next step on."""
@@ -250,6 +210,8 @@ class World:
         h, bodies = self._dt, self._bodies
         if inputs:
             self._check_inputs(inputs)
+        if self._time + h / 2 >= self._joints.next_change:
+            self._go_on_with_joints(self._joints.change(self._time + h / 2))
         try:
             pairs, found, guide = self._find(inputs or {})
             for soft in self._soft:
@@ -265,7 +227,7 @@ class World:
         self._step_pairs.keep(found, guide, h)
         self._found = found
         self._book(pairs, found)
-        if self._joints:
+        if self._joints.points:
             self._met.book(dissipated=self._step_pairs.stop_joints())
         if found.residual:
             self._residuals = self._residuals[0] + 1, max(self._residuals[1], found.residual)
@@ -351,17 +313,13 @@ class World:
 
     def _book(self, pairs: Pairs, found: Found) -> None:
         C, n = len(pairs.normals), pairs.normals
-        if self._joints:  # what they did where forces were found but for a residual
+        if self._joints.points:  # what they did where forces were found but for a residual
             work = float(found.forces[C:].ravel().dot(found.velocities[C:].ravel()))
             self._met.book(numerical=-self._dt * work)
         f, u = found.forces[:C], found.velocities[:C]
         whole = float(f.ravel().dot(u.ravel()))
         normal = float((n * f).dot(_ONES).dot((n * u).dot(_ONES)))
         self._met.book_contact(0.0, -self._dt * normal, self._dt * (normal - whole), 0.0)
-
-    def _body(self, name: str) -> AnyBody:
-        check_known("body", name, self.bodies, StepError)
-        return self._bodies[name]
 
     def __repr__(self) -> str:
         soft = [name for name, body in self.bodies.items() if isinstance(body, SoftBody)]
@@ -370,30 +328,3 @@ class World:
         kinds = {"soft": soft, "rigid": free, "driven": driven}
         parts = "; ".join(f"{kind}: {', '.join(some)}" for kind, some in kinds.items() if some)
         return f"World of {len(self.bodies)} bodies, dt = {self._dt:g} s, {self.steps} steps taken\n  {parts}"
-
-
-def _laws(
-    pairs: Mapping[tuple[str, str], ContactLaw], bodies: Mapping[str, AnyBody]
-) -> dict[frozenset[str], ContactLaw]:
-    laws: dict[frozenset[str], ContactLaw] = {}
-    for pair, law in pairs.items():
-        for name in pair:
-            check_known("body", name, bodies, SceneError, "pairs: ")
-        if law.stiffness is not None:
-            raise SceneError(f"pairs: {pair}: allowed between bodies is a law without stiffness, 'complementarity'")
-        if frozenset(pair) in laws:
-            raise SceneError(f"pairs: {' and '.join(pair)}: are named twice: allowed is one law of two bodies")
-        if all(bodies[name].is_driven for name in pair):
-            raise SceneError(f"pairs: {' and '.join(pair)}: both move as they are told, and do not push one another")
-        laws[frozenset(pair)] = law
-    return laws
-
-
-def _pairs_apart(
-    apart: Sequence[Collection[str]], joints: Sequence[Joint | SurfaceJoint], bodies: Collection[str]
-) -> set[frozenset[str]]:
-    for group in apart:
-        for name in group:
-            check_known("body", name, bodies, SceneError, "apart: ")
-    separate = {frozenset(pair) for group in apart for pair in combinations(group, 2)}
-    return separate | {frozenset((joint.first, joint.second)) for joint in joints}

@@ -35,6 +35,7 @@ table = "pull.csv"
 )
 DOUBLE = '[[pairs]]\nbodies = ["{}", "{}"]\nfriction = 0.7\n[run]'
 JOINED = '\n[[joints]]\nkind = "ball"\nfirst = "ground"\nsecond = "upper"\npoint = [0, 0, 0]\n[run]'
+NAMED = '[[joints]]\nname = "hold"\nkind = "weld"\nfirst = "upper"\npoint = [0, 0, 0]\n'
 PALM = "time (s), position.x, position.y, position.z, rotation.w, rotation.x, rotation.y, rotation.z\n"
 
 
@@ -89,6 +90,17 @@ def test_bodies_joints_and_tables_are_read(folder):
         ('bodies = ["lower", "upper"]', 'bodies = ["lower", "uper"]', r"pairs\[0\].bodies: no body 'uper'"),
         ('bodies = ["lower", "upper"]', 'bodies = ["lower"]', r"pairs\[0\].bodies is a list of 1"),
         ('bodies = ["lower", "upper"]', 'bodies = ["lower", "lower"]', r"allowed are different bodies, given: lower"),
+        (
+            "axis = [0, 0, 1]",
+            "axis = [0, 0, 1]\nstart = 0.5\nstop = 0.5",
+            r"joints\[0\].stop = 0.5: allowed is after its",
+        ),
+        (
+            "axis = [0, 0, 1]",
+            "axis = [0, 0, 1]\nstart = 1",
+            r"joints\[0\].start = 1: allowed is before the end of the run",
+        ),
+        ("[[joints]]", NAMED + "[[joints]]\nname = 'hold'", r"joints\[1\].name = 'hold': is that of another one"),
         ("axis = [0, 0, 1]", "", r"joints\[0\].axis: a hinge has one, and no other joint"),
         ("axis = [0, 0, 1]", "axis = [0, 0, 0]", r"joints\[0\].axis: allowed is any but zero"),
         ("point = [0, 0, 0]", "", r"joints\[0\]: give exactly one of point, surface; given: none"),

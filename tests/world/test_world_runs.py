@@ -117,6 +117,16 @@ def test_a_step_of_its_own_and_what_a_world_has_not(tmp_path):
         fr.simulate(file, stepper="newton")
 
 
+def test_joints_of_a_file_hold_between_their_times(tmp_path):
+    """A ball that is held in the air for 0.1 s, and falls on the lower box."""
+    joint = '\n[[joints]]\nname = "hold"\nkind = "weld"\nfirst = "upper"\npoint = [0, 0, 0.2]\nstop = 0.1\n'
+    (tmp_path / "world.toml").write_text(WORLD.replace("position = [0, 0, 0.14]", "position = [0, 0, 0.2]") + joint)
+    run = fr.simulate(tmp_path / "world.toml", dt=1e-2, every=1)
+    height = run.bodies["upper"].pose[:, 2]
+    np.testing.assert_allclose(height[:11], 0.2, atol=1e-12)
+    np.testing.assert_allclose(height[11:16], 0.2 - 9.81 * (0.01 * np.arange(1, 6)) ** 2 / 2, rtol=1e-12)
+
+
 def test_inputs_are_those_of_the_middle_of_a_step(tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(world_run, "inputs_at", lambda scene, time: asked.append(time) or {})

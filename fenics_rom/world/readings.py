@@ -1,0 +1,130 @@
+"""What is read of a world: where its bodies are, what pushes them, and an energy account of each and of the whole."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError, check_known
+from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.contact import LEAST_TOLD
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.world.contact_step import Found
+from fenics_rom.world.joint_plan import JointPlan
+from fenics_rom.world.make_bodies import AnyBody
+from fenics_rom.world.records import RigidBody, SoftBody
+from fenics_rom.world.soft import Soft
+from fenics_rom.world.step_pairs import StepPairs
+
+
+class ReadWorld:
+    """What a World is read by; it makes what this reads."""
+
+    bodies: Mapping[str, RigidBody | SoftBody]
+    _bodies: dict[str, AnyBody]
+    _names: list[str]
+    _joints: JointPlan
+    _step_pairs: StepPairs
+    _found: Found
+    _met: EnergyLedger
+    _passing: list[str]
+    _residuals: tuple[int, float]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the bodies."""
+        return tuple(self.bodies)
+
+    def pose(self, name: str) -> BaseState:
+        """Where a body is and how it moves, in world axes: its centre of mass, or the frame of a soft body."""
+        return self._body(name).pose
+
+    def velocity(self, name: str) -> tuple[Array, Array]:
+        """Velocity (3,), m/s, and angular velocity (3,), rad/s, of a body, or of the frame of a soft one."""
+        pose = self._body(name).pose
+        return pose.velocity, pose.angular_velocity
+
+    def simulator(self, name: str) -> Soft:
+        """A soft body's: displacements, readings, switching; it is stepped by the world alone."""
+        body = self._body(name)
+        if not isinstance(body, Soft):
+            raise StepError(f"body {name!r} is rigid: allowed is a soft one")
+        return body
+
+    def account(self, name: str) -> EnergyLedger:
+        """Of a body: of what was supplied to it, `obstacles` is what other bodies did."""
+        return self._body(name).account
+
+    def energy_of(self, name: str) -> float:
+        """Of a body, J: kinetic and elastic."""
+        return self._body(name).energy
+
+    @property
+    def energy(self) -> float:
+        """Of all bodies, J: kinetic and elastic."""
+        return math.fsum(body.energy for body in self._bodies.values())
+
+    @property
+    def ledger(self) -> EnergyLedger:
+        """The account of the whole: by loads and drivers supplied; in bodies, contacts and joints dissipated."""
+        whole = EnergyLedger()
+        accounts = [body.account.sums for body in self._bodies.values()]
+        for sums in accounts:
+            whole.book(supplied=math.fsum((*sums[0], -sums[4][0], -sums[4][1])), dissipated=sum(sums[1]))
+            whole.book(lost_in_switching=sum(sums[2]), numerical=sum(sums[3]))
+        by_contact, by_friction = sum(self._met.sums[5]), sum(self._met.sums[6])
+        whole.book(dissipated=sum(self._met.sums[1]), numerical=sum(self._met.sums[3]))
+        whole.book_parts(0.0, by_contact, by_friction)
+        return whole
+
+    def force_between(self, first: str, second: str) -> Array:
+        """Force of the second body on the first in the last step, by contact and joints, (3,), N."""
+        for name in (first, second):
+            self._body(name)
+        return self._step_pairs.force_between(self._names.index(first), self._names.index(second), self._found.forces)
+
+    def joint_forces(self, which: str | int) -> Array:
+        """Forces at the points of a joint on its first body in the last step, (k, 3), N; none where it does not hold.
+
+        Of a rigid surface that is welded the force on it, N, and the couple about its middle, N m, (2, 3).
+        `which`: its name, or its number in the order in which they were named.
+        """
+        points = self._joints.points.get(self._joints.name_of(which))
+        return np.empty((0, 3)) if points is None else self._step_pairs.of_joint(points, self._found.forces)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that hold now."""
+        return tuple(self._joints.points)
+
+    @property
+    def touching(self) -> int:
+        """Number of pairs of points that push in the last step."""
+        return self._step_pairs.touching(self._found.forces)
+
+    @property
+    def sweeps(self) -> int:
+        """That the last step took."""
+        return self._found.sweeps
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know of the run so far."""
+        steps, residual = self._residuals
+        soft = {name: body for name, body in self._bodies.items() if isinstance(body, Soft)}
+        said = [
+            *self._passing,
+            *self._joints.warnings,
+            *(f"{name}: {text}" for name, body in soft.items() for text in body.warnings),
+        ]
+        if residual >= LEAST_TOLD:
+            said.append(
+                f"in {steps} steps contact forces were not found exactly: the worst leave {residual:.0e} of the "
+                "velocities that they stop; a smaller dt or less friction may help"
+            )
+        return tuple(said)
+
+    def _body(self, name: str) -> AnyBody:
+        check_known("body", name, self.bodies, StepError)
+        return self._bodies[name]
