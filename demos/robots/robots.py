@@ -36,7 +36,7 @@ HERE = Path(__file__).parent
 MOVED = {"diamond": "top", "trunk": "tip"}  # what is looked at
 RUNS = 5  # of which the fastest counts
 VIEWS = {"diamond": (22.0, -35.0), "trunk": (8.0, -20.0)}  # elevation and azimuth, degrees
-STEPPER = "linearly-implicit"  # though steps are longer than a fortieth of the trunk's slowest period: see the error
+STEPPER = "linearly-implicit"  # however long steps are beside the slowest period: see the error
 ERROR, FASTER = 0.02, 20
 PULLED, SLACK = "#b91c1c", "0.35"
 

@@ -23,6 +23,7 @@ from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.rom import ForceValidation
+from fenics_rom.runtime.steppers.selection import longest_linearly_implicit_step
 from fenics_rom.trajectory.series import FRAME_SERIES, ReadingSeries
 from fenics_rom.visualization.optional_dependencies import load_package
 
@@ -61,7 +62,7 @@ def print_rom(rom: "fr.Rom", file: Path | str) -> None:
         "switching": rom.switching,
         "weighting": rom.weighting,
         "effects": ", ".join(effects) or "of the matrices",
-        **({} if rom.deformation is None else _deformation(rom.deformation)),
+        **({} if rom.deformation is None else _deformation(rom, rom.deformation)),
         "outputs": ", ".join(f"{name} ({len(rows) // width})" for name, rows in rom.outputs.items()) or "none",
         "actuators": ", ".join(rom.actuators) or "none",
         **({"loads": ", ".join(rom.loads)} if rom.loads else {}),
@@ -107,13 +108,16 @@ def _moving_frame(frame: MovingFrame) -> str:
     return f"{of}; {'stiffened' if frame.stiffening is not None else 'not stiffened'} by turning"
 
 
-def _deformation(body: ReducedDeformation) -> dict[str, str]:
+def _deformation(rom: "fr.Rom", body: ReducedDeformation) -> dict[str, str]:
     """What large deformation was trained for, and how good it is."""
     validation = "not measured" if body.validation_error is None else f"{body.validation_error:.1e}"
+    longest = longest_linearly_implicit_step(rom)
+    chosen = f"linearly-implicit up to {1e3 * longest:.3g} ms, an eighth of the slowest period, and newton beyond"
     return {
         "large deformation": f"{body.law.replace('_', ' ')}, {len(body.weights)} of {body.points_of} points kept",
         "error of forces": f"{body.cubature_error:.1e} on the states it was trained on",
         "error of a run": f"{validation}, that it was not trained on",
+        **({"steps are taken by": chosen} if rom.environment.has_inertia else {}),
     }
 
 

@@ -121,6 +121,10 @@ class ActuatorForces:
         Raises:
             StepError: there are none, as strokes depend on one another, or none were found.
         """
+        if len(rates) == 1 and not self._guides:
+            found_at_once = self._only(rates, W, targets, touch)
+            if found_at_once is not None:
+                return found_at_once
         is_guide, diagonal = np.arange(len(rates)) >= len(self.names), W.diagonal()
         idle = is_guide & (diagonal <= ROUND_OFF * diagonal.max())  # the cable before such a guide moves nothing
         bends = self._friction * (self._angles if angles is None else angles)
@@ -161,6 +165,17 @@ class ActuatorForces:
             f"no forces found that give the strokes of {', '.join(self.names)}: they depend on one another, or on what "
             "holds the body; give one of them as a force, or its strokes otherwise"
         )
+
+    def _only(
+        self, rates: Array, W: Array, targets: Array, touch: Touch
+    ) -> tuple[Array, ContactSolution | None] | None:
+        """As `solve`, where one stroke is given; None where it does not hold, as of a slack cable."""
+        missing, compliance = targets - rates, W[0]
+        if not compliance[0] > 0:
+            return None
+        contact, added = touch(missing / compliance, np.ones(1, dtype=bool))
+        z = (missing - added) / compliance
+        return (z, contact) if z[0] >= self._least[0] else None
 
     def held(self, z: Array) -> Array:
         """Which of the strokes that are given, (h,), forces z (n,) hold: not those of cables that are slack."""

@@ -26,6 +26,8 @@ from fenics_rom.mechanics.hyperelastic import (
 from fenics_rom.mechanics.tendon import cable_length, measure_segments, turning_angles, unit_tension_slopes
 from fenics_rom.rom.content import ByContent
 
+_UNIT = np.eye(3)
+
 
 @dataclass(frozen=True, eq=False)
 class ReducedTendon(ByContent):
@@ -153,12 +155,12 @@ class ReducedDeformation(ByContent):
 
     def resultant(self, H: Array, S: Array) -> Array:
         """Force (m,) of stresses S (6, P), which hold the weights, on the body deformed by H: Σ (F S) : ∇W_k."""
-        Fᵀ = H.transpose(2, 1, 0) + np.eye(3)
+        Fᵀ = H.transpose(2, 1, 0) + _UNIT
         return (S[VOIGT_INDEX].transpose(2, 0, 1) @ Fᵀ).ravel() @ self._rows
 
     def strain_rates(self, H: Array) -> Array:
         """A = ∂E/∂q (6, P, m) on the body deformed by H."""
-        return self.metric_rates(H + np.eye(3)[:, :, None])
+        return self.metric_rates(H + _UNIT[:, :, None])
 
     def metric_rates(self, F: Array) -> Array:
         """½ (Fᵀ∇W_k + ∇W_kᵀF) (6, P, m) of any F (3, 3, P)."""

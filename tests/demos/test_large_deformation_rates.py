@@ -11,6 +11,12 @@ OUT = FOLDER / "out" / "large_deformation" / "quick"
 pytestmark = pytest.mark.slow
 
 
+def test_the_stepper_that_is_chosen_is_exact_enough():
+    run = subprocess.run([sys.executable, FOLDER / "stepper_choice.py", "--quick"], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert (run.stdout.count("| holds "), run.stdout.count("| not judged |")) == (8, 8)
+
+
 def test_steps_are_as_exact_as_the_demo_claims():
     run = subprocess.run([sys.executable, FOLDER / "large_deformation.py", "--quick"], capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr

@@ -13,12 +13,13 @@ from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.hyperelastic import (
     discrete_gradient_slopes,
     discrete_gradient_stress,
+    energy_density,
     linear_stress,
     moduli,
     strain,
 )
 from fenics_rom.runtime.steppers.adjoint import contact_adjoint
-from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
+from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse, is_definite
 from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork, symmetric
 
 if TYPE_CHECKING:
@@ -110,7 +111,12 @@ class Newton(FiniteStrainKernel):
                 with ExitStack() as taken_back:
                     for part in carried:
                         taken_back.enter_context(part.in_parts(parts))
-                    solution = self._in_parts(u, obstacles, parts)
+                    try:
+                        solution = self._in_parts(u, obstacles, parts)
+                    except StepError:  # where the iteration led, no forces of strokes or contact may be found
+                        if parts == MAX_PARTS:
+                            raise
+                        solution, self._inverse = None, None
                 if solution is not None:
                     return solution, parts
                 for part in carried:
@@ -162,17 +168,22 @@ class Newton(FiniteStrainKernel):
         """
         body, ω = self._body, self._body.weights
         E, history, relaxation = body.strains(q), 0.0, 0.0
+        W = energy_density(body.law, E, body.first_lame, body.shear)
         if self.branches is not None:
             history, relaxation = self.branches.pull[1].reshape(6, -1), self.branches.stiffening_time
         v, before, fresh, reactions = r.copy(), math.inf, False, self.reactions
         if self._actuators is not None:
             targets = self._actuators.rates(given, self._strokes_at(q), r.dot(self._stroke_columns(q)), h)
+
+        def slopes() -> Array:
+            return self._load_slopes(u, reactions, middle)
+
         for _ in range(MAX_ITERATIONS):
             middle = q + h / 2 * v
             H, after = body.displacement_gradients(middle), body.strains(q + h * v)
             rates = (after - E) / h
             linear = ω * linear_stress(rates, body.first_lame, body.shear)
-            S = ω * discrete_gradient_stress(body.law, E, after, body.first_lame, body.shear)
+            S = ω * discrete_gradient_stress(body.law, E, after, body.first_lame, body.shear, W)
             S += (body.viscosity + relaxation) * linear + history
             elastic, force = body.resultant(H, S) + body.springs.dot(middle), self._loads(u, middle)
             drawn = body.external_damping.dot(v)
@@ -181,7 +192,7 @@ class Newton(FiniteStrainKernel):
             if not math.isfinite(scale):
                 return None
             if self._inverse is None:
-                self._inverse, fresh = self._tangent_inverse(H, (E + after) / 2, S, h), True
+                self._inverse, fresh = self._tangent_inverse(H, (E, after), S, h, slopes(), q + h * v), True
             motion = q, r, v - self._inverse.dot(residual), h, obstacles
             if self._actuators is None:
                 contact = self._solve_contact(*motion)
@@ -202,26 +213,36 @@ class Newton(FiniteStrainKernel):
                     heat += self.branches.step(np.stack([rates, linear]).reshape(2, -1))
                 return v, force, heat, contact, reactions
             if error > FAST_CONTRACTION * before and not fresh:
-                self._inverse, fresh = self._tangent_inverse(H, (E + after) / 2, S, h), True
+                self._inverse, fresh = self._tangent_inverse(H, (E, after), S, h, slopes(), q + h * v), True
             else:
                 fresh = False
             before = error
             v = v - self._inverse.dot(residual)
         return None
 
-    def _tangent_inverse(self, H: Array, E: Array, S: Array, h: float) -> Array:
-        """Of 2/h + D + h/2 ∂f̂/∂q (m, m), symmetric; without the stresses' part where that makes it indefinite.
+    def _tangent_inverse(
+        self, H: Array, strains: tuple[Array, Array], S: Array, h: float, slopes: Array, end: Array
+    ) -> Array:
+        """Of 2/h + D + h/2 ∂(f̂ - loads)/∂v̂ (m, m); without what makes it indefinite.
 
-        The Delassus operator follows it.
+        It is symmetric where forces are found by operators that have to be, and near the tangent then; else it is the
+        tangent itself. The Delassus operator follows it.
         """
         body, m = self._body, self._model.order
-        A = body.strain_rates(H)
+        A, (before, after) = body.strain_rates(H), strains
+        elasticity = body.law, (before + after) / 2, body.first_lame, body.shear
         relaxation = 0.0 if self.branches is None else self.branches.stiffening_time
-        viscous = (body.viscosity + relaxation) * moduli("st_venant_kirchhoff", E, body.first_lame, body.shear)
-        D = body.weights * (h / 2 * moduli(body.law, E, body.first_lame, body.shear) + viscous)
-        DA = np.einsum("cdp,dpk->cpk", D, A).reshape(-1, m)
-        matrix = 2 / h * np.eye(m) + body.external_damping + h / 2 * body.springs + A.reshape(-1, m).T.dot(DA)
-        inverse = definite_inverse(matrix + h / 2 * body.geometric(S), matrix)
+        viscous = (body.viscosity + relaxation) * moduli("st_venant_kirchhoff", after, body.first_lame, body.shear)
+        steady = 2 / h * np.eye(m) + body.external_damping + h / 2 * body.springs
+        turned = h / 2 * (body.geometric(S) - slopes)
+        if self._interface is None and (self._actuators is None or len(self._actuators.columns) == 1):
+            of_end = next(discrete_gradient_slopes(body.law, before, after, body.first_lame, body.shear))
+            A_end = body.strain_rates(body.displacement_gradients(end))
+            tangent = steady + _between(A, body.weights * (h * of_end + viscous), A_end) + turned
+            if is_definite((tangent + tangent.T) / 2):
+                return np.linalg.inv(tangent)
+        matrix = steady + _between(A, body.weights * (h / 2 * moduli(*elasticity) + viscous), A)
+        inverse = definite_inverse(matrix + (turned + turned.T) / 2, matrix)
         if self._interface is not None:
             self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ))
         return inverse
@@ -270,6 +291,13 @@ class Newton(FiniteStrainKernel):
         by_shape = turned + by_start + by_end
         inputs = self._input_columns(middle)
         return BalancedPart(h, 2 / h, by_velocity, by_shape, inputs, held, self._Sᵀ, contact, residual)
+
+
+def _between(left: Array, D: Array, right: Array) -> Array:
+    """Σ leftᵀ D right (m, m) over points, of strain rates (6, P, m) and moduli (6, 6, P)."""
+    m = left.shape[-1]
+    product: Array = left.reshape(-1, m).T.dot(np.einsum("cdp,dpk->cpk", D, right).reshape(-1, m))
+    return product
 
 
 def _rows(vectors: list[Array], m: int) -> Array:

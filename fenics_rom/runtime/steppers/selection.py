@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.viscoelasticity import MaxwellBranches, PronySeries
     from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
 
-LINEARLY_IMPLICIT_STEPS = 40  # in a period of the slowest mode, from which on the linearly implicit step pays
+# In a period of the slowest mode, from which on linearly implicit steps come to any error sooner than Newton's; below
+# it they may go astray. Measured: demos/rates/stepper_choice.py.
+LINEARLY_IMPLICIT_STEPS = 8
 
 
 def make_stepper(
@@ -111,6 +113,12 @@ def maxwell_branches(series: "PronySeries | None", rows: int, size: int) -> "Max
     return MaxwellBranches(series, rows, size)
 
 
+def longest_linearly_implicit_step(rom: Rom) -> float:
+    """The time step, s, beyond which a body of large deformation gets Newton's steps unless others are asked for."""
+    slowest: float = next(iter(rom.contact_models.values())).eigenvalues[0]
+    return 2 * math.pi / math.sqrt(slowest) / LINEARLY_IMPLICIT_STEPS
+
+
 def _finite_strain_kind(rom: Rom, dt: float, kind: str | None, has_inertia: bool) -> tuple[str, str]:
     """The stepper that was asked for or, where none was, that suits a time step (s), and why."""
     if not has_inertia:
@@ -121,11 +129,14 @@ def _finite_strain_kind(rom: Rom, dt: float, kind: str | None, has_inertia: bool
         if kind not in FINITE_STRAIN_STEPPERS:
             raise StepError(unknown("stepper", kind, list(FINITE_STRAIN_STEPPERS)))
         return kind, "it was asked for"
-    period = 2 * math.pi / math.sqrt(next(iter(rom.contact_models.values())).eigenvalues[0])
-    steps, limit = period / dt, LINEARLY_IMPLICIT_STEPS
+    limit = LINEARLY_IMPLICIT_STEPS
+    steps = limit * longest_linearly_implicit_step(rom) / dt
     if steps >= limit:
-        return "linearly-implicit", f"{steps:.0f} steps in a period of the slowest mode, from {limit} on it pays"
-    return "newton", f"{steps:.1f} steps in a period of the slowest mode, below {limit} iteration pays"
+        return (
+            "linearly-implicit",
+            f"{steps:.3g} steps in a period of the slowest mode, from {limit} on it is sooner exact",
+        )
+    return "newton", f"{steps:.2g} steps in a period of the slowest mode, below {limit} only iteration is to be trusted"
 
 
 def _finite_strain_kernel(kind: str) -> "type[FiniteStrainKernel]":
