@@ -16,7 +16,8 @@ STRAIGHT = 1e-6  # share of the body's length that the middle of an edge may be 
 
 
 def warnings_of(scene: Scene, mesh: Mesh, rigid: np.ndarray) -> Iterator[str]:
-    """Of elements that lock, and of supports: whoever clamps a body may not know that some of it still moves freely."""
+    """Of the mesh file, elements that lock, and supports: whoever clamps a body may not know that some of it moves."""
+    yield from mesh.notes
     if mesh.straightened > STRAIGHT * np.ptp(mesh.points, axis=0).max():
         yield (
             f"curved edges of second-order cells were made straight: nodes on them are up to {mesh.straightened:.3g} m "

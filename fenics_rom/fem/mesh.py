@@ -14,6 +14,9 @@ import numpy as np
 from fenics_rom.errors import MeshError, check_known
 from fenics_rom.fem import foreign_file
 from fenics_rom.fem.abaqus_file import read_abaqus
+from fenics_rom.fem.cell_overlaps import describe_overlaps
+from fenics_rom.fem.mesh_arrays import MeshArrays
+from fenics_rom.fem.mesh_gaps import describe_gaps
 from fenics_rom.fem.mesh_quality import CELL_EDGES, check_filling, signed_volumes
 
 TETRAHEDRA = {"Tetrahedron 4", "Tetrahedron 10"}  # what Gmsh calls the only kinds of cells that are allowed
@@ -30,6 +33,7 @@ class Mesh:
     regions: Mapping[str, np.ndarray]  # cells of each named region, as rows of `cells`
     source: str  # file name for messages
     straightened: float = 0.0  # m, by which nodes on edges of second-order cells were off their middles
+    notes: tuple[str, ...] = ()  # what the user should know of the file
 
     def surface(self, name: str) -> np.ndarray:
         """Triangles of a named surface; refuses one that is not there, or empty."""
@@ -73,14 +77,22 @@ def read_mesh(file: Path, groups: Mapping[str, int], scale: float = 1.0) -> Mesh
     if file.suffix not in readers:
         filled = f"; fenics-rom mesh {file.name} -o part.msh --size LENGTH fills it" if file.suffix in SURFACES else ""
         raise MeshError(f"mesh file {file}: allowed endings are {', '.join(readers)}{filled}")
-    points, cells, surfaces, regions, edges = readers[file.suffix](file, groups)
-    check_cells(points, cells, file)
-    points, straightened = scale * points, 0.0
+    try:
+        found = readers[file.suffix](file, groups)
+    except OSError as error:
+        raise MeshError(f"mesh file {file}: cannot be read: {error.strerror or error}") from error
+    check_cells(found.points, found.cells, file)
+    points, straightened, edges = scale * found.points, 0.0, found.edges
     if len(edges):
         straightened = float(np.linalg.norm(points[edges[:, 2]] - points[edges[:, :2]].mean(axis=1), axis=1).max())
-    cells, regions = _deduplicate(oriented(points, cells), regions)
-    check_filling(points, cells, f"mesh file {file}")
-    return Mesh(points, cells, surfaces, regions, str(file), straightened)
+    cells, regions = _deduplicate(oriented(points, found.cells), found.regions)
+    faces = check_filling(points, cells, f"mesh file {file}")
+    notes = (
+        *found.notes,
+        *describe_gaps(found, points, cells, faces),
+        *describe_overlaps(points, cells, faces, file.name),
+    )
+    return Mesh(points, cells, found.surfaces, regions, str(file), straightened, notes)
 
 
 def oriented(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
@@ -113,22 +125,22 @@ def _deduplicate(cells: np.ndarray, regions: Mapping[str, np.ndarray]) -> tuple[
     return cells[unique_rows], {name: np.unique(row[rows]) for name, rows in regions.items()}
 
 
-def _read_gmsh(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+def _read_gmsh(file: Path, groups: Mapping[str, int]) -> MeshArrays:
     with file.open("rb") as stream:  # what has no such head Gmsh takes for a script, and runs
         if not stream.readline().startswith((b"$MeshFormat", b"$Comments")):
             raise MeshError(f"mesh file {file}: is not in Gmsh's MSH format, version 2 or 4")
     return _from_arrays(foreign_file.read_arrays(file), file, groups)
 
 
-def _read_vtk(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+def _read_vtk(file: Path, groups: Mapping[str, int]) -> MeshArrays:
     return _from_arrays(foreign_file.read_arrays(file), file, groups)
 
 
-def _read_inp(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+def _read_inp(file: Path, groups: Mapping[str, int]) -> MeshArrays:
     return read_abaqus(file)
 
 
-def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[str, int]) -> MeshArrays:
     if len(arrays["nodes"]) == 0:
         raise MeshError(f"mesh file {file}: holds no nodes")
     order = np.argsort(arrays["nodes"])
@@ -163,10 +175,10 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[s
         else:
             rows = by_number[positions(members, arrays["numbers"][by_number], "cells")]
             regions[name] = np.concatenate([regions.get(name, rows[:0]), rows])
-    return points, cells, surfaces, regions, edges
+    return MeshArrays(points, cells, surfaces, regions, edges)
 
 
-def _read_xdmf(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+def _read_xdmf(file: Path, groups: Mapping[str, int]) -> MeshArrays:
     from dolfinx.io import XDMFFile
     from mpi4py import MPI
 
@@ -204,7 +216,7 @@ def _read_xdmf(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untype
                 surfaces[group] = _facet_nodes(domain, entities, cells)
             elif tag.dim == 3:
                 regions[group] = np.asarray(entities, dtype=np.int64)
-    return points, cells, surfaces, regions, ()
+    return MeshArrays(points, cells, surfaces, regions)
 
 
 def _facet_nodes(domain, facets: np.ndarray, cells: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]

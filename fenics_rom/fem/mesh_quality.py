@@ -1,5 +1,7 @@
 """Whether cells fill a body once, and how good they are."""
 
+from typing import NamedTuple
+
 import numpy as np
 import scipy.sparse
 from numpy import ndarray as Array
@@ -34,7 +36,24 @@ def radius_ratios(points: Array, cells: Array) -> Array:
     return 216 * volume**2 / (area * np.sqrt(np.maximum(heron, np.finfo(float).tiny)))
 
 
-def check_filling(points: Array, cells: Array, source: str) -> None:
+class Faces(NamedTuple):
+    """Faces of cells, and on which side of each other cells are, see `faces_of`."""
+
+    one: Array  # (I,) cells on one side of each face that two have
+    other: Array  # (I,) and on the other
+    outside: Array  # (F, 3) outward triangles that only one cell has
+    owner: Array  # (F,) that cell
+    crowded: int  # number of faces that more than two cells have
+    sides: Array  # (C,) 1 or -1, -1 of the inverted cells, which have the smaller part of the volume
+
+    def parts(self) -> tuple[int, Array]:
+        """Number of parts that hang together by faces, and the part (C,) of each cell."""
+        count = len(self.sides)
+        graph = scipy.sparse.coo_array((np.ones(len(self.one)), (self.one, self.other)), shape=(count, count))
+        return connected_components(graph, directed=False)
+
+
+def check_filling(points: Array, cells: Array, source: str) -> Faces:
     """Refuses cells that overlap: their volumes add up to more than their surface encloses.
 
     Args:
@@ -45,17 +64,17 @@ def check_filling(points: Array, cells: Array, source: str) -> None:
     Raises:
         MeshError: with both volumes, and how many cells are inverted.
     """
-    sides, outside, crowded = inversion(points, cells)
+    faces = faces_of(points, cells)
     volumes = signed_volumes(points, cells)
-    enclosed, filled = volume_within(points[outside]), float(volumes.sum())
-    inverted = np.flatnonzero(sides < 0)
-    if not crowded and abs(filled - enclosed) <= CLOSED * filled:
-        return
+    enclosed, filled = volume_within(points[faces.outside]), float(volumes.sum())
+    inverted = np.flatnonzero(faces.sides < 0)
+    if not faces.crowded and abs(filled - enclosed) <= CLOSED * filled:
+        return faces
     flat = quality_of(radius_ratios(points, cells)).near_flat
     where = (
         f", e.g. the one around {points[cells[inverted[0]]].mean(axis=0).round(6).tolist()}" if len(inverted) else ""
     )
-    shared = f"; {crowded} faces belong to more than two cells" if crowded else ""
+    shared = f"; {faces.crowded} faces belong to more than two cells" if faces.crowded else ""
     raise MeshError(
         f"{source}: cells overlap: their volumes add up to {filled:.6g} m³, and the surface encloses {enclosed:.6g} "
         f"m³; {len(inverted)} of {len(cells)} cells are inverted{where}, {flat} are near-flat (radius ratio 3 r/R "
@@ -63,21 +82,16 @@ def check_filling(points: Array, cells: Array, source: str) -> None:
     )
 
 
-def inversion(points: Array, cells: Array) -> tuple[Array, Array, int]:
-    """On which side of each other cells are.
+def faces_of(points: Array, cells: Array) -> Faces:
+    """Faces of cells, and on which side of each other these are.
 
     In a mesh that fills a body once, two cells lie on different sides of the face that they share. Where they do not,
     one of them is inverted: turned inside out beside those that it hangs together with.
-
-    Returns:
-        1 or -1 for each cell (C,), -1 for the inverted ones, which have the smaller part of the volume; the faces
-        (F, 3) that only one cell has, outward by the sides; and the number of faces that more than two cells have.
     """
-    count = len(points)
     faces = cells[:, CELL_FACES].reshape(-1, 3)
     i, j, k = faces.T.astype(np.int64)
     is_even = (j > i) ^ (k > i) ^ (k > j)  # whether sorting the vertices takes an even number of exchanges
-    keys = np.sort(faces, axis=1).astype(np.int64) @ np.array([count * count, count, 1])
+    keys = triangle_keys(faces, len(points))
     order = np.argsort(keys, kind="stable")
     _, first, shares = np.unique(keys[order], return_index=True, return_counts=True)
     one, other = order[first[shares == 2]], order[first[shares == 2] + 1]
@@ -87,7 +101,12 @@ def inversion(points: Array, cells: Array) -> tuple[Array, Array, int]:
         sides = _sides(one // 4, other // 4, folded, signed_volumes(points, cells))
     outer = order[first[shares == 1]]
     outside = np.where(sides[outer // 4, None] > 0, faces[outer], faces[outer][:, ::-1])
-    return sides, outside, int((shares > 2).sum())
+    return Faces(one // 4, other // 4, outside, outer // 4, int((shares > 2).sum()), sides)
+
+
+def triangle_keys(triangles: Array, count: int) -> Array:
+    """One number for each triangle (F, 3) between so many points, whatever the order of its vertices."""
+    return np.sort(triangles, axis=1).astype(np.int64) @ np.array([count * count, count, 1])
 
 
 def _sides(one: Array, other: Array, folded: Array, volumes: Array) -> Array:

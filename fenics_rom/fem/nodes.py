@@ -13,7 +13,7 @@ import scipy.sparse
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.chambers import Hollow, inner_facets
 from fenics_rom.fem.mesh import Mesh
-from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES
+from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES, triangle_keys
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,7 @@ def canonical_nodes(mesh: Mesh, degree: int) -> Nodes:
 
 def face_keys(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
     """One number for each triangle, whatever the order of its vertices."""
-    count = len(nodes.coordinates) + 1
-    return np.sort(triangles, axis=1) @ np.array([count * count, count, 1])
+    return triangle_keys(triangles, len(nodes.coordinates) + 1)
 
 
 def area_vectors(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:

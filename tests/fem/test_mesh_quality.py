@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 import fenics_rom as fr
 from fenics_rom.errors import MeshError
 from fenics_rom.fem.mesh import oriented, read_mesh
-from fenics_rom.fem.mesh_quality import check_filling, inversion, radius_ratios, signed_volumes, volume_within
+from fenics_rom.fem.mesh_quality import check_filling, faces_of, radius_ratios, signed_volumes, volume_within
 from fenics_rom.mechanics.body_facts import NEAR_FLAT, quality_of
 from fenics_rom.reduction.rigid_mode_deflation import first_frequency
 from fenics_rom.scene.file import parse_scene
@@ -58,11 +58,11 @@ def test_radius_ratio_of_known_tetrahedra(corners, ratio):
 
 def test_whole_mesh_fills_what_its_surface_encloses(box):
     points, cells = box
-    sides, outside, crowded = inversion(points, cells)
-    assert (sides == 1).all()
-    assert crowded == 0
+    faces = faces_of(points, cells)
+    assert (faces.sides == 1).all()
+    assert faces.crowded == 0
     volume = np.prod(LENGTHS)
-    assert abs(volume_within(points[outside]) / volume - 1) <= ROUND_OFF
+    assert abs(volume_within(points[faces.outside]) / volume - 1) <= ROUND_OFF
     assert abs(signed_volumes(points, cells).sum() / volume - 1) <= ROUND_OFF
     check_filling(points, cells, "box")
 
@@ -70,16 +70,16 @@ def test_whole_mesh_fills_what_its_surface_encloses(box):
 def test_inverted_cells_are_found_in_whatever_order_their_vertices_are(broken):
     points, cells, inverted = broken
     assert 3 < inverted.sum() < len(cells) / 4
-    sides, outside, _ = inversion(points, oriented(points, shuffled(cells)))
-    np.testing.assert_array_equal(sides < 0, inverted)
-    assert abs(volume_within(points[outside]) / np.prod(LENGTHS) - 1) <= ROUND_OFF
+    faces = faces_of(points, oriented(points, shuffled(cells)))
+    np.testing.assert_array_equal(faces.sides < 0, inverted)
+    assert abs(volume_within(points[faces.outside]) / np.prod(LENGTHS) - 1) <= ROUND_OFF
 
 
 def test_each_part_of_a_body_has_its_own_sides(box, broken):
     """A whole box, and a broken one beside it."""
     points, cells, inverted = broken
     both = np.concatenate([box[0] + [0, 1, 0], points]), np.concatenate([box[1], cells + len(points)])
-    sides, _, _ = inversion(both[0], oriented(*both))
+    sides = faces_of(both[0], oriented(*both)).sides
     np.testing.assert_array_equal(sides < 0, np.concatenate([np.zeros(len(cells), dtype=bool), inverted]))
 
 

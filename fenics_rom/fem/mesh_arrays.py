@@ -1,0 +1,17 @@
+"""What every reader of mesh files gives, before it is checked."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+
+class MeshArrays(NamedTuple):
+    """Tetrahedra and groups in the unit of the file, with whatever it has besides."""
+
+    points: np.ndarray  # (N, 3)
+    cells: np.ndarray  # (C, 4), of any orientation, some perhaps several times
+    surfaces: Mapping[str, np.ndarray]  # triangles of each named surface, (F, 3) each
+    regions: Mapping[str, np.ndarray]  # cells of each named region, as rows of `cells`
+    edges: np.ndarray = np.empty((0, 3), dtype=np.int64)  # (E, 3) of second-order cells: two ends, and the node between
+    notes: tuple[str, ...] = ()  # what the user should know
