@@ -47,8 +47,8 @@ def describe_overlaps(points: Array, cells: Array, faces: Faces, source: str) ->
         where = _where(pieces[is_overlap[pair]].reshape(-1, 3))
         yield (
             f"{_who(part[meeting[is_overlap]])} overlap {where}: of the {volumes.sum():.4g} m³ of all cells "
-            f"{volume:.3g} m³ count twice in mass and stiffness, and nothing joins the {len(inside)} nodes there inside "
-            "cells of others to these; unite the volumes where the mesh is made (in Gmsh: BooleanUnion, or "
+            f"{volume:.3g} m³ count twice in mass and stiffness, and nothing joins the {len(inside)} nodes inside "
+            "other cells to these; unite the volumes where the mesh is made (in Gmsh: BooleanUnion, or "
             "BooleanFragments to keep each), and mesh anew"
         )
     elif len(touching):

@@ -6,10 +6,12 @@ it needs NumPy and Gmsh or VTK only.
 
 import io
 import os
+import re
 import resource
 import sys
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -122,24 +124,35 @@ def edges_of(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
 
 def _read_vtk(file: str) -> dict[str, Any]:
     from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
     from vtkmodules.vtkCommonDataModel import vtkCellTypes, vtkUnstructuredGrid
     from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
-    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+    from vtkmodules.vtkIOXML import vtkXMLGenericDataObjectReader
 
-    failed = []
-    reader = vtkXMLUnstructuredGridReader() if file.endswith("u") else vtkGenericDataObjectReader()
-    reader.AddObserver("ErrorEvent", lambda *_: failed.append(True))  # type: ignore[arg-type]
+    window = vtkStringOutputWindow()  # where the readers in a reader tell their errors, which it keeps for itself
+    vtkOutputWindow.SetInstance(window)
+    with Path(file).open("rb") as stream:  # of either ending
+        is_xml = stream.read(4096).lstrip(b"\xef\xbb\xbf \t\r\n").startswith((b"<?xml", b"<VTKFile", b"<!--"))
+    reader = vtkXMLGenericDataObjectReader() if is_xml else vtkGenericDataObjectReader()
     reader.SetFileName(file)
     reader.Update()
     grid = reader.GetOutputDataObject(0)
-    if failed or grid is None:
-        raise ValueError("it is damaged, or in no format of VTK's")
+    error = re.search(r"ERROR: In [^\n]*\n[^\n]*?\): ([^\n]*)", window.GetOutput())
+    if error is not None or grid is None:
+        raise ValueError(f"it is damaged, cut, or in no format of VTK's{f' ({error[1].strip()})' if error else ''}")
+    if is_xml:
+        _check_count_of_cells(file)
     if not isinstance(grid, vtkUnstructuredGrid):
         raise ValueError(f"it holds {grid.GetClassName()}; allowed is an unstructured grid of tetrahedra")
     count = grid.GetNumberOfCells()
     kinds = np.array([grid.GetCellType(k) for k in range(count)], dtype=int)
     starts = vtk_to_numpy(grid.GetCells().GetOffsetsArray()) if count else np.empty(0, int)
     nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray()) if count else np.empty(0, int)
+
+    for kind, number in (VTK_TETRAHEDRA | VTK_TRIANGLES).items():
+        has_others = (np.diff(starts) != number) & (kinds == kind)
+        if has_others.any():
+            raise ValueError(f"{has_others.sum()} cells of type {kind} do not have {number} nodes")
 
     def corners(of: np.ndarray, number: int) -> np.ndarray:
         return nodes[starts[of][:, None] + np.arange(number)]
@@ -161,7 +174,7 @@ def _read_vtk(file: str) -> dict[str, Any]:
                 groups.append((dimension, int(tag)))
     return members | {
         "nodes": np.arange(grid.GetNumberOfPoints()),
-        "points": vtk_to_numpy(grid.GetPoints().GetData()).astype(float).ravel() if count else np.empty(0),
+        "points": vtk_to_numpy(grid.GetPoints().GetData()).astype(float).ravel() if grid.GetPoints() else np.empty(0),
         "kinds": np.array([_vtk_kind(kind) for kind in solid], dtype=str),
         "numbers": tetrahedra,
         "cells": corners(tetrahedra, 4).ravel(),
@@ -170,6 +183,19 @@ def _read_vtk(file: str) -> dict[str, Any]:
         "tags": np.array([tag for _, tag in groups], dtype=int),
         "names": np.array([""] * len(groups), dtype=str),
     }
+
+
+def _check_count_of_cells(file: str) -> None:
+    """Refuses XML with more cells in text than it says, which VTK passes over."""
+    try:
+        pieces = [*ElementTree.parse(file).iter("Piece")]
+    except ElementTree.ParseError:  # of binary data at its end
+        return
+    for piece in pieces:
+        types = piece.find("Cells/DataArray[@Name='types'][@format='ascii']")
+        told, held = piece.get("NumberOfCells"), len((types.text or "").split()) if types is not None else None
+        if held is not None and told != str(held):
+            raise ValueError(f"it says {told} cells and holds {held}: it was cut or changed")
 
 
 def _vtk_kind(kind: int) -> str:

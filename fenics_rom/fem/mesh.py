@@ -18,6 +18,7 @@ from fenics_rom.fem.cell_overlaps import describe_overlaps
 from fenics_rom.fem.mesh_arrays import MeshArrays
 from fenics_rom.fem.mesh_gaps import describe_gaps
 from fenics_rom.fem.mesh_quality import CELL_EDGES, check_filling, signed_volumes
+from fenics_rom.fem.msh_sections import check_sections
 
 TETRAHEDRA = {"Tetrahedron 4", "Tetrahedron 10"}  # what Gmsh calls the only kinds of cells that are allowed
 SURFACES = (".stl", ".step", ".stp")  # what Gmsh can fill
@@ -126,9 +127,10 @@ def _deduplicate(cells: np.ndarray, regions: Mapping[str, np.ndarray]) -> tuple[
 
 
 def _read_gmsh(file: Path, groups: Mapping[str, int]) -> MeshArrays:
-    with file.open("rb") as stream:  # what has no such head Gmsh takes for a script, and runs
-        if not stream.readline().startswith((b"$MeshFormat", b"$Comments")):
-            raise MeshError(f"mesh file {file}: is not in Gmsh's MSH format, version 2 or 4")
+    content = file.read_bytes()
+    if not content.startswith((b"$MeshFormat", b"$Comments")):  # Gmsh takes it for a script, and runs it
+        raise MeshError(f"mesh file {file}: is not in Gmsh's MSH format, version 2 or 4")
+    check_sections(content, f"mesh file {file}")
     return _from_arrays(foreign_file.read_arrays(file), file, groups)
 
 
@@ -151,8 +153,13 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[s
 
     def positions(wanted: np.ndarray, among: np.ndarray, what: str) -> np.ndarray:
         rows = np.searchsorted(among, wanted)  # tags may be anything, in any order
-        if (rows == len(among)).any() or (among[rows] != wanted).any():
-            raise MeshError(f"mesh file {file}: names {what} that it does not hold")
+        is_held = rows < len(among)
+        is_held[is_held] = among[rows[is_held]] == wanted[is_held]
+        if not is_held.all():
+            lacking = wanted[~is_held]
+            raise MeshError(
+                f"mesh file {file}: names {what} that it does not hold: {len(np.unique(lacking))}, e.g. {lacking[0]}"
+            )
         return rows
 
     cells = positions(arrays["cells"].reshape(-1, 4), tags, "nodes")
