@@ -1,6 +1,7 @@
-"""`fenics-rom mesh`: a surface filled with tetrahedra."""
+"""`fenics-rom mesh`: a surface filled with tetrahedra, or parts of a body that touch made one."""
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -9,28 +10,63 @@ from fenics_rom.cli.display import print_lines
 from fenics_rom.cli.output import add_output
 from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.lazy_import import load
+from fenics_rom.mechanics.body_facts import quality_of
 
-SUMMARY = "fill a closed surface, or a STEP body, with tetrahedra"
+SUMMARY = "fill a closed surface, or a STEP body, with tetrahedra; glue parts of a mesh that touch"
+SURFACES = (".stl", ".step", ".stp")
+BY_ITSELF = -1.0  # --glue without a number
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
-    command.add_argument("file", metavar="FILE", help=".stl, .step or .stp")
+    command.add_argument("file", metavar="FILE", help=".stl, .step or .stp, to be filled; with --glue a mesh, too")
     add_output(command, "MESH.msh")
-    command.add_argument("--size", type=float, metavar="M", required=True, help="length of the cells' edges, m")
-    command.add_argument("--scale", type=float, metavar="X", default=1.0, help="metres that a unit of .stl is worth")
+    command.add_argument("--size", type=float, metavar="M", help="length of the cells' edges, m, of what is filled")
+    command.add_argument(
+        "--glue",
+        type=_tolerance,
+        nargs="?",
+        const=BY_ITSELF,
+        metavar="M",
+        help="merge nodes within so many m of one another (1e-6 of the body's diagonal where no number is given); of a "
+        "STEP body let solids share nodes where they meet",
+    )
+    command.add_argument(
+        "--scale", type=float, metavar="X", default=1.0, help="metres that a unit of .stl, or of a mesh, is worth"
+    )
+
+
+def _tolerance(word: str) -> float:
+    with suppress(ValueError):
+        if 0 <= float(word) < np.inf:
+            return float(word)
+    raise argparse.ArgumentTypeError(f"{word!r}: allowed is a finite number >= 0, or none where --glue stands last")
 
 
 def run(choice: argparse.Namespace) -> None:
-    """Meshes, and prints how large the body is and how good its cells are."""
+    """Meshes or glues, and prints how large the body is and how good its cells are."""
+    file, glue = Path(choice.file), choice.glue
+    is_filled = file.suffix.lower() in SURFACES
+    if is_filled and choice.size is None:
+        choice.wrong_usage("--size is required of what is filled: length of the cells' edges, m")
+    if not is_filled and (glue is None or choice.size is not None):
+        choice.wrong_usage(f"{file}: allowed is --size of {', '.join(SURFACES)}, and --glue without --size of a mesh")
+    if is_filled and glue not in (None, BY_ITSELF):
+        choice.wrong_usage(f"--glue {glue:g}: solids are divided where they meet; allowed is --glue without a number")
     for option in ("size", "scale"):
-        if not 0 < getattr(choice, option) < np.inf:
-            choice.wrong_usage(f"--{option} {getattr(choice, option):g}: allowed is a finite number > 0")
+        if (given := getattr(choice, option)) is not None and not 0 < given < np.inf:
+            choice.wrong_usage(f"--{option} {given:g}: allowed is a finite number > 0")
     if choice.output.suffix != ".msh":
         choice.wrong_usage(f"-o {choice.output}: allowed is the ending .msh")
     check_outputs(choice.output, inputs=[choice.file], force=choice.force)
-    fill_surface = load("fem.filling", "fill_surface")
-    mesh, quality = fill_surface(Path(choice.file), choice.output, choice.size, choice.scale)
-    size = " x ".join(f"{length:.4g}" for length in np.ptp(mesh.points, axis=0))
+    lines = {}
+    if is_filled:
+        mesh = load("fem.filling", "fill_surface")(file, choice.output, choice.size, choice.scale, glue is not None)
+    else:
+        tolerance = None if glue == BY_ITSELF else glue
+        glued = load("fem.gluing", "glue_mesh")(file, choice.output, tolerance, choice.scale)
+        mesh, lines["nodes"] = glued.mesh, str(glued)
+    size = " x ".join(f"{length:.4g}" for length in np.ptp(mesh.points[mesh.cells].reshape(-1, 3), axis=0))
+    quality = load("fem.mesh_quality", "radius_ratios")(mesh.points, mesh.cells)
     print(f"mesh {choice.output}")
-    print_lines({"body": f"{size} m", "cells": str(quality)}, ())
+    print_lines({"body": f"{size} m", **lines, "cells": str(quality_of(quality))}, mesh.notes)

@@ -192,8 +192,10 @@ class AbaqusFile:
     def _members(self, words: list[str], sets: Mapping[str, list[int]], generated: bool, is_of_part: bool) -> list[int]:
         """Numbers that a line of a set names, by themselves, by other sets, or as a range."""
         if generated:
-            first, last, *step = map(_whole, words)
-            numbers = range(first, last + 1, *step)
+            bounds = [*map(_whole, words), 1]
+            if len(bounds) not in (3, 4) or bounds[2] == 0:
+                raise ValueError("generate takes a first, last and perhaps a step > 0")
+            numbers = range(bounds[0], bounds[1] + 1, bounds[2])
             if len(numbers) > MOST_GENERATED:
                 raise ValueError(f"{len(numbers)} numbers are generated; allowed are {MOST_GENERATED}")
             return [*numbers] if is_of_part else []

@@ -32,17 +32,18 @@ def read_arrays(file: Path) -> Mapping[str, np.ndarray]:
     return _arrays(file, timeout=BASE_TIMEOUT + file.stat().st_size / MIN_READING_RATE)
 
 
-def fill_surface(file: Path, size: float) -> Mapping[str, np.ndarray]:
+def fill_surface(file: Path, size: float, glue: bool = False) -> Mapping[str, np.ndarray]:
     """Points (3 N,) and cells (4 C,) of tetrahedra that Gmsh fills a closed surface or a STEP body with.
 
     Args:
         file: `.stl`, `.step` or `.stp`.
         size: length of their edges in the file's unit; of STEP, m.
+        glue: let solids of STEP that touch or overlap share their nodes.
 
     Raises:
         MeshError: as `read_arrays`; or the surface is open or intersects itself.
     """
-    return _arrays(file, str(size), timeout=MESHING_TIMEOUT)
+    return _arrays(file, str(size), *["glue"] * glue, timeout=MESHING_TIMEOUT)
 
 
 def _arrays(file: Path, *words: str, timeout: float) -> Mapping[str, np.ndarray]:

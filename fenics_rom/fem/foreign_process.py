@@ -36,7 +36,8 @@ def main() -> None:
     with os.fdopen(os.dup(1), "wb") as output:
         os.dup2(2, 1)  # what libraries print is no part of the arrays
         try:
-            arrays = fill_surface(file, float(sys.argv[2])) if len(sys.argv) > 2 else read_arrays(file)
+            fills, glue = len(sys.argv) > 2, sys.argv[3:] == ["glue"]
+            arrays = fill_surface(file, float(sys.argv[2]), glue) if fills else read_arrays(file)
         except ModuleNotFoundError as error:
             sys.exit(f"it needs {error.name}, which this Python lacks: pip install fenics-rom[view]")
         except Exception as error:  # Gmsh's own, and what Python says of names that are no text
@@ -205,8 +206,11 @@ def _vtk_kind(kind: int) -> str:
     return f"Tetrahedron {VTK_TETRAHEDRA[kind]}" if kind in VTK_TETRAHEDRA else str(name).removeprefix("vtk")
 
 
-def fill_surface(file: str, size: float) -> dict[str, Any]:
-    """Points (3 N,) and cells (4 C,) of tetrahedra of a size that fill a closed surface, or what a STEP file holds."""
+def fill_surface(file: str, size: float, glue: bool) -> dict[str, Any]:
+    """Points (3 N,) and cells (4 C,) of tetrahedra of a size that fill a closed surface, or what a STEP file holds.
+
+    Solids that are to be glued are divided where they meet.
+    """
     gmsh = _gmsh()
     gmsh.option.setString("Geometry.OCCTargetUnit", "M")
     mesh = gmsh.model.mesh
@@ -220,6 +224,9 @@ def fill_surface(file: str, size: float) -> dict[str, Any]:
         gmsh.model.geo.synchronize()
     else:
         gmsh.model.occ.importShapes(file)
+        solids = gmsh.model.occ.getEntities(3)
+        if glue and len(solids) > 1:
+            gmsh.model.occ.fragment(solids[:1], solids[1:])
         gmsh.model.occ.synchronize()
     if not gmsh.model.getEntities(3):
         raise ValueError("it holds no solid, only surfaces")

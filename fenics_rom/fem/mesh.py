@@ -56,14 +56,14 @@ class Mesh:
         return groups[name]
 
 
-def read_mesh(file: Path, groups: Mapping[str, int], scale: float = 1.0) -> Mesh:
+def read_mesh(file: Path, groups: Mapping[str, int] | None, scale: float = 1.0) -> Mesh:
     """Reads a mesh of tetrahedra, whose edges are made straight.
 
     Args:
         file: path; `.msh` of Gmsh with physical groups, `.inp` of Abaqus with sets, `.vtk` or `.vtu` with cell data of
             whole numbers, or `.xdmf` as dolfinx writes it.
         groups: names for tags that have none in the file (XDMF and VTK hold tag values only). In XDMF, tags written
-            under a name of their own are also a group of that name.
+            under a name of their own are also a group of that name. None: each tag is a group of that number.
         scale: metres that a unit of its coordinates is worth.
 
     Raises:
@@ -82,6 +82,20 @@ def read_mesh(file: Path, groups: Mapping[str, int], scale: float = 1.0) -> Mesh
         found = readers[file.suffix](file, groups)
     except OSError as error:
         raise MeshError(f"mesh file {file}: cannot be read: {error.strerror or error}") from error
+    return checked_mesh(found, file, scale)
+
+
+def checked_mesh(found: MeshArrays, file: Path, scale: float = 1.0) -> Mesh:
+    """The mesh of what was found, with what the user should know of it.
+
+    Args:
+        found: points and cells in the unit of the file.
+        file: where it was found, for messages.
+        scale: metres that a unit of it is worth.
+
+    Raises:
+        MeshError: there are no usable tetrahedra, or some overlap their neighbours.
+    """
     check_cells(found.points, found.cells, file)
     points, straightened, edges = scale * found.points, 0.0, found.edges
     if len(edges):
@@ -126,7 +140,7 @@ def _deduplicate(cells: np.ndarray, regions: Mapping[str, np.ndarray]) -> tuple[
     return cells[unique_rows], {name: np.unique(row[rows]) for name, rows in regions.items()}
 
 
-def _read_gmsh(file: Path, groups: Mapping[str, int]) -> MeshArrays:
+def _read_gmsh(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
     content = file.read_bytes()
     if not content.startswith((b"$MeshFormat", b"$Comments")):  # Gmsh takes it for a script, and runs it
         raise MeshError(f"mesh file {file}: is not in Gmsh's MSH format, version 2 or 4")
@@ -134,15 +148,15 @@ def _read_gmsh(file: Path, groups: Mapping[str, int]) -> MeshArrays:
     return _from_arrays(foreign_file.read_arrays(file), file, groups)
 
 
-def _read_vtk(file: Path, groups: Mapping[str, int]) -> MeshArrays:
+def _read_vtk(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
     return _from_arrays(foreign_file.read_arrays(file), file, groups)
 
 
-def _read_inp(file: Path, groups: Mapping[str, int]) -> MeshArrays:
+def _read_inp(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
     return read_abaqus(file)
 
 
-def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[str, int]) -> MeshArrays:
+def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
     if len(arrays["nodes"]) == 0:
         raise MeshError(f"mesh file {file}: holds no nodes")
     order = np.argsort(arrays["nodes"])
@@ -165,7 +179,8 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[s
     cells = positions(arrays["cells"].reshape(-1, 4), tags, "nodes")
     edges = positions(arrays["edges"].reshape(-1, 3), tags, "nodes")
     by_number = np.argsort(arrays["numbers"])
-    named = {tag: name for name, tag in groups.items()}
+    every_tag = {int(tag): str(tag) for tag in arrays["tags"]}
+    named = every_tag if groups is None else {tag: name for name, tag in groups.items()}
     surfaces: dict[str, np.ndarray] = {}
     regions: dict[str, np.ndarray] = {}
     found = [*zip(arrays["dimensions"], arrays["tags"], map(str, arrays["names"]), strict=True)]
@@ -185,7 +200,7 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[s
     return MeshArrays(points, cells, surfaces, regions, edges)
 
 
-def _read_xdmf(file: Path, groups: Mapping[str, int]) -> MeshArrays:
+def _read_xdmf(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
     from dolfinx.io import XDMFFile
     from mpi4py import MPI
 
@@ -213,8 +228,9 @@ def _read_xdmf(file: Path, groups: Mapping[str, int]) -> MeshArrays:
     surfaces: dict[str, np.ndarray] = {}
     regions: dict[str, np.ndarray] = {}
     for name, tag in tags.items():
+        named = {str(value): value for value in np.unique(tag.values)} if groups is None else groups
         parts = {name: tag.indices} | {
-            group: tag.indices[tag.values == value] for group, value in groups.items() if (tag.values == value).any()
+            group: tag.indices[tag.values == value] for group, value in named.items() if (tag.values == value).any()
         }
         for group, entities in parts.items():
             if group in (surfaces if tag.dim == 2 else regions):

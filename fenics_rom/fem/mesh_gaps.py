@@ -1,4 +1,4 @@
-"""What a mesh file lacks: nodes without cells, triangles without cells, and holes as small as cells."""
+"""Where cells of a mesh may be missing: nodes and triangles without cells, small holes, cells joined along edges."""
 
 from collections.abc import Iterator
 
@@ -40,10 +40,6 @@ def describe_gaps(mesh: MeshArrays, points: Array, cells: Array, faces: Faces) -
                 f"surface {name!r}: {is_stray.sum()} of its {len(triangles)} triangles are no faces of cells, e.g. the "
                 f"one around {_place(at)}: cells are missing there, or the surface is of another mesh"
             )
-    yield from _small_holes(points, faces)
-
-
-def _small_holes(points: Array, faces: Faces) -> Iterator[str]:
     label, volume, count = closed_surfaces(points, faces)
     holes = np.flatnonzero((volume < 0) & (count <= 2 * FEW_CELLS + 2))
     if len(holes):
@@ -53,6 +49,24 @@ def _small_holes(points: Array, faces: Faces) -> Iterator[str]:
             f"{len(holes)} holes inside the body are as small as a few cells, e.g. one of {-volume[hole]:.3g} m³, of "
             f"{count[hole]} triangles, around {at}: unless they are cavities, cells are missing in the file"
         )
+    ends, shares, _ = _edges_of_surface(points, faces)
+    pinched = ends[shares > 2]
+    if len(pinched):
+        at = _place(points[pinched[0]].mean(axis=0))
+        yield (
+            f"{len(pinched)} edges of the surface are between more than two triangles, e.g. the one around {at}: cells "
+            "meet there along the edge alone, as where cells are missing"
+        )
+
+
+def _edges_of_surface(points: Array, faces: Faces) -> tuple[Array, Array, Array]:
+    """Ends (E, 2) of the edges of the surface, how many triangles each has (E,), and the first two of them (E, 2)."""
+    ends = np.sort(faces.outside[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1).astype(np.int64)
+    keys = ends @ np.array([len(points), 1])
+    order = np.argsort(keys, kind="stable")
+    _, first, shares = np.unique(keys[order], return_index=True, return_counts=True)
+    second = np.minimum(first + 1, len(order) - 1)
+    return ends[order[first]], shares, np.stack([order[first], order[second]], axis=1) // 3
 
 
 def closed_surfaces(points: Array, faces: Faces) -> tuple[Array, Array, Array]:
@@ -63,11 +77,8 @@ def closed_surfaces(points: Array, faces: Faces) -> tuple[Array, Array, Array]:
         its triangles (P,). A piece that is not closed by itself has volume 0.
     """
     triangles = faces.outside
-    ends = np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1).astype(np.int64)
-    keys = ends @ np.array([len(points), 1])
-    order = np.argsort(keys, kind="stable")
-    _, first, shares = np.unique(keys[order], return_index=True, return_counts=True)
-    one, other = (order[first[shares == 2] + k] // 3 for k in range(2))
+    _, shares, sides = _edges_of_surface(points, faces)
+    one, other = sides[shares == 2].T
     graph = scipy.sparse.coo_array((np.ones(len(one)), (one, other)), shape=2 * (len(triangles),))
     pieces, label = connected_components(graph, directed=False)
     corners = points[triangles] - points[triangles].mean(axis=(0, 1))

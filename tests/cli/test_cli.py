@@ -28,7 +28,7 @@ DATA = Path(__file__).parents[1] / "data"
 ROM, RUN = DATA / "rom-1.0.h5", DATA / "run-1.0.h5"
 TEXT = PLATE.read_text().replace("../../meshes/plate.msh", str(PLATE.parents[2] / "meshes" / "plate.msh"))
 COMMANDS = {
-    "mesh": ["--size", "--scale", "--output"],
+    "mesh": ["--size", "--glue", "--scale", "--output"],
     "reduce": [
         *("--order", "--tolerance", "--switching", "--weighting", "--lyapunov", "--share", "--output"),
         *("--method", "--solver", "--resume"),

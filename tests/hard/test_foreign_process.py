@@ -85,7 +85,7 @@ def test_files_that_crash_gmsh_or_fill_the_memory_do_no_harm(tmp_path, number):
     file = tmp_path / "mutated.msh"
     file.write_bytes(mutated_meshes.mutated(np.random.default_rng([0, number]))[1])
     with pytest.raises(MeshError, match="Gmsh"):
-        read_mesh(file, {})
+        foreign_file.read_arrays(file)
 
 
 def test_what_is_printed_there_is_no_part_of_the_mesh(monkeypatch, tmp_path, mesh):
