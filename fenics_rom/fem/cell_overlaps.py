@@ -14,7 +14,7 @@ from fenics_rom.fem.mesh_quality import CELL_FACES, Faces, signed_volumes
 
 SAME_PLACE = 1e-6  # share of the body's size that places may differ by, as files hold few digits
 ROUND_OFF = 1e-9  # share of the smaller cell that two must have in common
-PAIRS_AT_ONCE = 200_000
+PAIRS_AT_ONCE = 20_000
 PIECES = {  # of a tetrahedron of which so many vertices are inside: its vertices, or places on edges between two
     1: [((0, 0), (0, 1), (0, 2), (0, 3))],
     2: [((0, 0), (0, 2), (0, 3), (1, 3)), ((0, 0), (0, 2), (1, 3), (1, 2)), ((0, 0), (1, 2), (1, 3), (1, 1))],
@@ -34,10 +34,12 @@ def describe_overlaps(points: Array, cells: Array, faces: Faces, source: str) ->
     """
     corners, volumes = points[cells], np.abs(signed_volumes(points, cells))
     reach = SAME_PLACE * float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
-    part = faces.parts()[1]
+    count, part = faces.parts()
     is_skin = np.zeros(len(cells), dtype=bool)
     is_skin[faces.owner] = True
-    pairs = meeting_boxes(corners.min(axis=1) - reach, corners.max(axis=1) + reach, part, is_skin)
+    chosen = np.flatnonzero(is_skin | (count > 1))  # in one part, skin meets first
+    low, high = corners[chosen].min(axis=1) - reach, corners[chosen].max(axis=1) + reach
+    pairs = chosen[meeting_boxes(low, high, part[chosen], is_skin[chosen])]
     meeting, inside, touching = _look_at(pairs, corners, cells, part, reach)
     pieces, pair = common_pieces(corners[meeting[:, 0]], corners[meeting[:, 1]])
     common = np.bincount(pair, weights=piece_volumes(pieces), minlength=len(meeting))
@@ -90,31 +92,34 @@ def _where(places: Array) -> str:
 
 
 def _look_at(pairs: Array, corners: Array, cells: Array, part: Array, reach: float) -> tuple[Array, Array, Array]:
-    """Pairs of cells that no plane of a face parts, and nodes in cells, and on cells, that they do not belong to."""
-    planes = _planes(corners)
+    """Pairs of cells that no plane of a face parts, and nodes in cells, and on cells, that they do not belong to.
+
+    Cells of one part that share a node are left to `check_filling`.
+    """
     meeting, inside, touching = [pairs[:0]], [cells[:0, 0]], [cells[:0, 0]]
     for start in range(0, len(pairs), PAIRS_AT_ONCE):
         some = pairs[start : start + PAIRS_AT_ONCE]
-        are_apart = np.zeros(len(some), dtype=bool)
         is_shared = cells[some[:, 0], :, None] == cells[some[:, 1], None, :]
+        are_strangers = ~is_shared.any(axis=(1, 2)) | (part[some[:, 0]] != part[some[:, 1]])
+        some, is_shared = some[are_strangers], is_shared[are_strangers]
+        are_apart = np.zeros(len(some), dtype=bool)
+        planes = _planes(corners[some])
         for one, other, is_own in ((0, 1, is_shared.any(axis=1)), (1, 0, is_shared.any(axis=2))):
-            normals, offsets = planes[0][some[:, one]], planes[1][some[:, one]]
-            depth = np.einsum("pvi,pfi->pvf", corners[some[:, other]], normals) + offsets[:, None]
+            depth = np.einsum("pvi,pfi->pvf", corners[some[:, other]], planes[0][:, one]) + planes[1][:, one, None]
             are_apart |= (depth <= reach).all(axis=1).any(axis=1)
             depth = np.where(is_own, -np.inf, depth.min(axis=2))
             inside.append(cells[some[:, other]][depth > reach])
             touching.append(cells[some[:, other]][np.abs(depth) <= reach])
-        are_neighbours = is_shared.any(axis=(1, 2)) & (part[some[:, 0]] == part[some[:, 1]])
-        meeting.append(some[~are_apart & ~are_neighbours])
+        meeting.append(some[~are_apart])
     return np.concatenate(meeting), *(np.unique(np.concatenate(nodes)) for nodes in (inside, touching))
 
 
 def _planes(corners: Array) -> tuple[Array, Array]:
-    """Inward unit normals (C, 4, 3) of the faces of cells, and what makes the product with them a depth, (C, 4), m."""
-    a, b, c = (corners[:, CELL_FACES[:, k]] for k in range(3))
+    """Inward unit normals (..., 4, 3) of faces of cells, and what makes the product with them a depth (..., 4), m."""
+    a, b, c = (corners[..., CELL_FACES[:, k], :] for k in range(3))
     normals = -np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=2)[:, :, None]
-    return normals, -np.einsum("cfi,cfi->cf", normals, a)
+    normals /= np.linalg.norm(normals, axis=-1)[..., None]
+    return normals, -(normals * a).sum(axis=-1)
 
 
 def common_pieces(one: Array, other: Array) -> tuple[Array, Array]:

@@ -7,7 +7,6 @@ not hold. Everything here runs on one rank.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from fenics_rom.fem.mesh_arrays import MeshArrays
 from fenics_rom.fem.mesh_gaps import describe_gaps
 from fenics_rom.fem.mesh_quality import CELL_EDGES, check_filling, signed_volumes
 from fenics_rom.fem.msh_sections import check_sections
+from fenics_rom.fem.xdmf_file import read_xdmf
 
 TETRAHEDRA = {"Tetrahedron 4", "Tetrahedron 10"}  # what Gmsh calls the only kinds of cells that are allowed
 SURFACES = (".stl", ".step", ".stp")  # what Gmsh can fill
@@ -61,7 +61,7 @@ def read_mesh(file: Path, groups: Mapping[str, int] | None, scale: float = 1.0) 
 
     Args:
         file: path; `.msh` of Gmsh with physical groups, `.inp` of Abaqus with sets, `.vtk` or `.vtu` with cell data of
-            whole numbers, or `.xdmf` as dolfinx writes it.
+            whole numbers, or `.xdmf` as dolfinx and meshio write it.
         groups: names for tags that have none in the file (XDMF and VTK hold tag values only). In XDMF, tags written
             under a name of their own are also a group of that name. None: each tag is a group of that number.
         scale: metres that a unit of its coordinates is worth.
@@ -74,7 +74,7 @@ def read_mesh(file: Path, groups: Mapping[str, int] | None, scale: float = 1.0) 
             raise MeshError(f"mesh file {file}: not found")
     except OSError as error:  # a name that is too long
         raise MeshError(f"mesh file {file}: {error.strerror}") from error
-    readers = {".msh": _read_gmsh, ".inp": _read_inp, ".vtk": _read_vtk, ".vtu": _read_vtk, ".xdmf": _read_xdmf}
+    readers = {".msh": _read_gmsh, ".inp": _read_inp, ".vtk": _read_vtk, ".vtu": _read_vtk, ".xdmf": read_xdmf}
     if file.suffix not in readers:
         filled = f"; fenics-rom mesh {file.name} -o part.msh --size LENGTH fills it" if file.suffix in SURFACES else ""
         raise MeshError(f"mesh file {file}: allowed endings are {', '.join(readers)}{filled}")
@@ -198,57 +198,3 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[s
             rows = by_number[positions(members, arrays["numbers"][by_number], "cells")]
             regions[name] = np.concatenate([regions.get(name, rows[:0]), rows])
     return MeshArrays(points, cells, surfaces, regions, edges)
-
-
-def _read_xdmf(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
-    from dolfinx.io import XDMFFile
-    from mpi4py import MPI
-
-    from fenics_rom.fem.dolfinx_compat import cell_nodes, input_nodes
-
-    try:
-        grids = [grid.get("Name", "") for grid in ElementTree.parse(file).getroot().iter("Grid")]
-        with XDMFFile(MPI.COMM_SELF, str(file), "r") as xdmf:
-            domain = xdmf.read_mesh(name=grids[0]) if grids else None
-            if domain is None or domain.topology.dim != 3 or domain.geometry.x.shape[1] != 3:
-                raise MeshError(f"mesh file {file}: holds no tetrahedra")
-            domain.topology.create_connectivity(2, 3)
-            domain.topology.create_connectivity(2, 0)
-            tags = {name: xdmf.read_meshtags(domain, name) for name in grids[1:]}
-    except (ElementTree.ParseError, RuntimeError) as error:
-        raise MeshError(f"mesh file {file}: cannot be read as XDMF: {error}") from error
-    nodes = cell_nodes(domain)
-    if nodes.shape[1] != 4:
-        raise MeshError(f"mesh file {file}: holds cells of {nodes.shape[1]} nodes; allowed are straight tetrahedra")
-
-    file_rows = input_nodes(domain)
-    points = np.zeros((file_rows.max() + 1, 3))
-    points[file_rows] = domain.geometry.x
-    cells = file_rows[nodes]
-    surfaces: dict[str, np.ndarray] = {}
-    regions: dict[str, np.ndarray] = {}
-    for name, tag in tags.items():
-        named = {str(value): value for value in np.unique(tag.values)} if groups is None else groups
-        parts = {name: tag.indices} | {
-            group: tag.indices[tag.values == value] for group, value in named.items() if (tag.values == value).any()
-        }
-        for group, entities in parts.items():
-            if group in (surfaces if tag.dim == 2 else regions):
-                raise MeshError(f"mesh file {file}: group {group!r} is in {name!r} and in other tags before it")
-            if tag.dim == 2:
-                surfaces[group] = _facet_nodes(domain, entities, cells)
-            elif tag.dim == 3:
-                regions[group] = np.asarray(entities, dtype=np.int64)
-    return MeshArrays(points, cells, surfaces, regions)
-
-
-def _facet_nodes(domain, facets: np.ndarray, cells: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """Points of facets: those of one of their cells, less the vertex that the facet does not have."""
-    topology = domain.topology
-    topology.create_connectivity(3, 0)
-    cell_of, corners_of, vertices = (topology.connectivity(*pair) for pair in ((2, 3), (2, 0), (3, 0)))
-    triangles = np.empty((len(facets), 3), dtype=np.int64)
-    for k, facet in enumerate(facets):
-        cell = cell_of.links(facet)[0]
-        triangles[k] = cells[cell][np.isin(vertices.links(cell), corners_of.links(facet))]
-    return triangles

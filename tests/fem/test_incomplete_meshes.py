@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from bodies import assembled, box_arrays, box_surfaces, write_arrays
-from test_foreign_meshes import write_inp, write_vtk, write_vtu
+from test_foreign_meshes import second_order, write_inp, write_vtk, write_vtu
 
 from fenics_rom.errors import MeshError
 from fenics_rom.fem.mesh import oriented, read_mesh
@@ -91,6 +91,47 @@ def test_vtk_is_read_for_what_it_is(box, tmp_path):
     write_vtk(tmp_path / "legacy.vtu", *arrays)
     for name in ("xml.vtk", "legacy.vtu"):
         np.testing.assert_array_equal(read_mesh(tmp_path / name, {}).cells, box[1])
+
+
+def write_xdmf(path, points, cells, tags, shape="Tetrahedron"):
+    """As meshio writes it: tags with the cells, all numbers in one file."""
+
+    def item(array, kind):
+        text, shape = (" ".join(map(str, numbers)) for numbers in (array.ravel().tolist(), array.shape))
+        return f'<DataItem NumberType="{kind}" Dimensions="{shape}" Format="XML">{text}</DataItem>'
+
+    path.write_text(
+        f'<Xdmf Version="3.0"><Domain><Grid Name="Grid"><Geometry GeometryType="XYZ">{item(points, "Float")}</Geometry>'
+        f'<Topology TopologyType="{shape}" NumberOfElements="{len(cells)}">{item(cells, "Int")}</Topology>'
+        f'<Attribute Name="part" AttributeType="Scalar" Center="Cell">{item(tags, "Int")}</Attribute>'
+        "</Grid></Domain></Xdmf>"
+    )
+    return path.read_text()
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_xdmf_of_meshio_is_the_same_mesh_and_its_mistakes_are_told(box, tmp_path, order):
+    points, cells = box if order == 1 else second_order(*box)
+    file, tags = tmp_path / "box.xdmf", (box[0][box[1]].mean(axis=1)[:, 0] > 0.4).astype(int)
+    text = write_xdmf(file, points, cells, tags, "Tetrahedron" if order == 1 else "Tetrahedron_10")
+    mesh = read_mesh(file, {"far": 1})
+    np.testing.assert_array_equal(mesh.cells, box[1])
+    np.testing.assert_array_equal(mesh.region("far"), np.flatnonzero(tags))
+    assert (mesh.straightened <= 1e-16, mesh.notes) == (True, ())
+    for other, said in (
+        (text.replace(f'OfElements="{len(cells)}"', 'OfElements="5"'), f"it says 5 elements and holds {len(cells)}"),
+        (text.replace('Format="XML">0 ', 'Format="XML">999 ', 1), "nodes that it does not hold: 1, e.g. 999"),
+        (
+            text.replace(f'Dimensions="{len(cells)}"', 'Dimensions="7"'),
+            rf"it says \(7,\) numbers and holds {len(cells)}",
+        ),
+        (text.replace('Format="XML"', 'Format="Binary"'), "format BINARY are not read; allowed are HDF and XML"),
+        (text[:-200], "cannot be read as XDMF"),
+    ):
+        assert other != text
+        file.write_text(other)
+        with pytest.raises(MeshError, match=said):
+            read_mesh(file, {})
 
 
 # Nodes and faces without cells

@@ -286,7 +286,7 @@ BAD_FILES = {
     "other.xdmf": (lambda path, arrays: path.write_text("<html/>"), "cannot be read as XDMF"),
     "torn.xdmf": (without_its_h5, "cannot be read as XDMF"),
     "surface.xdmf": (surface_xdmf, "holds no tetrahedra"),
-    "hexahedra.xdmf": (hexahedra, "allowed are straight tetrahedra"),
+    "hexahedra.xdmf": (hexahedra, "no tetrahedra but cells of type hexahedron"),
 }
 
 
