@@ -49,7 +49,7 @@ MAY_IMPORT = {
     "system": (GROUND | {"scene"}, {"numpy", "scipy"}),
     "rom": (GROUND, {"numpy", "h5py"}),
     "trajectory": (GROUND, {"numpy", "h5py"}),
-    "fem": (OFFLINE | {"trajectory"}, FENICSX | {"numpy", "scipy", "vtkmodules"}),
+    "fem": (OFFLINE | {"trajectory"}, FENICSX | {"numpy", "scipy", "h5py", "vtkmodules"}),
     "reduction": (OFFLINE | {"rom", "runtime"}, {"numpy", "scipy"}),
     "runtime": (DATA_OF_A_RUN, {"numpy", "h5py"}),
     "world": (DATA_OF_A_RUN | {"runtime"}, {"numpy", "h5py"}),
