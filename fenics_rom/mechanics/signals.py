@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 
 FLOAT = np.dtype(float)
+SEVERAL = (list, tuple)
 NO_NUMBERS = str, bytes, type(None)  # which Python would make numbers of, or NumPy NaN
 
 
@@ -63,7 +64,7 @@ def real_numbers(value: "ArrayLike | Mapping[str, Any]") -> Array:
         TypeError, ValueError: it is not of real numbers; NumPy alone would take real parts of complex ones, numbers in
             texts, times, and what a mask hides.
     """
-    array, several = np.asarray(value), isinstance(value, list | tuple)
+    array, several = np.asarray(value), isinstance(value, SEVERAL)
     if several and array.dtype is FLOAT and array.ndim < 2:  # as most often
         return array
     kind = array.dtype.kind
