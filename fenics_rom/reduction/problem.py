@@ -51,6 +51,7 @@ class ReductionProblem:
         contacts: names of the contact modes to reduce.
         order: number of directions, one for all contact modes or by name; None where a tolerance decides.
         tolerance: share of the sum of singular values that may be left out.
+        most: that number at most where a tolerance decides; None: any.
         switching, weighting, lyapunov, share: as in `reduce`.
         stages: times what is done: `with problem.stages("snapshots"): ...`.
         messages: what the user should know; append to it.
@@ -68,6 +69,7 @@ class ReductionProblem:
     share: float
     stages: Stages
     messages: list[str]
+    most: int | None = None
 
     @property
     def deformation(self) -> Deformation:

@@ -57,6 +57,7 @@ BY_NAME: dict[str, Method] = {  # any function of a problem is a method, too
 }
 DENSE_LIMIT = 1000  # unknowns up to which all eigenvectors are cheaper than a Krylov space
 DEFAULT_TOLERANCE = 1e-6  # share of the sum of σ that is left out where neither order nor tolerance is given
+DEFAULT_MOST = 100  # displacements kept then: of a body whose whole skin may touch, 1e-6 asks for all there are
 LARGE_DEFORMATION_TOLERANCE = 3e-5  # the same for large deformation
 
 
@@ -85,7 +86,8 @@ def reduce(
         system: the full-order model.
         order: number of reduced displacements, one for all contact modes or by name; the rigid motions of a body that
             is not wholly held come with them, exactly.
-        tolerance: instead of an order: share of the sum of singular values that may be left out.
+        tolerance: instead of an order: share of the sum of singular values that may be left out; where neither is
+            given 1e-6 (3e-5 for large deformation), but an order of at most 100, and the ROM says so.
         method: "balanced" (by the Gramians), "eigenvector-selection" (the paper's: eigenvectors that hold a share of
             the balanced basis' covariance), "modal" (the lowest eigenvectors), "modal+static" (with the static
             shapes of the inputs; of actuators and loads alone where contact points keep their residual compliance, for
@@ -123,6 +125,7 @@ def reduce(
     if order is None and tolerance is None:
         order, tolerance = chosen.order, chosen.tolerance
     check_order(order, system.contacts, "order")
+    most = DEFAULT_MOST if order is None and tolerance is None and system.deformation is None else None
     if tolerance is None:
         tolerance = DEFAULT_TOLERANCE if system.deformation is None else LARGE_DEFORMATION_TOLERANCE
     tolerance = TOLERANCE.check(tolerance, "tolerance")
@@ -161,6 +164,7 @@ def reduce(
             contacts=tuple(system.contacts),
             order=order,
             tolerance=tolerance,
+            most=most,
             switching=switching,
             weighting=weighting,
             lyapunov=lyapunov,
@@ -278,6 +282,12 @@ def _truncated(problem: ReductionProblem, name: str, ranked: RankedBasis) -> Ret
     if order is None and not len(σ):
         raise SceneError("this method has no singular values for a tolerance to leave out; give an order")
     m = choose_order(σ, order, problem.tolerance)
+    if order is None and problem.most is not None and m > problem.most:
+        problem.messages.append(
+            f"contact mode {name!r}: order {problem.most} is kept, as none was given; to leave out no more than "
+            f"{problem.tolerance:g} of the sum of σ it would be {m}; the validation tells what it costs"
+        )
+        m = problem.most
     span = orthonormal_span(T, m)
     rank = span.shape[1]
     if rank < m:

@@ -11,6 +11,7 @@ from bodies import assembled, scene_text, write_box
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, SolverError
 from fenics_rom.fem.linear_stepper import FullOrderStepper
+from fenics_rom.reduction import reduce as reduction
 from fenics_rom.reduction.balancing import balance
 from fenics_rom.reduction.gramians import gramian_factors
 from fenics_rom.reduction.reduce import DENSE_LIMIT
@@ -199,6 +200,20 @@ def test_order_beyond_what_is_there_warns_and_says_what_was_kept(box_system):
         rom = fr.reduce(box_system, order=500)
     assert all(mode.order <= box_system.size for mode in rom.contact_models.values())
     assert len(rom.warnings) == len(rom.contact_models)
+
+
+def test_an_order_that_was_not_given_is_bounded_and_told(box_system, monkeypatch):
+    """A whole skin that may touch asks for all directions there are; who names a tolerance gets what it asks for."""
+    monkeypatch.setattr(reduction, "DEFAULT_MOST", 4)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)
+        bounded, asked = fr.reduce(box_system), fr.reduce(box_system, tolerance=1e-6)
+    for name, model in bounded.contact_models.items():
+        assert model.order == 4
+        many = asked.contact_models[name].order
+        assert many > 4
+        assert any(f"{name!r}: order 4 is kept" in text and f"it would be {many};" in text for text in bounded.warnings)
+    assert not any("is kept, as none was given" in text for text in asked.warnings)
 
 
 def test_tolerance_chooses_the_order(box_system):
