@@ -38,8 +38,8 @@ def misfit(start: Placed, end: Placed, turn: Geometry, v̂: Vector, h: float, si
     away = math.hypot(*added(moved, -h, said))
     if away <= NEGLIGIBLE * size or away <= MISFIT * max(math.hypot(*moved), h * math.hypot(*said)):
         away = 0.0
-    turned_by, most = 2 * _apart(turned(start.rotation, turn.turn), end.rotation), math.hypot(*turn.turn)
-    if turned_by <= NEGLIGIBLE or turned_by <= MISFIT * max(2 * _apart(start.rotation, end.rotation), most):
+    turned_by, most = _apart(turned(start.rotation, turn.turn), end.rotation), math.hypot(*turn.turn)
+    if turned_by <= NEGLIGIBLE or turned_by <= MISFIT * max(_apart(start.rotation, end.rotation), most):
         turned_by = 0.0
     return away, turned_by
 
@@ -55,6 +55,7 @@ def misfit_message(away: float, turned_by: float) -> tuple[str, ...]:
 
 
 def _apart(a: Numbers, b: Numbers) -> float:
-    """Sine of half of the angle, rad, between two rotations."""
+    """The angle between two rotations, rad: a chord of unit quaternions is twice the sine of a quarter of it."""
     (s, t, u, v), (w, x, y, z) = a, b
-    return math.dist((s, t, u, v), (w, x, y, z) if s * w + t * x + u * y + v * z > 0 else (-w, -x, -y, -z))
+    chord = math.dist((s, t, u, v), (w, x, y, z) if s * w + t * x + u * y + v * z > 0 else (-w, -x, -y, -z))
+    return 4 * math.asin(min(chord / 2, 1.0))

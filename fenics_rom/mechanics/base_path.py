@@ -177,19 +177,19 @@ class BasePath:
         return f"BasePath of {len(self.times)} poses with {twists}, {self.times[0]:g} s to {self.times[-1]:g} s"
 
 
-def given_base(given: object) -> "Callable[[float], BaseState]":
-    """A function of time of what was given in Python, which checks what it gives.
+def given_base(given: object, where: str = BASE_PATH) -> "Callable[[float], BaseState]":
+    """A function of time of what was given in Python, which checks what it gives; `where` is its name in messages.
 
     Raises:
-        StepError: it gives something else than a state.
+        StepError: it is a path with a mistake, or gives something else than a state.
     """
     if isinstance(given, BasePath):
         if mistake := given.mistake():
-            raise StepError(f"base_path: {mistake}")
+            raise StepError(f"{where}: {mistake}")
         return given
     if callable(given):
-        return lambda time: checked_base(given(time), f"base_path at {time:g} s")
-    state = checked_base(given, "base_path")
+        return lambda time: checked_base(given(time), f"{where} at {time:g} s")
+    state = checked_base(given, where)
     return lambda time: state
 
 

@@ -182,10 +182,6 @@ def _word(group: h5py.Group, key: str, choices: tuple[str, ...]) -> str:
 
 def _path(group: h5py.Group) -> BasePath:
     arrays = get_record(group, PATH)
-    if len(arrays["times"]) < 2 or (np.diff(arrays["times"]) <= 0).any():
-        raise FileError(f"{group.name}/times does not increase")
-    if (arrays["velocities"] is None) != (arrays["angular_velocities"] is None):
-        raise FileError(f"{group.name}: velocities and angular_velocities go together")
     path = BasePath(**arrays)
     if mistake := path.mistake():
         raise FileError(f"{group.name}: {mistake}")

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import SceneError, check_known, shown
+from fenics_rom.errors import SceneError, StepError, check_known, shown
 from fenics_rom.mechanics.base_path import BaseState, given_base
 from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.given_rom import given_rom
@@ -52,7 +52,10 @@ def make_bodies(
 def _rigid(name: str, record: RigidBody, gravity: Array) -> Rigid | Driven:
     _check_driven(name, record)
     if record.motion is not None:
-        return Driven(record.shape, given_base(record.motion))
+        try:
+            return Driven(record.shape, given_base(record.motion, "its motion"))
+        except StepError as error:
+            raise StepError(f"body {name!r}: {error}") from error
     if record.is_driven:
         return Driven(record.shape, given_base(record.pose(f"body {name!r}")))
     try:

@@ -7,7 +7,17 @@ import pytest
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.base_path import BasePath, checked_base, given_base, quaternion_product, rotation_vectors
+from fenics_rom.mechanics.base_fit import misfit
+from fenics_rom.mechanics.base_path import (
+    BasePath,
+    BaseState,
+    checked_base,
+    given_base,
+    quaternion_product,
+    rotation_vectors,
+)
+from fenics_rom.mechanics.frame_geometry import Geometry
+from fenics_rom.mechanics.frame_motion import ZERO, rotation_of
 
 RADIUS, SWING = 0.1, 0.3  # m, s: a quarter turn about y from rest to rest
 
@@ -135,3 +145,33 @@ def test_what_is_given_in_python_is_checked():
     ):
         with pytest.raises(StepError, match=f"base = .*{said}|base: {said}"):
             checked_base(bad, "base")
+
+
+ROWS = np.array([0.0, 1.0, 2.0]), np.zeros((3, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
+TURNED_ROUND = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"times": [0.0, 1.0, 0.5]}, "times: allowed are times that increase strictly"),
+        ({"times": [0.0, 1.0, 1.0]}, "times: allowed are times that increase strictly"),
+        ({"times": [0.0, np.nan, 1.0]}, "times is of shape .*: allowed are finite numbers"),
+        ({"positions": np.full((3, 3), np.nan)}, "positions is of shape .*: allowed are finite numbers"),
+        ({"rotations": TURNED_ROUND}, "the base turns by 3.14 rad from 0 s to 1 s: allowed is at most 2 rad"),
+    ],
+)
+def test_paths_that_are_none_are_refused_in_python(changed, said):
+    """As those of files are, before a run begins."""
+    path = BasePath(**dict(zip(("times", "positions", "rotations"), ROWS, strict=True)) | changed)
+    with pytest.raises(StepError, match=f"palm: {said}"):
+        given_base(path, "palm")
+
+
+@pytest.mark.parametrize("angle", [1e-3, 1.0, 3.0, np.pi])
+def test_by_how_much_a_base_turns_otherwise_is_told_in_rad(angle):
+    turned = np.array([np.cos(angle / 2), 0.0, np.sin(angle / 2), 0.0])
+    start = BaseState(np.zeros(3), ROWS[2][0], np.zeros(3), np.zeros(3))
+    end = start._replace(rotation=turned, position=np.array([1.0, 0.0, 0.0]))
+    still = Geometry(*(rotation_of(1.0, 0.0, 0.0, 0.0),) * 2, ZERO)
+    assert misfit(start, end, still, ZERO, 1e-3, 0.1) == pytest.approx((1.0, angle), rel=1e-12)
