@@ -31,3 +31,10 @@ def test_tables_are_written(run):
     pads = [cell.strip() for cell in (OUT / "very_many.md").read_text().splitlines()[2].split("|")[1:-1]]
     assert pads[:3] == ["16", "40", "40.0"]
     assert "contact, friction" in (OUT / "effects.md").read_text()
+
+
+def test_a_body_whose_whole_skin_may_touch_comes_to_rest():
+    command = [sys.executable, FOLDER / "whole_skin.py", "--quick"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "  holds: forces at rest" in done.stdout
