@@ -11,11 +11,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
-from fenics_rom.mechanics.complementarity import Frames, KeptLaw
 
 LEAST_TOLD = 1e-6  # of the velocities that forces stop: what they leave below is small against the error of any step
 _ONES = np.ones(3)
-_MOST_SETS = 3  # of pairs that took part, of which laws are kept: points that slide on what is round hop
 
 
 def is_zero(values: Array) -> bool:
@@ -194,48 +192,3 @@ class ContactResidual(NamedTuple):
     def with_step(self, residual: float) -> "ContactResidual":
         """With one more step, which left a residual."""
         return ContactResidual(self.steps + 1, max(self.residual, residual))
-
-
-class TangentPlanes(NamedTuple):
-    """Of a round obstacle at points (P,) that hardly move: to round-off it is as flat."""
-
-    places: Array  # of the points, (P, 3), m, as seen from where the obstacle was at rest
-    gaps: Array  # there, (P,), m
-    frames: Frames  # along the normals there
-
-
-class ContactSearch(NamedTuple):
-    """What a search for contact forces begins with: all that a solver keeps of the past; not to be changed."""
-
-    forces: Array  # the last ones of all pairs (O P, 3), obstacle after obstacle, N
-    residual: ContactResidual = ContactResidual()
-    laws: tuple[tuple[bytes, KeptLaw], ...] = ()  # of those pairs that took part then, and of others before them
-    frames: Frames | None = None  # of all pairs then
-    is_steady: bool = False  # whether that step took no search
-    unturned: int = 0  # number of steps before it that took none, either, had these frames and left no planes
-    planes: TangentPlanes | None = None  # where points have not moved since they were taken
-    swung: Array | None = None  # (O P,) in how many steps in a row friction did not stop pairs; None: in none
-
-    def law_of(self, key: bytes) -> KeptLaw | None:
-        """The law of those pairs of which the key tells that they take part, as booleans."""
-        for known, law in self.laws:
-            if known == key:
-                return law
-        return None
-
-    def frames_along(self, normals: Array) -> Frames:
-        """Of all pairs, (O P, 3): those of then, where the normals are the same."""
-        return Frames(normals) if self.frames is None or not self.frames.are_along(normals) else self.frames
-
-    def beside(self, key: bytes, law: KeptLaw | None) -> "ContactSearch":
-        """The same with the law of those pairs that were followed first, whose forces bring others too near."""
-        return self._replace(laws=self.with_law(key, law))
-
-    def with_law(self, key: bytes, law: KeptLaw | None) -> tuple[tuple[bytes, KeptLaw], ...]:
-        """`laws`, with that of pairs that have taken part now, and of other sets: of points that hardly touch."""
-        if law is not None and self.laws and self.laws[0][0] == key:
-            if self.laws[0][1] is law:
-                return self.laws
-            return (key, law), *self.laws[1:]
-        others = [known for known in self.laws if known[0] != key]
-        return (*([] if law is None else [(key, law)]), *others[: _MOST_SETS - 1])

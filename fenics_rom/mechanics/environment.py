@@ -12,10 +12,10 @@ import numpy as np
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.contact import ContactLaw
-from fenics_rom.mechanics.initial_state import InitialState
 from fenics_rom.mechanics.signals import Signal
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.initial_state import InitialState
     from fenics_rom.mechanics.obstacles import Obstacle
     from fenics_rom.mechanics.viscoelasticity import PronySeries
 
@@ -71,7 +71,7 @@ class Run:
     duration: float  # s
     snapshots: int = 100  # how many whole shapes are kept, evenly spread
     loads: tuple[AppliedLoad, ...] = ()  # in the order in which they begin
-    initial: InitialState | None = None  # where it begins; None: at rest
+    initial: "InitialState | None" = None  # where it begins; None: at rest
     every: int = 1  # steps from one instant that is kept to the next
     detail: str = "full"  # of a moving frame, one of DETAILS
 

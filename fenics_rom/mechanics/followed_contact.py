@@ -23,8 +23,9 @@ from fenics_rom.mechanics.complementarity import (
     of_other_pairs,
 )
 from fenics_rom.mechanics.complementarity.solution import is_none, largest
-from fenics_rom.mechanics.contact import ContactLaw, ContactSearch
+from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.contact_pairs import Asked, NormalLaw
+from fenics_rom.mechanics.contact_search import ContactSearch
 
 _ONES, _HALF = np.ones(3), np.array(0.5)
 _MOST_OTHERS = 3  # pairs that take part, and did not, or the other way round, for which it pays to go on

@@ -21,12 +21,15 @@ A Stepper is one integrator. It owns the state of a body, and the work that it s
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.base_path import BaseState
-from fenics_rom.mechanics.contact import ContactSearch, ContactSolution, ObstacleMotion
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.contact_search import ContactSearch
 
 MOVING_FRAME = "moving-frame"  # the stepper of a body that turns as far as it likes
 FINITE_STRAIN_STEPPERS = ("newton", "linearly-implicit")  # of a reduced body with inertia
@@ -54,7 +57,7 @@ class StepperState(NamedTuple):
     rigid_displacement: Array  # along the rigid motions (ρ,)
     auxiliary: Array  # what a step carries along besides; empty where there is nothing
     contact: ContactSolution | None  # of the last step
-    search: ContactSearch | None  # with which the next search for contact forces begins; None where nothing can touch
+    search: "ContactSearch | None"  # with which the next search for contact forces begins; None where nothing can touch
     notes: Mapping[str, float]  # of the run so far, to tell the user
     reactions: Array  # (n,) of the last step, N or Pa
     frame: Any = None  # of a moving frame: where it is

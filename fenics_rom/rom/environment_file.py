@@ -41,10 +41,10 @@ from fenics_rom.mechanics.environment import (
     MovingObstacle,
     Run,
 )
-from fenics_rom.mechanics.initial_state import InitialState, Instant
 from fenics_rom.mechanics.signals import Signal
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.initial_state import InitialState
     from fenics_rom.mechanics.viscoelasticity import PronySeries
 
 INPUT_UNIT = "unit of the input"
@@ -242,7 +242,9 @@ def _run(group: h5py.Group) -> Run:
     return Run(**numbers, loads=tuple(applied), initial=initial, detail=_word(group, "detail", DETAILS))
 
 
-def _initial(group: h5py.Group) -> InitialState:
+def _initial(group: h5py.Group) -> "InitialState":
+    from fenics_rom.mechanics.initial_state import InitialState, Instant  # here, as few runs have one
+
     numbers = get_record(group, INITIAL, others=("instant",))
     instant = Instant(**get_record(get_group(group, "instant"), INSTANT)) if "instant" in group else None
     return InitialState(**numbers | {"equilibrium": numbers["equilibrium"] == 1}, instant=instant)

@@ -160,9 +160,13 @@ def read_rom(file: str | Path) -> Rom:
         >>> list(fr.read_rom("plate.h5").contact_models)
         ['tip_left', 'middle']
     """
-    from fenics_rom.rom.format_1 import upgrade  # here, as few programs read files
+    return hdf5.read_file(file, "rom", _take, _upgrade)
 
-    return hdf5.read_file(file, "rom", _take, upgrade)
+
+def _upgrade(h5: h5py.File) -> None:
+    from fenics_rom.rom.format_1 import upgrade  # here, as few files are of earlier releases
+
+    upgrade(h5)
 
 
 ROM_FILE = Kind(Rom, "rom", read_rom)

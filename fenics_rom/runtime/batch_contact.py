@@ -19,8 +19,9 @@ from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.batch_contact_solver import BatchContactSolver, BatchForces, BatchMotion, BatchObstacles
 from fenics_rom.mechanics.body_axis import add, in_one_piece, put, taken
 from fenics_rom.mechanics.complementarity.normals import along
-from fenics_rom.mechanics.contact import ContactSearch, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_points import NEARNESS
+from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE, ContactSolver
 from fenics_rom.mechanics.obstacles import HalfSpace
 from fenics_rom.mechanics.readings import ContactPressure

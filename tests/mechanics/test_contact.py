@@ -11,7 +11,8 @@ from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics import contact_solver
 from fenics_rom.mechanics.braking import Braking
 from fenics_rom.mechanics.complementarity import solve
-from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ContactSearch, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 

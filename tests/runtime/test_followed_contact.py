@@ -10,8 +10,9 @@ import fenics_rom as fr
 from fenics_rom.mechanics import contact_solver
 from fenics_rom.mechanics.complementarity import Frames
 from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE
-from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ContactLaw, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
+from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import HalfSpace, Sphere
 from fenics_rom.rom.contact_model import ContactModel

@@ -21,7 +21,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
-from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, TangentPlanes, is_zero
+from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, is_zero
+from fenics_rom.mechanics.contact_search import TangentPlanes
 from fenics_rom.mechanics.followed_contact import Followed, LawToFollow
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.runtime.steppers.adjoint import check_is_differentiated, contact_adjoint

@@ -14,7 +14,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Frames
-from fenics_rom.mechanics.contact import ObstacleMotion, PointMotion, TangentPlanes
+from fenics_rom.mechanics.contact import ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_search import TangentPlanes
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import HalfSpace
 from fenics_rom.rom.contact_model import ContactModel
