@@ -8,7 +8,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_rom.errors import SceneError, check_type
-from fenics_rom.fem.assembly_warnings import obstacles_too_small, warnings_of
+from fenics_rom.fem.assembly_warnings import obstacles_inside, obstacles_too_small, warnings_of
 from fenics_rom.fem.body_matrices import body_matrices, damping_of_cells, material_of_cells
 from fenics_rom.fem.contact_points import contact_points_of, points_between
 from fenics_rom.fem.finite_strain.assemble import assemble_deformation
@@ -114,7 +114,8 @@ def _system(scene: Scene, comm: Any) -> System:
         scene=scene,
         warnings=(*warnings_of(scene, mesh, rigid), *implausible(nodes.coordinates, matrices.node_mass.sum(), young)),
     )
-    system = replace(system, warnings=(*system.warnings, *obstacles_too_small(system)))
+    said = (*obstacles_too_small(system), *obstacles_inside(system))
+    system = replace(system, warnings=(*system.warnings, *said))
     if matrices.frame_masses is not None:
         shared = {name: system.units.get(name, 1.0) * columns for name, columns in (actuators | loads).items()}
         frame = assemble_frame(scene, nodes, unknowns, material[:, :2], matrices.frame_masses, shared, algebra)

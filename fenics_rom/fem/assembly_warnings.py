@@ -4,10 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fenics_rom.errors import exactly
+from fenics_rom.errors import StepError, exactly
 from fenics_rom.fem.mesh import Mesh
 from fenics_rom.mechanics.hyperelastic import strain_of_excess_damping
 from fenics_rom.mechanics.obstacles import smallest_radius
+from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
 
@@ -53,6 +54,23 @@ def _overdamped(scene: Scene) -> Iterator[str]:
                 f"effects say where it is strained by {100 * strain:.2g} %, and by the strain's square, as damping "
                 "acts on Green's strain; st_venant_kirchhoff as large_deformation.material is free of it"
             )
+
+
+def obstacles_inside(system: System) -> list[str]:
+    """What to say of an obstacle that is inside the body at rest where it has no contact points."""
+    if not system.contact_points or system.scene is None:
+        return []
+    environment = system.scene.environment
+    if not environment.obstacles or (environment.run is not None and environment.run.initial is not None):
+        return []
+    shapes = {name: of.shape for name, of in environment.obstacles.items()}
+    offsets = np.array([of.displacement(0.0) for of in environment.obstacles.values()])
+    skin = system.skin()
+    try:
+        SkinWatch(skin).check_start(skin.coordinates, displaced(shapes, offsets))
+    except StepError as error:
+        return [f"{error}; no run can begin so"]
+    return []
 
 
 def obstacles_too_small(system: System) -> list[str]:

@@ -9,6 +9,7 @@ from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.system.system import System
 
@@ -29,13 +30,27 @@ class FullOrderInterface:
         self.points = system.points_of_contact()
         self.solver = ContactSolver(self.points.coordinates, list(environment.obstacles.values()), law)
         self.solve, self._environment = self.solver.solve, environment
+        self._watch = SkinWatch(system.skin())
         self.Sᵀ = self.points.columns(system.at_nodes)
         self._sparse = scipy.sparse.csr_matrix(self.Sᵀ)
 
-    def check_start(self, displacement: Array) -> None:
-        """A StepError where points that have moved by (P, 3), m, are in an obstacle."""
-        environment = self._environment
-        self.solver.check_start(displacement, environment.state.offsets, list(environment.obstacles))
+    def check_start(self, displacement: Array, field: Array) -> None:
+        """A StepError where points moved by (P, 3), m, or a body displaced by a field (N, 3), m, are in an obstacle."""
+        offsets, obstacles = self._environment.state.offsets, self._environment.obstacles
+        self.solver.check_start(displacement, offsets, list(obstacles))
+        self._watch.check_start(self._watch.skin.places(field), displaced(obstacles, offsets))
+
+    def look(self, step: int, time: float, field: Array) -> None:
+        """Looks after a step, at a time, s, where obstacles are in a body displaced by a field (N, 3), m."""
+        watch, there = self._watch, displaced(self._environment.obstacles, self._environment.state.offsets)
+        places = watch.skin.places(field)
+        springs = self.solver.law.stiffness is not None
+        watch.look(step, time, places[watch.skin.few_rows], lambda: places, there, springs)
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What went through the surface so far."""
+        return self._watch.messages
 
     def at_points(self, x: Array) -> Array:
         """What a field (rows here, 1) is at the contact points, (P, 3)."""
@@ -124,12 +139,13 @@ class FullOrderBody:
     def check_start(self) -> None:
         """A StepError where the body is in an obstacle."""
         if self.interface is not None:
-            self.interface.check_start(self.point_displacement())
+            self.interface.check_start(self.point_displacement(), self.displacement())
 
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""
         residual = "" if self.interface is None else self.interface.solver.search.residual.message
-        return tuple(filter(None, [residual, self.time_step_monitor.message]))
+        through = () if self.interface is None else self.interface.messages
+        return tuple(filter(None, [residual, self.time_step_monitor.message, *through]))
 
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3)."""

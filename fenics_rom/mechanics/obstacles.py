@@ -21,6 +21,7 @@ from fenics_rom.errors import SceneError, shown
 from fenics_rom.mechanics.signals import real_numbers_or_nan
 
 _ONES, _UP = np.ones(3), np.array([0.0, 0.0, 1.0])
+_CORNERS = np.array([[0, 0, 0], *([x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1))])
 _SHORTEST_DIRECTION = 1e-150  # m; shorter vectors have squares that underflow and no direction
 
 
@@ -32,6 +33,10 @@ class Obstacle(Protocol):
 
     def curvature(self, points: Array) -> Array:
         """Second derivatives (P, 3, 3), 1/m, of the distance: by which normals turn with the points."""
+
+    @property
+    def core(self) -> tuple[float, Array]:
+        """Radius, m, of the largest balls that it holds, infinite of a half-space, and centres (C, 3) of some, m."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +83,11 @@ class HalfSpace:
         normals[:] = self._n
         return points.dot(self._n) - self._level, normals
 
+    @property
+    def core(self) -> tuple[float, Array]:
+        """Of a half-space no ball is the largest."""
+        return math.inf, np.empty((0, 3))
+
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
         return np.zeros((len(points), 3, 3))
@@ -104,6 +114,11 @@ class Sphere:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
         length, normals = _normalise(points - self._center, _UP)
         return length - self.radius, normals
+
+    @property
+    def core(self) -> tuple[float, Array]:
+        """Its radius, m, and its centre (1, 3), m."""
+        return self.radius, self._center[None]
 
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
@@ -147,6 +162,11 @@ class Capsule:
         np.maximum(along, 0.0, out=along)
         length, normals = _normalise(from_start - along[:, None] * self._axis, self._perpendicular)
         return length - self.radius, normals
+
+    @property
+    def core(self) -> tuple[float, Array]:
+        """Its radius, m, and both ends of its axis (2, 3), m."""
+        return self.radius, np.stack([self._start, self._start + self._axis])
 
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
@@ -195,6 +215,12 @@ class Box:
             normals[rows] = 0.0
             normals[rows, faces] = np.copysign(1.0, local[rows, faces])
         return gap, normals.dot(self._axes.T)
+
+    @property
+    def core(self) -> tuple[float, Array]:
+        """Half of its least edge, m, and centres (9, 3) of balls in its corners and in the middle, m."""
+        radius = float(self._half.min())
+        return radius, self._center + (_CORNERS * (self._half - radius)) @ self._axes.T
 
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""

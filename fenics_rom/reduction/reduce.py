@@ -16,6 +16,7 @@ from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.mechanics.load_history import check_width
+from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
 from fenics_rom.reduction.balancing import choose_order, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.common_basis import CommonBasis
@@ -207,6 +208,9 @@ def _require_start(system: System) -> None:
     try:
         solver = ContactSolver(points, shapes, environment.contact_law)
         solver.check_start(np.zeros_like(points), np.array(offsets), list(environment.obstacles))
+        skin = system.skin()
+        there = displaced({name: obstacle.shape for name, obstacle in environment.obstacles.items()}, np.array(offsets))
+        SkinWatch(skin).check_start(skin.coordinates, there)
     except StepError as error:
         raise SceneError(f"{environment.source}: {error}") from error
 

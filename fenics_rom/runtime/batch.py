@@ -106,7 +106,7 @@ class Batch(SteppedBodies):
         self._account = np.zeros((6, self.size))
         self._works = np.empty((2, self.size), self.dtype)
         self._ones = np.ones(m, self.dtype)
-        self._contacts = self._deformation = self._carried = None
+        self._contacts = self._deformation = self._carried = self._skin = None
         touches = self._environment is not None and self._environment.environment.contact_law is not None
         if (touches or rom.deformation is not None or rom.environment.is_moving) and self.dtype != np.float64:
             raise StepError("dtype = float32: allowed with contact, large deformation or a moving frame is float64")
@@ -125,6 +125,10 @@ class Batch(SteppedBodies):
             from fenics_rom.runtime.batch_contact import BatchContact
 
             self._contacts = BatchContact(rom, self._environment, m, self.size)
+            if self._contacts.skin is not None:
+                from fenics_rom.runtime.batch_skin import BatchSkin
+
+                self._skin = BatchSkin(self, self._contacts, self._contacts.skin, self._environment.obstacles)
         self._stepper = self._carried or self._deformation
         self.steps = 0
         self._dt = 1.0
@@ -220,6 +224,8 @@ class Batch(SteppedBodies):
         if self._stepper is not None:
             self._stepper.begin(selected, *np.zeros((2, len(selected), self._models.frequencies.shape[1])))
             self._stepper.reset(selected)
+        if self._skin is not None:
+            self._skin.begin(selected)
 
     def place_obstacle(self, name: str, displacement: ArrayLike, bodies: Bodies = None) -> None:
         """Has an obstacle of each body be elsewhere than the scene says, from the end of the next step on.
@@ -337,6 +343,8 @@ class Batch(SteppedBodies):
             self._step_linear(u, held)
         else:
             held = self._step_otherwise(self._stepper, u, held, on_error)
+        if self._skin is not None:
+            self._skin.look_in_turn()
         if on_error == "reset" and len(held):
             self.reset(held, on_error="hold")
         return held

@@ -62,6 +62,7 @@ class BatchContact:
         normal_forces: (P, size) of all obstacles on the points, N; zero where no reading asks for them.
         names: of the obstacles.
         points: the contact points.
+        skin: what tells of obstacles that come through where these are not; None where there is nothing to look at.
     """
 
     def __init__(self, rom: Rom, environment: ActiveEnvironment, order: int, size: int):
@@ -72,6 +73,7 @@ class BatchContact:
         assert law is not None
         interface.check_start()
         self.names, self._environment, self.points = list(environment.obstacles), environment, interface.points
+        self.skin = interface.skin
         obstacles = list(environment.obstacles.values())
         self._axes, (first, *others) = np.identity(3), obstacles
         if isinstance(first, HalfSpace) and not others:
@@ -120,6 +122,11 @@ class BatchContact:
         check_known("obstacle", obstacle, self.names, StepError)
         resultant: Array = self._resultants[self.names.index(obstacle)].T @ self._axes
         return resultant
+
+    def offsets_of(self, body: int) -> Array:
+        """Displacements of the obstacles of a body now, (O, 3), m."""
+        offsets: Array = self._offsets[..., body] @ self._axes
+        return offsets
 
     def set_time_step(self, h: float) -> None:
         """Makes the operators for a time step, s."""

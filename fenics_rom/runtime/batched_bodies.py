@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.batch_carried import BatchCarried
     from fenics_rom.runtime.batch_contact import BatchContact
     from fenics_rom.runtime.batch_deformation import BatchDeformation
+    from fenics_rom.runtime.batch_skin import BatchSkin
 
 TIME, SUPPLIED, DISSIPATED, LOST, BY_OBSTACLES, BY_CONTACT = range(6)  # rows of the account
 
@@ -33,6 +34,7 @@ class BatchedBodies:
     _layout: BatchLayout
     _coefficients: StepCoefficients
     _contacts: "BatchContact | None"
+    _skin: "BatchSkin | None"
     _deformation: "BatchDeformation | None"
     _carried: "BatchCarried | None"
     _stepper: "BatchCarried | BatchDeformation | None"  # of the two, that there is
@@ -126,6 +128,15 @@ class BatchedBodies:
     def frozen(self) -> Array:
         """Bodies (size,) that stand still, as they were put inside an obstacle; `reset` or `set_state` frees them."""
         return np.zeros(self.size, bool) if self._contacts is None else self._contacts.frozen.copy()
+
+    @property
+    def through_skin(self) -> Array:
+        """How deep an obstacle was in each body since its last reset, where contact does not keep it out, (size,), m.
+
+        0 where none was seen: a body is looked at once in some hundred steps, which a warning tells of once.
+        """
+        self._with_contact()
+        return np.zeros(self.size) if self._skin is None else self._skin.depth.copy()
 
     @property
     def beyond_training(self) -> Array:
@@ -224,7 +235,7 @@ class BatchedBodies:
             StepError: no such body.
         """
         (own,) = self._layout.select([body])
-        field = self.rom.reconstruct(self._shape(own))
+        field = self.rom.reconstruct(self.shape_coordinates(own))
         if self._contacts is not None:
             nodes = self._contacts.points.nodes
             field[nodes] += self._contacts.residual.beyond_shared(own, self._layout.mode[own])[: len(nodes)]
@@ -242,7 +253,7 @@ class BatchedBodies:
         points, pressing = (None, None) if contacts is None else (contacts.points, contacts.normal_forces)
         for body, (contact, q) in enumerate(zip(self.contact, self.state()[0], strict=True)):
             own, order = pressing if pressing is None else pressing[:, body], self.rom.contact_models[contact].order
-            read.append(reading.read(readable(self.rom, contact, q[:order], self._shape(body), points, own)))
+            read.append(reading.read(readable(self.rom, contact, q[:order], self.shape_coordinates(body), points, own)))
         return np.array(read)
 
     def _beyond(self, bodies: Array) -> Array:
@@ -253,7 +264,7 @@ class BatchedBodies:
             beyond[:, rigid:] = self._contacts.residual.strained(self._layout.mode[bodies], bodies) / np.sqrt(κ[rigid:])
         return beyond
 
-    def _shape(self, body: int) -> Array:
+    def shape_coordinates(self, body: int) -> Array:
         """The displacement of a body in the shared basis, (k,)."""
         (q,), _ = self.state([body])
         C = list(self.rom.contact_models.values())[self._layout.mode[body]].coordinates

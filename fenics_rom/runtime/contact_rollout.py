@@ -199,6 +199,7 @@ class ContactRollout:
             solver.search = solver.search._replace(laws=((key, last), *others))
         body.steps += len(steps.inputs)
         body.watch(kernel.state[:m], 2 * body.energy, body.time, len(steps.inputs))
+        body.look_at_skin()
 
     def _output_columns(self, kept_map: KeptContactMap, names: tuple[str, ...]) -> Array:
         """Displacements of outputs from states x, (n, rows)."""

@@ -80,11 +80,21 @@ class MovingBody(SimulatedBody):
             return field
         return world_velocity(self._frame.pose, *self._rest(output), super().displacement(output), field)
 
+    def _watch_skin(self) -> None:
+        """Begins to look at what is in the body; a StepError where a moving frame begins in an obstacle."""
+        interface = self._stepper.interface
+        if interface is not None and interface.skin is not None:
+            from fenics_rom.runtime.skin_looks import SkinLooks  # here, as few bodies have obstacles
+
+            self._skin = SkinLooks(self, interface, interface.skin)
+        if self._frame is not None:
+            self._check_outside_obstacles()
+
     def _check_outside_obstacles(self) -> None:
         interface = self._stepper.interface
         if interface is not None and self.environment is not None:
-            offsets = self.environment.state.offsets
-            interface.solver.check_start(self._stepper.point_displacement(), offsets, list(self.environment.obstacles))
+            places = None if self._skin is None else self._skin.places.whole()
+            interface.check_outside(self._stepper.point_displacement(), places, self.environment.state.offsets)
 
     def _take_base(self, base: BaseState | None) -> None:
         """Where the base is to be at the end of the step that is taken next."""
@@ -122,6 +132,12 @@ class MovingBody(SimulatedBody):
         e = self._stepper.state[: self._order]
         if self._frame is None or e.dot(e) > self._monitor_threshold:
             self._monitor.look(e, time)
+
+    def _leave_finite(self, u: Array) -> None:
+        self._stepper.rollback()
+        raise StepError(
+            f"step {self.steps}: input {u.tolist()} is so large that the step overflows; the state was left as it was"
+        )
 
     def _with_base(self, inputs: StepInput) -> StepInput:
         """The inputs of the step to be taken, with the base that was given."""

@@ -20,7 +20,9 @@ from fenics_rom.runtime.switching import SwitchLoss
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment, ObstacleState
+    from fenics_rom.mechanics.skin_watch import Told
     from fenics_rom.runtime.environment_inputs import EnvironmentInputs
+    from fenics_rom.runtime.skin_looks import SkinLooks
 
 
 class Belongs(NamedTuple):
@@ -55,6 +57,7 @@ class SimulatorState:
     surface_peak: SurfaceStrainPeak
     loss: SwitchLoss  # the largest
     obstacles: "ObstacleState | None" = None  # None where nothing acts by itself
+    told: "tuple[Told, ...]" = ()  # what went through the skin
     belongs: "Belongs | None" = None  # what it is a state of
 
 
@@ -74,6 +77,7 @@ class SimulatedBody:
     _order: int
     _width: int
     _safe_frequencies: Array
+    _skin: "SkinLooks | None" = None  # None where no obstacle can come through it
     _slices: tuple[str, dict[str, slice]] | None = None  # where inputs are, of a contact mode
 
     def __repr__(self) -> str:
@@ -186,6 +190,21 @@ class SimulatedBody:
         """How far the surface turned and strained, where the stored energy was high enough for a look at it."""
         return self._monitor.peak
 
+    def look_at_skin(self) -> None:
+        """Looks at what is in the body, if enough steps were taken since the last look."""
+        if self._skin is not None and self.steps >= self._skin.watch.next_look:
+            self._skin.look()
+
+    @property
+    def _told(self) -> "tuple[Told, ...]":
+        """What went through the skin so far."""
+        return () if self._skin is None else self._skin.watch.told
+
+    def _begin_looks(self, told: "tuple[Told, ...]") -> None:
+        """Goes on from what was told of the skin."""
+        if self._skin is not None:
+            self._skin.watch.begin(told, self.steps)
+
     def _by_name(self, given: Any, named: Mapping[str, Any]) -> Array:
         """An input (p,) of a mapping, or of arguments with names."""
         if not isinstance(given, Mapping):
@@ -259,7 +278,7 @@ class SimulatedBody:
 
         interface, contact = self._stepper.interface, self._stepper.contact
         points, pressing = interface and interface.points, contact and contact.normal_forces
-        body = readable(self.rom, self.contact, self._q, self._shape, points, pressing)
+        body = readable(self.rom, self.contact, self._q, self.shape_coordinates, points, pressing)
         return named_reading(self.rom, name).read(body)
 
     def output_rows(self, output: str) -> Array:
@@ -322,9 +341,14 @@ class SimulatedBody:
     def warnings(self) -> tuple[str, ...]:
         """What the user should know of the run so far.
 
-        A surface that went too far, a switch that lost much, contact that was not solved.
+        A surface that went too far, a switch that lost much, contact that was not solved, obstacles in the body.
         """
-        return tuple(filter(None, [self.surface_peak.summary, self.loss.message, *self._stepper.diagnostics()]))
+        through: tuple[str, ...] = ()
+        if self._skin is not None:
+            self._skin.look()
+            through = self._skin.watch.messages
+        own = self.surface_peak.summary, self.loss.message, *self._stepper.diagnostics(), *through
+        return tuple(filter(None, own))
 
     @property
     def _q(self) -> Array:
@@ -344,8 +368,8 @@ class SimulatedBody:
         return beyond
 
     @property
-    def _shape(self) -> Array:
-        """The displacement in the shared basis, (k,)."""
+    def shape_coordinates(self) -> Array:
+        """The displacement in the shared basis, (k,); in a moving frame within it."""
         shape: Array = self._stepper.model.coordinates @ self._q
         return shape if self._beyond is None else shape + self._beyond
 

@@ -12,7 +12,6 @@ from numpy import ndarray as Array
 from fenics_rom.arguments import check_flag, mapping_in
 from fenics_rom.errors import FenicsRomWarning, StepError, check_known, shown, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.initial_state import lost_messages
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.mechanics.signals import real_numbers, real_numbers_or_nan
 from fenics_rom.rom.given_rom import given_rom
@@ -103,6 +102,7 @@ class Simulator(MovingBody):
         self._output_rows: dict[tuple[str, str], Array] = {}
         self._rollout: Rollout | None = None
         self._enter()
+        self._watch_skin()
 
     @property
     def time(self) -> float:
@@ -150,7 +150,8 @@ class Simulator(MovingBody):
             StepError: wrong shapes, numbers that are not finite, or a body in an obstacle; the state is as it was.
             SceneError: the basis has less than a half of one.
         """
-        from fenics_rom.runtime.shape_projection import project_fields  # here, as not everyone sets one
+        from fenics_rom.mechanics.initial_state import lost_messages  # here, as not everyone sets one
+        from fenics_rom.runtime.shape_projection import project_fields
 
         given = {"displacement": displacement, "velocity": velocity}
         fields = {name: real_numbers_or_nan(field) for name, field in given.items() if field is not None}
@@ -250,6 +251,7 @@ class Simulator(MovingBody):
         """Takes a step with what acts by itself; twice the stored energy, J."""
         source, before = self._source, None
         assert source is not None
+        self.look_at_skin()
         if source.switches and (nearest := source.nearest(self._stepper)) != self.contact:
             before = self.save()
             self.switch(nearest)
@@ -276,12 +278,6 @@ class Simulator(MovingBody):
         """Looks at a state √γ q (m,) that some steps of a rollout led to; `square` is twice its stored energy, J."""
         if square > self._monitor_threshold:
             self._monitor.look(e, time, steps)
-
-    def _leave_finite(self, u: Array) -> None:
-        self._stepper.rollback()
-        raise StepError(
-            f"step {self.steps}: input {u.tolist()} is so large that the step overflows; the state was left as it was"
-        )
 
     def _wrong_input(self, u: object) -> str:
         given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else shown(u)
@@ -336,6 +332,7 @@ class Simulator(MovingBody):
         if self.environment is not None:
             self.environment.reset()
         self._monitor.begin(SurfaceStrainPeak())
+        self._begin_looks(())
         self._enter()
 
     def save(self) -> SimulatorState:
@@ -344,7 +341,7 @@ class Simulator(MovingBody):
         sums = None if self.ledger is None else self.ledger.sums
         obstacles = None if self.environment is None else self.environment.state
         when, peak, belongs = (self._dt, self.steps, self._since), self.surface_peak, self._belongs
-        return SimulatorState(self.contact, *when, stepper, sums, peak, self.loss, obstacles, belongs)
+        return SimulatorState(self.contact, *when, stepper, sums, peak, self.loss, obstacles, self._told, belongs)
 
     def restore(self, state: SimulatorState) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
@@ -363,6 +360,7 @@ class Simulator(MovingBody):
         if self.environment is not None and state.obstacles is not None:
             self.environment.state = state.obstacles
         self._monitor.begin(state.surface_peak)
+        self._begin_looks(state.told)
         self.loss = state.loss
         self._enter()
 

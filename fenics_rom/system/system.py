@@ -17,6 +17,7 @@ from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.environment import FRAMES
 from fenics_rom.mechanics.readings import Reading
+from fenics_rom.mechanics.skin import Skin
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.backends import backend_of
 from fenics_rom.system.body import Body
@@ -194,6 +195,12 @@ class System:
         """All points that obstacles can touch."""
         body = self.body
         return ContactPoints(self.contact_points, body.contact_surfaces, body.nodes, body.points_between)
+
+    def skin(self) -> Skin:
+        """The surface of the body, and where it has contact points."""
+        body, movable = self.body, np.zeros(self.body.unknowns.components, dtype=bool)
+        movable[body.unknowns.moving] = True
+        return Skin(body.nodes, body.triangles, body.contact_surfaces, movable.reshape(-1, 3).any(axis=1))
 
     def at_nodes(self, nodes: Array) -> Array:
         """Unit forces on the components of nodes (P,), a column each, (rows here, 3 P); zero on what is held."""

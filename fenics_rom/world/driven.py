@@ -32,7 +32,7 @@ class Driven:
     lead = np.zeros(3)
 
     def __init__(self, shape: Shape | None, motion: Callable[[float], BaseState]):
-        self.account, self._shape, self._motion = EnergyLedger(), shape, motion
+        self.account, self.shape, self._motion = EnergyLedger(), shape, motion
         self.size = 0.0 if shape is None else shape.radius_around
         self.time = 0.0
         self._start = self._end = motion(0.0)
@@ -85,7 +85,7 @@ class Driven:
 
     def placed(self) -> PlacedShape | None:
         """As in Body."""
-        return None if self._shape is None else PlacedShape(self._shape, self._middle, self._middle_rotation)
+        return None if self.shape is None else PlacedShape(self.shape, self._middle, self._middle_rotation)
 
     def travel(self) -> tuple[Array, float]:
         """As in Body: what touches a half-space that turns is near to where it begins."""

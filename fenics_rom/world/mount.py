@@ -17,7 +17,7 @@ class Mount:
     """
 
     def __init__(self, carrier: Driven, place: BaseState):
-        self._carrier, self._at = carrier, vector(place.position)
+        self.carrier, self._at = carrier, vector(place.position)
         w, x, y, z = place.rotation.tolist()
         self._turn = w, x, y, z
         self._is_centre = not place.position.any() and abs(w) == 1.0
@@ -25,12 +25,12 @@ class Mount:
     @property
     def start(self) -> BaseState:
         """Of the step, in world axes."""
-        return self._moved(self._carrier.pose)
+        return self._moved(self.carrier.pose)
 
     @property
     def end(self) -> BaseState:
         """Where the step that the carrier has begun leads, in world axes."""
-        return self._moved(self._carrier.end)
+        return self._moved(self.carrier.end)
 
     def _moved(self, carrier: BaseState) -> BaseState:
         if self._is_centre:

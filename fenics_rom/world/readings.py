@@ -14,6 +14,7 @@ from fenics_rom.world.contact_step import Found
 from fenics_rom.world.joint_plan import JointPlan
 from fenics_rom.world.make_bodies import AnyBody
 from fenics_rom.world.records import RigidBody, SoftBody
+from fenics_rom.world.skins import WorldSkins
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.step_pairs import StepPairs
 
@@ -29,6 +30,9 @@ class ReadWorld:
     _found: Found
     _met: EnergyLedger
     _passing: list[str]
+    _skins: WorldSkins
+    _steps: int
+    _time: float
     _residuals: tuple[int, float]
 
     @property
@@ -118,6 +122,8 @@ class ReadWorld:
             *self._joints.warnings,
             *(f"{name}: {text}" for name, body in soft.items() for text in body.warnings),
         ]
+        self._skins.look(self._steps, self._time)
+        said += self._skins.messages
         if residual >= LEAST_TOLD:
             said.append(
                 f"in {steps} steps contact forces were not found exactly: the worst leave {residual:.0e} of the "

@@ -69,7 +69,7 @@ class Rigid:
     is_driven, yields, takes_couples = False, False, False
 
     def __init__(self, shape: Shape, mass: float, inertia: Array, pose: BaseState, gravity: Array):
-        self.account, self._shape, self.size = EnergyLedger(), shape, shape.radius_around
+        self.account, self.shape, self.size = EnergyLedger(), shape, shape.radius_around
         self.mass, self._inertia, self._inverse = mass, inertia, np.linalg.inv(inertia)
         one, two, three = map(vector, inertia)
         self._columns: Rotation = one, two, three  # of a symmetric matrix, its rows, too
@@ -103,7 +103,7 @@ class Rigid:
 
     def placed(self) -> PlacedShape:
         """As in Body."""
-        return PlacedShape(self._shape, self._middle, self._R.dot(cayley(self._h / 2 * self._ω)))
+        return PlacedShape(self.shape, self._middle, self._R.dot(cayley(self._h / 2 * self._ω)))
 
     def travel(self) -> tuple[Array, float]:
         """As in Body."""

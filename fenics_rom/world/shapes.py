@@ -45,6 +45,11 @@ class Shape:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
         raise NotImplementedError
 
+    @property
+    def core(self) -> tuple[float, Array]:
+        """Radius, m, of the largest balls that it holds, infinite of a half-space, and centres (C, 3) of some, m."""
+        raise NotImplementedError
+
     def surface(self) -> tuple[Array, Array]:
         """Vertices (V, 3), m, and triangles (T, 3), counterclockwise from outside."""
         raise NotImplementedError
@@ -87,6 +92,11 @@ class Sphere(RoundShape):
         _keep(self, radius=r, radius_around=r, volume=4 / 3 * math.pi * r**3, squares=r**2 / 5 * np.eye(3))
         _keep(self, _obstacle=ball, _profile=(r * np.cos(angle), r * np.sin(angle)))
 
+    @property
+    def core(self) -> tuple[float, Array]:
+        """As of an obstacle."""
+        return self._obstacle.core
+
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
         return self._obstacle.distance(points)
@@ -117,6 +127,11 @@ class Capsule(RoundShape):
         _keep(self, radius=r, radius_around=r + half, volume=rod + ball, squares=np.diag([across, across, along]))
         angle = np.linspace(-np.pi / 2, np.pi / 2, ROUND // 2)
         _keep(self, _profile=(r * np.cos(angle), r * np.sin(angle) + half * np.sign(angle)))
+
+    @property
+    def core(self) -> tuple[float, Array]:
+        """As of an obstacle."""
+        return self._obstacle.core
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
@@ -151,6 +166,13 @@ class Cylinder(RoundShape):
         rim = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         return Hull([(*point, end) for end in (-self.length / 2, self.length / 2) for point in rim.tolist()])
 
+    @property
+    def core(self) -> tuple[float, Array]:
+        """The less of radius and half length, m, and centres (2, 3) of balls at both ends, m."""
+        radius = min(self.radius, self.length / 2)
+        off = self.length / 2 - radius
+        return radius, np.array([[0.0, 0.0, -off], [0.0, 0.0, off]])
+
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
         out = np.hypot(points[:, 0], points[:, 1])
@@ -178,6 +200,11 @@ class HalfSpace(Shape):
     def inertia(self, density: float) -> tuple[float, Array]:
         """Refused by a SceneError."""
         raise SceneError("half-space: has no mass; allowed is one that is held, or moves on a given path")
+
+    @property
+    def core(self) -> tuple[float, Array]:
+        """Of a half-space no ball is the largest."""
+        return math.inf, np.empty((0, 3))
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
@@ -242,6 +269,11 @@ class Box(Polytope):
         faces = [(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)]  # -x +x -y +y ...
         self._set_faces(signs * size / 2, faces)
 
+    @property
+    def core(self) -> tuple[float, Array]:
+        """As of an obstacle."""
+        return self._obstacle.core
+
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
         return self._obstacle.distance(points)
@@ -284,6 +316,11 @@ class Hull(Polytope):
         volumes, sums = np.linalg.det(corners) / 6, corners.sum(axis=1)
         second = np.einsum("t,ti,tj->ij", volumes, sums, sums) + np.einsum("t,tci,tcj->ij", volumes, corners, corners)
         return float(volumes.sum()), volumes @ sums / 4, second / 20
+
+    @property
+    def core(self) -> tuple[float, Array]:
+        """Of the ball about the centre of mass, m, and this, (1, 3), m; larger ones may be elsewhere."""
+        return float(self.levels.min()), np.zeros((1, 3))
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""

@@ -80,6 +80,7 @@ class Soft(Simulator):
     ):
         acting = rom.environment
         self.name, self._mount, self._fixed = name, mount, not acting.is_moving
+        self.carrier = None if mount is None else mount.carrier
         self._R, self._held_at = rotation_matrix(pose.rotation), pose
         if is_alone:
             self._solver_of = None
@@ -159,11 +160,11 @@ class Soft(Simulator):
 
     def places(self) -> Array:
         """Of the contact points now, (P, 3) in world axes, m."""
-        return self._to_world(self._kernel.point_places())
+        return self.to_world(self._kernel.point_places())
 
     def node_places(self) -> Array:
         """Of all nodes now, (N, 3) in world axes, m."""
-        return self._to_world(self.rom.nodes + self.displacement())
+        return self.to_world(self.rom.nodes + self.displacement())
 
     def describe_passing(self, radii: Mapping[str, float]) -> str:
         """What to say of rigid bodies with such radii, m, by name, that fit between its points; or nothing."""
@@ -384,7 +385,8 @@ class Soft(Simulator):
             (self._kernel if self._is_open else self._stepper).rollback()
         self._tried = False
 
-    def _to_world(self, places: Array) -> Array:
+    def to_world(self, places: Array) -> Array:
+        """Places (any, 3) of a body as it simulates it, in world axes, m."""
         return places if not self._fixed else self._held_at.position + places.dot(self._R.T)
 
     def _turned(self, vectors: Array) -> Array:

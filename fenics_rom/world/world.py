@@ -21,6 +21,7 @@ from fenics_rom.world.pair_laws import make_meetings
 from fenics_rom.world.readings import ReadWorld
 from fenics_rom.world.records import RigidBody, SoftBody
 from fenics_rom.world.shapes import passing_radius
+from fenics_rom.world.skins import WorldSkins
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.step_pairs import StepPairs
 
@@ -102,6 +103,7 @@ class World(ReadWorld):
             self.step = self._step_alone  # type: ignore[method-assign]
         if self._meetings:
             check_apart(everyone, self._names, self._meetings)
+        self._skins = WorldSkins({} if self._lone else self._bodies, self._meetings)
         of_soft = {body: self._met_by(body) for body in self._soft}
         said = {body.name: body.describe_passing(radii) for body, radii in of_soft.items() if radii}
         self._passing = [f"{name}: {text}" for name, text in said.items() if text]
@@ -232,6 +234,8 @@ class World(ReadWorld):
         if found.residual:
             self._residuals = self._residuals[0] + 1, max(self._residuals[1], found.residual)
         self._steps, self._time = self._steps + 1, self._time + h
+        if self._steps >= self._skins.next_look:
+            self._skins.look(self._steps, self._time)
 
     def _find(self, inputs: Mapping[str, Mapping[str, Any]]) -> tuple[Pairs, Found, Guide]:
         """Opens a step, and finds its forces; all bodies have tried them last."""

@@ -49,7 +49,7 @@ READ = {
     "surface's peak, and largest loss in a switch": (lambda b: (b.surface_peak, b.loss), "surface_peak loss"),
     "warnings of contact and of large deformation": (
         lambda b: (b.warnings, b.mismatch, searched(b)[1:2], b.save().stepper.notes),
-        "stepper.notes",
+        "stepper.notes told",
     ),
     "time step": (lambda b: b.dt, "dt"),
     "signals that were set": (lambda b: b.environment and dict(b.environment.signals), ""),

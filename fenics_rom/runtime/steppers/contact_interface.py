@@ -11,6 +11,8 @@ from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import smallest_radius
+from fenics_rom.mechanics.skin import Skin
+from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
 from fenics_rom.rom.rom import Rom
 
 MOTION = "inertia, damping, elasticity"  # what of a step is not loads and contact
@@ -25,6 +27,7 @@ class ContactInterface(NamedTuple):
     rows: Array  # (3P, k) of the points in the shared basis
     environment: ActiveEnvironment  # of the run, which may measure what the parts of a step cost
     passing: str  # what to say of obstacles that pass between the points
+    skin: SkinWatch | None  # what tells of those that come through elsewhere; None where there is nothing to look at
 
     def solve(
         self,
@@ -46,8 +49,20 @@ class ContactInterface(NamedTuple):
 
     def check_start(self) -> None:
         """A StepError where at time 0 the body at rest is not outside of all obstacles."""
-        at_rest = np.zeros(self.points.coordinates.shape)
-        self.solver.check_start(at_rest, self.environment.offsets_at(0.0), list(self.environment.obstacles))
+        places = None if self.skin is None else self.skin.skin.coordinates
+        self.check_outside(np.zeros(self.points.coordinates.shape), places, self.environment.offsets_at(0.0))
+
+    def check_outside(self, displacement: Array, places: Array | None, offsets: Array) -> None:
+        """A StepError where the body is not outside of all obstacles.
+
+        Args:
+            displacement: of the contact points, (P, 3), m.
+            places: of the nodes of the skin, (V, 3), m; None where it is not looked at.
+            offsets: of the obstacles, (O, 3), m.
+        """
+        self.solver.check_start(displacement, offsets, list(self.environment.obstacles))
+        if self.skin is not None and places is not None:
+            self.skin.check_start(places, displaced(self.environment.obstacles, offsets))
 
 
 def contact_interface(
@@ -66,4 +81,16 @@ def contact_interface(
     rows = points.columns(lambda nodes: rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]).T).T
     radii = {name: smallest_radius(obstacle) for name, obstacle in environment.obstacles.items()}
     passing = points.describe_passing(radii, rom.triangles, rom.nodes)
-    return ContactInterface(points, solver, rows, environment, passing)
+    skin = SkinWatch(skin_of(rom)) if environment.obstacles and len(rom.triangles) else None
+    return ContactInterface(points, solver, rows, environment, passing, skin)
+
+
+def skin_of(rom: Rom) -> Skin:
+    """The surface of a reduced body."""
+    surfaces = {
+        name: np.union1d(rom.contact_surfaces.get(name, model.contact_points), model.contact_points)
+        for name, model in rom.contact_models.items()
+    }
+    movable = np.zeros(3 * len(rom.nodes), dtype=bool)
+    movable[rom.free] = True
+    return Skin(rom.nodes, rom.triangles, surfaces, movable.reshape(-1, 3).any(axis=1))

@@ -208,11 +208,7 @@ def moving_frame_stepper(
         return kernel_of(model, whole.of_mode(model.coordinates), loads, watch, ledger, interface, residual_of(contact))
 
     reason = "a rigid base carries the body" if frame.carried else "nothing holds the body"
-    stepper = MovingFrameStepper(rom, dt, interface, make_kernel, reason, lambda: environment.base_at(0.0))
-    if interface is not None:
-        names = list(environment.obstacles)
-        interface.solver.check_start(stepper.point_displacement(), environment.offsets_at(0.0), names)
-    return stepper
+    return MovingFrameStepper(rom, dt, interface, make_kernel, reason, lambda: environment.base_at(0.0))
 
 
 def quasi_rigid(frame: MovingFrame) -> MovingFrame:

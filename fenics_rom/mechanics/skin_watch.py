@@ -1,0 +1,140 @@
+"""Telling what goes through the skin of a body: once of each obstacle or body and each part of the skin, in a run."""
+
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import FenicsRomWarning, StepError
+from fenics_rom.mechanics.skin import UNTOUCHED, Intruder, Intrusion, MovedIntruder, Skin
+
+FIRST_LOOK, LOOK_INTERVAL = 8, 64  # steps: so that looking costs a few per cent of stepping
+STILL = 0.1  # of the spacing of nodes: what has moved by less since it was looked at is not looked at again
+
+
+class Told(NamedTuple):
+    """Who went through a part of a skin."""
+
+    who: str
+    part: str  # as of an Intrusion
+    depth: float  # at most, m
+    place: tuple[float, ...]  # where it was at most, m
+    time: float  # of the first look that found it, s
+
+
+def displaced(obstacles: Mapping[str, Intruder], offsets: Array) -> dict[str, MovedIntruder]:
+    """Obstacles by name, displaced by (O, 3), m, by who they are."""
+    moved = zip(obstacles.items(), offsets, strict=True)
+    return {f"obstacle {name!r}": MovedIntruder(shape, offset) for (name, shape), offset in moved}
+
+
+class SkinWatch:
+    """Looks at a skin every so many steps, and keeps what went through it.
+
+    Args:
+        skin: of the body.
+        name: of the body, to say who is gone into.
+
+    Attributes:
+        told: what went through so far.
+    """
+
+    def __init__(self, skin: Skin, name: str = "the body"):
+        self.skin, self._name = skin, name
+        self._still = STILL * float(np.median(skin.spacing)) if len(skin.spacing) else 0.0
+        self.begin((), 0)
+
+    def begin(self, told: tuple[Told, ...], steps: int) -> None:
+        """Goes on from what was told when so many steps were taken."""
+        self.told, self.next_look = told, steps + FIRST_LOOK
+        self._seen: dict[str, Array] = {}
+
+    def look(
+        self,
+        steps: int,
+        time: float,
+        few: Array,
+        whole: Callable[[], Array],
+        intruders: Mapping[str, Intruder],
+        springs: bool = False,
+    ) -> None:
+        """Looks where intruders are when so many steps were taken, at a time, s, and warns of those not told yet.
+
+        Args:
+            steps, time: as above.
+            few: where those nodes are that are looked at first, (f, 3), m.
+            whole: asked where all of its nodes are, (V, 3), m, if it has to be known.
+            intruders: by who they are.
+            springs: as of `Skin.intrusions`.
+        """
+        self.next_look, places = steps + (LOOK_INTERVAL if steps >= LOOK_INTERVAL else max(steps, FIRST_LOOK)), None
+        for who, intruder in intruders.items():
+            gaps, before = intruder.distance(few)[0], self._seen.get(who)
+            if before is not None and np.abs(gaps - before).max() < self._still:
+                continue
+            self._seen[who] = gaps
+            if self.skin.may_meet(few, gaps, intruder):
+                places = whole() if places is None else places
+                self.note(who, time, self.skin.intrusions(places, intruder, springs))
+
+    def note(self, who: str, time: float, found: list[Intrusion]) -> None:
+        """Keeps what was found of someone at a time, s; warns of it where it is the first of its kind."""
+        for depth, place, part in found:
+            known = {(each.who, each.part): each for each in self.told}
+            before = known.get((who, part))
+            if before is not None and depth <= before.depth:
+                continue
+            known[who, part] = Told(who, part, depth, _rounded(place), time if before is None else before.time)
+            self.told = tuple(known.values())
+            if before is None:
+                warnings.warn(self._text(known[who, part], "is"), FenicsRomWarning, stacklevel=5)
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What to say of the run so far."""
+        return tuple(self._text(each, "was up to") for each in self.told)
+
+    def _text(self, told: Told, verb: str) -> str:
+        when = f"at t = {told.time:.4g} s" if verb == "is" else f"from t = {told.time:.4g} s on"
+        return (
+            f"contact: {told.who} {verb} {1e3 * told.depth:.3g} mm inside {self._name} at {list(told.place)} m, "
+            f"{when}, {self._cure(told.part)}"
+        )
+
+    def _cure(self, part: str) -> str:
+        if part != UNTOUCHED:
+            return (
+                f"between the contact points of {part!r}: a finer mesh there, or effects.contact.points = 'surface', "
+                "keeps it out"
+            )
+        there = ", ".join(self.skin.names) or "no contact surface"
+        return (
+            "where the surface has no contact points, so that nothing keeps it out: name this surface in a contact "
+            f"mode (there is {there}), or keep it from there"
+        )
+
+    def check_start(self, places: Array, intruders: Mapping[str, Intruder]) -> None:
+        """Checks that nothing is deep in the body whose skin is at places (V, 3), m.
+
+        Raises:
+            StepError: something is; it says where, how deep and what to do.
+        """
+        for who, intruder in intruders.items():
+            self.refuse(who, self.skin.intrusions(places, intruder))
+
+    def refuse(self, who: str, found: list[Intrusion]) -> None:
+        """A StepError of the first that someone is in at the start, if there is one."""
+        for depth, place, part in found:
+            raise StepError(
+                f"contact: allowed is a start outside of all obstacles and other bodies, but {who} is {depth:.3g} m "
+                f"inside {self._name} at {list(_rounded(place))}, {self._cure(part)}"
+            )
+
+
+def _rounded(place: Array) -> tuple[float, ...]:
+    """In four digits of the largest number."""
+    scale = 10.0 ** (math.floor(math.log10(max(np.abs(place).max(), np.finfo(float).tiny))) - 3)
+    return tuple(float(f"{round(x / scale) * scale:.4g}") + 0.0 for x in place.tolist())

@@ -1,0 +1,173 @@
+"""What goes through the skins of the soft bodies of a world, where contact does not keep it out."""
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.mechanics.skin import BESIDE, BETWEEN, Intrusion, Skin
+from fenics_rom.mechanics.skin_watch import SkinWatch
+from fenics_rom.runtime.skin_looks import SkinPlaces
+from fenics_rom.runtime.steppers.contact_interface import skin_of
+from fenics_rom.world.collision.contacts import PlacedShape, PlacedSurface
+from fenics_rom.world.collision.round_shapes import distance_of
+from fenics_rom.world.collision.soft_surfaces import soft_on_soft
+from fenics_rom.world.driven import Driven
+from fenics_rom.world.make_bodies import AnyBody
+from fenics_rom.world.meetings import Meeting
+from fenics_rom.world.rigid import Rigid
+from fenics_rom.world.soft import Soft
+
+
+class PlacedIntruder(NamedTuple):
+    """A rigid body as it lies, as what may get into a soft one."""
+
+    placed: PlacedShape
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """As of an Intruder."""
+        return distance_of(self.placed, points)
+
+    @property
+    def core(self) -> tuple[float, Array]:
+        """As of an Intruder."""
+        radius, centres = self.placed.shape.core
+        return radius, self.placed.position + centres.dot(self.placed.rotation.T)
+
+
+class _Watched(NamedTuple):
+    """A soft body, and who may get into it."""
+
+    body: Soft
+    watch: SkinWatch  # by rigid bodies and soft ones
+    places: SkinPlaces
+    rigid: Mapping[str, Rigid | Driven]  # that may get into it, by name
+    soft: Sequence[str]
+
+
+class WorldSkins:
+    """Looks at the skins of soft bodies every so many steps.
+
+    Args:
+        bodies: all of them, by name, where they begin.
+        meetings: those that may touch.
+    """
+
+    def __init__(self, bodies: Mapping[str, AnyBody], meetings: Sequence[Meeting]):
+        names = list(bodies)
+        self._meetings = {frozenset((names[each.first], names[each.second])): each for each in meetings}
+        self._watched = dict[str, _Watched]()
+        for name, body in bodies.items():
+            if not isinstance(body, Soft) or not len(body.rom.triangles):
+                continue
+            met = {frozenset((names[meeting.first], names[meeting.second])) for meeting in meetings}
+            others = [other for other in names if other != name and {name, other} in met]
+            skin = skin_of(body.rom)
+            rigid = {other: there for other in others if not isinstance(there := bodies[other], Soft)}
+            soft = [other for other in others if other not in rigid]
+            self._watched[name] = _Watched(body, SkinWatch(skin, f"body {name!r}"), SkinPlaces(body, skin), rigid, soft)
+        self.next_look = min((each.watch.next_look for each in self._watched.values()), default=math.inf)
+        self._leave_out_carriers()
+        self._check_start()
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What to say of the run so far."""
+        return tuple(message for each in self._watched.values() for message in each.watch.messages)
+
+    def look(self, steps: int, time: float) -> None:
+        """Looks where bodies are when so many steps were taken, at a time, s."""
+        for name, each in self._watched.items():
+            watch, body = each.watch, each.body
+            rigid = {
+                f"body {other!r}": _intruder(there) for other, there in each.rigid.items() if self._meet(name, other)
+            }
+            watch.look(steps, time, body.to_world(each.places.few()), partial(_whole, each), rigid)
+            for other in each.soft:
+                if other in self._watched and name < other and self._meet(name, other):
+                    self._look_at_soft(name, other, time)
+            self.next_look = watch.next_look
+
+    def _meet(self, one: str, other: str) -> bool:
+        """Whether they touch: what is joined does not."""
+        return self._meetings[frozenset((one, other))].is_on
+
+    def _look_at_soft(self, name: str, other: str, time: float) -> None:
+        one, two = self._watched[name], self._watched[other]
+        for into, who, found in _in_each_other((name, one), (other, two)):
+            into.watch.note(f"body {who!r}", time, found)
+
+    def _leave_out_carriers(self) -> None:
+        """What a body is mounted on may begin in it, where it is held."""
+        for each in self._watched.values():
+            for there in each.rigid.values():
+                if each.body.carrier is there:
+                    gaps, _ = _intruder(there).distance(_whole(each))
+                    each.watch.skin.leave_out(gaps)
+
+    def _check_start(self) -> None:
+        for name, each in self._watched.items():
+            there = {f"body {other!r}": _intruder(of) for other, of in each.rigid.items() if self._meet(name, other)}
+            each.watch.check_start(_whole(each), there)
+            for other in each.soft:
+                if other not in self._watched or name > other or not self._meet(name, other):
+                    continue
+                for into, who, found in _in_each_other((name, each), (other, self._watched[other])):
+                    into.watch.refuse(f"body {who!r}", found)
+
+
+def _intruder(body: Rigid | Driven) -> PlacedIntruder:
+    pose, shape = body.pose, body.shape
+    assert shape is not None
+    return PlacedIntruder(PlacedShape(shape, pose.position, rotation_matrix(pose.rotation)))
+
+
+def _whole(each: _Watched) -> Array:
+    """Of all nodes of a skin, (V, 3) in world axes, m."""
+    return each.body.to_world(each.places.whole())
+
+
+def _in_each_other(one: tuple[str, _Watched], two: tuple[str, _Watched]) -> list[tuple[_Watched, str, list[Intrusion]]]:
+    """Of two soft bodies the one that is in the other, which, and how deep; of both the deeper one."""
+    (first, a), (second, b) = one, two
+    places = _whole(a), _whole(b)
+    if (places[0].min(axis=0) > places[1].max(axis=0)).any() or (places[1].min(axis=0) > places[0].max(axis=0)).any():
+        return []
+    in_b = _deepest(a.watch.skin, places[0], b.watch.skin, places[1])
+    in_a = _deepest(b.watch.skin, places[1], a.watch.skin, places[0])
+    if max((each.depth for each in in_a), default=0.0) > max((each.depth for each in in_b), default=0.0):
+        return [(a, second, in_a)]
+    return [(b, first, in_b)] if in_b else []
+
+
+def _deepest(inner: Skin, inside: Array, outer: Skin, around: Array) -> list[Intrusion]:
+    """How deep the inner skin, whose nodes are at (V, 3), m, is in the outer one, at (W, 3), m: at most one.
+
+    Its nodes are looked at, and the middles of its triangles and their sides.
+    """
+    corners = inside[inner.triangles]
+    middles = (corners + np.roll(corners, -1, axis=1)) / 2
+    points = np.concatenate([inside, corners.mean(axis=1), middles.reshape(-1, 3)])
+    covered = np.concatenate([inner.touched, inner.covered, np.repeat(inner.covered, 3)])
+    spacing = float(max(np.median(inner.spacing), np.median(outer.spacing)))
+    surfaces = (
+        PlacedSurface(points, inner.triangles, np.arange(len(points))),
+        PlacedSurface(around, outer.triangles, np.empty(0, dtype=int)),
+    )
+    found = soft_on_soft(*surfaces, 0.0)
+    both = covered[found.first.nodes[:, 0]] & outer.touched[found.second.nodes].all(axis=1)
+    deep = np.flatnonzero(found.gaps < -spacing * np.where(both, BETWEEN, BESIDE))
+    best = list[Intrusion]()
+    if len(deep):
+        row = deep[found.gaps[deep].argmin()]
+        part = outer.part_at(found.second.nodes[row])
+        best.append(Intrusion(-float(found.gaps[row]), found.second.arms[row], part))
+    few = inside[inner.few_rows]
+    gone = few[outer.contain(around, few)]  # also what is deeper than contact looks
+    if len(gone) and (below := outer.below(around, gone)).depth > max(spacing, best[0].depth if best else 0.0):
+        best = [below]
+    return best
