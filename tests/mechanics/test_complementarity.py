@@ -506,3 +506,17 @@ def test_what_cannot_be_stopped_is_refused():
     for μ in (0.0, 0.5):
         with pytest.raises(StepError, match=r"1 pairs: no forces found .* smaller dt"):
             solve(W, np.array([[0.0, 0.0, -1.0]]), n, μ, np.zeros((1, 3)))
+
+
+def test_contact_without_friction_whose_matrix_cannot_be_inverted_is_no_crash(monkeypatch):
+    """Far from a solution, numbers of the interior points overflow: forces were not found, and a step is to be cut."""
+
+    def singular(*given):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    W = np.eye(3)
+    problem = FrictionlessProblem(Delassus(W).framed(Frames(np.array([[0.0, 0.0, 1.0]]))), np.full((3, 1), -1.0))
+    monkeypatch.setattr(problem, "search_active_set", lambda start: False)
+    monkeypatch.setattr(problem, "search_interior", singular)
+    with pytest.raises(StepError, match="no forces found"):
+        problem.solve(np.zeros((3, 1)))

@@ -1,5 +1,7 @@
 """Contact without friction: a linear complementarity problem, by a primal-dual active set or by interior points."""
 
+from contextlib import suppress
+
 import numpy as np
 from numpy import ndarray as Array
 
@@ -37,7 +39,8 @@ class FrictionlessProblem:
     def solve(self, start: Array, kept: KeptLaw | None = None) -> Solution:
         """See `complementarity.solve`."""
         if not self.search_active_set(start[0]):
-            with np.errstate(all="ignore"):  # what diverges ends
+            converged = False
+            with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):  # what diverges ends
                 converged = self.search_interior()
             if not converged:
                 check_residual(self.error / self.speed, len(self.r), self.iterations)
