@@ -60,6 +60,7 @@ class WorldSkins:
     def __init__(self, bodies: Mapping[str, AnyBody], meetings: Sequence[Meeting]):
         names = list(bodies)
         self._meetings = {frozenset((names[each.first], names[each.second])): each for each in meetings}
+        self._joined = {pair for pair, meeting in self._meetings.items() if not meeting.is_on}
         self._watched = dict[str, _Watched]()
         for name, body in bodies.items():
             if not isinstance(body, Soft) or not len(body.rom.triangles):
@@ -83,6 +84,7 @@ class WorldSkins:
         """Looks where bodies are when so many steps were taken, at a time, s."""
         for name, each in self._watched.items():
             watch, body = each.watch, each.body
+            self._let_go(name, each)
             rigid = {
                 f"body {other!r}": _intruder(there) for other, there in each.rigid.items() if self._meet(name, other)
             }
@@ -93,8 +95,24 @@ class WorldSkins:
             self.next_look = watch.next_look
 
     def _meet(self, one: str, other: str) -> bool:
-        """Whether they touch: what is joined does not."""
-        return self._meetings[frozenset((one, other))].is_on
+        """Whether they touch: what is joined does not, nor what was let go and is still in one another."""
+        pair = frozenset((one, other))
+        return self._meetings[pair].is_on and pair not in self._joined
+
+    def _let_go(self, name: str, each: _Watched) -> None:
+        """Takes note of who is joined to a body, and who of those let go has come out of it."""
+        for other in (*each.rigid, *each.soft):
+            pair = frozenset((name, other))
+            if not self._meetings[pair].is_on:
+                self._joined.add(pair)
+            elif pair in self._joined and not self._is_in(name, other):
+                self._joined.remove(pair)
+
+    def _is_in(self, name: str, other: str) -> bool:
+        each = self._watched[name]
+        if other in each.rigid:
+            return bool(each.watch.skin.intrusions(_whole(each), _intruder(each.rigid[other])))
+        return other in self._watched and bool(_in_each_other((name, each), (other, self._watched[other])))
 
     def _look_at_soft(self, name: str, other: str, time: float) -> None:
         one, two = self._watched[name], self._watched[other]
