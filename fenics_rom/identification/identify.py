@@ -9,6 +9,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import DataError, FenicsRomWarning, SolverError, check_type, shown
+from fenics_rom.identification.agreement import check_agreement
 from fenics_rom.identification.experiment import Experiments
 from fenics_rom.identification.fit import MAX_BASES, Fit, FitProblem, finish_at_full_order, fit_parameters
 from fenics_rom.identification.marker_data import Data, Motion, clocks_of, read_markers
@@ -55,7 +56,7 @@ def identify(
     Warns of what the result says in `warnings`.
 
     Raises:
-        DataError: data that cannot be used, or that tell nothing.
+        DataError: data that cannot be used, that tell nothing, or of another unit, axis or sign than the scene.
         SceneError: a scene or a parameter that cannot be identified.
         SolverError: the fit does not settle; with what it reached.
 
@@ -142,11 +143,12 @@ def _fit_determined(
     """The fit of those parameters that the data tell; the others are held at their start values, one after the other.
 
     Raises:
-        DataError: they tell none.
+        DataError: they tell none, or are of another unit, axis or sign than the scene predicts.
         SolverError: the fit does not settle.
     """
     unidentifiable: list[Unidentifiable] = []
     model = problem.model_at(problem.start)
+    check_agreement(problem, model)
     q = np.zeros(len(problem.parameters))
     while blind := find_unidentifiable(problem.parameters, problem.linearize(model, problem.experiment, q)[1], 0.0):
         problem, q = _fix(problem, q, blind, unidentifiable)

@@ -159,6 +159,11 @@ class Recording:
 def check_identifiable(scene: Scene, data: Sequence[Data]) -> None:
     """Refuses (SceneError) what a fit has no models of."""
     effects, where = scene.effects, f"{scene.source}: effects."
+    if scene.frame == "moving":
+        raise SceneError(
+            f"{scene.source}: frame = 'moving': a fit has no models of a body that turns; allowed is frame = 'fixed', "
+            "with a body that its supports hold or that turns but a little"
+        )
     if effects.contact is not None:
         raise SceneError(
             f"{where}contact: where obstacles push is not known before the run; allowed is a scene without them, with "

@@ -76,6 +76,8 @@ def differentiate_scene(
     for effect in NOT_LINEAR:
         if getattr(scene.effects, effect):
             raise SceneError(f"{scene.source}: effects.{effect}: allowed are linear bodies without")
+    if scene.frame == "moving":
+        raise SceneError(f"{scene.source}: frame = 'moving': allowed are linear bodies, with frame = 'fixed'")
     if scene.effects.inertia is None or scene.run is None or scene.run.initial is not None:
         raise SceneError(f"{scene.source}: allowed is a scene with inertia and a run that begins at rest")
     scene.environment.check_forces_given("a gradient")

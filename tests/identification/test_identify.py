@@ -231,3 +231,19 @@ load = [{ contact = "right", stop = 0.1, force = [0.0, 0.0, 30.0] }]"""
     start = scene_of(mesh, {**truth, "young": young}, run=run)
     result = found_by(start, [tmp_path / "motion.csv"], parameters=["young"])
     assert result.values["young"] == pytest.approx(truth["young"], rel=1e-6)
+
+
+def test_what_is_identified_is_looked_at_before_it_is_fitted(mesh, files, tmp_path, monkeypatch):
+    """Data in mm under a heading in m, and a scene whose frame moves."""
+    monkeypatch.delattr("fenics_rom.identification.identify.fit_parameters")
+    in_mm = tmp_path / "in_mm.csv"
+    in_mm.write_text(files[0].read_text().replace("(mm)", "(m)"))
+    with pytest.raises(
+        DataError, match=r"in_mm.csv: along x, y, z, its displacements measure .* under a heading in m\."
+    ):
+        fr.identify(scene_of(mesh, START), [in_mm])
+    moving = replace(scene_of(mesh, START), frame="moving")
+    with pytest.raises(SceneError, match=r"frame = 'moving': a fit has no models of a body that turns"):
+        fr.identify(moving, files)
+    with pytest.raises(SceneError, match=r"frame = 'moving': allowed are linear bodies, with frame = 'fixed'"):
+        fr.differentiate_scene(moving, lambda outputs, energies: (0.0, {}, None))
