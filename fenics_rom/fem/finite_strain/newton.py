@@ -29,7 +29,7 @@ MAX_ITERATIONS = 25  # with tangents
 MAX_SECANT_ITERATIONS = 50  # with secants or tangents
 SOON = 24  # more iterations: two halves of a step rarely take more
 TREND = 5  # last iterations that tell how many more there will be
-DIVERGENCE = 10  # times the first residual
+DIVERGENCE = 10  # times the first residual under forces that were found
 SLOW_SECANTS = 2  # in a row that do not halve the residual, after which tangents are tried
 MIN_STEP_SHARE = 1 / 32  # of a Newton step
 SUFFICIENT_DECREASE = 0.1  # share of what a Newton step promises that it must keep
@@ -109,7 +109,7 @@ def solve_step(
     slow, unpushed = 0, forces is not None
     secants.begin()
     spread = np.zeros_like(current.answer)  # of forces since the start
-    previous, first, sizes = current, current.size, [current.size]
+    previous, first, sizes = current, 0.0, [current.size]
     for iteration in range(MAX_SECANT_ITERATIONS):
         if forces_resolved and current.size <= CONVERGENCE_TOLERANCE * scale:
             return current
@@ -150,8 +150,11 @@ def solve_step(
         sizes.append(current.size)
         if by_secants and slow >= SLOW_SECANTS:  # tangents do not make them better
             may_use_secants, sizes = False, sizes[-1:]
-        if not is_patient and current.found.act and takes_long(sizes, iteration + 1, first, scale):
-            raise NotConvergedError
+        if not is_patient and current.found.act:
+            if not first:  # where contact begins residuals grow, those without its forces tell nothing
+                first, sizes = max(previous.size, current.size), [current.size]
+            if takes_long(sizes, first, scale):
+                raise NotConvergedError
         if not halved and current.size <= (ROUND_OFF if by_secants else STAGNATION_TOLERANCE) * scale:
             return current
         forces_resolved = True
@@ -162,19 +165,18 @@ def solve_step(
     raise NotConvergedError
 
 
-def takes_long(sizes: list[float], iterations: int, first: float, scale: float) -> bool:
+def takes_long(sizes: list[float], first: float, scale: float) -> bool:
     """Whether it diverges, or will not be solved within SOON iterations.
 
     Args:
-        sizes: of residuals so far, since directions were last sought in another way.
-        iterations: so far.
-        first: size of the first residual.
+        sizes: of residuals so far, since forces acted and directions were last sought in another way.
+        first: size of the first residual under forces that were found.
         scale: of the forces.
     """
     last, goal = sizes[-1], ROUND_OFF * scale
     if last <= goal:
         return False
-    if iterations > 1 and last > DIVERGENCE * max(first, NOISE * scale):
+    if last > DIVERGENCE * max(first, NOISE * scale):
         return True
     if len(sizes) <= TREND:
         return False
