@@ -25,15 +25,18 @@ the forces within their bounds in place of W_c.
 """
 
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.contact import ContactSolution
-from fenics_rom.mechanics.environment import Guide
 
-Touch = Callable[[Array, Array], tuple[ContactSolution | None, Array]]
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.contact import ContactSolution
+    from fenics_rom.mechanics.environment import Guide
+
+    Touch = Callable[[Array, Array], tuple[ContactSolution | None, Array]]
 
 SHARE = 2 / 3  # of what is missing of a stroke that a step makes up for
 TOGETHER = 10  # rounds in which all forces that are wrong change at once; then one by one, which does not cycle
@@ -59,7 +62,7 @@ class ActuatorForces:
         columns: (n,) of all forces in the input, counted from its end, so that they hold in every contact mode.
     """
 
-    def __init__(self, controls: Mapping[str, str], guides: Mapping[str, Guide], widths: Mapping[str, int]):
+    def __init__(self, controls: Mapping[str, str], guides: "Mapping[str, Guide]", widths: Mapping[str, int]):
         starts = dict(zip(widths, np.cumsum([0, *widths.values()]) - sum(widths.values()), strict=False))
         self.names = tuple(name for name in widths if name in controls)
         self.columns = np.array([starts[name] for name in [*self.names, *guides]], dtype=int)
@@ -105,8 +108,8 @@ class ActuatorForces:
         return W
 
     def solve(
-        self, u: Array, rates: Array, W: Array, targets: Array, touch: Touch, angles: Array | None = None
-    ) -> tuple[Array, ContactSolution | None]:
+        self, u: Array, rates: Array, W: Array, targets: Array, touch: "Touch", angles: Array | None = None
+    ) -> "tuple[Array, ContactSolution | None]":
         """The forces z (n,), N or Pa, and contact, of a step.
 
         Args:

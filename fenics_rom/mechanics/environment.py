@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from fenics_rom.errors import SceneError
-from fenics_rom.mechanics.base_path import BasePath
-from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.signals import Signal
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.base_path import BasePath
+    from fenics_rom.mechanics.contact import ContactLaw
     from fenics_rom.mechanics.initial_state import InitialState
     from fenics_rom.mechanics.obstacles import Obstacle
     from fenics_rom.mechanics.viscoelasticity import PronySeries
@@ -108,12 +108,12 @@ class Environment:
 
     effects: Mapping[str, str] = field(default_factory=dict)
     frame: str = "fixed"
-    base_path: BasePath | None = None
+    base_path: "BasePath | None" = None
     has_inertia: bool = True
     viscoelasticity: "PronySeries | None" = None
     loads: Mapping[str, Load] = field(default_factory=dict)
     obstacles: Mapping[str, MovingObstacle] = field(default_factory=dict)
-    contact_law: ContactLaw | None = None
+    contact_law: "ContactLaw | None" = None
     residual_compliance: bool = True
     contact_switching: str = "automatic"
     guides: Mapping[str, Guide] = field(default_factory=dict)

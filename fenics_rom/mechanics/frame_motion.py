@@ -10,11 +10,13 @@ to R⁺ = R cay(h ω̂), and with R* = R (1 + h/2 ω̂~) and u⁺ = u + h û
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.base_path import BaseState
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.base_path import BaseState
 
 Numbers = Sequence[float] | Array
 Vector = tuple[float, float, float]
@@ -95,13 +97,13 @@ def cayley(t: Numbers) -> Array:
     return rotation_matrix(turned((1.0, 0.0, 0.0, 0.0), t))
 
 
-def world_displacement(pose: BaseState, origin: Array, rest: Array, displacement: Array) -> Array:
+def world_displacement(pose: "BaseState", origin: Array, rest: Array, displacement: Array) -> Array:
     """Of points at rest (P, 3) in world axes that have moved by (P, 3) in the frame, (P, 3), m."""
     moved: Array = pose.position + (rest - origin + displacement).dot(rotation_matrix(pose.rotation).T) - rest
     return moved
 
 
-def world_velocity(pose: BaseState, origin: Array, rest: Array, displacement: Array, velocity: Array) -> Array:
+def world_velocity(pose: "BaseState", origin: Array, rest: Array, displacement: Array, velocity: Array) -> Array:
     """Of the same points that move with (P, 3) in the frame, (P, 3), m/s."""
     R = rotation_matrix(pose.rotation)
     arms = (rest - origin + displacement).dot(R.T)

@@ -25,10 +25,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.base_path import BaseState
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
-
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.base_path import BaseState
+    from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
     from fenics_rom.mechanics.contact_search import ContactSearch
 
 MOVING_FRAME = "moving-frame"  # the stepper of a body that turns as far as it likes
@@ -39,15 +38,15 @@ class StepInput(NamedTuple):
     """What acts in one step."""
 
     u: Array  # (p,) contact columns, actuators, loads; N, or the unit of the input
-    obstacles: ObstacleMotion | None = None  # how they move; None where there are none
-    base: BaseState | None = None  # that carries the body, at the end; None where nothing says how it moves
+    obstacles: "ObstacleMotion | None" = None  # how they move; None where there are none
+    base: "BaseState | None" = None  # that carries the body, at the end; None where nothing says how it moves
 
 
 class StepResult(NamedTuple):
     """What a step led to."""
 
     energy: float  # stored after it, J; where it is not finite the caller rolls back
-    contact: ContactSolution | None = None  # what contact did; None where nothing touched
+    contact: "ContactSolution | None" = None  # what contact did; None where nothing touched
 
 
 class StepperState(NamedTuple):
@@ -56,7 +55,7 @@ class StepperState(NamedTuple):
     state: Array  # [√γ q, r] (2m,) of a reduced model
     rigid_displacement: Array  # along the rigid motions (ρ,)
     auxiliary: Array  # what a step carries along besides; empty where there is nothing
-    contact: ContactSolution | None  # of the last step
+    contact: "ContactSolution | None"  # of the last step
     search: "ContactSearch | None"  # with which the next search for contact forces begins; None where nothing can touch
     notes: Mapping[str, float]  # of the run so far, to tell the user
     reactions: Array  # (n,) of the last step, N or Pa

@@ -77,6 +77,11 @@ def safe_frequencies(γ: Array) -> Array:
     return np.where(γ == 0, np.inf, np.sqrt(γ))
 
 
+def strained_coordinates(κ: Array, model: ContactModel) -> Array:
+    """Y (k - rigid, m - rigid): the mode's K-orthonormal vectors in those of the shared basis, orthonormal columns."""
+    return (np.sqrt(κ)[:, None] * model.coordinates / model.safe_frequencies)[model.rigid :, model.rigid :]
+
+
 def neglected(mode: ContactModel) -> float | None:
     """Share of the sum of Hankel singular values that is not in the reduced model."""
     σ = mode.hankel_singular_values

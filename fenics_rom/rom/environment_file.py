@@ -27,8 +27,6 @@ import numpy as np
 
 from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.hdf5 import Entry, Table, check_names, get_group, get_record, get_text, put_arrays, put_text
-from fenics_rom.mechanics.base_path import BasePath
-from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.environment import (
     CONTACT_SWITCHINGS,
     DETAILS,
@@ -44,6 +42,8 @@ from fenics_rom.mechanics.environment import (
 from fenics_rom.mechanics.signals import Signal
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.base_path import BasePath
+    from fenics_rom.mechanics.contact import ContactLaw
     from fenics_rom.mechanics.initial_state import InitialState
     from fenics_rom.mechanics.viscoelasticity import PronySeries
 
@@ -150,10 +150,6 @@ def take_environment(h5: h5py.File) -> Environment:
     check_known("contact_switching", switching, CONTACT_SWITCHINGS, FileError, f"{group.name}: ")
     texts = {name: get_group(group, name) for name in ("effects", "built_in")}
     loads, obstacles = get_group(group, "loads"), get_group(group, "obstacles")
-    law = None
-    if "contact_law" in group:
-        numbers = get_record(get_group(group, "contact_law"), LAW)
-        law = ContactLaw(**{key: value for key, value in numbers.items() if value is not None})
     return Environment(
         effects={name: get_text(texts["effects"], name) for name in texts["effects"].attrs},
         frame=_word(group, "frame", FRAMES),
@@ -162,7 +158,7 @@ def take_environment(h5: h5py.File) -> Environment:
         viscoelasticity=_series(get_group(group, "viscoelasticity")) if "viscoelasticity" in group else None,
         loads={name: _load(get_group(loads, name)) for name in loads},
         obstacles={name: _obstacle(get_group(obstacles, name)) for name in obstacles},
-        contact_law=law,
+        contact_law=_law(get_group(group, "contact_law")) if "contact_law" in group else None,
         residual_compliance="residual_compliance" not in group.attrs,
         contact_switching=switching,
         guides=_guides(get_group(group, "guides")) if "guides" in group else {},
@@ -180,7 +176,15 @@ def _word(group: h5py.Group, key: str, choices: tuple[str, ...]) -> str:
     return word
 
 
-def _path(group: h5py.Group) -> BasePath:
+def _law(group: h5py.Group) -> "ContactLaw":
+    from fenics_rom.mechanics.contact import ContactLaw  # here, as few bodies touch
+
+    return ContactLaw(**{key: value for key, value in get_record(group, LAW).items() if value is not None})
+
+
+def _path(group: h5py.Group) -> "BasePath":
+    from fenics_rom.mechanics.base_path import BasePath  # here, as few bodies move so far
+
     arrays = get_record(group, PATH)
     path = BasePath(**arrays)
     if mistake := path.mistake():

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.contact_model import ContactModel, strained_coordinates
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 
 
@@ -37,11 +37,6 @@ class ResidualPart:
         """What of it lies in the shared basis under forces g (..., 3P), N, in K-orthonormal coordinates, J^1/2."""
         within: Array = g @ self.points[:, : len(self.basis)] - g @ self.basis_points @ self.basis.T
         return within
-
-
-def strained_coordinates(κ: Array, model: ContactModel) -> Array:
-    """Y (k - rigid, m - rigid): the mode's K-orthonormal vectors in those of the shared basis, orthonormal columns."""
-    return (np.sqrt(κ)[:, None] * model.coordinates / model.safe_frequencies)[model.rigid :, model.rigid :]
 
 
 def strained_points(κ: Array, rows: Array, residual: ResidualCompliance) -> Array:

@@ -17,8 +17,7 @@ same in all contact modes: their velocities are carried over as they are, and th
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.rom.residual_part import strained_coordinates
+from fenics_rom.rom.contact_model import ContactModel, strained_coordinates
 
 
 def switch_maps(κ: Array, start: ContactModel, end: ContactModel, switching: str) -> tuple[Array, Array]:

@@ -7,12 +7,11 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, shown
-from fenics_rom.mechanics.base_path import BaseState, checked_base
-from fenics_rom.mechanics.frame_motion import world_displacement, world_velocity
 from fenics_rom.mechanics.step import MOVING_FRAME, StepInput
 from fenics_rom.runtime.simulated_body import SimulatedBody
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.base_path import BaseState
     from fenics_rom.mechanics.contact_solver import ContactSolver
     from fenics_rom.runtime.steppers.moving_frame import MovingFrameStepper
 
@@ -21,11 +20,11 @@ class MovingBody(SimulatedBody):
     """What a moving frame has besides; of a fixed one there is nothing of it."""
 
     _monitor_threshold: float
-    _base: BaseState | None = None  # that was given for the step to be taken
+    _base: "BaseState | None" = None  # that was given for the step to be taken
     _solver_of: "type[ContactSolver] | None" = None  # that finds contact forces; None: ContactSolver
 
     @property
-    def pose(self) -> BaseState | None:
+    def pose(self) -> "BaseState | None":
         """Where the frame is and how it moves, in world axes; None where it is fixed.
 
         Of a free body its position is the centre of mass; of one that a base carries the pose is the base's.
@@ -48,7 +47,7 @@ class MovingBody(SimulatedBody):
         """
         return None if self._frame is None else self._frame.wrench
 
-    def place(self, pose: BaseState) -> None:
+    def place(self, pose: "BaseState") -> None:
         """Puts a moving frame somewhere, with the shape that the body has.
 
         Args:
@@ -60,6 +59,8 @@ class MovingBody(SimulatedBody):
         frame = self._frame
         if frame is None:
             raise StepError(f"place: allowed is a body in a moving frame, which ROM {self.rom.name!r} is not of")
+        from fenics_rom.mechanics.base_path import checked_base  # here, as few bodies move so far
+
         before = frame.snapshot()
         try:
             frame.place(checked_base(pose, "pose"))
@@ -71,13 +72,19 @@ class MovingBody(SimulatedBody):
     def displacement(self, output: str | None = None) -> Array:
         """As in SimulatedBody, in world axes: how far points are from where they were at rest."""
         field = super().displacement(output)
-        return field if self._frame is None else world_displacement(self._frame.pose, *self._rest(output), field)
+        if self._frame is None:
+            return field
+        from fenics_rom.mechanics.frame_motion import world_displacement
+
+        return world_displacement(self._frame.pose, *self._rest(output), field)
 
     def velocity(self, output: str | None = None) -> Array:
         """As in SimulatedBody, in world axes."""
         field = super().velocity(output)
         if self._frame is None:
             return field
+        from fenics_rom.mechanics.frame_motion import world_velocity
+
         return world_velocity(self._frame.pose, *self._rest(output), super().displacement(output), field)
 
     def _watch_skin(self) -> None:
@@ -96,13 +103,15 @@ class MovingBody(SimulatedBody):
             places = None if self._skin is None else self._skin.places.whole()
             interface.check_outside(self._stepper.point_displacement(), places, self.environment.state.offsets)
 
-    def _take_base(self, base: BaseState | None) -> None:
+    def _take_base(self, base: "BaseState | None") -> None:
         """Where the base is to be at the end of the step that is taken next."""
         self._base = None
         if base is None:
             return
         if not self._is_carried:
             raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
+        from fenics_rom.mechanics.base_path import checked_base
+
         self._base = checked_base(base, f"step {self.steps}: base")
 
     def _way_to_advance(self) -> Callable[[Array], float]:

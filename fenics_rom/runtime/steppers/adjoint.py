@@ -7,9 +7,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
-from fenics_rom.mechanics.actuator_forces import ActuatorForces
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.actuator_forces import ActuatorForces
     from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
     from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
@@ -99,7 +99,7 @@ class GoneBackThrough:
         raise NotImplementedError
 
 
-def check_is_differentiated(actuators: ActuatorForces | None, branches: object) -> None:
+def check_is_differentiated(actuators: "ActuatorForces | None", branches: object) -> None:
     """A StructureError where tendons rub at guides, or branches of a material are carried along."""
     rubs = actuators is not None and bool(actuators.guides)
     for what, there in (("tendons with friction", rubs), ("materials that relax", branches is not None)):

@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
-from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, PointMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.runtime.steppers.adjoint import GoneBackThrough, StateAdjoint
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
+    from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
     from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
-ContactWorks = tuple[Callable[[], ContactWork], ...]  # of each part of a step
+    ContactWorks = tuple[Callable[[], ContactWork], ...]  # of each part of a step
+
 BOOKED_TOGETHER = 64  # steps
 
 
@@ -37,7 +38,7 @@ class Kernel(GoneBackThrough):
 
     h: float = 0.0
     state: Any
-    contact: ContactSolution | None = None
+    contact: "ContactSolution | None" = None
     reactions: Array = np.empty(0)
     notes: dict[str, float]
     residual: "ResidualMotion | None" = None
@@ -65,7 +66,7 @@ class Kernel(GoneBackThrough):
         """Whether the body went further than its model was trained to follow."""
         return False
 
-    def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
+    def step(self, u: Array, obstacles: "ObstacleMotion | None" = None) -> float:
         """Takes a step under u (p,), N, and returns twice the stored energy, J, which need not be finite.
 
         Raises:
@@ -85,7 +86,7 @@ class Kernel(GoneBackThrough):
         """
         raise NotImplementedError
 
-    def close(self, contact: ContactSolution | None) -> float:
+    def close(self, contact: "ContactSolution | None") -> float:
         """Takes the step that is open under contact forces, as `step`."""
         raise NotImplementedError
 
@@ -122,7 +123,7 @@ class StepWork(NamedTuple):
 
     supplied: float  # but for contact, J
     dissipated: float  # but for contact, J
-    contacts: ContactWorks
+    contacts: "ContactWorks"
     numerical: float = 0.0  # but for contact, J
 
 
@@ -147,7 +148,7 @@ class BookedKernel(Kernel):
         ledger: EnergyLedger | None,
         rigid_displacement: Array,
         interface: "ContactInterface | None",
-        actuators: ActuatorForces | None = None,
+        actuators: "ActuatorForces | None" = None,
         residual: "ResidualMotion | None" = None,
         branches: "MaxwellBranches | None" = None,
     ):
@@ -256,16 +257,18 @@ class BookedKernel(Kernel):
         r: Array,
         free: Array,
         h: float,
-        obstacles: ObstacleMotion | None,
+        obstacles: "ObstacleMotion | None",
         quasi_static: bool = False,
         delassus: Array | None = None,
-    ) -> ContactSolution | None:
+    ) -> "ContactSolution | None":
         """Contact of a step of h s from q and r, by its mid-step velocity without it and the Delassus operator.
 
         `delassus` where actuators hold the points back.
         """
         if self._interface is None or obstacles is None:
             return None
+        from fenics_rom.mechanics.contact import PointMotion  # here, as few bodies touch
+
         self._motions[0], self._motions[1], self._motions[2] = q, r, free
         motion = self._motion.dot(self._of_points).reshape(3, -1, 3)
         if self.branches is not None and self.residual is not None:
@@ -284,10 +287,10 @@ class BookedKernel(Kernel):
         r: Array,
         free: Array,
         h: float,
-        obstacles: ObstacleMotion | None,
+        obstacles: "ObstacleMotion | None",
         quasi_static: bool = False,
         angles: Array | None = None,
-    ) -> tuple[Array, ContactSolution | None]:
+    ) -> "tuple[Array, ContactSolution | None]":
         """Forces (n,) of actuators that are found in a step, and contact.
 
         Args:
@@ -300,12 +303,14 @@ class BookedKernel(Kernel):
         """
         assert self._actuators is not None
         if self._stroke_operators is None or self._stroke_operators[0] is not spread:  # of linear bodies it is the same
+            from fenics_rom.mechanics.actuator_forces import PointsHeldBack  # here, as few forces are found
+
             W = self._actuators.compliance(columns.T.dot(spread))
             X = np.empty((0, len(W))) if self._interface is None else self._Sᵀ.T.dot(spread)
             self._stroke_operators = spread, W, X, PointsHeldBack(self._delassus, X, W)
         _, W, X, held = self._stroke_operators
 
-        def touch(z: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
+        def touch(z: Array, holding: Array) -> "tuple[ContactSolution | None, Array]":
             if self._interface is None:
                 return None, np.zeros(len(z))
             delassus = held.delassus(holding)
@@ -328,7 +333,7 @@ class BookedKernel(Kernel):
         """The Delassus operator (3P, 3P) of the points that yield beyond the basis, too."""
         return delassus if self.residual is None else delassus + self.residual.delassus
 
-    def _step_residual(self, contact: ContactSolution | None) -> tuple[Array | None, float]:
+    def _step_residual(self, contact: "ContactSolution | None") -> tuple[Array | None, float]:
         """Takes the residual part's step; the points' mid-step velocity (P, 3) in it, and what it dissipates, J."""
         if self.residual is None:
             return None, 0.0
@@ -337,21 +342,21 @@ class BookedKernel(Kernel):
             return None, 0.0
         return self.residual.step(contact)
 
-    def _step_residual_at_rest(self, contact: ContactSolution | None) -> tuple[Array | None, float]:
+    def _step_residual_at_rest(self, contact: "ContactSolution | None") -> tuple[Array | None, float]:
         """The same between equilibria; the points' velocity (P, 3), and what held it at the start supplies, J."""
         velocity, _ = self._step_residual(contact)
         if velocity is None or self.residual is None:
             return None, 0.0
         return velocity, self.residual.work_of_start(self.contact, velocity)
 
-    def _pushed(self, contact: ContactSolution) -> Array:
+    def _pushed(self, contact: "ContactSolution") -> Array:
         """Generalized forces of contact (m,)."""
         pushed: Array = self._Sᵀ.dot(contact.forces.ravel())
         return pushed
 
     def _contacts(
-        self, v: Array, contact: ContactSolution | None, h: float, residual: Array | None = None
-    ) -> ContactWorks:
+        self, v: Array, contact: "ContactSolution | None", h: float, residual: Array | None = None
+    ) -> "ContactWorks":
         """What StepWork holds of contact at mid-step velocities in h s; nothing where nothing touches.
 
         These are v̂ (m,) of the body and, in the residual part, of the points (P, 3).
@@ -364,13 +369,15 @@ class BookedKernel(Kernel):
     def _contacts_at_rest(
         self,
         moved: Array,
-        contact: ContactSolution | None,
-        obstacles: ObstacleMotion | None,
+        contact: "ContactSolution | None",
+        obstacles: "ObstacleMotion | None",
         residual: Array | None = None,
-    ) -> ContactWorks:
+    ) -> "ContactWorks":
         """The same of a step between equilibria, in which the body moved by (m,)."""
         if self._interface is None or obstacles is None or (contact is None and self.contact is None):
             return ()
+        from fenics_rom.mechanics.contact import equilibrium_work
+
         velocities, law = self._at_points(moved / self.h, residual), self._interface.solver.law
         return (partial(equilibrium_work, self.contact, contact, velocities, self.h, obstacles, law),)
 

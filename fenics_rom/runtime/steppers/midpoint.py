@@ -18,16 +18,18 @@ the energy account needs of some steps stays where it is and is booked for all a
 where booking each by itself would double it.
 """
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.midpoint_map import compliance, matrices
 from fenics_rom.runtime.steppers.kernel import Kernel
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.contact import ObstacleMotion
 
 LARGEST_FUSED_ORDER = {1: 75, 2: 90}  # order up to which one product is the faster, by the dimensions of the damping
 PAGES = 64  # steps that are booked together
@@ -124,7 +126,7 @@ class FusedMidpoint(_MidpointKernel):
         self._step, self._account = step.dot, account.T
         self.h = h
 
-    def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
+    def step(self, u: Array, obstacles: "ObstacleMotion | None" = None) -> float:
         """As in Kernel."""
         page = self._page
         if page == PAGES:
@@ -179,7 +181,7 @@ class StagedMidpoint(_MidpointKernel):
         self._travel = h / 2 * ω
         self.h = h
 
-    def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
+    def step(self, u: Array, obstacles: "ObstacleMotion | None" = None) -> float:
         """As in Kernel."""
         page = self._page
         if page == PAGES:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fenics_rom.errors import StepError, shown, unknown
-from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.rom.rom import Rom
@@ -66,6 +65,8 @@ def make_stepper(
                     f"a body in a moving frame: the forces of {names} are found in a fixed frame alone; allowed are "
                     "actuators by force, and tendons without friction"
                 )
+            from fenics_rom.mechanics.actuator_forces import ActuatorForces  # here, as few forces are found
+
             actuators = ActuatorForces(acting.controls, acting.guides, {**rom.actuators, **rom.loads})
     rigid_displacement = np.zeros(rom.rigid)
     if rom.deformation is None:

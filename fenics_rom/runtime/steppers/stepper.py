@@ -7,7 +7,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, StructureError
-from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.step import StepInput, StepperState, StepResult
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
@@ -15,6 +14,7 @@ from fenics_rom.runtime.steppers.kernel import Kernel
 from fenics_rom.runtime.switching import Projections
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.contact import ContactSolution
     from fenics_rom.runtime.steppers.adjoint import SwitchAdjoint
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
@@ -67,7 +67,7 @@ class ReducedStepper:
         return self.kernel.energy
 
     @property
-    def contact(self) -> ContactSolution | None:
+    def contact(self) -> "ContactSolution | None":
         """See Stepper."""
         return self.kernel.contact
 
