@@ -228,14 +228,14 @@ def put_arrays(group: h5py.Group, table: Table, sizes: Sizes, arrays: Mapping[st
 
 def get_arrays(group: h5py.Group, table: Table, sizes: Sizes, others: tuple[str, ...] = ()) -> dict[str, Array | None]:
     """Reads the arrays of a table from a group, which may hold nothing else but `others`; FileError of all else."""
-    extra = set(group) - set(table) - set(others)
-    if extra:
+    there = set(group)
+    if extra := there - set(table) - set(others):
         shown = (name if NAME.fullmatch(name) else repr(name) for name in sorted(extra))
         raise FileError(f"unexpected {', '.join(shown)} in {group.name}")
     arrays: dict[str, Array | None] = {}
     for name, entry in table.items():
         where = f"{group.name.rstrip('/')}/{name}"
-        if name not in group:
+        if name not in there:
             if not entry.optional:
                 raise FileError(f"{where} is missing")
             arrays[name] = None

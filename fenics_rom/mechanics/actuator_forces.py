@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.contact import ContactSolution
     from fenics_rom.mechanics.environment import Guide
 
-    Touch = Callable[[Array, Array], tuple[ContactSolution | None, Array]]
+Touch = Callable[[Array, Array], "tuple[ContactSolution | None, Array]"]
 
 SHARE = 2 / 3  # of what is missing of a stroke that a step makes up for
 TOGETHER = 10  # rounds in which all forces that are wrong change at once; then one by one, which does not cycle
@@ -108,7 +108,7 @@ class ActuatorForces:
         return W
 
     def solve(
-        self, u: Array, rates: Array, W: Array, targets: Array, touch: "Touch", angles: Array | None = None
+        self, u: Array, rates: Array, W: Array, targets: Array, touch: Touch, angles: Array | None = None
     ) -> "tuple[Array, ContactSolution | None]":
         """The forces z (n,), N or Pa, and contact, of a step.
 

@@ -54,7 +54,7 @@ def _read_only(value: Any) -> Any:
     """The same with arrays, also within other records, that refuse to be written to; whoever made them may go on."""
     if isinstance(value, np.ndarray) and value.flags.writeable:
         value = value.view()
-        value.flags.writeable = False
+        value.setflags(write=False)
     elif type(value) is dict:
         return {name: _read_only(part) for name, part in value.items()}
     elif type(value) is tuple:

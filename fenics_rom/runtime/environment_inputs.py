@@ -231,6 +231,6 @@ class EnvironmentInputs:
         full = np.zeros(width)
         full[width - len(u) :] = u
         if not len(u):
-            full.flags.writeable = False
+            full.setflags(write=False)
             self._no_input = full
         return full

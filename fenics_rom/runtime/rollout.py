@@ -11,7 +11,7 @@ account are read off for all blocks at once. The map of many steps is composed o
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -236,7 +236,7 @@ class Rollout:
         except BaseException:
             body.restore(start)
             raise
-        parts = np.split(np.concatenate(rows), np.cumsum(widths)[:-1], axis=1) if names else []
+        parts = np.split(np.concatenate(rows), list(accumulate(widths))[:-1], axis=1) if names else []
         return {name: body.rom.by_point(values) for name, values in zip(names, parts, strict=True)}
 
     def _read(self, u: Array, taken: int, every: int, names: tuple[str, ...]) -> list[Array]:

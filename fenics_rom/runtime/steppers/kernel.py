@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
-    ContactWorks = tuple[Callable[[], ContactWork], ...]  # of each part of a step
+ContactWorks = tuple[Callable[[], "ContactWork"], ...]  # of each part of a step
 
 BOOKED_TOGETHER = 64  # steps
 
@@ -123,7 +123,7 @@ class StepWork(NamedTuple):
 
     supplied: float  # but for contact, J
     dissipated: float  # but for contact, J
-    contacts: "ContactWorks"
+    contacts: ContactWorks
     numerical: float = 0.0  # but for contact, J
 
 
@@ -356,7 +356,7 @@ class BookedKernel(Kernel):
 
     def _contacts(
         self, v: Array, contact: "ContactSolution | None", h: float, residual: Array | None = None
-    ) -> "ContactWorks":
+    ) -> ContactWorks:
         """What StepWork holds of contact at mid-step velocities in h s; nothing where nothing touches.
 
         These are v̂ (m,) of the body and, in the residual part, of the points (P, 3).
@@ -372,7 +372,7 @@ class BookedKernel(Kernel):
         contact: "ContactSolution | None",
         obstacles: "ObstacleMotion | None",
         residual: Array | None = None,
-    ) -> "ContactWorks":
+    ) -> ContactWorks:
         """The same of a step between equilibria, in which the body moved by (m,)."""
         if self._interface is None or obstacles is None or (contact is None and self.contact is None):
             return ()

@@ -289,5 +289,5 @@ class FiniteStrainStepper(ReducedStepper):
 def _read_only(array: Array) -> Array:
     """A copy that cannot be written to."""
     copy = array.copy()
-    copy.flags.writeable = False
+    copy.setflags(write=False)  # `flags.writeable` makes a name each time, and Python keeps thousands of them
     return copy
