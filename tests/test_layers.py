@@ -114,6 +114,17 @@ def test_importing_the_package_alone_reads_no_file_format():
     assert run.stdout.split() == ["False", "False"]
 
 
+def test_reading_and_stepping_load_nothing_of_what_few_bodies_have():
+    """What is loaded is waited for at every start of a program."""
+    code = "import sys, fenics_rom, fenics_rom.runtime.simulator; fenics_rom.read_rom(sys.argv[1]); print(*sys.modules)"
+    run = python(code, DATA / "rom-debian12.h5")
+    assert run.returncode == 0, run.stderr
+    mechanics = ("actuator_forces", "base_path", "complementarity", "contact", "frame_motion", "obstacles")
+    few_need = {"fenics_rom.rom.format_1", "tomllib", *(f"fenics_rom.mechanics.{name}" for name in mechanics)}
+    assert "fenics_rom.runtime.steppers.midpoint" in run.stdout.split()
+    assert not few_need & set(run.stdout.split())
+
+
 def test_every_file_has_its_layer():
     files = [*PACKAGE.glob("*.py"), *PACKAGE.glob("*/__init__.py")]
     parts = {file.relative_to(PACKAGE).with_suffix("").parts[0] for file in files}

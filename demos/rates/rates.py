@@ -31,7 +31,6 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
 import matplotlib as mpl
@@ -445,7 +444,7 @@ def what_stays(rom: Rom, findings: Findings, quick: bool) -> None:
     rows: list[tuple[object, ...]] = []
     for name, loop in loops.items():
         traced = traced_growth(loop)
-        findings.at_most(f"{name}: bytes that stay after {steps:,} steps", traced, KEPT)
+        findings.at_most(f"{name}: bytes that stay after {TRACED} times {steps:,} steps", traced, KEPT)
         taken: object = "not in this run"
         grown: object = ""
         if not quick:
@@ -456,15 +455,12 @@ def what_stays(rom: Rom, findings: Findings, quick: bool) -> None:
             taken, grown = f"{counted:,}", f"{growth / 1e3:,.0f} kB"
             findings.at_most(f"{name}: bytes by which the process grows in {counted:,} body-steps", growth, LEAK)
         rows.append((name, f"{traced:,} B", taken, grown))
-    heading = ("", f"stays after {steps:,} steps", "body-steps of the long run", "growth of the process")
+    heading = ("", f"stays after {TRACED} times {steps:,} steps", "body-steps of the long run", "growth of the process")
     findings.table("## Memory", heading, rows)
 
 
 def traced_growth(loop: Callable[[], int]) -> int:
-    """Bytes that Python and NumPy hold after the loop and did not before, when it has run already: the least of some.
-
-    What stays stays every time; NumPy's caches of small blocks fill in the first of them.
-    """
+    """Bytes that Python and NumPy hold after some loops and did not before, when it has run twice already."""
     tracemalloc.start()
     try:
         held = []
@@ -472,7 +468,7 @@ def traced_growth(loop: Callable[[], int]) -> int:
             loop()
             gc.collect()
             held.append(tracemalloc.get_traced_memory()[0])
-        return min(after - before for before, after in pairwise(held[1:]))
+        return held[-1] - held[1]
     finally:
         tracemalloc.stop()
 

@@ -101,6 +101,11 @@ class ActuatorForces:
         k = len(self.names)
         return np.concatenate([(given - strokes)[:k] / h, np.zeros(len(given) - k)])
 
+    @staticmethod
+    def holding(delassus: Array, X: Array, W: Array) -> "PointsHeldBack":
+        """What holds contact points back: their operator, what forces here do there, and `compliance`."""
+        return PointsHeldBack(delassus, X, W)
+
     def compliance(self, W: Array) -> Array:
         """Bᵀ A⁻¹ B (n, n) made symmetric, and definite unless strokes depend on one another."""
         W = (W + W.T) / 2
@@ -171,7 +176,7 @@ class ActuatorForces:
 
     def _only(
         self, rates: Array, W: Array, targets: Array, touch: Touch
-    ) -> tuple[Array, ContactSolution | None] | None:
+    ) -> "tuple[Array, ContactSolution | None] | None":
         """As `solve`, where one stroke is given; None where it does not hold, as of a slack cable."""
         missing, compliance = targets - rates, W[0]
         if not compliance[0] > 0:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, PointMotion, equilibrium_work
 from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.contact_solver import ContactSolver
@@ -46,6 +46,23 @@ class ContactInterface(NamedTuple):
         if mark is not None:
             mark(CONTACT)
         return contact
+
+    def solve_moved(
+        self, motion: Array, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool
+    ) -> ContactSolution | None:
+        """The same from motion (3, P, 3): displacement, velocity and free velocity, as in PointMotion."""
+        return self.solve(PointMotion(*motion), delassus, dt, obstacles, quasi_static)
+
+    def work_at_rest(
+        self,
+        before: ContactSolution | None,
+        after: ContactSolution | None,
+        velocity: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+    ) -> ContactWork:
+        """Where the work of a step between equilibria went; see equilibrium_work."""
+        return equilibrium_work(before, after, velocity, dt, obstacles, self.solver.law)
 
     def check_start(self) -> None:
         """A StepError where at time 0 the body at rest is not outside of all obstacles."""

@@ -267,15 +267,12 @@ class BookedKernel(Kernel):
         """
         if self._interface is None or obstacles is None:
             return None
-        from fenics_rom.mechanics.contact import PointMotion  # here, as few bodies touch
-
         self._motions[0], self._motions[1], self._motions[2] = q, r, free
         motion = self._motion.dot(self._of_points).reshape(3, -1, 3)
         if self.branches is not None and self.residual is not None:
             self.residual.relax(motion[2])
         operator = self._delassus if delassus is None else delassus
-        motion = PointMotion(*motion)
-        return self._interface.solve(motion, operator, h, obstacles, quasi_static)
+        return self._interface.solve_moved(motion, operator, h, obstacles, quasi_static)
 
     def _solve_actuators(
         self,
@@ -303,11 +300,9 @@ class BookedKernel(Kernel):
         """
         assert self._actuators is not None
         if self._stroke_operators is None or self._stroke_operators[0] is not spread:  # of linear bodies it is the same
-            from fenics_rom.mechanics.actuator_forces import PointsHeldBack  # here, as few forces are found
-
             W = self._actuators.compliance(columns.T.dot(spread))
             X = np.empty((0, len(W))) if self._interface is None else self._Sᵀ.T.dot(spread)
-            self._stroke_operators = spread, W, X, PointsHeldBack(self._delassus, X, W)
+            self._stroke_operators = spread, W, X, self._actuators.holding(self._delassus, X, W)
         _, W, X, held = self._stroke_operators
 
         def touch(z: Array, holding: Array) -> "tuple[ContactSolution | None, Array]":
@@ -376,10 +371,8 @@ class BookedKernel(Kernel):
         """The same of a step between equilibria, in which the body moved by (m,)."""
         if self._interface is None or obstacles is None or (contact is None and self.contact is None):
             return ()
-        from fenics_rom.mechanics.contact import equilibrium_work
-
-        velocities, law = self._at_points(moved / self.h, residual), self._interface.solver.law
-        return (partial(equilibrium_work, self.contact, contact, velocities, self.h, obstacles, law),)
+        velocities = self._at_points(moved / self.h, residual)
+        return (partial(self._interface.work_at_rest, self.contact, contact, velocities, self.h, obstacles),)
 
     def _at_points(self, v: Array, residual: Array | None) -> Array:
         """Velocity of the points (P, 3), m/s, from that of the body (m,) and of the residual part (P, 3)."""
