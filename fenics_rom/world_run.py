@@ -10,7 +10,7 @@ from fenics_rom.io.progress import Report, silent
 from fenics_rom.lazy_import import load
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix
-from fenics_rom.mechanics.load_history import count_steps
+from fenics_rom.mechanics.load_history import check_pull, count_steps
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.world_file import check_whole_steps
 from fenics_rom.scene.world_format import JointEntry, WorldBody, WorldScene
@@ -110,8 +110,12 @@ def inputs_at(scene: WorldScene, time: float) -> dict[str, dict[str, float]]:
 def _body(name: str, body: WorldBody, scene: WorldScene) -> RigidBody | SoftBody:
     rotation = quaternion_of_vector(body.rotation)
     if body.shape is None:
+        rom = _rom(body, scene)
+        for k, each in enumerate(scene.file.run.input if scene.file.run else ()):
+            if each.body == name and rom.environment.is_pulled(each.actuator):
+                check_pull(each.signal, f"run.input[{k}]: actuator {each.actuator!r}")
         return SoftBody(
-            _rom(body, scene),
+            rom,
             position=body.position,
             rotation=rotation,
             velocity=body.velocity,

@@ -185,6 +185,10 @@ class Environment:
         details: dict[str, Any] = json.loads(self.built_in.get(place, "{}"))
         return details
 
+    def is_pulled(self, actuator: str) -> bool:
+        """Whether it is a tendon whose tension is given."""
+        return actuator in self.tendons and actuator not in self.controls
+
     @property
     def tendons(self) -> dict[str, np.ndarray]:
         """Points (K, 3) at rest that each tendon leads through, from its anchor to where it is pulled, m."""

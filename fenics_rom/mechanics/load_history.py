@@ -10,6 +10,7 @@ import numpy as np
 from fenics_rom.arguments import is_number
 from fenics_rom.errors import SceneError, exactly, shown, unknown
 from fenics_rom.mechanics.environment import AppliedLoad, Environment
+from fenics_rom.mechanics.signals import Signal
 
 MOST_STEPS = 10**7  # a record holds some 100 bytes of each
 
@@ -18,6 +19,15 @@ def check_width(load: AppliedLoad, columns: int, where: str) -> None:
     """A SceneError where a load has not one number for each column of what it acts on."""
     if load.signal.width != columns:
         raise SceneError(f"{where}: numbers in its force: given {load.signal.width}, allowed {columns}")
+
+
+def check_pull(signal: Signal, where: str) -> None:
+    """A SceneError where the tension of a cable is negative."""
+    if (least := float(signal.values.min(initial=0.0))) < 0:
+        raise SceneError(
+            f"{where}: a tension of {least:g} N: a cable pulls and cannot push; allowed is at least 0 (a tendon on the "
+            "other side pulls the other way)"
+        )
 
 
 def count_steps(duration: float, dt: float, every: int) -> int:
@@ -76,6 +86,8 @@ class LoadHistory:
         self._strokes = environment.controls
         for load in self._loads:
             self._check(load, contact_columns if load.contact else actuator_columns, f"{source}: run.load")
+            if load.actuator is not None and environment.is_pulled(load.actuator):
+                check_pull(load.signal, f"{source}: run.load: actuator {load.actuator!r}")
 
     def _check(self, load: AppliedLoad, columns: Mapping[str, int], place: str) -> None:
         """Checks that a load fits the columns of what it acts on, and that some step sees it."""

@@ -22,7 +22,8 @@ Acceleration = Annotated[float, Number(unit="m/s2")]
 Newtons = Annotated[float, Number(unit="N")]
 Length = Annotated[float, Number(above=0.0, unit="m")]
 Moment = Annotated[float, Number(at_least=0.0, unit="kg m2")]
-Angle = Annotated[float, Number(unit="rad")]
+TURN = 6.2832  # rad, one turn: what is more was meant in degrees
+Angle = Annotated[float, Number(at_least=-TURN, at_most=TURN, unit="rad, not degrees")]
 
 
 @dataclass(frozen=True)

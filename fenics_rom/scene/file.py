@@ -19,6 +19,7 @@ from fenics_rom.io.hdf5 import is_sealed
 from fenics_rom.io.units import QUANTITIES
 from fenics_rom.mechanics.environment import AppliedLoad, Run
 from fenics_rom.mechanics.initial_state import ZERO, InitialState, Instant
+from fenics_rom.mechanics.load_history import check_pull
 from fenics_rom.scene.consistency import check_base_path, check_consistency, check_load, check_pushes
 from fenics_rom.scene.effect_table import ACTUATORS
 from fenics_rom.scene.effects import Effects
@@ -165,6 +166,9 @@ def _run(file: SceneFile, folder: Path | None) -> Run | None:
     loads = []
     for k, load in enumerate(run.load):
         check_load(load, f"run.load[{k}]", run.duration, file.contacts, actuators)
+        tendon = file.effects.tendon.get(load.actuator or "")
+        if tendon is not None and tendon.control == "tension":
+            check_pull(load.signal, f"run.load[{k}]: actuator {load.actuator!r}")
         stop = run.duration if load.stop is None else load.stop
         loads.append(AppliedLoad(load.contact, load.actuator, load.start, stop, load.signal))
     check_pushes(loads, file.effects)

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 
 from fenics_rom.mechanics.environment import DETAILS, FRAMES
 from fenics_rom.mechanics.signals import Signal
-from fenics_rom.scene.effects import Effects, constant_signal
+from fenics_rom.scene.effects import Angle, Effects, constant_signal
 from fenics_rom.scene.places import Held, Patch, PlaceItem
 from fenics_rom.scene.scene import INTEGRATIONS, Elasticity, Material, Output, ReadingEntry, Reduction
 from fenics_rom.scene.values import Items, Metres, Name, Number, Table, Text
@@ -74,7 +74,6 @@ class LoadEntry:
 
 
 Speed = Annotated[float, Number(unit="m/s")]
-Angle = Annotated[float, Number(unit="rad")]
 AngularVelocity = Annotated[float, Number(unit="rad/s")]
 
 

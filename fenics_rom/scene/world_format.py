@@ -7,8 +7,8 @@ from typing import Annotated, ClassVar
 
 from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.signals import Signal
-from fenics_rom.scene.effects import constant_signal
-from fenics_rom.scene.file_format import Angle, AngularVelocity, Speed
+from fenics_rom.scene.effects import Angle, constant_signal
+from fenics_rom.scene.file_format import AngularVelocity, Speed
 from fenics_rom.scene.values import Direction, Items, Name, Number, Point, PoseTable, Table, Text
 
 WORLD_SHAPES = ("half-space", "box", "sphere", "capsule", "cylinder", "hull")

@@ -1,5 +1,7 @@
 """Which contact mode and which input act in every step of a run."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -155,3 +157,20 @@ def test_load_history_of_another_scene_must_fit_the_model(load, there, message):
 def test_scene_without_a_run_is_told():
     with pytest.raises(SceneError, match=r"s.toml: has no \[run\], so there is no load history to simulate"):
         history(run="")
+
+
+ROPE = "[effects.tendon.rope]\npoints = [[0, 0, 0], [1, 0, 0]]\n"
+
+
+@pytest.mark.parametrize("pull", ["force = [-5]", 'table = "pull.csv"'])
+def test_a_cable_that_pushes_is_refused(pull):
+    """In a file, and of loads made in Python; a stroke, or a force of another actuator, may be negative."""
+    tables = {"pull.csv": np.array([[0.0, 1.0], [0.5, -5.0]])}
+    load = f"[run]\ndt = 0.1\nduration = 1.0\n[[run.load]]\nactuator = 'rope'\n{pull}\n"
+    said = r"run.load.*: actuator 'rope': a tension of -5 N: a cable pulls and cannot push; allowed is at least 0"
+    with pytest.raises(SceneError, match=said):
+        parse_scene(SCENE + ROPE + load, tables=tables)
+    by_length = parse_scene(SCENE + ROPE + "control = 'length'\n" + load, tables=tables).environment
+    LoadHistory(by_length, CONTACTS, {**ACTUATORS, "rope": 1})
+    with pytest.raises(SceneError, match=said):
+        LoadHistory(replace(by_length, controls={}), CONTACTS, {**ACTUATORS, "rope": 1})

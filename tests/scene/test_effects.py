@@ -231,6 +231,9 @@ MISTAKES = {
     f"{INERTIA}contact = {{ obstacles = {{}} }}": "effects.contact.obstacles: at least one is needed",
     f"[effects.contact]\nbounce = 1\n{FLOOR}": "effects.contact: no key 'bounce'; there is damping, method, obstacles",
     f'[effects.contact]\nmethod = "penalty"\n{FLOOR}': "effects.contact.stiffness is missing: the spring of method",
+    '[effects.contact.obstacles.b]\nshape = "box"\ncenter = [0, 0, 9]\nsize = [1, 1, 1]\nrotation = [0, 45, 0]': (
+        "obstacles.b.rotation[1] = 45: allowed is a finite number and >= -6.2832 and <= 6.2832, in rad, not degrees"
+    ),
     f'[effects.contact]\nmethod = "penalti"\n{FLOOR}': "no choice 'penalti'; there is complementarity, penalty",
     f"[effects.contact]\nstiffness = 1.0\n{FLOOR}": "effects.contact.stiffness: goes with method = 'penalty'",
     f"[effects.contact]\ndamping = 1.0\n{FLOOR}": "effects.contact.damping: goes with method = 'penalty'",

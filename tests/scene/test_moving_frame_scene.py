@@ -119,6 +119,10 @@ MISTAKES = {
         "effects": "inertia = {}\n[effects.base_motion.quake]\ndirection = [1, 0, 0]"
     },
     "frame = 'moving': means nothing without inertia": {"effects": "gravity = { acceleration = [0, 0, -9.81] }"},
+    "run.initial.rotation[1] = -100: allowed is a finite number and >= -6.2832 and <= 6.2832, in rad, not degrees": {
+        **FREE,
+        "run": f"{RUN}\ninitial = {{ rotation = [0, -100, 0] }}",
+    },
     "effects.base_path: means nothing without inertia": {"effects": CARRIED.replace("inertia = {}\n", "")},
     "frame: no choice 'turning'; there is fixed, moving": {"head": 'frame = "turning"'},
     "run.detail = 'quasi-rigid': allowed is 'full', or any with": {"head": "", "run": f'{RUN}\ndetail = "quasi-rigid"'},

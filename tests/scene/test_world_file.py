@@ -130,6 +130,7 @@ def test_bodies_joints_and_tables_are_read(folder):
         ("[bodies.ground]", 'apart = [["upper", "ground", "lower"]]\n[bodies.ground]', r"as apart\[0\] says"),
         ("dt = 2e-3", "dt = 2", r"run.dt = 2: allowed is at most the duration, 1 s"),
         ("[bodies.ground]", "[bodies.world]", r"bodies.world: allowed is any other name"),
+        ("mass = 0.2", "mass = 0.2\nrotation = [0, 0, 90]", r"rotation\[2\] = 90: allowed .* in rad, not degrees"),
         ("gravity = [0, 0, -9.81]", "gravity = 9.81", r"gravity = 9.81: allowed is a list of 3"),
     ],
 )

@@ -1,5 +1,7 @@
 """Runs of worlds from their files: written, read, drawn, and told of what is wrong."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -133,6 +135,18 @@ def test_inputs_are_those_of_the_middle_of_a_step(tmp_path, monkeypatch):
     (tmp_path / "world.toml").write_text(WORLD)
     fr.simulate(tmp_path / "world.toml", dt=0.05)
     assert asked == pytest.approx([0.025, 0.075, 0.125, 0.175], abs=1e-15)
+
+
+def test_a_cable_of_a_soft_body_that_pushes_is_told(tmp_path, monkeypatch):
+    environment = SimpleNamespace(is_pulled={"flexor"}.__contains__)
+    monkeypatch.setattr(world_run, "_rom", lambda body, scene: SimpleNamespace(environment=environment))
+    finger = '\n[bodies.finger]\nrom = "finger.h5"\nposition = [0, 0, 5]\n'
+    pull = '[[run.input]]\nbody = "finger"\nactuator = "flexor"\nvalue = -2\n'
+    (tmp_path / "world.toml").write_text(WORLD + pull + finger)
+    with pytest.raises(
+        SceneError, match=r"run.input\[0\]: actuator 'flexor': a tension of -2 N: a cable pulls and cannot"
+    ):
+        fr.simulate(tmp_path / "world.toml")
 
 
 @pytest.mark.parametrize(
