@@ -4,6 +4,7 @@ The law inside a step of passive midpoint integration is in `mechanics.contact_s
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -115,7 +116,7 @@ class ContactSolution(NamedTuple):
     def touching(self) -> int:
         """Number of pairs that push, by more than round-off."""
         pressure = (self.pair_forces * self.normals).dot(_ONES)
-        return int(np.count_nonzero(pressure > 1e-9 * pressure.max()))
+        return len(set(self.pairs[pressure > 1e-9 * pressure.max()].tolist()))
 
     @property
     def normal_forces(self) -> Array:
@@ -140,6 +141,26 @@ class ContactSolution(NamedTuple):
         whole = power - supplied
         normal = whole if self.normal_power is None else self.normal_power
         return ContactWork(dt * supplied, -dt * normal, dt * (normal - whole))
+
+
+def mean_contact(parts: Sequence[tuple[float, ContactSolution | None]]) -> ContactSolution | None:
+    """Contact in a step that was taken in parts, by their shares of it: its forces have the impulses of all parts.
+
+    A pair is named once for each part that it touched in, with the normal that it had there.
+    """
+    touched = [(share, part) for share, part in parts if part is not None]
+    if not touched:
+        return None
+    power = [share * part.normal_power for share, part in touched if part.normal_power is not None]
+    return ContactSolution(
+        np.sum([share * part.forces for share, part in touched], axis=0),
+        sum(part.iterations for _, part in touched),
+        np.concatenate([part.pairs for _, part in touched]),
+        np.concatenate([part.normals for _, part in touched]),
+        np.concatenate([share * part.pair_forces for share, part in touched]),
+        touched[-1][1].obstacle_velocities,
+        sum(power) if power else None,
+    )
 
 
 def equilibrium_work(

@@ -12,7 +12,7 @@ from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
 
 SIDE, SPEED = 0.1, 0.14  # m, and m/s of the plate
-ROUND_OFF = 1e-10  # of the work, as the account must close
+ROUND_OFF = 1e-10  # of the work, as the account must close, and of impulses
 
 
 def taken(parts, solves, steps=1):
@@ -72,7 +72,8 @@ def test_what_takes_long_is_seen_early(sizes, long):
 def test_no_step_of_a_pressed_cube_takes_more_than_small_steps_would(tmp_path, friction, monkeypatch):
     """Pressed flat at 10 ms: each step takes at most what ten steps of 1 ms do, of forces and of contact systems.
 
-    These take some 20 evaluations of forces each; once a step took ten thousand systems of contact forces.
+    These take some 20 evaluations of forces each; once a step took ten thousand systems of contact forces. Parted or
+    not, a step tells the forces that its momentum changes by.
     """
     table = tmp_path / "plate.csv"
     table.write_text(f"time,x,y,z\n0,0,0,0\n1,0,0,{-SPEED}\n")
@@ -101,13 +102,17 @@ def test_no_step_of_a_pressed_cube_takes_more_than_small_steps_would(tmp_path, f
     monkeypatch.setattr(FrictionalProblem, "search_newton", searched)
     around = ActiveEnvironment(system.scene.environment)
     body, most, parted = system.deformation.stepper(10e-3, around), dict(work), 0
+    momentum = np.zeros(3)
     for _ in range(48):
         work.update(forces=0, systems=0)
         inputs = around.step_input(np.zeros(system.input_matrix("skin").shape[1]), body.time, body.dt)
         body.step(inputs)
         around.commit(inputs, body.dt)
         most = {what: max(count, work[what]) for what, count in most.items()}
-        parted = body.parted
+        parted, before, momentum = body.parted, momentum, system.body.node_mass @ body.velocity()
+        forces = np.zeros((2, 3)) if body.contact is None else body.contact.by_obstacle
+        missed = momentum - before - body.dt * forces.sum(axis=0)
+        assert np.abs(missed).max() <= ROUND_OFF * body.dt * np.abs(forces).sum()
     assert body.displacement()[:, 2].min() < -0.6 * SIDE
     assert parted > 5  # it is hard
     assert most["forces"] <= 10 * 20

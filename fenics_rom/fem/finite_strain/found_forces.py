@@ -7,6 +7,7 @@ met likewise, with the columns B of unit forces where v̂ leads to in place of S
 strokes miss by that is of second order, and gone where momentum has converged.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from fenics_rom.fem.finite_strain.residuals import StepResidual
 from fenics_rom.fem.finite_strain.turned_factor import TurnedFactor
 from fenics_rom.fem.full_order_body import FullOrderInterface
 from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion, mean_contact
 from fenics_rom.mechanics.contact_solver import out_of_reach
 
 
@@ -30,6 +31,12 @@ class FoundForces(NamedTuple):
     def act(self) -> bool:
         """Whether there are any."""
         return self.contact is not None or bool(self.actuators.any())
+
+
+def mean_forces(parts: Sequence[tuple[float, FoundForces]]) -> FoundForces:
+    """Of a step that was taken in parts, by their shares of it: they have the impulses of all parts."""
+    actuators = np.sum([share * part.actuators for share, part in parts], axis=0)
+    return FoundForces(mean_contact([(share, part.contact) for share, part in parts]), actuators)
 
 
 class ForcesInNewton:

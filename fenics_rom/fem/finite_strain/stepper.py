@@ -12,7 +12,7 @@ from fenics_rom.fem.finite_strain.account import book_equilibrium, book_motion
 from fenics_rom.fem.finite_strain.arc_length import ArcLength, PathStart
 from fenics_rom.fem.finite_strain.equilibria import FactoredTangent, solve_equilibrium
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, TendonPull
-from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForces
+from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForces, mean_forces
 from fenics_rom.fem.finite_strain.gmres import Gmres
 from fenics_rom.fem.finite_strain.kept_factor import KeptFactor
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
@@ -231,8 +231,8 @@ class FiniteStrainStepper(FullOrderBody):
         strokes = load.strokes(self._start.u)
         self.newton, products = 0, self._krylov.products
         missing = self._unbalanced(load.ramped(self._following, 0.0)) if quasi_static else None
-        done, finest, parts = 0.0, 1.0, self._parts_of(quasi_static)
-        while done < 1.0:
+        parts, found = self._parts_of(quasi_static), list[tuple[float, FoundForces]]()
+        while (done := sum(share for share, _ in found)) < 1.0:
             parts.begin(done)
             while True:
                 share = parts.share
@@ -250,11 +250,13 @@ class FiniteStrainStepper(FullOrderBody):
                     self._restore(state)
                     raise SolverError(failure) from None
             parts.solved(iterations)
-            done, finest = done + share, min(finest, share)
+            found.append((share, FoundForces(self.contact, self.reactions)))
         self._following = load.following if quasi_static else ()
         self.products = self._krylov.products - products
-        if finest < 1.0:
-            self.parted, self.finest = self.parted + 1, min(self.finest, finest)
+        if len(found) > 1:
+            self.parted, self.finest = self.parted + 1, min(self.finest, *(share for share, _ in found))
+            if not quasi_static:  # equilibria have the forces of their end
+                self.contact, self.reactions = mean_forces(found)
 
     def _parts_of(self, quasi_static: bool) -> StepParts:
         """What chooses the parts of a step: of loads that are put on at rest, others than of steps of a run."""
