@@ -1,6 +1,7 @@
 """Whether the poses of a base that carries a body fit its twists."""
 
 import math
+from collections.abc import Sequence
 from typing import Protocol
 
 from fenics_rom.mechanics.frame_geometry import Geometry
@@ -35,22 +36,32 @@ def misfit(start: Placed, end: Placed, turn: Geometry, v̂: Vector, h: float, si
     (a, b, c), (x, y, z) = start.position, end.position
     moved = x - a, y - b, z - c
     said = rotated(turn.before, added(v̂, 0.5, cross(turn.turn, v̂)))
-    away = math.hypot(*added(moved, -h, said))
-    if away <= NEGLIGIBLE * size or away <= MISFIT * max(math.hypot(*moved), h * math.hypot(*said)):
-        away = 0.0
+    away = gap(moved, (h * said[0], h * said[1], h * said[2]), NEGLIGIBLE * size)
     turned_by, most = _apart(turned(start.rotation, turn.turn), end.rotation), math.hypot(*turn.turn)
     if turned_by <= NEGLIGIBLE or turned_by <= MISFIT * max(_apart(start.rotation, end.rotation), most):
         turned_by = 0.0
     return away, turned_by
 
 
-def misfit_message(away: float, turned_by: float) -> tuple[str, ...]:
-    """What to say of a run in whose steps a base went so far otherwise at most, m and rad; nothing where it did not."""
+def gap(moved: Sequence[float], said: Sequence[float], least: float) -> float:
+    """By how much a move (3,) is not what was said of it (3,); 0 where that is `least` or little beside them."""
+    off = math.dist(moved, said)
+    return 0.0 if off <= least or off <= MISFIT * max(math.hypot(*moved), math.hypot(*said)) else off
+
+
+def misfit_message(away: float, turned_by: float, *, driven: str = "") -> tuple[str, ...]:
+    """What to say of a run in whose steps a base went so far otherwise at most, m and rad; nothing where it did not.
+
+    Or of a rigid body of a world that is `driven`, by its name.
+    """
     if not (away or turned_by):
         return ()
+    means = "the account closes, but the forces are of the twists"
+    if driven:
+        means = "the account closes; contact is of the poses, but rebounds and bodies on it go by the twists"
     return (
-        f"base: in a step it went {away:.2g} m and turned {turned_by:.2g} rad otherwise than its velocities at both "
-        "ends say: it jumps, or twists and poses do not fit; the account closes, but the forces are of the twists",
+        f"{driven or 'base'}: in a step it went {away:.2g} m and turned {turned_by:.2g} rad otherwise than its "
+        f"velocities at both ends say: it jumps, or twists and poses do not fit; {means}",
     )
 
 

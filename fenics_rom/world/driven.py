@@ -8,6 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.base_fit import NEGLIGIBLE, gap, misfit_message
 from fenics_rom.mechanics.base_path import BaseState, checked_base
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_motion import cayley, composed, cross_matrix, rotation_matrix
@@ -18,6 +19,7 @@ from fenics_rom.world.shapes import Shape
 MOST_TURNED = 2.0  # rad in a step: beyond it nobody knows which way
 LEAST_COSINE = math.cos(MOST_TURNED / 2)
 _NOTHING = np.zeros(3)
+NO_GAPS = 0.0, 0.0
 
 
 class Driven:
@@ -38,6 +40,7 @@ class Driven:
         self._start = self._end = motion(0.0)
         self._R = self._R_end = rotation_matrix(self._start.rotation)
         self._given, self._is_still = self._start, False
+        self._gaps = self._misfit = NO_GAPS  # of a step, and at most, m and rad, between where it went and its twists
 
     @property
     def pose(self) -> BaseState:
@@ -48,6 +51,10 @@ class Driven:
     def end(self) -> BaseState:
         """Where the step that has begun leads."""
         return self._end
+
+    def warnings(self, name: str) -> tuple[str, ...]:
+        """Whether it, of some name, jumped, or went otherwise than its velocities say."""
+        return misfit_message(*self._misfit, driven=name)
 
     def follow(self, motion: Callable[[float], BaseState]) -> None:
         """Moves by another function of time, s, from the next step on."""
@@ -81,7 +88,16 @@ class Driven:
             turn = np.array(sines) * (2 / cosine)  # Cayley's, of the step
             self._R_end, self._middle_rotation = rotation_matrix(end.rotation), R.dot(cayley(turn / 2))
             self._mean, self._ω̂ = (R + self._R_end) / 2, R.dot(turn / h)
+        self._gaps = self._gaps_of(start, end, h, 2 * math.atan(math.hypot(*sines) / cosine))
         self._is_still = not (self._v̂.any() or self._ω̂.any())
+
+    def _gaps_of(self, start: BaseState, end: BaseState, h: float, angle: float) -> tuple[float, float]:
+        """Between where a step of h s leads, which turns by an angle, rad, and what its twists say; m and rad."""
+        fast = math.hypot(*self._ω̂.tolist())
+        turned, size = (self._ω̂ * (abs(angle) / fast if fast else 0.0)).tolist(), min(self.size, 1.0)
+        went, said = (h * self._v̂).tolist(), (h / 2 * (start.velocity + end.velocity)).tolist()
+        about = (h / 2 * (start.angular_velocity + end.angular_velocity)).tolist()
+        return gap(went, said, NEGLIGIBLE * size), gap(turned, about, NEGLIGIBLE)
 
     def placed(self) -> PlacedShape | None:
         """As in Body."""
@@ -146,6 +162,8 @@ class Driven:
         self.account.book_contact(self._h * self._power, 0.0, 0.0, 0.0)
         self.account.book(supplied=-self._h * self._power)
         self._start, self._R, self.time = self._end, self._R_end, self.time + self._h
+        if self._gaps > NO_GAPS:
+            self._misfit = max(self._misfit[0], self._gaps[0]), max(self._misfit[1], self._gaps[1])
 
     def undo(self) -> None:
         """As in Body: nothing was changed."""

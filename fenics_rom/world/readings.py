@@ -11,6 +11,7 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import LEAST_TOLD
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.world.contact_step import Found
+from fenics_rom.world.driven import Driven
 from fenics_rom.world.joint_plan import JointPlan
 from fenics_rom.world.make_bodies import AnyBody
 from fenics_rom.world.records import RigidBody, SoftBody
@@ -121,6 +122,7 @@ class ReadWorld:
             *self._passing,
             *self._joints.warnings,
             *(f"{name}: {text}" for name, body in soft.items() for text in body.warnings),
+            *(text for name, body in self._bodies.items() if isinstance(body, Driven) for text in body.warnings(name)),
         ]
         self._skins.look(self._steps, self._time)
         said += self._skins.messages

@@ -167,6 +167,23 @@ def test_what_is_beyond_the_model_is_told(rom):
     assert batch.beyond_training.tolist() == [False, False, True]
 
 
+@pytest.mark.parametrize("detail", ["full", "quasi-rigid"])
+@pytest.mark.parametrize("part", ["velocity", "position"])
+def test_bases_that_jump_or_whose_velocities_move_nothing_are_told(rom, detail, part):
+    """One of 5 m/s that stands, and one that is 1 m away after a step; alone and among others."""
+    batch, body = fr.Batch(rom, 2, 1e-3, detail=detail), fr.Simulator(rom, 1e-3, detail=detail)
+    changes = {"velocity": [5.0, 0.0, 0.0], "position": body.pose.position + np.eye(3)[0]}
+    body_at_rest = body.pose
+    base = body_at_rest._replace(**{part: np.array(changes[part])})
+    for _ in range(2):
+        body.step(np.zeros(batch.inputs), base=base)
+        batch.step(np.zeros(batch.inputs), base=together([base, body_at_rest]))
+    far = {"velocity": "0.005", "position": "1"}[part]
+    assert any(f"base: in a step it went {far} m and turned 0 rad otherwise" in text for text in body.warnings)
+    assert batch.base_misfit[0] == pytest.approx(1.0)
+    assert batch.base_misfit[1] == 0.0
+
+
 def test_bases_are_placed_and_what_cannot_be_done_is_said(rom, tmp_path):
     batch = fr.Batch(rom, SIZE, 1e-3)
     turned = BaseState(np.ones(3), quaternion_of_vector((0, 0.5, 0)), np.zeros(3), np.zeros(3))

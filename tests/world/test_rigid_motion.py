@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
+from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.world.bodies import Points
 from fenics_rom.world.recorder import WorldRecorder
 from fenics_rom.world.rigid import Rigid
@@ -402,3 +404,38 @@ def test_masses_of_a_million_to_one_touch():
         world.step()
     assert world.pose("heavy").position[2] == pytest.approx(0.15, abs=1e-9)
     assert world.force_between("light", "ground")[2] == pytest.approx(1000.001 * G, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("motion", "said"),
+    [
+        (
+            lambda t: still._replace(position=np.array([0.0, 0, t > 0.004])),
+            "in a step it went 1 m and turned 0 rad other",
+        ),
+        (lambda t: still._replace(velocity=np.array([5.0, 0, 0])), "in a step it went 0.005 m and turned 0 rad other"),
+        (lambda t: still._replace(rotation=quaternion_of_vector((0, 0, 1.5 * (t > 0.004)))), "0 m and turned 1.5 rad"),
+        (lambda t: still._replace(angular_velocity=np.array([0.0, 30, 0])), "0 m and turned 0.03 rad"),
+        (lambda t: turning(t, 3.0), ""),
+        (lambda t: turning(t, 600.0), ""),
+        (lambda t: still, ""),
+    ],
+)
+def test_a_driven_body_that_jumps_or_whose_twists_do_not_fit_is_told(motion, said):
+    """Not one that turns and swings as its velocities say, 0.6 rad in a step, too."""
+    world = fr.World({"hand": fr.RigidBody(Box((0.1,) * 3), motion=motion)}, 1e-3)
+    for _ in range(10):
+        world.step()
+    told = [text for text in world.warnings if text.startswith("hand: ")]
+    assert len(told) == bool(said)
+    assert said in "".join(told)
+
+
+still = BaseState(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
+
+
+def turning(time, rate):
+    """About an axis, and on a line that it swings along."""
+    place, velocity = np.sin(10 * time) * np.ones(3), 10 * np.cos(10 * time) * np.ones(3)
+    ω = rate * np.array([0.6, 0.0, 0.8])
+    return BaseState(place, quaternion_of_vector(time * ω), velocity, ω)
