@@ -235,7 +235,7 @@ MUTATIONS = [
     ("runtime/steppers/midpoint.py", "self.h / 2 * supplied, self.h / 4", "self.h * supplied, self.h / 4"),
     ("runtime/steppers/midpoint.py", "self.h / 2 * supplied, self.h / 4", "self.h / 2 * supplied, self.h / 2"),
     (
-        "rom/residual_part.py",
+        "rom/contact_model.py",
         "np.sqrt(κ)[:, None] * model.coordinates / model.safe_frequencies",
         "model.coordinates / model.safe_frequencies",
     ),
@@ -368,7 +368,7 @@ MUTATIONS = [
     ("world/contact_step.py", "proximal *= STEADIER", "proximal *= 1.0"),
     ("world/rigid.py", "answers[3:, :3] = answers[3:, 3:]", "answers[3:, :3] = -answers[3:, 3:]"),
     ("world/rigid.py", "float((torque - self._torque).dot(turning))", "float(torque.dot(turning))"),
-    ("world/rigid.py", "self._h * (ω * self.size + self._h * g)", "0.0"),
+    ("world/rigid.py", "h * (ω * self.size + h * (g + speeds_up / 4))", "0.0"),
     ("world/driven.py", "R.dot(cayley(turn / 2))", "R"),
     ("world/driven.py", "(R + self._R_end) / 2, R.dot(turn / h)", "R, R.dot(turn / h)"),
     ("world/recorder.py", "account.supplied - account.obstacles", "account.supplied"),

@@ -78,8 +78,9 @@ def run(line, folder):
 )
 def test_end_while_the_output_is_written(inside, name, sent, place, old):
     command = kills.COMMANDS[name]
+    before = DATA / ("rom-1.2.h5" if name == "reduce" else "run-1.2.h5")
     if old:
-        shutil.copy(DATA / "run-1.2.h5", inside / "new.h5")
+        shutil.copy(before, inside / "new.h5")
     words = [sys.executable, "-c", HALFWAY, place, sent, *command.words]
     ended = run(words, inside)
     assert ended.returncode == (1 if sent == "SIGINT" else -signal.Signals[sent])
@@ -89,7 +90,7 @@ def test_end_while_the_output_is_written(inside, name, sent, place, old):
     if place == "after":
         assert kills.whole(inside / "new.h5")
     elif old:
-        assert (inside / "new.h5").read_bytes() == (DATA / "run-1.2.h5").read_bytes()
+        assert (inside / "new.h5").read_bytes() == before.read_bytes()
     else:
         assert not (inside / "new.h5").exists()
     again = run(command.line(*(["--resume"] if command.resumes else [])), inside)
