@@ -184,7 +184,7 @@ def test_factor_that_has_no_room_leaves_a_warning(monkeypatch):
     matrices, _ = user_matrices.spread(lambda: (dict(zip(("mass", "damping", "stiffness"), chain(9), strict=True)), {}))
     system = fr.System(**matrices, contacts={"tip": np.ones((9, 1))})
     assert system.warnings == tuple(
-        f"{name}: nobody has seen whether it is positive {kind}: the factor would need 1 TB"
+        f"{name}: whether it is positive {kind} was not checked: the factor would need 1 TB"
         for name, kind in (("mass", "definite"), ("stiffness", "definite"), ("damping", "semi-definite"))
     )
 
