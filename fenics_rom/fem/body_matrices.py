@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.sparse
 import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix
@@ -79,12 +80,11 @@ def body_matrices(
 
     dolfinx_number = dolfinx_nodes(space, scene.degree, nodes)
     node_mass, translated = node_masses(full["mass"], dolfinx_number)
+    springs, (fixed, weight) = springs_of(scene, nodes), attached_masses(scene, nodes)
     frame_masses = None
     if scene.environment.is_moving:
-        origin = frame_origin(scene, nodes, unknowns, translated)
-        frame_masses = translated, mass_times(full["mass"], nodes.coordinates - origin, dolfinx_number), origin
+        frame_masses = _frame_masses(scene, nodes, unknowns, full["mass"], translated, fixed, dolfinx_number)
     reduced = restrict_matrices(full, unknowns, dolfinx_number, nodes.coordinates)
-    springs, (fixed, weight) = springs_of(scene, nodes), attached_masses(scene, nodes)
     reduced["mass"] = with_attached(reduced["mass"], fixed, unknowns)
     reduced["stiffness"] = with_attached(reduced["stiffness"], springs, unknowns)
     damping, external_damping, spring = _dampings(scene, nodes, reduced, springs, unknowns)
@@ -95,6 +95,23 @@ def body_matrices(
     whole = reduced["mass"], damping or ZeroMatrix(), reduced["stiffness"]
     loaded = node_mass, translated + weight, translations
     return BodyMatrices(*whole, *loaded, external_damping, spring, frame_masses)
+
+
+def _frame_masses(
+    scene: Scene,
+    nodes: Nodes,
+    unknowns: Unknowns,
+    mass: PETSc.Mat,
+    translated: np.ndarray,
+    fixed: Any,
+    dolfinx_number: np.ndarray,
+) -> tuple[np.ndarray, ...]:
+    """`frame_masses` of M with all degrees of freedom, and of what is fixed to the body."""
+    of_nodes = scipy.sparse.csr_matrix((len(translated),) * 2) if fixed is None else fixed[::3, ::3]
+    translated = translated + of_nodes @ np.ones(len(translated))
+    origin = frame_origin(scene, nodes, unknowns, translated)
+    arms = nodes.coordinates - origin
+    return translated, mass_times(mass, arms, dolfinx_number) + of_nodes @ arms, origin
 
 
 def _forms(space: Any, scene: Scene, mesh: Mesh, material: np.ndarray) -> dict[str, Any]:

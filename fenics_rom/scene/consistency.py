@@ -19,8 +19,6 @@ from fenics_rom.scene.scene import ReadingEntry, check_order
 ROUND_OFF = 1e-9  # of moments of inertia
 NOT_MOVING = {  # effects that a moving frame does not have
     "springs": "are tied to the ground",
-    "point_masses": "are not in the inertia of a frame",
-    "rigid_parts": "are not in the inertia of a frame",
     "viscoelasticity": "is not in the motion of a frame",
     "tendon_friction": "is found in a fixed frame alone",
     "base_motion": "shakes a support in a fixed frame, and base_path carries it",
@@ -207,6 +205,12 @@ def _check_frame(file: SceneFile) -> None:
                     f"effects.{kind}.{name}.control = {actuator.control!r}: the force of a stroke is found in a fixed "
                     f"frame alone; allowed with frame = 'moving' is {type(actuator).control!r}"
                 )
+    for name, fixed in effects.point_masses.items():
+        if fixed.direction is not None:
+            raise SceneError(
+                f"effects.point_masses.{name}.direction: a weight on a thread pulls along it alone only while the body "
+                "hardly turns or moves aside, else it swings; allowed is with frame = 'fixed', or without direction"
+            )
     if effects.damped.dashpots:
         raise SceneError("effects.damping.dashpots: are tied to the ground; allowed is with frame = 'fixed'")
     for k, held in enumerate(file.supports.held):

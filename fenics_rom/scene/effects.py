@@ -119,7 +119,8 @@ class PointMass(Place):
     mass: Annotated[float, Number(above=0.0, unit="kg"), "of the whole"]
     direction: Annotated[
         Direction | None,
-        "along which alone it is inert, as a weight on a thread is; any length but zero; without it in all",
+        "along which alone it is inert, as a weight on a thread is, while the body hardly moves aside, so that only a "
+        "fixed frame has it; any length but zero; without it in all",
     ] = None
 
 

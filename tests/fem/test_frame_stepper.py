@@ -28,6 +28,14 @@ points = [[0.01, 0.015, 0.015], [0.15, 0.015, 0.015], [0.29, 0.015, 0.015]]
 surface = "top"
 [effects.damping]
 beta = 1e-3
+[effects.point_masses.knob]
+point = [0.02, 0.01, 0.01]  # where a base, if there is one, bears some of it
+mass = 0.02
+[effects.rigid_parts.camera]
+surface = "right"
+mass = 0.05
+center = [0.32, 0.02, 0.01]
+inertia = [2e-5, 1e-5, 2e-5]
 """
 
 

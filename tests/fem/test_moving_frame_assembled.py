@@ -12,6 +12,19 @@ from fenics_rom.reduction.moving_frame import inertia_constants
 from fenics_rom.scene.file import parse_scene
 
 LENGTHS, DENSITY = (1.0, 0.4, 0.3), 1000.0
+MASSES = """inertia = {}
+damping = { alpha = 1.0, beta = 1e-3 }
+[effects.point_masses.knob]
+point = [0.05, 0.1, 0.1]  # close to a base, which holds some of its nodes
+mass = 30.0
+[effects.point_masses.plate]
+surface = "top"
+mass = 20.0
+[effects.rigid_parts.camera]
+surface = "right"
+mass = 40.0
+center = [1.2, 0.3, 0.1]
+inertia = [1.0, 2.0, 1.5]"""
 CONSTANTS = ("mass", "first_moment", "moment_modes", "inertia0", "inertia1", "inertia2", "coupling0", "coupling")
 
 
@@ -85,6 +98,36 @@ def test_what_inputs_do_to_held_nodes_the_base_bears(mesh):
         B = free.input_matrix(name).reshape(len(X), 3, -1)
         torque = np.cross(X[:, :, None], B, axis=1).sum(axis=0)
         np.testing.assert_allclose(rom.moving_frame.wrenches[name], [*B.sum(axis=0), *torque], atol=1e-13)
+
+
+def test_what_is_fixed_to_a_body_is_in_the_inertia_of_its_frame(mesh):
+    """M of the whole by NumPy, of a free body and a carried one; mass and moments of the parts as rigid bodies."""
+    whole = assembled(mesh, effects=MASSES, supports=None)
+    M, X = dense(whole.mass, whole.size), whole.body.nodes
+    for supports in (None, 'clamped = ["left"]'):
+        rom = fr.reduce(moving(mesh, effects=MASSES, supports=supports), order=6)
+        frame, carried = rom.moving_frame, supports is not None
+        Qe = np.zeros((whole.size, len(rom.stiffness) - rom.rigid))
+        Qe[rom.free] = rom.basis[:, rom.rigid :]
+        expected = inertia_constants(X, M, Qe, carried=carried, origin=frame.origin)
+        for name in CONSTANTS:
+            scale = np.abs(getattr(expected, name)).max(initial=1.0)
+            np.testing.assert_allclose(getattr(frame, name), getattr(expected, name), atol=1e-12 * scale, err_msg=name)
+    middle, bare = np.array(LENGTHS) / 2, DENSITY * np.prod(LENGTHS)
+    # a uniform layer at the top has the moments of its area, whose linear triangles integrate them exactly
+    x, y = LENGTHS[:2]
+    layer = np.diag([y**2, x**2, x**2 + y**2]) / 12 * 20.0
+    box = bare * (np.sum(np.square(LENGTHS)) * np.eye(3) - np.diag(np.square(LENGTHS))) / 12
+    parts = [
+        (bare, middle, box),
+        (30.0, np.array([0.05, 0.1, 0.1]), np.zeros((3, 3))),
+        (20.0, np.array([x / 2, y / 2, LENGTHS[2]]), layer),
+        (40.0, np.array([1.2, 0.3, 0.1]), np.diag([1.0, 2.0, 1.5])),
+    ]
+    assert frame.mass == pytest.approx(sum(mass for mass, _, _ in parts), rel=1e-12)
+    np.testing.assert_allclose(frame.first_moment, sum(mass * place for mass, place, _ in parts), rtol=1e-12)
+    moments = sum(own + mass * (a @ a * np.eye(3) - np.outer(a, a)) for mass, a, own in parts)
+    np.testing.assert_allclose(frame.inertia0[VOIGT_INDEX], moments, atol=1e-10)
 
 
 def test_moving_frame_is_kept_in_the_file(mesh, tmp_path):

@@ -92,11 +92,8 @@ MISTAKES = {
     "effects.springs: are tied to the ground; allowed is with frame = 'fixed'": {
         "effects": f"inertia = {{}}\n{SPRING}"
     },
-    "effects.point_masses: are not in the inertia of a frame; allowed": {
-        "effects": 'inertia = {}\n[effects.point_masses.knob]\nsurface = "right"\nmass = 1.0'
-    },
-    "effects.rigid_parts: are not in the inertia of a frame; allowed": {
-        "effects": 'inertia = {}\n[effects.rigid_parts.nail]\nsurface = "right"\nmass = 1.0\ncenter = [0, 0, 0]'
+    "effects.point_masses.hung.direction: a weight on a thread pulls along it alone only while": {
+        "effects": 'inertia = {}\n[effects.point_masses.hung]\nsurface = "right"\nmass = 1.0\ndirection = [0, 0, 1]'
     },
     "effects.damping.dashpots: are tied to the ground": {"effects": f"inertia = {{}}\n{DASHPOT}"},
     "supports.held[0].normal: slides on the ground; allowed with frame = 'moving' is to be": {"supports": ROLLER},
