@@ -9,6 +9,7 @@ from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.skin_path import Instant, Placement, moved_between
 from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.system.system import System
@@ -31,6 +32,7 @@ class FullOrderInterface:
         self.solver = ContactSolver(self.points.coordinates, list(environment.obstacles.values()), law)
         self.solve, self._environment = self.solver.solve, environment
         self._watch = SkinWatch(system.skin())
+        self._seen: Instant | None = None
         self.Sᵀ = self.points.columns(system.at_nodes)
         self._sparse = scipy.sparse.csr_matrix(self.Sᵀ)
 
@@ -38,14 +40,21 @@ class FullOrderInterface:
         """A StepError where points moved by (P, 3), m, or a body displaced by a field (N, 3), m, are in an obstacle."""
         offsets, obstacles = self._environment.state.offsets, self._environment.obstacles
         self.solver.check_start(displacement, offsets, list(obstacles))
-        self._watch.check_start(self._watch.skin.places(field), displaced(obstacles, offsets))
+        there = displaced(obstacles, offsets)
+        self._watch.check_start(places := self._watch.skin.places(field), there)
+        self._seen = Instant(Placement(places[self._watch.skin.few_rows], lambda: places), there)
 
-    def look(self, step: int, time: float, field: Array) -> None:
-        """Looks after a step, at a time, s, where obstacles are in a body displaced by a field (N, 3), m."""
+    def look(self, step: int, time: float, field: Array, last: bool = False) -> None:
+        """Looks after a step, at a time, s, where obstacles are in a body displaced by a field (N, 3), m, if it is due.
+
+        `last`: it is, whatever happened since the last look.
+        """
         watch, there = self._watch, displaced(self._environment.obstacles, self._environment.state.offsets)
         places = watch.skin.places(field)
-        springs = self.solver.law.stiffness is not None
-        watch.look(step, time, places[watch.skin.few_rows], lambda: places, there, springs)
+        now = Instant(Placement(places[watch.skin.few_rows], lambda: places), there)
+        if last or step >= watch.next_look or self._seen is None or moved_between(self._seen, now) > watch.room:
+            watch.look(step, time, now, self._seen, self.solver.law.stiffness is not None)
+            self._seen = now
 
     @property
     def messages(self) -> tuple[str, ...]:

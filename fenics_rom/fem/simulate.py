@@ -58,8 +58,8 @@ def simulate(
         seconds += spent
         if step % MONITOR_INTERVAL == 0:
             monitor.look(body.stepper.shape, body.time)
-        if body.stepper.interface is not None and (step % MONITOR_INTERVAL == 0 or step == history.steps):
-            body.stepper.interface.look(step, body.time, body.displacement())
+        if body.stepper.interface is not None:
+            body.stepper.interface.look(step, body.time, body.displacement(), last=step == history.steps)
         recorder.sample(step, body, u)
         report("steps", step, history.steps)
     body.close()

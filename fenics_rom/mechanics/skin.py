@@ -11,14 +11,18 @@ Both are at most the depth that there is, so that nothing is told that is not so
 the solid angle of its triangles says (van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30, 1983).
 """
 
+import math
 from collections.abc import Mapping
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact_points import covering_radius
 from fenics_rom.mechanics.triangles import nearest_on_triangles
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.obstacles import Obstacle
 
 UNTOUCHED = ""  # name of the part of a skin that has no contact points
 # How deep something may be before it is told, in shares of how far a place is from the nodes of its triangle: between
@@ -43,11 +47,17 @@ class Intruder(Protocol):
     def core(self) -> tuple[float, Array]:
         """As of an Obstacle."""
 
+    def after(self, before: Any, share: float) -> "Intruder":
+        """What it was after a share of the way from what it was before to what it is."""
+
+    def moved(self, before: Any) -> float:
+        """No point of it is farther from where it was before, m."""
+
 
 class MovedIntruder(NamedTuple):
     """One that is displaced."""
 
-    shape: Intruder
+    shape: "Obstacle"
     offset: Array  # (3,), m
 
     def distance(self, points: Array) -> tuple[Array, Array]:
@@ -59,6 +69,14 @@ class MovedIntruder(NamedTuple):
         """As of an Intruder."""
         radius, centres = self.shape.core
         return radius, centres + self.offset
+
+    def after(self, before: "MovedIntruder", share: float) -> "MovedIntruder":
+        """As of an Intruder."""
+        return MovedIntruder(self.shape, before.offset + share * (self.offset - before.offset))
+
+    def moved(self, before: "MovedIntruder") -> float:
+        """As of an Intruder."""
+        return math.dist(self.offset, before.offset)
 
 
 class Intrusion(NamedTuple):
@@ -87,6 +105,7 @@ class Skin:
         touched: (V,) which of its nodes are contact points.
         names: of contact modes that have a surface.
         few_rows: (f,) of nodes that are looked at first, spread over it.
+        extent: its longest edge along the axes, m.
     """
 
     def __init__(self, coordinates: Array, triangles: Array, surfaces: Mapping[str, Array], movable: Array):
@@ -102,14 +121,27 @@ class Skin:
         self._watched = np.flatnonzero(movable[triangles].any(axis=1) & np.isfinite(self.spacing))
         self._of_mode = [np.isin(self.nodes, surfaces[name]) for name in self.names]
         self.few_rows = np.unique(np.linspace(0, len(self.nodes) - 1, min(FEW, len(self.nodes))).astype(int))
+        self.extent = float(np.ptp(places, axis=0).max()) if len(places) else 0.0
         self._reach = STRETCH * (_covering(places, places[self.few_rows]) + float(self.spacing.max(initial=0.0)))
 
     def may_meet(self, few: Array, gaps: Array, intruder: Intruder) -> bool:
         """Whether something may be in the body, by its gaps (f,), m, from nodes that are looked at first, (f, 3), m."""
-        if gaps.min(initial=np.inf) <= self._reach:
+        if self.room(gaps) <= 0:
             return True
         core, low, high = intruder.core[1], few.min(axis=0) - self._reach, few.max(axis=0) + self._reach
         return bool(((core > low) & (core < high)).all(axis=1).any())  # all of it may be inside
+
+    def room(self, gaps: Array) -> float:
+        """By how much less gaps (f,), m, from nodes that are looked at first may become before something may be in."""
+        return float(gaps.min(initial=np.inf)) - self._reach
+
+    def room_beside(self, other: "Skin", few: Array, others: Array) -> float:
+        """By how much less the gap of two skins may become before they touch, by their nodes that are looked at first.
+
+        Those are at few (f, 3) and others (g, 3), m.
+        """
+        apart = np.maximum(few.min(axis=0) - others.max(axis=0), others.min(axis=0) - few.max(axis=0))
+        return float(apart.max()) - self._reach - other._reach
 
     def places(self, field: Array) -> Array:
         """Where its nodes are, (V, 3), m, in a body displaced by a field (N, 3), m."""

@@ -2,16 +2,20 @@
 
 import math
 import warnings
-from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning, StepError
 from fenics_rom.mechanics.skin import UNTOUCHED, Intruder, Intrusion, MovedIntruder, Skin
+from fenics_rom.mechanics.skin_path import Instant, on_the_way, stride_of
 
-FIRST_LOOK, LOOK_INTERVAL = 8, 64  # steps: so that looking costs a few per cent of stepping
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.obstacles import Obstacle
+
+FIRST_LOOK, LOOK_INTERVAL = 8, 64  # steps: so that looking at what hardly moves costs a few per cent of stepping
 STILL = 0.1  # of the spacing of nodes: what has moved by less since it was looked at is not looked at again
 
 
@@ -25,14 +29,14 @@ class Told(NamedTuple):
     time: float  # of the first look that found it, s
 
 
-def displaced(obstacles: Mapping[str, Intruder], offsets: Array) -> dict[str, MovedIntruder]:
+def displaced(obstacles: "Mapping[str, Obstacle]", offsets: Array) -> dict[str, MovedIntruder]:
     """Obstacles by name, displaced by (O, 3), m, by who they are."""
     moved = zip(obstacles.items(), offsets, strict=True)
     return {f"obstacle {name!r}": MovedIntruder(shape, offset) for (name, shape), offset in moved}
 
 
 class SkinWatch:
-    """Looks at a skin every so many steps, and keeps what went through it.
+    """Looks at a skin every so many steps, sooner where things move fast, and keeps what went through it.
 
     Args:
         skin: of the body.
@@ -40,6 +44,8 @@ class SkinWatch:
 
     Attributes:
         told: what went through so far.
+        next_look: at which step, at the latest.
+        room: how far the body and others may move, together, before a look is due, m.
     """
 
     def __init__(self, skin: Skin, name: str = "the body"):
@@ -49,36 +55,30 @@ class SkinWatch:
 
     def begin(self, told: tuple[Told, ...], steps: int) -> None:
         """Goes on from what was told when so many steps were taken."""
-        self.told, self.next_look = told, steps + FIRST_LOOK
+        self.told, self.next_look, self.room = told, steps + FIRST_LOOK, 0.0
         self._seen: dict[str, Array] = {}
 
-    def look(
-        self,
-        steps: int,
-        time: float,
-        few: Array,
-        whole: Callable[[], Array],
-        intruders: Mapping[str, Intruder],
-        springs: bool = False,
-    ) -> None:
-        """Looks where intruders are when so many steps were taken, at a time, s, and warns of those not told yet.
+    def look(self, steps: int, time: float, now: Instant, before: Instant | None, springs: bool = False) -> None:
+        """Looks where others are when so many steps were taken, at a time, s, and warns of those not told yet.
 
         Args:
             steps, time: as above.
-            few: where those nodes are that are looked at first, (f, 3), m.
-            whole: asked where all of its nodes are, (V, 3), m, if it has to be known.
-            intruders: by who they are.
+            now: where all are.
+            before: where they were at the last look; None: what was between does not count.
             springs: as of `Skin.intrusions`.
         """
-        self.next_look, places = steps + (LOOK_INTERVAL if steps >= LOOK_INTERVAL else max(steps, FIRST_LOOK)), None
-        for who, intruder in intruders.items():
-            gaps, before = intruder.distance(few)[0], self._seen.get(who)
-            if before is not None and np.abs(gaps - before).max() < self._still:
+        self.next_look = steps + (LOOK_INTERVAL if steps >= LOOK_INTERVAL else max(steps, FIRST_LOOK))
+        self.room = math.inf
+        for who, intruder in now.intruders.items():
+            gaps, seen = intruder.distance(now.body.few)[0], self._seen.get(who)
+            self.room = min(self.room, max(self.skin.room(gaps), stride_of(self.skin, intruder)))
+            *between, _ = way = list(on_the_way(self.skin, who, before, now))
+            if not between and seen is not None and np.abs(gaps - seen).max() < self._still:
                 continue
             self._seen[who] = gaps
-            if self.skin.may_meet(few, gaps, intruder):
-                places = whole() if places is None else places
-                self.note(who, time, self.skin.intrusions(places, intruder, springs))
+            for body, there in way:
+                if self.skin.may_meet(body.few, there.distance(body.few)[0], there):
+                    self.note(who, time, self.skin.intrusions(body.whole(), there, springs))
 
     def note(self, who: str, time: float, found: list[Intrusion]) -> None:
         """Keeps what was found of someone at a time, s; warns of it where it is the first of its kind."""

@@ -125,14 +125,14 @@ class Batch(SteppedBodies):
             from fenics_rom.runtime.batch_contact import BatchContact
 
             self._contacts = BatchContact(rom, self._environment, m, self.size)
-            if self._contacts.skin is not None:
-                from fenics_rom.runtime.batch_skin import BatchSkin
-
-                self._skin = BatchSkin(self, self._contacts, self._contacts.skin, self._environment.obstacles)
         self._stepper = self._carried or self._deformation
         self.steps = 0
         self._dt = 1.0
         self.dt = dt
+        if self._contacts is not None and self._environment is not None and self._contacts.skin is not None:
+            from fenics_rom.runtime.batch_skin import BatchSkin
+
+            self._skin = BatchSkin(self, self._contacts, self._contacts.skin, self._environment.obstacles)
 
     def __copy__(self) -> "Batch":
         return deepcopy(self)
@@ -201,6 +201,8 @@ class Batch(SteppedBodies):
         self._layout.state[:, self._layout.row[selected]] = state
         if self._stepper is not None:
             self._stepper.begin(selected, self._dt / 2 * state[0], state[1])
+        if self._skin is not None:
+            self._skin.forget(selected)
         if self._contacts is not None and on_error == "reset":
             self.reset(selected[inside], on_error="hold")
 

@@ -123,10 +123,15 @@ class BatchContact:
         resultant: Array = self._resultants[self.names.index(obstacle)].T @ self._axes
         return resultant
 
-    def offsets_of(self, body: int) -> Array:
-        """Displacements of the obstacles of a body now, (O, 3), m."""
-        offsets: Array = self._offsets[..., body] @ self._axes
-        return offsets
+    @property
+    def offsets(self) -> Array:
+        """Displacements of the obstacles of all bodies now, (O, 3, size), m, in axes of its own."""
+        return self._offsets
+
+    def offsets_of(self, body: int, offsets: Array | None = None) -> Array:
+        """Displacements of the obstacles of a body now, or of some kept `offsets`, (O, 3), m."""
+        own: Array = (self._offsets if offsets is None else offsets)[..., body] @ self._axes
+        return own
 
     def set_time_step(self, h: float) -> None:
         """Makes the operators for a time step, s."""

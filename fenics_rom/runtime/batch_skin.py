@@ -1,12 +1,14 @@
 """Looks at the skins of the bodies of a batch, one body after the other."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
+from fenics_rom.mechanics.skin import MovedIntruder
+from fenics_rom.mechanics.skin_path import CHECK_INTERVAL, Instant, Placement, on_the_way, stride_of
+from fenics_rom.mechanics.skin_watch import LOOK_INTERVAL, SkinWatch, displaced
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.obstacles import Obstacle
@@ -31,33 +33,106 @@ class BatchSkin:
 
     def __init__(self, batch: Batch, contacts: "BatchContact", watch: SkinWatch, obstacles: "Mapping[str, Obstacle]"):
         self._batch, self._contacts, self._watch, self._obstacles = batch, contacts, watch, obstacles
-        skin = watch.skin
+        skin, rom = watch.skin, batch.rom
         self._nodes = skin.nodes[skin.few_rows]
-        self._rows = batch.rom.rows_of(self._nodes).reshape(3 * len(self._nodes), -1)
+        self._rows = rom.rows_of(self._nodes).reshape(3 * len(self._nodes), -1)
         self.depth = np.zeros(batch.size)
         self._every = max(1, BODY_STEPS // batch.size)
+        blocks = [
+            self._rows.dot(model.coordinates).reshape(len(self._nodes), 3, -1) for model in rom.contact_models.values()
+        ]
+        self._bound = max(float(np.linalg.norm(each, ord=2, axis=(1, 2)).max()) for each in blocks)  # m per length of q
+        self._stride = min(stride_of(skin, MovedIntruder(each, np.zeros(3))) for each in obstacles.values())
+        self._room = np.full(batch.size, self._stride)  # how far each may move until a look is due, m
+        self._since = _Whereabouts(*(part.copy() for part in self._now()))  # at the last look at each
+        self._is_new = np.ones(batch.size, dtype=bool)  # bodies that were put where they are: nothing was before
 
     def begin(self, bodies: Array) -> None:
         """Bodies (any,) begin anew."""
         self.depth[bodies] = 0.0
+        self.forget(bodies)
+
+    def forget(self, bodies: Array) -> None:
+        """Bodies (any,) were put elsewhere: what is between does not count."""
+        self._is_new[bodies] = True
 
     def look_in_turn(self) -> None:
-        """After a step: at the body whose turn it is, if it is one's."""
+        """After a step: at the body whose turn it is, if it is one's, and at those that moved far."""
         turn, left = divmod(self._batch.steps, self._every)
         body = turn % self._batch.size
         if not left and not self._batch.frozen[body]:
             self.look(body)
+        if not self._batch.steps % CHECK_INTERVAL:
+            most = max(1, CHECK_INTERVAL * self._batch.size // LOOK_INTERVAL)
+            for body in self._due()[-most:].tolist():
+                self.look(body)
+
+    def depths(self) -> Array:
+        """The depth (size,) of all bodies, m, once those that moved far were looked at."""
+        for body in self._due().tolist():
+            self.look(body)
+        return self.depth.copy()
 
     def look(self, body: int) -> None:
-        """At one body."""
+        """At one body, and at where it was since the last look."""
+        skin, time = self._watch.skin, float(self._batch.time[body])
+        before = None if self._is_new[body] else self._before(body)
+        now = self._instant(body)
+        self._take(self._now(), np.array([body]))
+        self._room[body] = np.inf
+        for who, intruder in now.intruders.items():
+            room = skin.room(intruder.distance(now.body.few)[0])
+            self._room[body] = min(self._room[body], max(room, stride_of(skin, intruder)))
+            for placed, there in on_the_way(skin, who, before, now):
+                if skin.may_meet(placed.few, there.distance(placed.few)[0], there):
+                    found = skin.intrusions(placed.whole(), there)
+                    self.depth[body] = max([self.depth[body], *(each.depth for each in found)])
+                    self._watch.note(who, time, found)
+
+    def _now(self) -> "_Whereabouts":
+        layout = self._batch.layout
+        return _Whereabouts(layout.state[0, layout.row].T * (self._batch.dt / 2), layout.mode, self._contacts.offsets)
+
+    def _take(self, now: "_Whereabouts", bodies: Array) -> None:
+        """Keeps where bodies (any,) are."""
+        for kept, part in zip(self._since, now, strict=True):
+            kept[..., bodies] = part[..., bodies]
+        self._is_new[bodies] = False
+
+    def _due(self) -> Array:
+        """Those of the bodies that moved so far that a look is due, the farthest last."""
+        now, since = self._now(), self._since
+        new = self._is_new.nonzero()[0]
+        if len(new):
+            self._take(now, new)
+            self._room[new] = self._stride
+        moved = self._bound * np.sqrt(np.square(now.q - since.q).sum(axis=0))
+        moved += np.sqrt(np.square(now.offsets - since.offsets).sum(axis=1).max(axis=0))
+        moved[now.mode != since.mode] = np.inf
+        moved[self._batch.frozen] = 0.0
+        due = (moved > self._room).nonzero()[0]
+        return due if len(due) < 2 else due[(moved - self._room)[due].argsort()]
+
+    def _instant(self, body: int) -> Instant:
+        """Where a body and its obstacles are."""
         batch, skin = self._batch, self._watch.skin
-        there = displaced(self._obstacles, self._contacts.offsets_of(body))
         few = batch.rom.nodes[self._nodes] + (self._rows @ batch.shape_coordinates(body)).reshape(-1, 3)
-        near = {who: each for who, each in there.items() if skin.may_meet(few, each.distance(few)[0], each)}
-        if not near:
-            return
-        places, time = skin.places(batch.shape(body)), float(batch.time[body])
-        for who, intruder in near.items():
-            found = skin.intrusions(places, intruder)
-            self.depth[body] = max([self.depth[body], *(each.depth for each in found)])
-            self._watch.note(who, time, found)
+        placed = Placement(few, lambda: skin.places(batch.shape(body)))
+        return Instant(placed, displaced(self._obstacles, self._contacts.offsets_of(body)))
+
+    def _before(self, body: int) -> Instant:
+        """Where they were at the last look, but for what contact points yield by themselves."""
+        batch, skin, since = self._batch, self._watch.skin, self._since
+        C = list(batch.rom.contact_models.values())[since.mode[body]].coordinates
+        shape = C @ since.q[: C.shape[1], body]
+        few = batch.rom.nodes[self._nodes] + (self._rows @ shape).reshape(-1, 3)
+        placed = Placement(few, lambda: skin.places(batch.rom.reconstruct(shape)))
+        return Instant(placed, displaced(self._obstacles, self._contacts.offsets_of(body, since.offsets)))
+
+
+class _Whereabouts(NamedTuple):
+    """Where bodies and their obstacles are."""
+
+    q: Array  # (m, size)
+    mode: Array  # (size,) number of the contact mode
+    offsets: Array  # of obstacles, (O, 3, size), m, in the axes of contact

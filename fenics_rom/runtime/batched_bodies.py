@@ -133,10 +133,11 @@ class BatchedBodies:
     def through_skin(self) -> Array:
         """How deep an obstacle was in each body since its last reset, where contact does not keep it out, (size,), m.
 
-        0 where none was seen: a body is looked at once in some hundred steps, which a warning tells of once.
+        0 where none was seen: a body is looked at once in some hundred steps, sooner where it or an obstacle moves fast,
+        and a warning tells of it once.
         """
         self._with_contact()
-        return np.zeros(self.size) if self._skin is None else self._skin.depth.copy()
+        return np.zeros(self.size) if self._skin is None else self._skin.depths()
 
     @property
     def beyond_training(self) -> Array:
@@ -192,6 +193,11 @@ class BatchedBodies:
     def point_forces(self) -> Array:
         """Contact forces on the points of every body in the last step, (size, P, 3), N."""
         return self._with_contact().point_forces
+
+    @property
+    def layout(self) -> BatchLayout:
+        """Where the states of the bodies are."""
+        return self._layout
 
     def state(self, bodies: Bodies = None) -> tuple[Array, Array]:
         """Reduced displacements q and velocities r, (bodies, m) each; zero beyond the order of a body's contact mode.

@@ -68,6 +68,7 @@ class MovingBody(SimulatedBody):
         except StepError:
             frame.restore(self.contact, before, self._dt)
             raise
+        self._forget_places()
 
     def displacement(self, output: str | None = None) -> Array:
         """As in SimulatedBody, in world axes: how far points are from where they were at rest."""
@@ -100,7 +101,7 @@ class MovingBody(SimulatedBody):
     def _check_outside_obstacles(self) -> None:
         interface = self._stepper.interface
         if interface is not None and self.environment is not None:
-            places = None if self._skin is None else self._skin.places.whole()
+            places = None if self._skin is None else self._skin.places.placement().whole()
             interface.check_outside(self._stepper.point_displacement(), places, self.environment.state.offsets)
 
     def _take_base(self, base: "BaseState | None") -> None:

@@ -191,9 +191,14 @@ class SimulatedBody:
         return self._monitor.peak
 
     def look_at_skin(self) -> None:
-        """Looks at what is in the body, if enough steps were taken since the last look."""
-        if self._skin is not None and self.steps >= self._skin.watch.next_look:
-            self._skin.look()
+        """Looks at what is in the body, if something may have gone in since the last look, or after enough steps."""
+        if self._skin is not None and self.steps >= self._skin.next_check:
+            self._skin.check()
+
+    def _forget_places(self) -> None:
+        """Takes note that the body was put elsewhere."""
+        if self._skin is not None:
+            self._skin.forget()
 
     @property
     def _told(self) -> "tuple[Told, ...]":
@@ -204,6 +209,7 @@ class SimulatedBody:
         """Goes on from what was told of the skin."""
         if self._skin is not None:
             self._skin.watch.begin(told, self.steps)
+            self._skin.forget()
 
     def _by_name(self, given: Any, named: Mapping[str, Any]) -> Array:
         """An input (p,) of a mapping, or of arguments with names."""
@@ -246,7 +252,7 @@ class SimulatedBody:
         Raises:
             StepError: no such output.
         """
-        field = self._field(self._q, output, self._beyond)
+        field = self._field(self._q, output, self.beyond_shared)
         residual, interface = self._stepper.kernel.residual, self._stepper.interface
         if output is None and residual is not None and interface is not None:
             nodes = interface.points.nodes
@@ -358,7 +364,7 @@ class SimulatedBody:
         return q
 
     @property
-    def _beyond(self) -> Array | None:
+    def beyond_shared(self) -> Array | None:
         """What contact points yield beyond the contact mode, in the shared basis, (k,); None where they do not."""
         residual = self._stepper.kernel.residual
         if residual is None:
@@ -371,7 +377,7 @@ class SimulatedBody:
     def shape_coordinates(self) -> Array:
         """The displacement in the shared basis, (k,); in a moving frame within it."""
         shape: Array = self._stepper.model.coordinates @ self._q
-        return shape if self._beyond is None else shape + self._beyond
+        return shape if self.beyond_shared is None else shape + self.beyond_shared
 
     def _field(self, coordinates: Array, output: str | None, beyond: Array | None = None) -> Array:
         """Of coordinates (m,) in the contact mode, and (k,) beside them in the shared basis."""

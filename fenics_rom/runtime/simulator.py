@@ -135,6 +135,7 @@ class Simulator(MovingBody):
         if len(given) != 2 or any(part.shape != shape or not np.isfinite(part).all() for part in given):
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
         self._stepper.set_state(*given)
+        self._forget_places()
 
     def set_shape(self, displacement: Array, velocity: Array | None = None) -> dict[str, float]:
         """Puts the body where it has a shape, by projection on the basis of the active contact mode.

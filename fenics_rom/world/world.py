@@ -234,7 +234,7 @@ class World(ReadWorld):
         if found.residual:
             self._residuals = self._residuals[0] + 1, max(self._residuals[1], found.residual)
         self._steps, self._time = self._steps + 1, self._time + h
-        if self._steps >= self._skins.next_look:
+        if self._skins.is_due(self._steps):
             self._skins.look(self._steps, self._time)
 
     def _find(self, inputs: Mapping[str, Mapping[str, Any]]) -> tuple[Pairs, Found, Guide]:

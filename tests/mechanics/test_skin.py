@@ -7,6 +7,7 @@ from bodies import box_arrays, box_surfaces
 from fenics_rom.errors import FenicsRomWarning, StepError
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.mechanics.skin import UNTOUCHED, MovedIntruder, Skin
+from fenics_rom.mechanics.skin_path import Instant, Placement
 from fenics_rom.mechanics.skin_watch import FIRST_LOOK, LOOK_INTERVAL, SkinWatch
 from fenics_rom.world import shapes
 
@@ -149,10 +150,14 @@ def test_a_shape_holds_the_balls_of_its_core(shape):
         assert shape.distance(centres)[0].max() <= -radius * (1 - 1e-12)
 
 
+def placed(places):
+    return Placement(places[BODY.few_rows], lambda: places)
+
+
 def look(watch, step, height):
     places = watch.skin.coordinates
-    ball = {"obstacle 'ball'": Sphere((0.53, 0.21, height), 0.16)}
-    watch.look(step, 0.1 * step, places[watch.skin.few_rows], lambda: places, ball)
+    ball = {"obstacle 'ball'": MovedIntruder(Sphere((0.53, 0.21, height), 0.16), np.zeros(3))}
+    watch.look(step, 0.1 * step, Instant(placed(places), ball), None)
 
 
 def test_what_goes_in_deeper_is_told_once_and_kept():
@@ -174,7 +179,7 @@ def test_looks_are_near_one_another_at_first_and_then_every_so_many_steps():
     for step in range(500):
         if step >= watch.next_look:
             looks.append(step)
-            watch.look(step, 0.0, watch.skin.coordinates[watch.skin.few_rows], lambda: None, {})
+            watch.look(step, 0.0, Instant(placed(BODY.coordinates), {}), None)
     assert looks[:4] == [FIRST_LOOK, 2 * FIRST_LOOK, 4 * FIRST_LOOK, 8 * FIRST_LOOK]
     assert set(np.diff(looks[4:])) == {LOOK_INTERVAL}
 
@@ -183,9 +188,20 @@ def test_what_stands_still_is_looked_at_in_few_places_only():
     watch, asked = SkinWatch(skin()), []
     places = watch.skin.coordinates
     for height in (0.47, 0.47, 0.4699, 0.48):
-        ball = {"ball": Sphere((0.53, 0.21, height), 0.16)}
-        watch.look(0, 0.0, places[watch.skin.few_rows], lambda h=height: asked.append(h) or places, ball)
+        ball = {"ball": MovedIntruder(Sphere((0.53, 0.21, height), 0.16), np.zeros(3))}
+        body = Placement(places[watch.skin.few_rows], lambda h=height: asked.append(h) or places)
+        watch.look(0, 0.0, Instant(body, ball), None)
     assert asked == [0.47, 0.48]
+
+
+def test_what_went_through_between_two_looks_is_told_where_it_was():
+    """A small ball from far above the box to far below, in one stride."""
+    watch, ball = SkinWatch(skin()), Sphere((0.53, 0.21, 0.0), 0.02)
+    at = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    above, below = (Instant(placed(BODY.coordinates), {"ball": MovedIntruder(ball, each)}) for each in at)
+    watch.look(8, 0.0, above, None)
+    with pytest.warns(FenicsRomWarning, match="ball is"):
+        watch.look(9, 0.1, below, above)
 
 
 def test_what_is_far_from_all_nodes_but_inside_is_looked_at():

@@ -1,10 +1,11 @@
 """What comes through the skin is told, with the same depth at full order, reduced, in rollouts and in batches."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import acted_on, scene_text
+from bodies import acted_on, scene_text, write_box
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
@@ -143,3 +144,60 @@ def test_a_body_that_turns_is_looked_at_where_it_is(box_file):
         run(body, 40)
     body.reset()
     assert not body.warnings
+
+
+RADIUS = 5e-3
+PLATE = f"""
+inertia = {{}}
+damping = {{ alpha = 20.0, beta = 1e-5 }}
+contact.obstacles.ball = {{ shape = "sphere", center = [0.09, 0.11, 0.05], radius = {RADIUS} }}
+"""
+
+
+def crosses(t):
+    """At rest for 10 ms, then 0.1 m down at 20 m/s; which takes 50 steps of 0.1 ms, or five of 1 ms."""
+    return [0.0, 0.0, -min(0.1, max(0.0, 20.0 * (t - 0.0101)))]
+
+
+@pytest.fixture(scope="module")
+def plates(tmp_path_factory):
+    """A plate 2 mm thick that is touched at its right end alone, at full order and reduced, by steps."""
+    mesh = write_box(tmp_path_factory.mktemp("plate") / "plate.msh", (0.2, 0.2, 0.002), (4, 4, 1))
+    right = '[contacts.right]\nsurface = "right"'
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):
+        runs = {dt: {"run": f"dt = {dt}\nduration = {duration}"} for dt, duration in ((1e-3, 0.03), (1e-4, 0.0173))}
+        full = {dt: fr.assemble(acted_on(mesh, PLATE, contacts=right, **run)) for dt, run in runs.items()}
+        return {dt: (system, fr.reduce(system, order=8)) for dt, system in full.items()}
+
+
+@pytest.mark.parametrize("dt", [1e-3, 1e-4])
+def test_what_flies_through_a_thin_plate_is_told(plates, dt):
+    """Between two looks at what rests, and between two steps."""
+    system, rom = plates[dt]
+    steps, signals = round(0.0173 / dt), {"ball": crosses}
+    body, rolled = (fr.Simulator(rom, dt, signals=signals) for _ in range(2))
+    many = fr.Batch(rom, 3, dt, signals=signals)
+    runs = {
+        "full order": lambda: fr.simulate(system, signals=signals),
+        "reduced": lambda: fr.simulate(rom, signals=signals),
+        "steps": lambda: run(body, steps),
+        "rollout": lambda: rolled.rollout(np.zeros((steps, rolled.inputs))),
+        "batch": lambda: run(many, steps + 4),
+    }
+    for go in runs.values():
+        with pytest.warns(FenicsRomWarning, match=TOLD.replace("bottom", "right")) as warned:
+            go()
+        (message,) = [str(each.message) for each in warned]
+        assert 0.5 * RADIUS <= 1e-3 * float(message.partition(" is ")[2].split()[0]) <= RADIUS + 2e-3
+    assert (many.through_skin > 0.5 * RADIUS).all()
+
+
+def test_a_body_that_is_put_elsewhere_did_not_go_through_what_is_between(plates):
+    body = fr.Simulator(plates[1e-3][1], 1e-3)
+    body.step()
+    low = body.save()
+    low = replace(low, obstacles=low.obstacles._replace(offsets=np.array([[0.0, 0.0, -0.1]])))
+    body.set_signal("ball", [0.0, 0.0, -0.1])
+    body.restore(low)
+    run(body, 100)  # without a warning, which would be an error here
+    assert not [message for message in body.warnings if "inside the body" in message]

@@ -51,6 +51,16 @@ def test_a_ball_that_falls_through_the_top_is_told_once_with_its_depth(held):
     assert deep == pytest.approx(1e3 * (0.02 + RADIUS - world.pose("ball").position[2]), abs=1.0)
 
 
+@pytest.mark.parametrize(("dt", "speed"), [(1e-3, 20.0), (1e-4, 20.0), (1e-3, 200.0)])
+def test_a_ball_that_flies_through_is_told(ended, dt, speed):
+    """Between two looks at what rests, and between two steps."""
+    world = fr.World({"beam": fr.SoftBody(ended[0]), "ball": ball(0.01 + 0.0101 * speed, -speed)}, dt)
+    with pytest.warns(FenicsRomWarning, match="body 'ball' is .* inside body 'beam' at .* no contact points"):
+        (message,) = steps(world, round(0.016 / dt))
+    assert 0.5 * RADIUS <= 1e-3 * float(message.partition("up to ")[2].split()[0]) <= RADIUS + 0.02
+    assert world.pose("ball").position[2] < -0.02
+
+
 def test_a_ball_that_is_kept_out_is_not_told(held):
     world = fr.World({"beam": fr.SoftBody(held), "ball": ball(-0.051, 0.4, 0.05)}, DT)
     assert not steps(world, 60)
@@ -104,3 +114,15 @@ def test_a_soft_body_that_comes_through_another_is_told(ended):
     with pytest.warns(FenicsRomWarning, match=r"body '(falls|held)' is .* inside body '(falls|held)'"):
         messages = steps(world, 30)
     assert len(messages) == 1
+
+
+def test_a_soft_body_that_flies_through_another_is_told(ended):
+    """In two steps, beside where either can be touched."""
+    held, free = ended
+    flies = fr.SoftBody(free, position=(0.2, 0.015, 0.31), rotation=ACROSS, velocity=(0.0, 0.0, -100.0))
+    world = fr.World({"held": fr.SoftBody(held), "flies": flies}, DT)
+    with pytest.warns(FenicsRomWarning):  # of strains, too
+        (message,) = steps(world, 6)
+    assert "body 'flies'" in message
+    assert "body 'held'" in message
+    assert world.pose("flies").position[2] < -0.1
