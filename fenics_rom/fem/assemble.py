@@ -16,6 +16,7 @@ from fenics_rom.fem.loads import actuators_of, loads_of, patch_columns
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.mesh_quality import radius_ratios
 from fenics_rom.fem.moving_frame import assemble_frame
+from fenics_rom.fem.named_places import named_surfaces
 from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.fem.outputs import output_rows
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
@@ -110,6 +111,7 @@ def _system(scene: Scene, comm: Any) -> System:
             quality_of(radius_ratios(nodes.coordinates, nodes.cells)),
             points_between(scene, nodes, unknowns),
             matrices.weight,
+            named_surfaces(scene, nodes) if scene.environment.contact_law is not None else {},
         ),
         scene=scene,
         warnings=(*warnings_of(scene, mesh, rigid), *implausible(nodes.coordinates, matrices.node_mass.sum(), young)),

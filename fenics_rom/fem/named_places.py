@@ -12,7 +12,7 @@ from fenics_rom.errors import MeshError, SceneError
 from fenics_rom.fem.mesh import Mesh, read_mesh
 from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES, signed_volumes
 from fenics_rom.fem.nodes import Nodes, canonical_nodes, triangle_areas
-from fenics_rom.fem.places import held_nodes, patch_triangles, picked_cells
+from fenics_rom.fem.places import held_nodes, patch_nodes, patch_triangles, picked_cells
 from fenics_rom.scene.places import CellPlace, Held, Place, given_piece
 from fenics_rom.scene.scene import ReadingEntry, Scene
 
@@ -86,6 +86,18 @@ def survey_places(scene: Scene) -> Survey:
         if len(cells):
             places.append(_of_cells(f"mesh: {name}", mesh, nodes, np.isin(np.arange(len(mesh.cells)), cells)))
     return Survey(nodes.coordinates, nodes.surface, tuple(places), tuple(mistakes))
+
+
+def named_surfaces(scene: Scene, nodes: Nodes) -> dict[str, Array]:
+    """Nodes of the surfaces that have names: groups of the mesh, and places of the scene by where they are in it."""
+    found = {}
+    others = {key: getattr(scene, key) for key in ("actuators", "outputs", "readings", "effects")}
+    groups = ((name, Place(surface=name)) for name, triangles in nodes.mesh.surfaces.items() if len(triangles))
+    for name, place in (*groups, *_places_in(others, "")):
+        if isinstance(place, Place) and (place.surface is None or name == place.surface):
+            with suppress(MeshError, SceneError):  # it is inside the body, or assembly says what is wrong with it
+                found[name] = patch_nodes(nodes, place, name)
+    return found
 
 
 def _places_in(part: Any, where: str) -> Iterator[tuple[str, Place | CellPlace]]:

@@ -35,6 +35,7 @@ FEW = 48  # nodes that are looked at first
 _SEARCHES = 4  # for the deepest point of a triangle, to a tenth of its size: of balls the first finds it exactly
 _LATTICE = np.array([(i, j, 4 - i - j) for i in range(5) for j in range(5 - i)]) / 4  # where in a triangle they begin
 _ONES = np.ones(3)
+_NO_NAMES: Mapping[str, Array] = {}
 
 
 class Intruder(Protocol):
@@ -85,6 +86,7 @@ class Intrusion(NamedTuple):
     depth: float  # m
     place: Array  # of the skin, (3,), m
     part: str  # of the skin: a contact mode, between whose points it is, or UNTOUCHED
+    surface: str = ""  # name of the surface that the place is on; "" of none
 
 
 class Skin:
@@ -95,6 +97,7 @@ class Skin:
         triangles: (F, 3) outward, between nodes.
         surfaces: nodes of the contact surface of each contact mode.
         movable: (N,) which nodes can move; triangles that cannot are not looked at.
+        named: nodes of surfaces that have names, to say where something is.
 
     Attributes:
         nodes: (V,) on the skin, ascending.
@@ -108,7 +111,14 @@ class Skin:
         extent: its longest edge along the axes, m.
     """
 
-    def __init__(self, coordinates: Array, triangles: Array, surfaces: Mapping[str, Array], movable: Array):
+    def __init__(
+        self,
+        coordinates: Array,
+        triangles: Array,
+        surfaces: Mapping[str, Array],
+        movable: Array,
+        named: Mapping[str, Array] = _NO_NAMES,
+    ):
         self.nodes, rows = np.unique(triangles, return_inverse=True)
         self.triangles = rows.reshape(triangles.shape)
         self.coordinates = places = coordinates[self.nodes]
@@ -120,6 +130,9 @@ class Skin:
         self._explained = self.spacing * np.where(self.covered, BETWEEN, np.where(beside, BESIDE, ELSEWHERE))
         self._watched = np.flatnonzero(movable[triangles].any(axis=1) & np.isfinite(self.spacing))
         self._of_mode = [np.isin(self.nodes, surfaces[name]) for name in self.names]
+        self._named = {
+            name: np.isin(self.nodes, named[name]) for name in sorted(named, key=lambda name: len(named[name]))
+        }
         self.few_rows = np.unique(np.linspace(0, len(self.nodes) - 1, min(FEW, len(self.nodes))).astype(int))
         self.extent = float(np.ptp(places, axis=0).max()) if len(places) else 0.0
         self._reach = STRETCH * (_covering(places, places[self.few_rows]) + float(self.spacing.max(initial=0.0)))
@@ -181,6 +194,10 @@ class Skin:
         shared = [int(nodes[corners].sum()) for nodes in self._of_mode]
         return self.names[int(np.argmax(shared))]
 
+    def surface_at(self, corners: Array) -> str:
+        """Name of the smallest surface that a triangle between these rows (3,) of its nodes is on; "" where none is."""
+        return next((name for name, nodes in self._named.items() if nodes[corners].all()), "")
+
     def leave_out(self, gaps: Array) -> None:
         """Looks no more at triangles that something is in, by its gaps (V,), m, from the nodes."""
         near = gaps[self.triangles[self._watched]].min(axis=1) < BESIDE * self.spacing[self._watched]
@@ -217,9 +234,10 @@ class Skin:
                 tried = nearest_on_triangles(tried - (there + radius)[:, None] * normals, corners)[1]
         found: dict[str, Intrusion] = {}
         for row in np.flatnonzero(-deepest > allowed[rows]):
-            part = self.part_at(self.triangles[rows[row]])
+            here = self.triangles[rows[row]]
+            part = self.part_at(here)
             if part not in found or found[part].depth < -deepest[row]:
-                found[part] = Intrusion(-float(deepest[row]), at[row], part)
+                found[part] = Intrusion(-float(deepest[row]), at[row], part, self.surface_at(here))
         return found
 
     def _below(self, places: Array, points: Array, among: Array) -> tuple[Intrusion, int]:
@@ -232,7 +250,8 @@ class Skin:
             row = int(away.argmin())
             if away[row] > best[0].depth:
                 triangle = int(among[row])
-                best = Intrusion(float(away[row]), feet[row], self.part_at(self.triangles[triangle])), triangle
+                here = self.triangles[triangle]
+                best = Intrusion(float(away[row]), feet[row], self.part_at(here), self.surface_at(here)), triangle
         return best
 
 

@@ -24,6 +24,7 @@ class Told(NamedTuple):
 
     who: str
     part: str  # as of an Intrusion
+    surface: str  # as of an Intrusion, where it was at most
     depth: float  # at most, m
     place: tuple[float, ...]  # where it was at most, m
     time: float  # of the first look that found it, s
@@ -82,12 +83,12 @@ class SkinWatch:
 
     def note(self, who: str, time: float, found: list[Intrusion]) -> None:
         """Keeps what was found of someone at a time, s; warns of it where it is the first of its kind."""
-        for depth, place, part in found:
+        for depth, place, part, surface in found:
             known = {(each.who, each.part): each for each in self.told}
             before = known.get((who, part))
             if before is not None and depth <= before.depth:
                 continue
-            known[who, part] = Told(who, part, depth, _rounded(place), time if before is None else before.time)
+            known[who, part] = Told(who, part, surface, depth, _rounded(place), time if before is None else before.time)
             self.told = tuple(known.values())
             if before is None:
                 warnings.warn(self._text(known[who, part], "is"), FenicsRomWarning, stacklevel=5)
@@ -100,20 +101,21 @@ class SkinWatch:
     def _text(self, told: Told, verb: str) -> str:
         when = f"at t = {told.time:.4g} s" if verb == "is" else f"from t = {told.time:.4g} s on"
         return (
-            f"contact: {told.who} {verb} {1e3 * told.depth:.3g} mm inside {self._name} at {list(told.place)} m, "
-            f"{when}, {self._cure(told.part)}"
+            f"contact: {told.who} {verb} {1e3 * told.depth:.3g} mm inside {self._name} at {list(told.place)} m"
+            f"{_named(told.surface)}, {when}, {self._cure(told.part, told.surface)}"
         )
 
-    def _cure(self, part: str) -> str:
+    def _cure(self, part: str, surface: str) -> str:
         if part != UNTOUCHED:
             return (
                 f"between the contact points of {part!r}: a finer mesh there, or effects.contact.points = 'surface', "
                 "keeps it out"
             )
         there = ", ".join(self.skin.names) or "no contact surface"
+        this = f"surface {surface!r}" if surface else "this surface"
         return (
-            "where the surface has no contact points, so that nothing keeps it out: name this surface in a contact "
-            f"mode (there is {there}), or keep it from there"
+            f"where the surface has no contact points, so that nothing keeps it out: name {this} in a contact mode "
+            f"(there is {there}), or keep it from there"
         )
 
     def check_start(self, places: Array, intruders: Mapping[str, Intruder]) -> None:
@@ -127,11 +129,15 @@ class SkinWatch:
 
     def refuse(self, who: str, found: list[Intrusion]) -> None:
         """A StepError of the first that someone is in at the start, if there is one."""
-        for depth, place, part in found:
+        for depth, place, part, surface in found:
             raise StepError(
                 f"contact: allowed is a start outside of all obstacles and other bodies, but {who} is {depth:.3g} m "
-                f"inside {self._name} at {list(_rounded(place))}, {self._cure(part)}"
+                f"inside {self._name} at {list(_rounded(place))}{_named(surface)}, {self._cure(part, surface)}"
             )
+
+
+def _named(surface: str) -> str:
+    return f" on surface {surface!r}" if surface else ""
 
 
 def _rounded(place: Array) -> tuple[float, ...]:

@@ -95,6 +95,7 @@ def assemble_rom(
         cells=system.body.cells,
         environment=scene.environment if scene else Environment(frame="moving" if system.moving_frame else "fixed"),
         contact_surfaces=system.body.contact_surfaces,
+        surfaces=system.body.surfaces,
         points_between=system.body.points_between,
         scene_text=scene.text if scene else "",
         warnings=tuple(problem.messages),

@@ -15,6 +15,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
     actuators/NAME (1,)              number of input columns
     loads/NAME (1,)                  the same of loads with signals of their own; absent where there are none
     contact_surfaces/NAME (s,)       nodes of the surface of a contact mode; none where there is no mesh
+    surfaces/NUMBER (s,)             nodes of a surface that has a name; attribute `name`; absent without contact
     points_between/                  contact points beside nodes: nodes, weights (B, c), gap (1,) m; may be absent
     environment/                     what acts in the runs of the scene; see rom.environment_file
     offline/NUMBER (2,) s, B         wall-clock time and peak memory of a stage of the offline work; attribute `name`
@@ -116,6 +117,7 @@ MODE = {
 }
 EMPTY_WHERE_ABSENT = ("hankel_singular_values", "frequencies", "transfer_errors", "contact_points")
 STAGE = Entry("s, B", (2,))
+SURFACE = Entry("1", ("s",), "i")
 ALIKE = {  # groups of arrays by name, each with sizes of its own
     "outputs": Entry("kg^-1/2", ("3P", "k")),
     **dict.fromkeys(("actuators", "loads"), Entry("1", (1,), "i")),
@@ -124,7 +126,7 @@ ALIKE = {  # groups of arrays by name, each with sizes of its own
 GROUPS = ("outputs", "actuators", "contact_models", "contact_surfaces", "environment")
 MAYBE = (
     *("offline", "loads", "deformation", "force_validation", "readings", "points_between", "residual_compliance"),
-    "moving_frame",
+    *("moving_frame", "surfaces"),
 )
 FORCE_RUN, FORCE_ERRORS = Entry("s", (2,)), Entry("1", (3,))
 BETWEEN = {"nodes": Entry("1", ("B", "c"), "i"), "weights": Entry("1", ("B", "c")), "gap": Entry("m", (1,))}
@@ -190,6 +192,11 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
     hdf5.put_each(h5, "offline", STAGE, {str(k): (of.seconds, of.peak_memory) for k, of in enumerate(rom.stages)})
     for number, stage in enumerate(rom.stages):
         hdf5.put_text(h5["offline"][str(number)], name=stage.name)
+    if rom.surfaces:
+        numbers = {str(k): nodes for k, nodes in enumerate(rom.surfaces.values())}
+        hdf5.put_each(h5, "surfaces", SURFACE, numbers)
+        for key, name in zip(numbers, rom.surfaces, strict=True):
+            hdf5.put_text(h5["surfaces"][key], name=name)
     models = h5.create_group("contact_models", track_order=True)
     for name, mode in rom.contact_models.items():
         table = _mode_table(rom.weighting, dense=mode.damping.ndim == 2)
@@ -236,6 +243,7 @@ def _take(h5: h5py.File) -> Rom:
         weighting=weighting,
         stages=_take_stages(groups["offline"]) if "offline" in groups else (),
         force_validation=_take_forces(groups["force_validation"]) if "force_validation" in groups else None,
+        surfaces=_take_surfaces(groups["surfaces"]) if "surfaces" in groups else {},
         **body,
         **alike,
     )
@@ -285,6 +293,10 @@ def _take_stages(group: h5py.Group) -> tuple[Stage, ...]:
     return tuple(Stage(hdf5.get_text(group[key], "name"), *of) for key, of in numbers.items())
 
 
+def _take_surfaces(group: h5py.Group) -> dict[str, np.ndarray]:
+    return {hdf5.get_text(group[key], "name"): nodes for key, nodes in hdf5.get_each(group, SURFACE).items()}
+
+
 def _put_forces(h5: h5py.File, validation: ForceValidation) -> None:
     hdf5.check_names(validation.reduction)
     group = h5.create_group("force_validation", track_order=True)
@@ -324,8 +336,8 @@ def _check_fit(rom: Rom) -> None:
         raise FileError("large_deformation among the effects and /deformation go together")
     if rom.environment.contact_law is not None and not any(len(mode.contact_points) for mode in modes.values()):
         raise FileError("has contact, and no node that obstacles can touch")
-    if not all(_are_indices(nodes, N) for nodes in rom.contact_surfaces.values()):
-        raise FileError(f"a contact surface names nodes beyond {N}")
+    if not all(_are_indices(nodes, N) for nodes in (*rom.contact_surfaces.values(), *rom.surfaces.values())):
+        raise FileError(f"a surface names nodes beyond {N}")
     if rom.points_between is not None and not _are_indices(rom.points_between.nodes, N):
         raise FileError(f"points_between name nodes beyond {N}")
     if any(columns < 0 for columns in (*rom.actuators.values(), *rom.loads.values())):

@@ -78,6 +78,7 @@ class Rom(ByContent):
         force_validation: how far contact forces are off; None where it was not measured.
         residual_compliance: what the contact points yield beyond the shared basis; None where that is not known.
         moving_frame: of the shared basis' vectors that strain; None: the body turns but a little.
+        surfaces: nodes (any,) of surfaces that have names, where there is contact.
 
     Example:
         >>> rom = fr.read_rom("plate.h5")
@@ -111,6 +112,7 @@ class Rom(ByContent):
     force_validation: ForceValidation | None = None
     residual_compliance: "ResidualCompliance | None" = None
     moving_frame: "MovingFrame | None" = None
+    surfaces: Mapping[str, Array] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         models, columns = self.contact_models, self.contacts

@@ -133,8 +133,8 @@ class BatchedBodies:
     def through_skin(self) -> Array:
         """How deep an obstacle was in each body since its last reset, where contact does not keep it out, (size,), m.
 
-        0 where none was seen: a body is looked at once in some hundred steps, sooner where it or an obstacle moves fast,
-        and a warning tells of it once.
+        0 where none was seen: a body is looked at once in some hundred steps, sooner where something moves fast, and a
+        warning tells of it once.
         """
         self._with_contact()
         return np.zeros(self.size) if self._skin is None else self._skin.depths()

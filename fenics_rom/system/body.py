@@ -76,6 +76,8 @@ class Body:
         points_between: that obstacles can touch beside nodes; None where none passes between these.
         weight: (N,), kg, what weighs at each node: ∫ρ of its shape function, and what is fixed to the body; None where
             no scene says.
+        surfaces: nodes (any,) of other surfaces that have names, where there is contact: of groups of the mesh, and of
+            places of the scene.
     """
 
     nodes: Array
@@ -86,6 +88,7 @@ class Body:
     cells: CellQuality | None = None
     points_between: PointsBetween | None = None
     weight: Array | None = None
+    surfaces: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def free(self) -> Array:

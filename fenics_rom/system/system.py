@@ -200,7 +200,8 @@ class System:
         """The surface of the body, and where it has contact points."""
         body, movable = self.body, np.zeros(self.body.unknowns.components, dtype=bool)
         movable[body.unknowns.moving] = True
-        return Skin(body.nodes, body.triangles, body.contact_surfaces, movable.reshape(-1, 3).any(axis=1))
+        can_move = movable.reshape(-1, 3).any(axis=1)
+        return Skin(body.nodes, body.triangles, body.contact_surfaces, can_move, body.surfaces)
 
     def at_nodes(self, nodes: Array) -> Array:
         """Unit forces on the components of nodes (P,), a column each, (rows here, 3 P); zero on what is held."""

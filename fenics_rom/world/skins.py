@@ -258,8 +258,9 @@ def _deepest(inner: Skin, inside: Array, outer: Skin, around: Array) -> list[Int
     best = list[Intrusion]()
     if len(deep):
         row = deep[found.gaps[deep].argmin()]
-        part = outer.part_at(found.second.nodes[row])
-        best.append(Intrusion(-float(found.gaps[row]), found.second.arms[row], part))
+        here = found.second.nodes[row]
+        there = found.second.arms[row], outer.part_at(here), outer.surface_at(here)
+        best.append(Intrusion(-float(found.gaps[row]), *there))
     few = inside[inner.few_rows]
     gone = few[outer.contain(around, few)]  # also what is deeper than contact looks
     if len(gone) and (below := outer.below(around, gone)).depth > max(spacing, best[0].depth if best else 0.0):

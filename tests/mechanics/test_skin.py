@@ -37,7 +37,7 @@ BODY = skin()
 
 
 def found(intruder, body=BODY, **more):
-    return {part: (depth, place) for depth, place, part in body.intrusions(body.coordinates, intruder, **more)}
+    return {part: (depth, place) for depth, place, part, _ in body.intrusions(body.coordinates, intruder, **more)}
 
 
 def test_spacing_is_the_farthest_a_place_is_from_the_nodes():

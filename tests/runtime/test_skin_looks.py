@@ -21,7 +21,10 @@ contact.obstacles.ball = { shape = "sphere", center = [0.55, 0.2, 0.5], radius =
 """
 RUN = {"run": f"dt = {DT}\nduration = 0.05"}
 BELOW = '[contacts.bottom]\nsurface = "bottom"'
-TOLD = r"obstacle 'ball' is (\S+) mm inside the body at \[.*\] m, at t = .* no contact points.* \(there is bottom\)"
+TOLD = (
+    r"obstacle 'ball' is (\S+) mm inside the body at \[.*\] m on surface 'top', at t = .* no contact points.*"
+    r": name surface 'top' in a contact mode \(there is bottom\)"
+)
 
 
 def down(t):
@@ -83,8 +86,9 @@ def test_it_is_told_once_and_kept_as_other_warnings_are(rom):
     assert body.warnings == (message,)
 
 
-def test_a_rollout_looks_too(rom):
-    body = fr.Simulator(rom, DT, signals={"ball": down})
+def test_a_rollout_looks_too(rom, tmp_path):
+    fr.write_rom(tmp_path / "rom.h5", rom)  # which knows names of surfaces, too
+    body = fr.Simulator(fr.read_rom(tmp_path / "rom.h5"), DT, signals={"ball": down})
     with pytest.warns(FenicsRomWarning, match=TOLD):
         body.rollout(np.zeros((300, body.inputs)))
     assert depth_of(body.warnings[0]) == pytest.approx(120.0, abs=1e-3)

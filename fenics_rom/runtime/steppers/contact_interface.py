@@ -110,4 +110,4 @@ def skin_of(rom: Rom) -> Skin:
     }
     movable = np.zeros(3 * len(rom.nodes), dtype=bool)
     movable[rom.free] = True
-    return Skin(rom.nodes, rom.triangles, surfaces, movable.reshape(-1, 3).any(axis=1))
+    return Skin(rom.nodes, rom.triangles, surfaces, movable.reshape(-1, 3).any(axis=1), rom.surfaces)
