@@ -4,6 +4,7 @@ import argparse
 
 import fenics_rom as fr
 from fenics_rom.cli.display import print_run_warnings, print_table
+from fenics_rom.errors import CompareError
 
 SUMMARY = "relative errors of one run against another"
 
@@ -18,7 +19,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(choice: argparse.Namespace) -> None:
     """Prints a row for each output and reading, the shape, the energy, what obstacles did, and what runs warn of."""
     run, reference = fr.read_trajectory(choice.run_file), fr.read_trajectory(choice.reference)
-    steps = {} if choice.finer is None else fr.compare(reference, fr.read_trajectory(choice.finer))
+    steps = {} if choice.finer is None else fr.compare(reference, _finer(choice, reference))
     beside = ("by the step of B",) if steps else ()
     rows = [
         (
@@ -40,3 +41,15 @@ def run(choice: argparse.Namespace) -> None:
         )
     files = {choice.run_file: run, choice.reference: reference}
     print_run_warnings(files)
+
+
+def _finer(choice: argparse.Namespace, reference: "fr.Trajectory") -> "fr.Trajectory":
+    """The run that the reference's step is judged by; CompareError where its steps are no shorter."""
+    finer = fr.read_trajectory(choice.finer)
+    given, allowed = finer.settings["dt"], reference.settings["dt"]
+    if not given < allowed:
+        raise CompareError(
+            f"--finer {choice.finer}: took steps of {given:g} s; allowed are shorter ones than the {allowed:g} s of "
+            f"{choice.reference}"
+        )
+    return finer

@@ -13,6 +13,7 @@ from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.lazy_import import load
 
 SUMMARY = "say what is in a ROM or a run, or what the places of a scene pick"
+ROUND_OFF = 1e-12  # of the largest coordinate of a place: smaller ones are 0
 HEADS = ("place", "picks", "count", "nodes", "size", "from (m)", "to (m)")
 
 
@@ -61,6 +62,7 @@ def _list_places(file: str, picture: Path | None, force: bool) -> None:
 
 def _row(place: Any) -> tuple[str, ...]:
     unit = {"triangles": " m²", "cells": " m³"}.get(place.kind)
-    corners = (", ".join(f"{x:.4g}" for x in corner) for corner in place.corners)
+    none = ROUND_OFF * max(abs(x) for corner in place.corners for x in corner)
+    corners = (", ".join(f"{x if abs(x) > none else 0:.4g}" for x in corner) for corner in place.corners)
     size = "-" if unit is None else f"{place.size:.4g}{unit}"
     return (place.name, place.kind, str(place.count), str(len(place.nodes)), size, *corners)

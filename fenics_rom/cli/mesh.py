@@ -49,8 +49,10 @@ def run(choice: argparse.Namespace) -> None:
     is_filled = file.suffix.lower() in SURFACES
     if is_filled and choice.size is None:
         choice.wrong_usage("--size is required of what is filled: length of the cells' edges, m")
-    if not is_filled and (glue is None or choice.size is not None):
-        choice.wrong_usage(f"{file}: allowed is --size of {', '.join(SURFACES)}, and --glue without --size of a mesh")
+    if not is_filled and glue is None:
+        choice.wrong_usage(f"{file}: what is filled ends in {', '.join(SURFACES)}; a mesh is taken with --glue")
+    if not is_filled and choice.size is not None:
+        choice.wrong_usage("--size is of what is filled; the cells of a mesh stay as they are: leave it out")
     if is_filled and glue not in (None, BY_ITSELF):
         choice.wrong_usage(f"--glue {glue:g}: solids are divided where they meet; allowed is --glue without a number")
     for option in ("size", "scale"):

@@ -72,6 +72,7 @@ def simulate(
         warnings=(
             *system.warnings,
             *lost,
+            *history.warnings,
             *filter(None, [monitor.summary]),
             *body.stepper.diagnostics(),
             *([] if path is None else path.diagnostics),

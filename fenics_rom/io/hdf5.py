@@ -31,6 +31,12 @@ VERSION = "2.5"
 READ_VERSIONS = ("1", "2")  # first numbers of those that can be read
 LONGEST_TEXT = 60_000  # bytes; HDF5 keeps attributes in a header of 64 KiB
 SEAL_SIZE = 512  # bytes; the smallest user block there is
+KINDS = {  # of files by their content, in words
+    "rom": "a ROM",
+    "run": "a run",
+    "part": "a contact mode of an unfinished reduction",
+    "training run": "a training run of an unfinished reduction",
+}
 ERROR_OF: dict[str, type[FileError]] = {"rom": RomFileError, "run": TrajectoryFileError}  # of files with that content
 
 T = TypeVar("T")
@@ -96,7 +102,7 @@ def read_file(
     with _errors_of_reading(path, ERROR_OF.get(content, FileError)), _opened(path) as h5:
         given = get_text(h5, "content")
         if given != content:
-            raise FileError(f"holds a {given}, not a {content}")
+            raise FileError(f"is {KINDS.get(given, f'a {given}')}; allowed is {KINDS.get(content, f'a {content}')}")
         if get_text(h5, "format_version").startswith(VERSION.partition(".")[0]):
             return take(h5)
         with h5py.File(io.BytesIO(), "w") as copy:

@@ -8,14 +8,8 @@ from typing import Any
 from fenics_rom.arguments import check_flag
 from fenics_rom.errors import FileError
 from fenics_rom.io.atomic_write import check_folder, check_place, system_reason
-from fenics_rom.io.hdf5 import is_sealed, sealed_content, write_file
+from fenics_rom.io.hdf5 import KINDS, is_sealed, sealed_content, write_file
 
-SEALED = {  # files of this package by their content
-    "rom": "a ROM",
-    "run": "a run",
-    "part": "a contact mode of an unfinished reduction",
-    "training run": "a training run of an unfinished reduction",
-}
 FIRST_BYTES = {  # of files of other programs that begin so
     b"\x89HDF": "an HDF5 file of another program",
     b"\x89PNG": "a picture (PNG)",
@@ -27,6 +21,20 @@ FIRST_BYTES = {  # of files of other programs that begin so
 }
 KIND_OF_ENDING = {".png": b"\x89PNG", ".gif": b"GIF8", ".pdf": b"%PDF", ".npz": b"PK\3\4", ".fmu": b"PK\3\4"}
 KIND_OF_ENDING |= {".mat": b"MATLAB 5.0", ".msh": b"$MeshFormat"}
+OTHER_ENDINGS = {
+    *KIND_OF_ENDING,
+    ".csv",
+    ".txt",
+    ".toml",
+    ".json",
+    ".svg",
+    ".mp4",
+    ".vtk",
+    ".vtu",
+    ".pvd",
+    ".c",
+    ".inp",
+}
 
 
 def check_outputs(
@@ -36,18 +44,24 @@ def check_outputs(
 
     Args:
         files: that will be written; an empty file is always written over.
-        content: "rom", "run" or another one of SEALED; None: what the ending of each file says.
+        content: "rom", "run" or another one of KINDS; None: what the ending of each file says.
         inputs: files that the same work reads; none of them is written over, by whatever name or link, forced or not.
         force: whether an existing file of another kind is written over.
 
     Raises:
-        FileError: a file cannot be put there, is one of the inputs, or is there already and of another kind.
+        FileError: a file cannot be put there, is one of the inputs, is there already and of another kind, or has the
+            ending of another kind.
     """
     check_flag("force", force, FileError)
     read = [path for path in map(Path, inputs) if _is_there(path)]
     for file in files:
         check_place(file)
         if not file.exists():
+            if content and not force and file.suffix in OTHER_ENDINGS:
+                raise FileError(
+                    f"{file}: {KINDS[content]} is an HDF5 file, and would look like a {file.suffix} file; end its name "
+                    "in .h5, or allow it by --force (in Python force=True)"
+                )
             continue
         for other in read:
             if file.samefile(other):
@@ -57,7 +71,7 @@ def check_outputs(
                 )
         if force:
             continue
-        wanted = SEALED[content] if content else _kind_of_ending(file)
+        wanted = KINDS[content] if content else _kind_of_ending(file)
         if (found := _kind(file)) not in (wanted, None):
             raise FileError(
                 f"{file}: is {found}, and would be replaced by {wanted}; give another name, or allow it by --force "
@@ -104,7 +118,7 @@ def _kind(file: Path) -> str | None:
         if not head:
             return None
         if is_sealed(file):
-            return SEALED.get(content := sealed_content(file), f"a {content} of fenics-rom")
+            return KINDS.get(content := sealed_content(file), f"a {content} of fenics-rom")
     except FileError:
         return "a file of fenics-rom that is damaged, or of another release"
     except OSError as error:

@@ -66,6 +66,10 @@ def read_table(file: Path, error: type[FenicsRomError]) -> Table:
         with file.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.reader(stream)
             rows = [(reader.line_num, tuple(map(str.strip, row))) for row in reader if any(map(str.strip, row))]
+    except UnicodeDecodeError as reason:
+        raise error(
+            f"{file}: is no text in UTF-8, at byte {reason.start}: allowed is a CSV file, saved as UTF-8"
+        ) from reason
     except (OSError, ValueError, csv.Error) as reason:
         raise error(f"{file}: cannot be read: {getattr(reason, 'strerror', None) or reason}") from reason
     if len(rows) < 2:

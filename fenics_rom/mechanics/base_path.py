@@ -26,6 +26,7 @@ LARGEST_TURN = 2.0  # from row to row, rad: beyond π nobody knows which way
 LARGEST_MISFIT = 0.1  # share that poses and twists differ by: 0.2 of a smooth swing in four rows, 0.02 in eleven
 NEGLIGIBLE = 1e-6  # m or rad from row to row, that poses and twists may differ by
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: the rotation back
+MOST_SWING = 0.3  # of the way between the farthest rows: 0.2 of a smooth swing in four rows
 STILL = 1e-3  # of the largest twist: where the base counts as at rest
 
 
@@ -135,7 +136,7 @@ class BasePath:
                 f"is at most {LARGEST_TURN:.3g} rad from row to row; give more rows"
             )
         if self.velocities is None or self.angular_velocities is None:
-            return ""
+            return self._swing()
         moves = np.diff(values[:, :3], axis=0)
         return (
             self._misfit("velocity", "position", "m", moves, self.velocities)
@@ -143,6 +144,26 @@ class BasePath:
             or self._jump("velocity", "m/s", self.velocities, duration)
             or self._jump("angular_velocity", "rad/s", self.angular_velocities, duration)
         )
+
+    def _swing(self) -> str:
+        """Whether the spline through poses goes far beyond them, as it does where rows jump or are uneven."""
+        values, (times, cubics) = self._rows[0], self._cubics
+        shares = np.array([0.25, 0.5, 0.75])
+        between = np.einsum("sp,kpv->ksv", shares[:, None] ** np.arange(4), cubics)
+        for pose, unit, part in (("position", "m", slice(3)), ("rotation", "", slice(3, 7))):
+            low, high = values[:, part].min(axis=0), values[:, part].max(axis=0)
+            beyond = np.maximum(np.maximum(low - between[..., part], between[..., part] - high), 0.0)
+            far = np.linalg.norm(beyond, axis=2)
+            k, s = np.unravel_index(int(far.argmax()), far.shape)
+            if far[k, s] <= max(MOST_SWING * float(np.linalg.norm(high - low)), NEGLIGIBLE):
+                continue
+            time = times[k] + shares[s] * (times[k + 1] - times[k])
+            return (
+                f"the spline through its rows swings far beyond them: its {pose} at {time:g} s is "
+                f"{_shown(between[k, s, part])}{unit and ' ' + unit}, and all rows are between {_shown(low)} and "
+                f"{_shown(high)}; allowed are rows at even times where the base is fast, or rows with twists"
+            )
+        return ""
 
     def _misfit(self, rate: str, pose: str, unit: str, moves: Array, rates: Array) -> str:
         """Whether poses move from row to row by what twists mean."""

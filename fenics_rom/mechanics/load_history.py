@@ -13,6 +13,7 @@ from fenics_rom.mechanics.environment import AppliedLoad, Environment
 from fenics_rom.mechanics.signals import Signal
 
 MOST_STEPS = 10**7  # a record holds some 100 bytes of each
+WHOLE = 1e-6  # share of its steps that a run may miss a whole number of them by
 
 
 def check_width(load: AppliedLoad, columns: int, where: str) -> None:
@@ -38,8 +39,25 @@ def count_steps(duration: float, dt: float, every: int) -> int:
     if steps > MOST_STEPS:
         raise SceneError(f"dt = {float(dt):g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")
     if not (is_number(every, whole=True) and 1 <= every <= MOST_STEPS):
-        raise SceneError(f"every = {shown(every)}: allowed is a whole number of steps, at least 1")
+        raise SceneError(f"every = {shown(every)}: allowed is a whole number of steps, from 1 to {MOST_STEPS:,}")
     return round(steps)
+
+
+def is_whole(duration: float, dt: float) -> bool:
+    """Whether a duration, s, is a whole number of steps of dt, s, but for digits that nobody writes."""
+    steps = duration / dt
+    return abs(steps - round(steps)) <= WHOLE * steps
+
+
+def ending_elsewhere(duration: float, dt: float) -> tuple[str, ...]:
+    """What to say of a run that ends at another time than its duration, s, as that is no number of steps of dt, s."""
+    if is_whole(duration, dt):
+        return ()
+    steps = round(duration / dt)
+    return (
+        f"the run ends at {steps * dt:.9g} s, after {steps} steps of {exactly(dt)} s, and not at {exactly(duration)} s "
+        f"as its scene says; with dt = {duration / math.ceil(duration / dt):.9g} s it ends there",
+    )
 
 
 class LoadHistory:
@@ -56,6 +74,7 @@ class LoadHistory:
         steps: number of steps.
         every: instants are kept after every so many steps.
         automatic: whether the contact mode follows the obstacles; inputs are then the actuators' alone.
+        warnings: that it ends at another time than the run's duration.
 
     Raises:
         SceneError: no run, a force that does not fit the columns, or one that no step would see.
@@ -78,6 +97,7 @@ class LoadHistory:
         self.every = run.every if every is None else every
         self.steps = count_steps(run.duration, self.dt, self.every)
         self.dt, self.every = float(self.dt), int(self.every)
+        self.warnings = ending_elsewhere(run.duration, self.dt)
         self.automatic = environment.switches_itself
         self._loads, self._contact_columns = run.loads, dict(contact_columns)
         starts = dict(zip(actuator_columns, np.cumsum([0, *actuator_columns.values()]), strict=False))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.arguments import check_flag, path_in
-from fenics_rom.errors import FenicsRomWarning, SceneError, StepError, check_type
+from fenics_rom.errors import FenicsRomWarning, SceneError, StepError, check_type, exactly
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.contact_solver import ContactSolver
@@ -130,9 +130,14 @@ def reduce(
     if tolerance is None:
         tolerance = DEFAULT_TOLERANCE if system.deformation is None else LARGE_DEFORMATION_TOLERANCE
     tolerance = TOLERANCE.check(tolerance, "tolerance")
+    has_share, has_cubature = share is not None, cubature is not None
     share = SHARE.check(chosen.share if share is None else share, "share")
     cubature = CUBATURE.check(chosen.cubature if cubature is None else cubature, "cubature")
     named, method = _method(_given(_given(method, chosen.method), _default_method(system)), system)
+    if has_share and method is BY_NAME.get(named) and named != SELECTION:  # a function of the user's may want it
+        raise SceneError(f"share = {exactly(share)}: goes with method = {SELECTION!r}, not with {named!r}")
+    if has_cubature and system.deformation is None:
+        raise SceneError(f"cubature = {exactly(cubature)}: goes with effects.large_deformation, which the body has not")
     switching = Text(SWITCHINGS).check(_given(switching, chosen.switching), "switching")
     weighting = Text(WEIGHTINGS).check(_given(weighting, chosen.weighting), "weighting")
     lyapunov = Text(LYAPUNOV).check(_given(lyapunov, chosen.lyapunov), "lyapunov")

@@ -10,11 +10,12 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.arguments import names_in
-from fenics_rom.errors import StepError, StructureError, check_known
+from fenics_rom.errors import StepError, StructureError, check_known, shown
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.contact_points import PointsBetween
 from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.contact_model import ContactModel, neglected
 from fenics_rom.rom.content import ByContent, digest_of
 
@@ -245,8 +246,16 @@ class Rom(ByContent):
         return rows
 
     def reconstruct(self, coordinates: Array) -> Array:
-        """The field of coordinates (k,) in the shared basis, on all nodes (N, 3); without a mesh (n,)."""
-        free = self.basis @ coordinates
+        """The field of coordinates (k,) in the shared basis, on all nodes (N, 3); without a mesh (n,).
+
+        Raises:
+            StepError: coordinates are no k real numbers.
+        """
+        try:
+            free = self.basis @ real_numbers(coordinates).reshape(self.stiffness.shape)
+        except (TypeError, ValueError):
+            k = len(self.stiffness)
+            raise StepError(f"coordinates = {shown(coordinates)}: allowed are {k} real numbers") from None
         if not len(self.nodes):
             return free
         field = np.zeros(3 * len(self.nodes))

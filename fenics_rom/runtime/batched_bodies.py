@@ -6,7 +6,8 @@ import numpy as np
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from fenics_rom.errors import StepError
+from fenics_rom.arguments import is_number
+from fenics_rom.errors import StepError, shown
 from fenics_rom.mechanics.signals import hides_numbers, real_numbers_or_nan
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, StepCoefficients, distinct
@@ -240,6 +241,8 @@ class BatchedBodies:
         Raises:
             StepError: no such body.
         """
+        if not is_number(body, whole=True):
+            raise StepError(f"body = {shown(body)}: allowed is the number of one body")
         (own,) = self._layout.select([body])
         field = self.rom.reconstruct(self.shape_coordinates(own))
         if self._contacts is not None:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.arguments import check_function, is_number
+from fenics_rom.errors import StepError, shown
 from fenics_rom.runtime.simulator import Simulator
 
 SPIN_TIME = 2e-4  # s before a due time, from which on a sleep could end too late
@@ -63,16 +65,18 @@ def run_realtime(
         duration: time to simulate, s, to the nearest step.
 
     Raises:
-        ValueError: duration is not a positive finite number.
-        StepError: see Simulator.step.
+        StepError: no simulator, no function, or a duration that is no finite number > 0; or see Simulator.step.
 
     Example:
         >>> body = fr.Simulator(rom, dt=1e-3)
         >>> print(fr.run_realtime(body, lambda body: [0.0, 0.0, 0.5], duration=0.01))
         10 steps of 1 ms: ...
     """
-    if not (math.isfinite(duration) and duration > 0):
-        raise ValueError(f"duration = {duration!r}: allowed is a finite number > 0, in s")
+    if not isinstance(simulator, Simulator):
+        raise StepError(f"run_realtime: {shown(simulator)} was given; allowed is a Simulator")
+    check_function("control", control, StepError, "of the simulator, which gives its inputs")
+    if not (is_number(duration) and duration > 0):
+        raise StepError(f"duration = {shown(duration)}: allowed is a finite number > 0, in s")
     times = array("d")
     missed, lateness, simulated = 0, 0.0, 0.0
     start = time.perf_counter()

@@ -58,7 +58,9 @@ def simulate(
         name=rom.name,
         model="reduced",
         settings=body.settings | ({"seconds": _seconds(fresh()[0], history)} if rate else {}),
-        warnings=tuple(dict.fromkeys((*rom.warnings, *lost, *body.warnings, *filter(None, [monitor.message])))),
+        warnings=tuple(
+            dict.fromkeys((*rom.warnings, *lost, *history.warnings, *body.warnings, *filter(None, [monitor.message])))
+        ),
         tendons=rom.environment.tendons,
         profile=_profile(fresh()[0], history) if profile else None,
         stepping=f"{body.stepper}: {body.stepping}" if rom.deformation is not None else "",

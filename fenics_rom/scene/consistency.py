@@ -14,7 +14,7 @@ from fenics_rom.scene.effects import Contact, Effects, Viscoelasticity
 from fenics_rom.scene.environment import guides_of, obstacle_of
 from fenics_rom.scene.file_format import LoadEntry, SceneFile
 from fenics_rom.scene.places import given_piece
-from fenics_rom.scene.scene import ReadingEntry, check_order
+from fenics_rom.scene.scene import ReadingEntry, Reduction, check_order
 
 ROUND_OFF = 1e-9  # of moments of inertia
 NOT_MOVING = {  # effects that a moving frame does not have
@@ -45,6 +45,10 @@ def check_consistency(file: SceneFile) -> None:
     if file.mesh.integration == "selective":
         _check_selective(file)
     check_order(file.reduction.order, file.contacts, "reduction.order")
+    if file.reduction.share != Reduction.share and file.reduction.method != "eigenvector-selection":
+        raise SceneError("reduction.share: goes with method = 'eigenvector-selection'")
+    if file.reduction.cubature != Reduction.cubature and file.effects.large_deformation is None:
+        raise SceneError("reduction.cubature: goes with effects.large_deformation")
     for name, output in file.outputs.items():
         if output.markers is not None and file.effects.large_deformation is not None:
             raise SceneError(

@@ -65,8 +65,9 @@ def text_of(path: Path) -> str:
         hint = f"; did you mean {same[0]!r}?" if same else did_you_mean(str(path), beside)
         raise SceneError(f"{path}: cannot be read: {error.strerror}{hint}") from error
     except (OSError, ValueError) as error:
-        if isinstance(error, UnicodeDecodeError) and is_sealed(path):
-            raise SceneError(f"{path}: is a ROM or a run, which info takes; allowed is a scene file (TOML)") from error
+        if isinstance(error, UnicodeDecodeError):
+            what = "a ROM or a run, which info takes" if is_sealed(path) else f"no text in UTF-8, at byte {error.start}"
+            raise SceneError(f"{path}: is {what}; allowed is a scene file (TOML), saved as UTF-8") from error
         raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 

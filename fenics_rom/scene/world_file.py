@@ -9,6 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from fenics_rom.arguments import path_in
 from fenics_rom.errors import SceneError, check_known, exactly
+from fenics_rom.mechanics.load_history import is_whole
 from fenics_rom.scene.consistency import check_choices
 from fenics_rom.scene.file import mistake, read_scene, text_of, toml_of
 from fenics_rom.scene.signal_tables import SignalTables, UnreadTables
@@ -24,7 +25,6 @@ DIMENSIONS = {
 }
 OF_RIGID = ("density", "mass", "path", *sorted({key for keys in DIMENSIONS.values() for key in keys}))
 STANDS_STILL = "world"
-WHOLE = 1e-9  # of a run: as far off a whole number of steps round-off may be
 _ADAPTER = TypeAdapter(WorldFile)
 assert tuple(DIMENSIONS) == WORLD_SHAPES
 
@@ -119,9 +119,8 @@ def _check(file: WorldFile) -> None:
 
 def check_whole_steps(duration: float, dt: float, where: str) -> None:
     """A SceneError where a run of `duration`, s, is no whole number of steps of dt, s."""
-    steps = duration / dt
-    if abs(steps - round(steps)) > WHOLE * steps:
-        below = math.floor(steps)
+    if not is_whole(duration, dt):
+        below = math.floor(duration / dt)
         ends = f"{below * dt:.9g} s" if below else "0 s"
         raise SceneError(
             f"{where}: a duration of {exactly(duration)} s is no whole number of steps of {exactly(dt)} s: {below} "

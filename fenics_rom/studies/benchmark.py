@@ -28,7 +28,8 @@ def reduce_timed(system: System, method: str, order: int, report: Report = silen
     for share in TRACE_SHARES:
         start = time.perf_counter()
         named = METHOD_CONFIGS[method].method
-        rom = fr.reduce(system, order=order, method=named, switching="energy", share=share, report=report)
+        held = share if method == "selection" else None
+        rom = fr.reduce(system, order=order, method=named, switching="energy", share=held, report=report)
         seconds = time.perf_counter() - start
         most, least = (of(mode.order - mode.rigid for mode in rom.contact_models.values()) for of in (max, min))
         if method != "selection" or least >= order:

@@ -3,7 +3,8 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from fenics_rom.errors import SceneError, StepError, check_known
+from fenics_rom.arguments import is_number
+from fenics_rom.errors import SceneError, StepError, check_known, shown
 from fenics_rom.world.bodies import Body
 from fenics_rom.world.joints import AnyJoint, JointPoints
 from fenics_rom.world.meetings import Meeting, overlap
@@ -48,8 +49,10 @@ class JointPlan:
         if isinstance(which, str):
             check_known("joint", which, names, StepError)
             return which
-        if not -len(names) <= which < len(names):
-            raise StepError(f"joint {which}: allowed is a number below {len(names)}, or a name: {', '.join(names)}")
+        if not (is_number(which, whole=True) and -len(names) <= which < len(names)):
+            raise StepError(
+                f"joint {shown(which)}: allowed is a number below {len(names)}, or a name: {', '.join(names)}"
+            )
         return names[which]
 
     def make(self, joint: AnyJoint) -> str:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError, check_known
+from fenics_rom.errors import StepError, check_known, shown
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_geometry import crossed, vector
@@ -135,7 +135,7 @@ class Rigid:
             try:
                 given[name] = real_numbers(value).reshape(3)
             except (TypeError, ValueError):
-                raise StepError(f"input {name!r} = {value!r}: allowed are 3 real numbers") from None
+                raise StepError(f"input {name!r} = {shown(value)}: allowed are 3 real numbers") from None
         self._force, self._torque = given.values()
 
     def start_velocities(self, points: Points, places: Array) -> Array:

@@ -163,6 +163,8 @@ class World(ReadWorld):
         """
         if self._lone is not None:
             raise StepError("a soft body by itself has no joints: give its world one to begin with, or another body")
+        if not isinstance(joint, AnyJoint):
+            raise StepError(f"join: {shown(joint)} was given; allowed is a joint: ball, hinge, weld or SurfaceJoint")
         if joint.start:
             raise StepError(f"join: start = {joint.start:g} s: allowed is a joint without, as it is made now")
         if joint.stop is not None and joint.stop <= self._time:
@@ -210,7 +212,7 @@ class World(ReadWorld):
             StepError: no such body or input, or no forces were found; everything is as it was.
         """
         h, bodies = self._dt, self._bodies
-        if inputs:
+        if inputs is not None:
             self._check_inputs(inputs)
         if self._time + h / 2 >= self._joints.next_change:
             self._go_on_with_joints(self._joints.change(self._time + h / 2))
@@ -271,6 +273,8 @@ class World(ReadWorld):
 
     def _step_alone(self, inputs: Mapping[str, Any] | None = None) -> None:
         """`step` of a world that has one soft body: it costs little more than that of its simulator."""
+        if not (inputs is None or isinstance(inputs, Mapping)):
+            self._check_inputs(inputs)
         given = inputs.get(self._lone_name) if inputs else None
         if given is None or (inputs and len(inputs) > 1):
             for name in inputs or ():
@@ -310,6 +314,8 @@ class World(ReadWorld):
         return pairs, start, guide
 
     def _check_inputs(self, inputs: Mapping[str, Any]) -> None:
+        if not isinstance(inputs, Mapping):
+            raise StepError(f"inputs = {shown(inputs)}: allowed is a mapping of bodies to their inputs by name")
         for name in inputs:
             self._body(name)
             if not isinstance(given := inputs[name], Mapping):

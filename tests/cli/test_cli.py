@@ -527,8 +527,8 @@ def test_what_is_no_rom_or_run_is_refused(inside, refused):
             ("compare", RUN, file),
         ):
             assert refused(*arguments) == f"{file}: {what}"
-    assert refused("simulate", RUN, "-o", "run.h5") == f"{RUN}: holds a run, not a rom"
-    assert refused("compare", ROM, RUN) == f"{ROM}: holds a rom, not a run"
+    assert refused("simulate", RUN, "-o", "run.h5") == f"{RUN}: is a run; allowed is a ROM"
+    assert refused("compare", ROM, RUN) == f"{ROM}: is a ROM; allowed is a run"
 
 
 @pytest.mark.parametrize(
@@ -538,6 +538,10 @@ def test_what_is_no_rom_or_run_is_refused(inside, refused):
         (["reduce", "plate.toml", "--tolerance", "2"], "--tolerance 2: allowed is more than 0 and less than 1"),
         (["reduce", "plate.toml", "--tolerance", "nan"], "--tolerance nan: allowed is more than 0 and less than 1"),
         (["reduce", "plate.toml", "--share", "0"], "--share 0: allowed is more than 0 and at most 1"),
+        (
+            ["reduce", "plate.toml", "--share", "0.9"],
+            "share = 0.9: goes with method = 'eigenvector-selection', not with",
+        ),
         (
             ["reduce", "plate.toml", "--method", "pod", "--switching", "oblique"],
             "switching = 'oblique' goes with method",
@@ -578,6 +582,13 @@ def test_place_that_cannot_be_written_to_is_refused_before_the_work(inside, refu
     Path("link").symlink_to(command[1])
     for output in (command[1], f"./{command[1]}", "link"):
         assert "is read by this command, so it cannot be its output" in refused(*command, "-o", output)
+
+
+def test_a_finer_run_has_shorter_steps(story, refused):
+    files = [story[0] / name for name in ("run.h5", "full.h5")]
+    assert "took steps of 0.01 s; allowed are shorter ones than the 0.01 s of" in refused(
+        "compare", *files, "--finer", files[1]
+    )
 
 
 def test_runs_of_different_bodies_are_not_compared(story, refused):

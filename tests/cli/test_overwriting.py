@@ -152,6 +152,22 @@ def test_file_of_another_kind_is_replaced_only_by_force(inside, capfd, words, fo
         assert say(capfd, *words)[0] == 0  # now it is of the same kind
 
 
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [(("reduce", "box.toml"), "ROM"), (("simulate", "rom.h5"), "run"), (("simulate", "world.toml"), "run")],
+)
+def test_a_file_gets_no_ending_of_another_kind(inside, capfd, words, what):
+    for ending in (".csv", ".txt", ".pdf"):
+        status, said = say(capfd, *words, "-o", f"new{ending}")
+        assert (status, len(said.splitlines())) == (1, 1)
+        assert (
+            f"new{ending}: a {what} is an HDF5 file, and would look like a {ending} file; end its name in .h5" in said
+        )
+        assert not Path(f"new{ending}").exists()
+    if words[1] == "rom.h5":
+        assert say(capfd, *words, "-o", "new.csv", "--force")[0] == 0
+
+
 def test_python_replaces_files_of_another_kind_only_by_force(inside):
     rom, run = fr.read_rom("rom.h5"), fr.read_trajectory("run.h5")
     with pytest.raises(

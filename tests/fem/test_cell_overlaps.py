@@ -252,9 +252,9 @@ def test_what_gluing_cannot_do_is_told(halves, tmp_path, monkeypatch, capsys):
     for words, said in (
         (
             ["halves.msh", "--size", "1", "--glue"],
-            "allowed is --size of .stl, .step, .stp, and --glue without --size of a mesh",
+            "--size is of what is filled; the cells of a mesh stay as they are: leave it out",
         ),
-        (["halves.msh"], "and --glue without --size of a mesh"),
+        (["halves.msh"], "what is filled ends in .stl, .step, .stp; a mesh is taken with --glue"),
         (["part.stl"], "--size is required of what is filled"),
         (["part.step", "--size", "1", "--glue", "1e-3"], "allowed is --glue without a number"),
         (["--glue", "halves.msh"], "'halves.msh': allowed is a finite number >= 0, or none where --glue stands last"),

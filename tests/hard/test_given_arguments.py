@@ -15,6 +15,7 @@ RUN = fr.read_trajectory(DATA / "run-1.2.h5")
 ROM, TOUCHED = fr.read_rom(DATA / "rom-1.0.h5"), fr.read_rom(DATA / "rom-1.2.h5")
 CONTACT = next(iter(ROM.contact_models))
 EYE = np.eye(6)
+STILL = fr.BaseState(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
 HIDDEN = np.ma.masked_array([1.0, 2.0, 3.0], [0, 1, 0])
 
 
@@ -52,6 +53,15 @@ def moved(**given):
     return fr.World({"box": fr.RigidBody(shapes.Box((0.1, 0.1, 0.1)), **({"density": 500.0} | given))}, 1e-3)
 
 
+def world():
+    """A box that a joint holds, and a hand."""
+    bodies = {
+        "box": fr.RigidBody(shapes.Box((0.1, 0.1, 0.1)), density=500.0),
+        "hand": fr.RigidBody(shapes.Sphere(0.1), motion=lambda t: STILL),
+    }
+    return fr.World(bodies, 1e-3, joints=[joints.weld("box", "world", (0, 0, 0), name="hold")], apart=[("box", "hand")])
+
+
 def joined(kind):
     return lambda **given: fr.World(
         {"box": fr.RigidBody(shapes.Box((0.1, 0.1, 0.1)), density=500.0)}, 1e-3, joints=[getattr(joints, kind)(**given)]
@@ -73,6 +83,23 @@ CALLS = {  # what is called, and what it takes; each of that is once something e
     "Batch": (lambda: fr.Batch, {"rom": ROM, "size": 2, "dt": 1e-3, "dtype": float, "ledger": False, "signals": None}),
     "batch.step": (lambda: batch().step, {"u": np.zeros((2, 4)), "on_error": "raise"}),
     "batch.switch": (lambda: batch().switch, {"contact": CONTACT, "bodies": None}),
+    "batch.reset": (lambda: batch().reset, {"bodies": None, "on_error": "raise"}),
+    "batch.state": (lambda: batch().state, {"bodies": None}),
+    "set_state": (lambda: batch().set_state, dict(zip(("q", "r"), batch().state(), strict=True)) | {"bodies": None}),
+    "batch.shape": (lambda: batch().shape, {"body": 0}),
+    "batch.displacement": (lambda: batch().displacement, {"output": next(iter(ROM.outputs))}),
+    "place_obstacle": (
+        lambda: fr.Batch(TOUCHED, 2, 1e-3).place_obstacle,
+        {"name": "floor", "displacement": (0.0, 0, 0), "bodies": None},
+    ),
+    "contact_force": (lambda: fr.Batch(TOUCHED, 2, 1e-3).contact_force, {"obstacle": "floor"}),
+    "contact_forces": (lambda: fr.Simulator(TOUCHED, 1e-3).contact_forces, {"obstacle": "floor"}),
+    "velocity": (lambda: simulator().velocity, {"output": next(iter(ROM.outputs))}),
+    "output_rows": (lambda: simulator().output_rows, {"output": next(iter(ROM.outputs))}),
+    "reading": (lambda: simulator().reading, {"name": "none"}),
+    "reconstruct": (lambda: ROM.reconstruct, {"coordinates": 0 * ROM.stiffness}),
+    "switch_map": (lambda: ROM.switch_map, {"start": CONTACT, "end": CONTACT}),
+    "realtime": (lambda: fr.run_realtime, {"simulator": simulator(), "control": lambda s: None, "duration": 1e-3}),
     "differentiate": (
         lambda: fr.differentiate,
         {"body": simulator(), "inputs": np.zeros((2, 4)), "objective": squares, "dt": None, "outputs": None},
@@ -93,6 +120,16 @@ CALLS = {  # what is called, and what it takes; each of that is once something e
     "read_scene": (lambda: fr.read_scene, {"file": "none.toml"}),
     "read_world": (lambda: fr.read_world, {"file": "none.toml"}),
     "World": (lambda: fr.World, {"bodies": {}, "dt": 1e-3, "joints": (), "gravity": (0, 0, -9.81)}),
+    "world.step": (lambda: world().step, {"inputs": {"box": {"force": (0, 0, 1)}}}),
+    "world input": (lambda: lambda v: world().step({"box": {"torque": v}}), {"v": (0, 0, 1)}),
+    "join": (lambda: world().join, {"joint": joints.ball("box", "world", (0, 0, 0))}),
+    "release": (lambda: world().release, {"which": "hold"}),
+    "joint_forces": (lambda: world().joint_forces, {"which": 0}),
+    "force_between": (lambda: world().force_between, {"first": "box", "second": "hand"}),
+    "drive": (lambda: world().drive, {"name": "hand", "motion": lambda t: STILL}),
+    "world.dt": (lambda: lambda v: setattr(world(), "dt", v), {"v": 1e-3}),
+    **{name: (lambda name=name: getattr(world(), name), {"name": "box"}) for name in ("pose", "velocity", "energy_of")},
+    **{name: (lambda name=name: getattr(world(), name), {"name": "box"}) for name in ("account", "simulator")},
     "RigidBody": (lambda: moved, {"density": 500.0, "position": (0, 0, 0), "velocity": (0, 0, 0)}),
     "Sphere": (lambda: shapes.Sphere, {"radius": 0.1}),
     "Box": (lambda: shapes.Box, {"size": (0.1, 0.1, 0.1)}),

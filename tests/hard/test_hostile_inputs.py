@@ -476,8 +476,8 @@ TABLES = {
         "unit 'h'; allowed is a name and one of (s), (ms)",
     ),
     "name of another quantity": (b"time,pressure.x,y,z\n0,0,0,1\n1,0,0,1\n", "is a pressure; allowed are numbers in N"),
-    "UTF-16": ("time,x,y,z\n0,0,0,1\n1,0,0,1\n".encode("utf-16"), "cannot be read: 'utf-8' codec can't decode"),
-    "binary": (bytes(range(128, 256)), "cannot be read: 'utf-8' codec can't decode"),
+    "UTF-16": ("time,x,y,z\n0,0,0,1\n1,0,0,1\n".encode("utf-16"), "is no text in UTF-8, at byte"),
+    "binary": (bytes(range(128, 256)), "is no text in UTF-8, at byte"),
 }
 
 
@@ -655,8 +655,8 @@ COMMANDS = {
         ["info", "block.toml"],
         "block.toml: is not a fenics-rom file, a ROM or a run; of a scene --surf",
     ),
-    "1, a run for a ROM": (["simulate", "run.h5", "-o", "out.h5"], "run.h5: holds a run, not a rom"),
-    "1, a ROM for a run": (["compare", "rom.h5", "run.h5"], "rom.h5: holds a rom, not a run"),
+    "1, a run for a ROM": (["simulate", "run.h5", "-o", "out.h5"], "run.h5: is a run; allowed is a ROM"),
+    "1, a ROM for a run": (["compare", "rom.h5", "run.h5"], "rom.h5: is a ROM; allowed is a run"),
     "1, another ending": (["simulate", "rom.toml", "-o", "out.h5"], "did you mean 'rom.h5'?"),
     "1, a letter too few": (["simulate", "blok.toml", "-o", "out.h5"], "did you mean 'block.toml'?"),
     "1, a long name": (["simulate", LONG, "-o", "out.h5"], LONG),

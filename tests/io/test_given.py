@@ -86,7 +86,7 @@ def test_what_stands_for_another_thing_is_told_what_makes_that(give, says, plate
 
 
 def test_a_file_of_something_else_is_told(files):
-    with pytest.raises(FileError, match=r"plate\.h5: holds a rom, not a run"):
+    with pytest.raises(FileError, match=r"plate\.h5: is a ROM; allowed is a run"):
         fr.compare(files / "plate.h5", files / "run.h5")
     with pytest.raises(FileError, match="is not a fenics-rom file; of a scene `reduce` makes a ROM"):
         fr.view(PLATE, wait=False)

@@ -380,8 +380,8 @@ def test_no_file_is_told(tmp_path, read):
 
 
 def test_a_rom_is_no_run_and_a_run_no_rom():
-    assert refusal(fr.read_rom, DATA / "run-1.0.h5") == "holds a run, not a rom"
-    assert refusal(fr.read_trajectory, DATA / "rom-1.0.h5") == "holds a rom, not a run"
+    assert refusal(fr.read_rom, DATA / "run-1.0.h5") == "is a run; allowed is a ROM"
+    assert refusal(fr.read_trajectory, DATA / "rom-1.0.h5") == "is a ROM; allowed is a run"
 
 
 # --- files that are not what they say --------------------------------------------------------------------------------
@@ -390,7 +390,7 @@ MODE = "contact_models/tip_left"
 LIES = {
     "is not a fenics-rom file": says(format="other"),
     "has format version 3.0; this release reads 1 and 2.x": says(format_version="3.0"),
-    "holds a film, not a rom": says(content="film"),
+    "is a film; allowed is a ROM": says(content="film"),
     "/environment has 'wind', which acts and which this release does not know": lambda h5: h5.create_group(
         "environment/wind"
     ),
@@ -495,7 +495,7 @@ RUN_LIES = {
     "/outputs/tip has shape (20, 2, 3); allowed is": put("outputs/tip", np.ones((20, 2, 3))),
     "/settings/dt is missing": without("settings/dt"),
     "unexpected more in /settings": put("settings/more", [1.0]),
-    "holds a rom, not a run": says(content="rom"),
+    "is a ROM; allowed is a run": says(content="rom"),
 }
 
 

@@ -123,8 +123,19 @@ def test_the_scene_says_it_and_files_keep_it(box_file, tmp_path):
 
 @pytest.mark.parametrize("every", [0, -1, 1.5, "2"])
 def test_other_numbers_are_refused(rom, every):
-    with pytest.raises(SceneError, match="allowed is a whole number of steps, at least 1"):
+    with pytest.raises(SceneError, match="allowed is a whole number of steps, from 1 to 10,000,000"):
         fr.simulate(rom, every=every)
+
+
+def test_a_run_that_ends_at_another_time_is_told(rom):
+    """By steps that do not fit its duration; not by digits that were left out of a step."""
+    told = [text for text in fr.simulate(rom, dt=0.07).warnings if "the run ends" in text]
+    duration = rom.environment.run.duration
+    steps = round(duration / 0.07)
+    assert [f"the run ends at {0.07 * steps:.9g} s, after {steps} steps of 0.07 s, and not at" in text for text in told]
+    dt = float(told[0].split("with dt = ")[1].split(" s ")[0])
+    for fits in (dt, duration / 7, round(duration / 7, 9)):
+        assert not any("the run ends" in text for text in fr.simulate(rom, dt=fits).warnings)
 
 
 def test_recording_costs_a_few_calls_a_step_however_long_the_run(rom):

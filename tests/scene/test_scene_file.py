@@ -128,6 +128,8 @@ inertia = {} | inertia = {mass = 1} | effects.inertia: no key 'mass'; there is n
 inertia = {} | | effects.damping: means nothing without inertia; name effects.inertia as well
 inertia = {} | inertia = true | effects.inertia = True: allowed is a table
 alpha = 0.5 | alpha = -0.5 | effects.damping.alpha = -0.5: allowed is a finite number and >= 0, in 1/s
+[reduction] | [reduction]⏎share = 0.9 | reduction.share: goes with method = 'eigenvector-selection'
+[reduction] | [reduction]⏎cubature = 0.1 | reduction.cubature: goes with effects.large_deformation
 name = "plate" | name = {} | name = {}: allowed is a non-empty string
 name = "plate" | name = "" | name = '': allowed is a non-empty string
 [mesh]⏎file = "../../meshes/plate.msh" | | mesh is missing
@@ -268,7 +270,7 @@ def test_loads_that_follow_or_share_a_contact_mode_are_allowed(load):
         (b"time,x,y,z\n0,0,0,0\n1,0,nan,0\n", "line 3, column 'y': 'nan' was given; allowed is a finite number"),
         (b"time,x,y,z\n1,0,0,0\n0,0,0,0\n", "strictly increasing times"),
         (b"time,x,y,z\n0,0,0,0\n0,0,0,0\n", "strictly increasing times"),
-        (b"time,x,y,z\n\xff\xfe,0,0,0\n", "cannot be read: 'utf-8' codec"),
+        (b"time,x,y,z\n\xff\xfe,0,0,0\n", "is no text in UTF-8, at byte"),
         (b'time,x,y,z\n"' + 200_000 * b"x", "cannot be read: field larger"),
         (b"time,x,y,x\n0,0,0,0\n1,0,0,0\n", "line 1: column 'x' is there twice"),
         (b"time,y,x,z\n0,0,0,0\n1,0,0,0\n", "line 1, column 'y': allowed are x, y and z in this order"),
@@ -353,7 +355,7 @@ def test_file_that_cannot_be_read_is_told(tmp_path, name):
 def test_file_that_is_not_utf_8_is_told(tmp_path):
     file = tmp_path / "scene.toml"
     file.write_bytes(TEXT.replace("silicone", "Prüfling").encode("latin-1"))
-    with pytest.raises(SceneError, match="cannot be read: 'utf-8' codec"):
+    with pytest.raises(SceneError, match="is no text in UTF-8, at byte"):
         fr.read_scene(file)
 
 
