@@ -135,7 +135,9 @@ class SoftDeformation:
         full[(3 * self.cable[:, None] + np.arange(3)).ravel(), np.arange(3 * len(self.cable))] = 1.0
         return {"cable": (self.points[self.cable], full[self.free])}
 
-    def stepper(self, dt: float, environment: None = None, *, ledger: bool = True) -> "SoftStepper":
+    def stepper(
+        self, dt: float, environment: None = None, *, ledger: bool = True, system: None = None
+    ) -> "SoftStepper":
         return SoftStepper(self, dt)
 
 

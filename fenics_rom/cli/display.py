@@ -76,7 +76,7 @@ def print_rom(rom: "fr.Rom", file: Path | str) -> None:
     if rom.residual_compliance is not None:
         lines["contact compliance"] = _residual_compliance(rom.residual_compliance)
     if rom.moving_frame is not None:
-        lines["moving frame"] = _moving_frame(rom.moving_frame)
+        lines["moving frame"] = _moving_frame(rom.moving_frame, large=rom.deformation is not None)
     print_lines(lines, rom.warnings)
     if rom.force_validation is not None:
         print()
@@ -101,11 +101,11 @@ def _residual_compliance(residual: ResidualCompliance) -> str:
     )
 
 
-def _moving_frame(frame: MovingFrame) -> str:
-    """What it is of, and whether it knows how turning stiffens the body."""
+def _moving_frame(frame: MovingFrame, large: bool) -> str:
+    """What it is of, and whether it knows how turning stiffens the body; one that deforms largely does anyhow."""
     at = ", ".join(f"{x:.3g}" for x in frame.origin)
     of = f"carried by a base, its origin at ({at}) m" if frame.carried else f"free, about its centre of mass ({at}) m"
-    return f"{of}; {'stiffened' if frame.stiffening is not None else 'not stiffened'} by turning"
+    return f"{of}; {'stiffened' if large or frame.stiffening is not None else 'not stiffened'} by turning"
 
 
 def _deformation(rom: "fr.Rom", body: ReducedDeformation) -> dict[str, str]:

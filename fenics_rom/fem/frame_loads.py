@@ -10,7 +10,6 @@ from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.frame_geometry import Geometry
 from fenics_rom.system.system import System
 
-GRAVITY = "gravity"
 KINDS = ("turning", "internal", "world")  # of forces: with the frame, from one part of the body to another, prescribed
 
 
@@ -22,12 +21,13 @@ class FrameLoads(NamedTuple):
     world: Array  # in world axes
     on_held: Array  # (H, 3) with the frame, on nodes that the base holds
     world_on_held: Array  # (H, 3) in world axes, on these
-    acceleration: Array  # (3,) of gravity, m/s²
+    acceleration: Array  # (3,) of all mass alike: of gravity, and against that of a base that is shaken, m/s²
 
     @classmethod
     def of(cls, system: System, contact: str, B: Array, u: Array, environment: ActiveEnvironment) -> "FrameLoads":
         """Of inputs u (p,) of a contact mode, in the order of its columns B (rows here, p)."""
-        frame, kinds = system.moving_frame, list[str]()
+        frame, kinds, acting = system.moving_frame, list[str](), environment.environment
+        fields, acceleration = acting.uniform_fields, np.zeros(3)
         assert frame is not None
         if u.shape != (B.shape[1],):
             raise ValueError
@@ -35,12 +35,12 @@ class FrameLoads(NamedTuple):
         for name, columns in system.actuators.items():
             kinds += ["internal" if name in system.units else "turning"] * columns.shape[1]
         for name, columns in system.loads.items():
-            kinds += [name if name == GRAVITY else "world"] * columns.shape[1]
+            if name in fields:
+                acceleration = acceleration + u[len(kinds)] * fields[name]
+                kinds.append("uniform")
+            else:
+                kinds += ["internal" if name in acting.guides else "world"] * columns.shape[1]
         of = {kind: (B * u * (np.array(kinds) == kind)).sum(axis=1).reshape(-1, 3) for kind in KINDS}
-        acceleration = np.zeros(3)
-        if GRAVITY in kinds:
-            given = environment.environment.details("effects.gravity")["acceleration"]
-            acceleration = u[kinds.index(GRAVITY)] * np.array(given)
         held = frame.forces_on_held(contact, len(u)) * u
         of |= {f"{kind} on held": held[:, :, np.array(kinds) == kind].sum(axis=2) for kind in KINDS}
         return cls(

@@ -13,7 +13,7 @@ from fenics_rom.fem.frame_stepper import MovingFrameStepper
 from fenics_rom.fem.linear_stepper import FullOrderStepper
 from fenics_rom.fem.readings import readable
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.environment import Environment, check_followed_in_frame
 from fenics_rom.mechanics.initial_state import InitialState, lost_messages, missing_share
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
@@ -57,6 +57,7 @@ class FullOrderSimulator:
         self.system, self.environment = system, ActiveEnvironment(environment, signals=signals)
         environment.check_supports(system.rigid.shape[1])
         if system.moving_frame is not None:
+            check_followed_in_frame(environment, ("base_motion",))
             self.stepper = MovingFrameStepper(system, dt, self.environment, ledger=ledger)
         elif system.deformation is None:
             self.stepper = FullOrderStepper(system, dt, self.environment, ledger=ledger)

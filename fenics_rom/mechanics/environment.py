@@ -3,13 +3,13 @@
 Loads and obstacles have signals; how these drive a step is `mechanics.active_environment`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.signals import Signal
 
 if TYPE_CHECKING:
@@ -195,6 +195,17 @@ class Environment:
         return {name: np.array(tendon["points"]) for name, tendon in self.details("effects.tendon").items()}
 
     @property
+    def uniform_fields(self) -> dict[str, np.ndarray]:
+        """Accelerations (3,), m/s², of 1 of each load that pulls all mass alike: gravity, and a base that is shaken."""
+        gravity, fields = self.details("effects.gravity"), dict[str, np.ndarray]()
+        if "gravity" in self.loads:
+            fields["gravity"] = np.array(gravity.get("acceleration", np.zeros(3)), dtype=float)
+        for name, motion in self.details("effects.base_motion").items():
+            direction = np.array(motion["direction"], dtype=float)
+            fields[name] = -direction / np.linalg.norm(direction)
+        return fields
+
+    @property
     def input_units(self) -> dict[str, str]:
         """Units of those inputs that are not N: pressures, gravity, base motions, and strokes."""
         units = self.force_units | {"gravity": "1"} | dict.fromkeys(self.details("effects.base_motion"), "m/s2")
@@ -215,6 +226,19 @@ class Environment:
         if self.run is not None:
             acting.append(f"run of {self.run.duration:g} s at dt {self.run.dt:g} s")
         return "\n  ".join([*lines, *(["; ".join(acting)] if acting else [])])
+
+
+def check_followed_in_frame(acting: Environment, taken: Collection[str] = ()) -> None:
+    """Refuses (StepError) what steps in a moving frame do not follow, beside what is `taken`."""
+    for name in ("large_deformation", "viscoelasticity", "base_motion"):
+        if name in acting.effects and name not in taken:
+            raise StepError(f"a body in a moving frame: its steps do not follow effects.{name}; take frame = 'fixed'")
+    if acting.finds_forces and "strokes" not in taken:
+        raise StepError(
+            "a body in a moving frame: its steps find no forces of strokes and guides; take frame = 'fixed'"
+        )
+    if not acting.has_inertia and "equilibria" not in taken:
+        raise StepError("a body in a moving frame: its steps have inertia; name effects.inertia")
 
 
 class HasEnvironment(Protocol):

@@ -31,8 +31,8 @@ def with_moving_frame(problem: ReductionProblem, rom: Rom, whole: System) -> Rom
     with problem.stages("moving frame"):
         algebra = system.algebra
         Q = np.ascontiguousarray(rom.basis[algebra.rows()])
-        stiffening = None
-        if frame.geometric_stiffness is not None:
+        stiffening, large = None, system.deformation is not None  # the potential of large deformation has it
+        if frame.geometric_stiffness is not None and not large:
             responses = problem.factor.solve(frame.centrifugal_loads())  # of a free body with its inertia relief
             Kg = [algebra.inner(Q, frame.geometric_stiffness(responses[:, [n]]) @ Q) for n in range(6)]
             stiffening = np.array([(A + A.T) / 2 for A in Kg])
@@ -45,7 +45,7 @@ def with_moving_frame(problem: ReductionProblem, rom: Rom, whole: System) -> Rom
             torque_modes={name: modes for name, (_, modes) in torques.items()},
             output_points=frame.output_points,
         )
-    if stiffening is None:
+    if stiffening is None and not large:
         problem.messages.append(STRESS_UNKNOWN)
     return replace(rom, moving_frame=constants, warnings=tuple(problem.messages))
 

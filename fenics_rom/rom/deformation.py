@@ -84,6 +84,29 @@ class ReducedTendon(ByContent):
 
 
 @dataclass(frozen=True, eq=False)
+class ReducedRim(ByContent):
+    """The edge of a surface under pressure, which says by itself what force and torque the pressure has in all.
+
+    By Stokes' theorem, with y along the edge, its outward side seen counter-clockwise,
+
+        -∫ n dA = -½ ∮ y × dy,        -∫ y × n dA = ½ ∮ |y|² dy
+
+    so that of a closed surface both are 0. Points and pieces are those of an exact quadrature.
+    """
+
+    points: Array  # of the edge at rest in world axes, (G, 3), m
+    pieces: Array  # dy there, (G, 3), m
+    shapes: Array  # (3G, m) rows of the basis at the points
+    piece_shapes: Array  # (3G, m) the same of the pieces
+
+    def wrench(self, q: Array, origin: Array) -> Array:
+        """Force, N, and torque about an origin (3,), m, of 1 Pa, (6,), in the axes of the frame."""
+        y = self.points - origin + (self.shapes @ q).reshape(-1, 3)
+        dy = self.pieces + (self.piece_shapes @ q).reshape(-1, 3)
+        return np.concatenate([-np.cross(y, dy).sum(axis=0), (y * y).sum(axis=1) @ dy]) / 2
+
+
+@dataclass(frozen=True, eq=False)
 class TrainingRange(ByContent):
     """How far loads and strains went in the full-order runs that a model was trained and validated with."""
 
@@ -91,6 +114,10 @@ class TrainingRange(ByContent):
     pushes: Mapping[str, float]  # largest resultant of the forces on each contact mode, N
     strains: Array  # (P,) largest |E| at each kept point
     smoothing_time: float  # of forces of obstacles, s: what acts for less moves the body by less
+    # Of a frame that moves, (3,) along or about each of its axes; None: of a fixed one, or nothing is strained by it.
+    accelerations: Array | None = None  # of the base less that of gravity, m/s²
+    angular_accelerations: Array | None = None  # rad/s²
+    spins: Array | None = None  # rad/s
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +142,7 @@ class ReducedDeformation(ByContent):
     validation_error: float | None = None  # of a run that was not trained on, relative, in the mass norm
     pressures: Mapping[str, Array] = field(default_factory=dict)
     tendons: Mapping[str, ReducedTendon] = field(default_factory=dict)
+    rims: Mapping[str, ReducedRim] = field(default_factory=dict)  # of pressures on surfaces that are open, and move
     trained: TrainingRange | None = None  # files of earlier formats lack it
 
     @property
@@ -266,6 +294,8 @@ def check_deformation(body: ReducedDeformation, order: int, actuators: Mapping[s
     seen = body.trained
     if seen is not None:
         numbers = [*seen.inputs.values(), *seen.pushes.values(), *seen.strains, seen.smoothing_time]
+        for of_frame in (seen.accelerations, seen.angular_accelerations, seen.spins):
+            numbers += [] if of_frame is None else of_frame.tolist()
         if min(numbers) < 0 or len(seen.strains) != len(body.weights):
             raise StructureError("deformation: what it was trained with is negative, or not of all points")
     if not (body.training_radius > 0 and body.points_of >= len(body.weights) > 0):
@@ -277,3 +307,6 @@ def check_deformation(body: ReducedDeformation, order: int, actuators: Mapping[s
     for name, tendon in body.tendons.items():
         if actuators.get(name) != 1 or tendon.shapes.shape != (tendon.points.size, m):
             raise StructureError(f"deformation: tendon {name!r} is no actuator, or has not {m} displacements")
+    for name, rim in body.rims.items():
+        if name not in body.pressures or not rim.shapes.shape == rim.piece_shapes.shape == (rim.points.size, m):
+            raise StructureError(f"deformation: the rim of {name!r} is of no pressure, or has not {m} displacements")

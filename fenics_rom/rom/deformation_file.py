@@ -5,7 +5,7 @@ from typing import Any
 import h5py
 
 from fenics_rom.io.hdf5 import Entry, Sizes, get_each, get_group, get_record, get_text, put_arrays, put_each, put_text
-from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, TrainingRange
+from fenics_rom.rom.deformation import ReducedDeformation, ReducedRim, ReducedTendon, TrainingRange
 
 BODY = {
     "gradients": Entry("kg^-1/2/m", (3, 3, "Q", "k")),
@@ -21,44 +21,63 @@ BODY = {
     "validation_error": Entry("1", (1,), optional=True),
 }
 PRESSURE = Entry("m^2/kg^1/2", ("k", "monomials"))
-TRAINED = {"strains": Entry("1", ("Q",)), "smoothing_time": Entry("s", (1,))}
+AXES: Sizes = {"axes": 3}
+TRAINED = {
+    "strains": Entry("1", ("Q",)),
+    "smoothing_time": Entry("s", (1,)),
+    "accelerations": Entry("m/s^2", ("axes",), optional=True),
+    "angular_accelerations": Entry("rad/s^2", ("axes",), optional=True),
+    "spins": Entry("rad/s", ("axes",), optional=True),
+}
 TRAINED_LOADS = {"inputs": Entry("unit of the input", (1,)), "pushes": Entry("N", (1,))}
 TENDON = {"points": Entry("m", ("K", 3)), "shapes": Entry("kg^-1/2", ("3K", "k"))}
+RIM = {
+    "points": Entry("m", ("G", 3)),
+    "pieces": Entry("m", ("G", 3)),
+    "shapes": Entry("kg^-1/2", ("3G", "k")),
+    "piece_shapes": Entry("kg^-1/2", ("3G", "k")),
+}
 
 
-def put_deformation(h5: h5py.File, body: ReducedDeformation, sizes: Sizes) -> None:
+def put_deformation(h5: h5py.File, body: ReducedDeformation) -> None:
     """Writes the group."""
     group = h5.create_group("deformation", track_order=True)
     put_text(group, law=body.law)
-    sizes = {"k": sizes["k"]}
+    sizes: Sizes = {"k": body.order}
     put_arrays(group, BODY, sizes, vars(body))
     put_each(group, "pressures", PRESSURE, body.pressures, sizes)
-    tendons = group.create_group("tendons", track_order=True)
-    for name, tendon in body.tendons.items():
-        put_arrays(tendons.create_group(name, track_order=True), TENDON, {"k": sizes["k"]}, vars(tendon))
+    for kind, table in (("tendons", TENDON), ("rims", RIM)):
+        if kind == "tendons" or body.rims:
+            parts = group.create_group(kind, track_order=True)
+            for name, part in getattr(body, kind).items():
+                put_arrays(parts.create_group(name, track_order=True), table, {"k": body.order}, vars(part))
     if body.trained is not None:
         trained = group.create_group("trained", track_order=True)
-        put_arrays(trained, TRAINED, sizes, vars(body.trained))
+        put_arrays(trained, TRAINED, sizes | AXES, vars(body.trained))
         for kind, entry in TRAINED_LOADS.items():
             put_each(trained, kind, entry, getattr(body.trained, kind))
 
 
-def get_deformation(h5: h5py.File, sizes: Sizes) -> ReducedDeformation:
-    """Reads the group."""
+def get_deformation(h5: h5py.File, order: int) -> ReducedDeformation:
+    """Reads the group, of so many vectors that strain."""
     group = get_group(h5, "deformation")
-    sizes = {"k": sizes["k"]}
-    body = get_record(group, BODY, sizes, ("pressures", "tendons", "trained"))
-    tendons = get_group(group, "tendons")
-    cables = {name: get_record(get_group(tendons, name), TENDON, {"k": sizes["k"]}) for name in tendons}
+    sizes: Sizes = {"k": order}
+    body = get_record(group, BODY, sizes, ("pressures", "tendons", "rims", "trained"))
+
+    def parts(kind: str, table: dict[str, Entry]) -> dict[str, Any]:
+        each = get_group(group, kind)
+        return {name: get_record(get_group(each, name), table, {"k": order}) for name in each}
+
     return ReducedDeformation(
         law=get_text(group, "law"),
         **body,
         pressures=get_each(get_group(group, "pressures"), PRESSURE, sizes),
-        tendons={name: ReducedTendon(**cable) for name, cable in cables.items()},
+        tendons={name: ReducedTendon(**cable) for name, cable in parts("tendons", TENDON).items()},
+        rims={name: ReducedRim(**rim) for name, rim in parts("rims", RIM).items()} if "rims" in group else {},
         trained=_get_trained(get_group(group, "trained"), sizes) if "trained" in group else None,
     )
 
 
 def _get_trained(group: h5py.Group, sizes: Sizes) -> TrainingRange:
     largest: Any = {kind: get_each(get_group(group, kind), entry) for kind, entry in TRAINED_LOADS.items()}
-    return TrainingRange(**largest, **get_record(group, TRAINED, sizes, tuple(TRAINED_LOADS)))
+    return TrainingRange(**largest, **get_record(group, TRAINED, sizes | AXES, tuple(TRAINED_LOADS)))

@@ -31,18 +31,22 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         transfer_errors (f,)         at these frequencies
         left_inverse (m, k)          only for switching = "oblique"
         contact_points (P,)          nodes that obstacles can touch; absent where there are none
-    deformation/                     where the scene has large_deformation; attribute `law`; Q kept points
+    deformation/                     where the scene has large_deformation; attribute `law`; Q kept points; of the K
+                                     vectors that strain, here k: all, but for the rigid motions of a free body
         gradients (3, 3, Q, k)       ∂W_i/∂X_j, kg^-1/2/m; W is the basis, as all contact modes have the same
         weights (Q,) m^3, first_lame, shear (Q,) Pa, viscosity (Q,) s
         external_damping (k, k) 1/s, springs (k, k) 1/s^2
         training_radius (1,) m kg^1/2, points_of (1,), cubature_error, validation_error (1,); the last may be absent
         pressures/NAME (k, 1 + k + k (k+1)/2) m^2/kg^1/2     force of 1 Pa: of 1, q_i and q_i q_j (i <= j)
         tendons/NAME/points (K, 3) m, shapes (3K, k) kg^-1/2
+        rims/NAME/points, pieces (G, 3) m, shapes, piece_shapes (3G, k) kg^-1/2      of open surfaces; may be absent
         trained/                     how far training and validation went; absent where it was not kept
             inputs/NAME (1,)         largest of each actuator and load, in the unit of the input
             pushes/NAME (1,) N       largest force on each contact mode
             strains (Q,)             largest at each kept point
             smoothing_time (1,) s    that forces of obstacles are averaged over before they are compared
+            accelerations (3,) m/s^2, angular_accelerations (3,) rad/s^2, spins (3,) rad/s     largest along and about
+                                     the axes of a moving frame, gravity taken off; absent where none strains the body
     force_validation/                how far contact forces are off; absent where it was not measured
         run (2,) s                   time step and duration from rest
         reduction/NAME (3,)          of force, peak and impulse of an obstacle, relative; in files of earlier releases
@@ -205,7 +209,7 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
     if rom.deformation is not None:
         from fenics_rom.rom.deformation_file import put_deformation  # here, as few bodies deform largely
 
-        put_deformation(h5, rom.deformation, sizes)
+        put_deformation(h5, rom.deformation)
     if rom.force_validation is not None:
         _put_forces(h5, rom.force_validation)
     if rom.readings:
@@ -250,7 +254,7 @@ def _take(h5: h5py.File) -> Rom:
     if "deformation" in groups:
         from fenics_rom.rom.deformation_file import get_deformation
 
-        rom = replace(rom, deformation=get_deformation(h5, sizes))
+        rom = replace(rom, deformation=get_deformation(h5, len(rom.stiffness) - rom.rigid))
     if "points_between" in groups:
         rom = replace(rom, points_between=PointsBetween(**hdf5.get_record(groups["points_between"], BETWEEN)))
     if "readings" in groups:

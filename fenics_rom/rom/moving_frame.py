@@ -8,7 +8,8 @@ With M = m ⊗ I₃, "e_k×" node by node and r = dq/dt (nodal floating frame: Z
 
 for velocity v of the origin and angular velocity ω in body axes. Geometric stiffening takes from I2 the matrices
 Kg_kl = Q_eᵀ K_g[σ(u_kl)] Q_e of the linear stress σ in the static response u_kl to the centrifugal load
--½M[e_k×(e_l×X) + e_l×(e_k×X)].
+-½M[e_k×(e_l×X) + e_l×(e_k×X)]. As y is linear in q, the rest holds however far the body deforms; then its potential
+knows how stress stiffens it, and there are no Kg.
 """
 
 from collections.abc import Mapping
@@ -37,9 +38,11 @@ class MovingFrame(ByContent):
         inertia2: I2 (6, k, k), each symmetric.
         coupling0: g (3, k), kg^1/2 m; of a free body 0.
         coupling: G (3, k, k), each antisymmetric.
-        stiffening: Kg (6, k, k), each symmetric, to be taken from I2; None where it is not known.
+        stiffening: Kg (6, k, k), each symmetric, to be taken from I2; None where it is not known, or the body deforms
+            largely.
         wrenches: force and torque about the origin, (6, p), of each contact mode's input columns, with the shape at
-            rest, N and N m per unit of the input.
+            rest, N and N m per unit of the input. Forces within the body, of tendons and chambers, have none; what the
+            pressure on an open surface has besides, as it deforms largely, its rim tells (`rom.deformation`).
         torque_modes: (p, 3, k) what the shape adds to these torques; nothing of actuators, whose forces are internal.
         output_points: (points, 3) of each output, at rest in world axes, m.
     """

@@ -314,7 +314,7 @@ def check_rom(rom: Rom) -> Rom:
         if rom.deformation is not None:
             from fenics_rom.rom.deformation import check_deformation  # here, as few bodies deform largely
 
-            check_deformation(rom.deformation, len(rom.stiffness), rom.actuators)
+            check_deformation(rom.deformation, len(rom.stiffness) - rigid, rom.actuators)
         if rom.moving_frame is not None:
             from fenics_rom.rom.moving_frame import check_moving_frame
 

@@ -6,7 +6,7 @@ from dataclasses import is_dataclass
 from typing import Any
 
 from fenics_rom.errors import SceneError, check_known, exactly, unknown
-from fenics_rom.mechanics.environment import STROKE_UNITS, AppliedLoad
+from fenics_rom.mechanics.environment import AppliedLoad
 from fenics_rom.mechanics.hyperelastic import isochoric_terms
 from fenics_rom.mechanics.initial_state import SMALL_ROTATION, ZERO
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
@@ -18,11 +18,7 @@ from fenics_rom.scene.scene import ReadingEntry, Reduction, check_order
 
 ROUND_OFF = 1e-9  # of moments of inertia
 NOT_MOVING = {  # effects that a moving frame does not have
-    "springs": "are tied to the ground",
-    "viscoelasticity": "is not in the motion of a frame",
-    "tendon_friction": "is found in a fixed frame alone",
-    "base_motion": "shakes a support in a fixed frame, and base_path carries it",
-    "large_deformation": "turns a free body as far as it likes by itself, at full order, and no base carries it",
+    "springs": "are tied to the ground"
 }
 
 
@@ -187,6 +183,10 @@ def _check_frame(file: SceneFile) -> None:
     if file.frame == "fixed":
         if effects.base_path is not None:
             raise SceneError("effects.base_path: carries a body whose frame moves; allowed is with frame = 'moving'")
+        if effects.large_deformation is not None and effects.large_deformation.training is not None:
+            raise SceneError(
+                "effects.large_deformation.training: is of a frame that moves; allowed is with frame = 'moving'"
+            )
         if run is not None and run.detail != "full":
             raise SceneError(f"run.detail = {run.detail!r}: allowed is 'full', or any with frame = 'moving'")
         turn = (run.initial.rotation if run and run.initial else None) or ZERO
@@ -197,18 +197,16 @@ def _check_frame(file: SceneFile) -> None:
                     "with frame = 'moving'"
                 )
         return
-    if effects.inertia is None:
-        raise SceneError("frame = 'moving': means nothing without inertia; name effects.inertia as well")
+    if effects.inertia is None and not carried:
+        raise SceneError(
+            "frame = 'moving': a body without inertia that nothing holds has no equilibrium; name effects.inertia, or "
+            "supports for a base to carry it by"
+        )
+    if effects.base_motion and not carried:
+        raise SceneError("effects.base_motion: shakes what is clamped, and nothing is; name supports, or leave it out")
     for name, why in NOT_MOVING.items():
         if getattr(effects, name) not in (None, {}):
             raise SceneError(f"effects.{name}: {why}; allowed is with frame = 'fixed'")
-    for kind in ACTUATORS:
-        for name, actuator in getattr(effects, kind).items():
-            if actuator.control in STROKE_UNITS:
-                raise SceneError(
-                    f"effects.{kind}.{name}.control = {actuator.control!r}: the force of a stroke is found in a fixed "
-                    f"frame alone; allowed with frame = 'moving' is {type(actuator).control!r}"
-                )
     for name, fixed in effects.point_masses.items():
         if fixed.direction is not None:
             raise SceneError(
@@ -227,6 +225,17 @@ def _check_frame(file: SceneFile) -> None:
         raise SceneError(
             "supports.rigid: turns but a little, with all of the body; allowed is with frame = 'fixed'. In a world any "
             "surface is welded at its contact points"
+        )
+    training = None if effects.large_deformation is None else effects.large_deformation.training
+    for key in ("accelerations", "angular_accelerations") if training is not None and not carried else ():
+        if any(getattr(training, key)):
+            raise SceneError(
+                f"effects.large_deformation.training.{key}: are those of a base, and nothing is clamped; allowed of a "
+                "free body are spins, as its loads say the rest"
+            )
+    if training is not None and effects.inertia is None:
+        raise SceneError(
+            "effects.large_deformation.training: means nothing without inertia; name effects.inertia as well"
         )
     if effects.base_path is not None and not carried:
         raise SceneError("effects.base_path: carries what is clamped, and nothing is; name supports, or leave it out")

@@ -11,8 +11,9 @@ import numpy as np
 
 from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.environment import CONTACT_SWITCHINGS
-from fenics_rom.mechanics.hyperelastic import LAWS, LAWS_WITH_CONSTANTS
 from fenics_rom.mechanics.signals import Signal
+from fenics_rom.scene.large_deformation import LargeDeformation
+from fenics_rom.scene.law import Law
 from fenics_rom.scene.places import PIECES, Place
 from fenics_rom.scene.values import Direction, Flag, Items, Name, Number, Point, PoseTable, Table, Text
 
@@ -24,20 +25,6 @@ Length = Annotated[float, Number(above=0.0, unit="m")]
 Moment = Annotated[float, Number(at_least=0.0, unit="kg m2")]
 TURN = 6.2832  # rad, one turn: what is more was meant in degrees
 Angle = Annotated[float, Number(at_least=-TURN, at_most=TURN, unit="rad, not degrees")]
-
-
-@dataclass(frozen=True)
-class Law:
-    """An effect in the equation of motion and in the energy account."""
-
-    force: str  # in the equation of motion
-    stores: str = "nothing"  # its part in the energy account, here and in the next two
-    dissipates: str = "nothing"
-    supplies: str = "nothing"
-    needs: tuple[str, ...] = ()  # effects without which it means nothing
-    online: bool = True  # whether a reduced run can do without what the ROM was made with
-    # parameters that a reduced run may have different from those that the ROM was made with
-    changing: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -181,7 +168,6 @@ class RigidBase:
     LAW: ClassVar = Law(
         force="that of a rigid base, all clamped surfaces, whose path is given",
         supplies="the base's wrench times its twist",
-        needs=("inertia",),
         changing=("table",),
     )
     table: Annotated[
@@ -267,32 +253,6 @@ class TendonFriction:
         changing=("coefficient",),
     )
     coefficient: Annotated[float, Number(above=0.0), "μ"]
-
-
-@dataclass(frozen=True)
-class LargeDeformation:
-    """Large displacements, rotations and strains."""
-
-    LAW: ClassVar = Law(
-        force="that of a hyperelastic material in place of K x; β acts on the rate of its Green strain",
-        stores="∫ W in place of ½ xᵀ K x",
-    )
-    material: Annotated[
-        str,
-        Text(choices=(*LAWS, *LAWS_WITH_CONSTANTS)),
-        '"st_venant_kirchhoff" (moderate strains), "neo_hookean" (large ones), or a law with constants for rubber',
-    ] = "st_venant_kirchhoff"
-    constants: Annotated[
-        tuple[Annotated[float, Number()], ...],
-        Items(),
-        "of rubber as they are printed: C10, C01 of mooney_rivlin; C10, C20, C30 of yeoh; μ1, α1, μ2, α2, ... of ogden "
-        "(Σ μ/α (λ1^α + λ2^α + λ3^α - 3)); their ratios count, in any unit; the size is that of young and poisson",
-    ] = ()
-
-    @property
-    def law(self) -> str:
-        """As `hyperelastic` knows it: the material and its constants."""
-        return " ".join([self.material, *map(repr, self.constants)])
 
 
 @dataclass(frozen=True)

@@ -99,14 +99,21 @@ class Deformation(Protocol):
     def tendons(self) -> Mapping[str, tuple[Array, Array]]:
         """Points (K, 3), m, and shapes (rows here, 3K): the moved points are points + (shapesᵀ x).reshape(K, 3)."""
 
+    @property
+    def rims(self) -> Mapping[str, tuple[Array, Array, Array, Array]]:
+        """Of pressures points and pieces of the surface's edge, (G, 3) each, m, and their shapes (rows here, 3G)."""
+
     def gradients(self, columns: Array) -> Array:
         """Displacement gradients [i, j] = ∂u_i/∂X_j of columns (rows here, k) at the points, (3, 3, P here, k)."""
 
     def force(self, x: Array) -> Array:
         """∂/∂x of ∫ W(E), (rows here,), N, at a displacement (rows here,), m."""
 
-    def stepper(self, dt: float, environment: Any = None, *, ledger: bool = True) -> Any:
-        """What steps the body at full order from rest, see mechanics.step."""
+    def stepper(self, dt: float, environment: Any = None, *, ledger: bool = True, system: Any = None) -> Any:
+        """What steps the body at full order from rest, see mechanics.step.
+
+        Under the inputs of a system; where None those of the one that it was made of.
+        """
 
     def follower(self, x: Array) -> dict[str, Array]:
         """Force (rows here, 1) of 1 Pa or 1 N of each pressure and tendon at a displacement (rows here,), m."""

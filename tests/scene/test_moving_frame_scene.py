@@ -81,6 +81,7 @@ def test_tables_of_poses_are_read_in_their_units(tmp_path):
 SPRING = '[effects.springs.bed]\nsurface = "right"\nstiffness = 1.0'
 DASHPOT = '[effects.damping.dashpots.oil]\nsurface = "right"\ncoefficient = 1.0'
 ROLLER = 'clamped = ["left"]\nheld = [{ surface = "right", normal = [0, 0, 1] }]'
+TRAINING = "[effects.large_deformation.training]\naccelerations = [1.0, 0.0, 0.0]"
 ROPE = "[effects.tendon.rope]\npoints = [[0.0, 0.0, 0.0], [0.5, 0.1, 0.05], [1.0, 0.0, 0.0]]"
 FAST = np.hstack([POSES, [[0, 0, 2, 0, 2.574, 0], [0, 0, 2, 0, 2.574, 0]]])
 MISTAKES = {
@@ -97,30 +98,27 @@ MISTAKES = {
     },
     "effects.damping.dashpots: are tied to the ground": {"effects": f"inertia = {{}}\n{DASHPOT}"},
     "supports.held[0].normal: slides on the ground; allowed with frame = 'moving' is to be": {"supports": ROLLER},
-    "effects.viscoelasticity: is not in the motion of a frame; allowed is with frame = 'fixed'": {
-        "effects": "inertia = {}\n[effects.viscoelasticity]\nratios = [0.5]\ntimes = [1.0]"
+    "effects.base_motion: shakes what is clamped, and nothing is; name supports, or leave it out": {
+        "effects": "inertia = {}\n[effects.base_motion.quake]\ndirection = [1, 0, 0]",
+        **FREE,
     },
-    "effects.tendon_friction: is found in a fixed frame alone; allowed is with frame = 'fixed'": {
-        "effects": f"inertia = {{}}\ntendon_friction = {{ coefficient = 0.3 }}\n{ROPE}"
+    "frame = 'moving': a body without inertia that nothing holds has no equilibrium; name effects.inertia, or": {
+        "effects": "gravity = { acceleration = [0, 0, -9.81] }",
+        **FREE,
     },
-    "effects.tendon.rope.control = 'length': the force of a stroke is found in a fixed frame alone; allowed with "
-    "frame = 'moving' is 'tension'": {"effects": f'inertia = {{}}\n{ROPE}\ncontrol = "length"'},
-    "effects.pressure.air.control = 'volume': the force of a stroke is found in a fixed frame alone; allowed with "
-    "frame = 'moving' is 'pressure'": {
-        "effects": 'inertia = {}\n[effects.pressure.air]\nsurface = "right"\ncontrol = "volume"'
+    "effects.large_deformation.training: is of a frame that moves; allowed is with frame = 'moving'": {
+        "effects": f"inertia = {{}}\n{TRAINING}",
+        "head": "",
     },
-    "effects.large_deformation: turns a free body as far as it likes by itself, at full order, and no base": {
-        "effects": "inertia = {}\nlarge_deformation = {}"
+    "effects.large_deformation.training.accelerations: are those of a base, and nothing is clamped; allowed of a": {
+        "effects": f"inertia = {{}}\n{TRAINING}",
+        **FREE,
     },
-    "effects.base_motion: shakes a support": {
-        "effects": "inertia = {}\n[effects.base_motion.quake]\ndirection = [1, 0, 0]"
-    },
-    "frame = 'moving': means nothing without inertia": {"effects": "gravity = { acceleration = [0, 0, -9.81] }"},
+    "effects.large_deformation.training: means nothing without inertia": {"effects": TRAINING},
     "run.initial.rotation[1] = -100: allowed is a finite number and >= -6.2832 and <= 6.2832, in rad, not degrees": {
         **FREE,
         "run": f"{RUN}\ninitial = {{ rotation = [0, -100, 0] }}",
     },
-    "effects.base_path: means nothing without inertia": {"effects": CARRIED.replace("inertia = {}\n", "")},
     "frame: no choice 'turning'; there is fixed, moving": {"head": 'frame = "turning"'},
     "run.detail = 'quasi-rigid': allowed is 'full', or any with": {"head": "", "run": f'{RUN}\ndetail = "quasi-rigid"'},
     "run.initial.rotation[1] = -2: allowed is at most 0.1 rad, or any with frame = 'moving'": {
@@ -158,6 +156,29 @@ def test_what_a_moving_frame_cannot_have_is_told(said, given):
         parse(**given)
     assert str(caught.value).startswith("scene.toml: ")
     assert said in str(caught.value)
+
+
+TAKEN = {
+    "large deformation": f"inertia = {{}}\n{TRAINING}",
+    "relaxing": "inertia = {}\n[effects.viscoelasticity]\nratios = [0.5]\ntimes = [1.0]",
+    "rubbing": f"inertia = {{}}\ntendon_friction = {{ coefficient = 0.3 }}\n{ROPE}",
+    "pulled by length": f'inertia = {{}}\n{ROPE}\ncontrol = "length"',
+    "filled by volume": 'inertia = {}\n[effects.pressure.air]\nsurface = "right"\ncontrol = "volume"',
+    "shaken": "inertia = {}\n[effects.base_motion.quake]\ndirection = [0, 2, 0]\nacceleration = 1.0",
+    "at rest": 'gravity = { acceleration = [0, 0, -9.81] }\nbase_path = { table = "path.csv" }',
+}
+
+
+@pytest.mark.parametrize("effects", TAKEN.values(), ids=TAKEN)
+def test_what_a_base_can_carry_is_taken(effects):
+    assert parse(effects).environment.is_moving
+
+
+def test_a_base_that_is_shaken_pulls_all_mass_the_other_way():
+    """Per unit of its load, as gravity does; both are what a moving frame turns into its axes."""
+    acting = parse(TAKEN["shaken"] + "\n[effects.gravity]\nacceleration = [0, 0, -9.81]").environment
+    fields = {name: field.tolist() for name, field in acting.uniform_fields.items()}
+    assert fields == {"gravity": [0.0, 0.0, -9.81], "quake": [0.0, -1.0, 0.0]}
 
 
 def test_moving_frame_is_kept_in_files_as_data(tmp_path):

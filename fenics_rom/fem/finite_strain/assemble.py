@@ -49,10 +49,15 @@ class FullOrderDeformation:
         return self.model.internal_force(EquilibriumStresses(self.model.material, H).P)[:, 0]
 
     def stepper(
-        self, dt: float, environment: ActiveEnvironment | None = None, *, ledger: bool = True
+        self,
+        dt: float,
+        environment: ActiveEnvironment | None = None,
+        *,
+        ledger: bool = True,
+        system: System | None = None,
     ) -> FiniteStrainStepper:
         """As in `system.Deformation`."""
-        return FiniteStrainStepper(self.system, self.model, dt, environment, ledger=ledger)
+        return FiniteStrainStepper(system or self.system, self.model, dt, environment, ledger=ledger)
 
     def follower(self, x: Array) -> dict[str, Array]:
         """As in `system.Deformation`."""
@@ -68,6 +73,18 @@ class FullOrderDeformation:
             for name, follower in self.model.followers.items()
             if isinstance(follower, TendonPull)
         }
+
+    @cached_property
+    def rims(self) -> dict[str, tuple[Array, Array, Array, Array]]:
+        """As in `system.Deformation`."""
+        components, rest = self.model.free[self.model.algebra.rows()], self.system.body.nodes
+        found = {}
+        for name, follower in self.model.followers.items():
+            if isinstance(follower, PressureLoad):
+                of_edge = follower.rim()
+                shapes = (np.kron(matrix.toarray().T, np.eye(3))[components] for matrix in of_edge)
+                found[name] = (*(matrix @ rest for matrix in of_edge), *shapes)
+        return found
 
 
 def assemble_deformation(

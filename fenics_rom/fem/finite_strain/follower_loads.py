@@ -24,6 +24,7 @@ class PressureLoad:
         opposite = np.roll(nodes.triangle_edges(triangles), -1, axis=1) if degree == 2 else triangles[:, :0]
         self._triangle_nodes = np.hstack([triangles, opposite])
         self._rest = nodes.coordinates
+        self._triangles, self._nodes = triangles, nodes
         # n has the degree 2 (degree - 1), and a shape function its own
         self._shapes, self._shape_gradients, self._weights = tabulate("triangle", degree, 3 * degree - 2)
 
@@ -53,6 +54,31 @@ class PressureLoad:
     def stroke(self, u: Array) -> float:
         """What its force does work along, m or m³, at displacements (N, 3)."""
         return swept_volume(lambda x: self.force(x.reshape(-1, 3)).ravel(), u.ravel())
+
+    def rim(self) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+        """What makes points and pieces (G, 3) of the surface's edge of the places of nodes, (G, N) each.
+
+        It runs counter-clockwise, seen from outside; a closed surface has none.
+        """
+        sides = np.concatenate([self._triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+        count = len(self._rest)
+        ends = sides[~np.isin(sides[:, 0] * count + sides[:, 1], sides[:, 1] * count + sides[:, 0])]
+        is_bent = bool(len(self._nodes.edges))
+        ξ, weights = np.polynomial.legendre.leggauss(3 if is_bent else 2)  # |y|² dy has the degree 5, or 2
+        ξ, weights = (1 + ξ) / 2, weights / 2
+        shapes, slopes, on = np.stack([1 - ξ, ξ]), np.stack([-np.ones_like(ξ), np.ones_like(ξ)]), ends
+        if is_bent:
+            on = np.hstack([ends, self._nodes.on_edges(ends)[:, None]]) if len(ends) else np.empty((0, 3), int)
+            shapes = np.stack([(1 - ξ) * (1 - 2 * ξ), ξ * (2 * ξ - 1), 4 * ξ * (1 - ξ)])
+            slopes = np.stack([4 * ξ - 3, 4 * ξ - 1, 4 - 8 * ξ])
+        rows = np.broadcast_to(np.arange(len(on) * len(ξ)).reshape(len(on), 1, -1), (len(on), len(shapes), len(ξ)))
+        columns = np.broadcast_to(on[:, :, None], rows.shape)
+
+        def matrix(values: Array) -> scipy.sparse.csr_matrix:
+            entries = np.broadcast_to(values, rows.shape).ravel(), (rows.ravel(), columns.ravel())
+            return scipy.sparse.coo_matrix(entries, shape=(len(on) * len(ξ), count)).tocsr()
+
+        return matrix(shapes), matrix(weights * slopes)
 
     def _tangents(self, x: Array) -> Array:
         """∂x/∂ξ and ∂x/∂η, (2, F, Q, 3), of the surface that runs through places (N, 3)."""

@@ -12,12 +12,20 @@ from fenics_rom.reduction.balancing import choose_order
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.hyperreduction.cubature import fit_cubature
+from fenics_rom.reduction.hyperreduction.frame_loads import framed
 from fenics_rom.reduction.hyperreduction.modal_derivatives import modal_derivatives
 from fenics_rom.reduction.hyperreduction.training import Run, TrainingData, trained
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, TrainingRange, monomials, resultant
+from fenics_rom.rom.deformation import (
+    ReducedDeformation,
+    ReducedRim,
+    ReducedTendon,
+    TrainingRange,
+    monomials,
+    resultant,
+)
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.equilibrium import Equilibrium
 from fenics_rom.runtime.steppers.newton import Newton
@@ -38,8 +46,12 @@ def hyperreduce(problem: ReductionProblem, method: str, tolerance: float, checkp
 
     The tolerance is of the forces of the points that are kept, relative; the checkpoint keeps training runs.
     """
+    whole = problem.system
+    problem = framed(problem)
     system = problem.system
     training = BASES[method](problem, checkpoint)
+    if training.loads.frame_loads is not None and (told := training.loads.frame_loads.message):
+        problem.messages.append(told)
     with problem.stages("shared basis"):
         retained = retained_basis(problem, training.columns)
     rom = assemble_rom(problem, dict.fromkeys(problem.contacts, retained), method=method)
@@ -62,18 +74,30 @@ def hyperreduce(problem: ReductionProblem, method: str, tolerance: float, checkp
             )
         body = replace(body, validation_error=error)
     body = replace(body, trained=_training_range(body, training, np.hstack([states, *held_out])))
+    if system is not whole:
+        rom = _with_inputs(rom, whole)
     return replace(rom, deformation=body, stages=problem.stages.done, warnings=tuple(problem.messages))
+
+
+def _with_inputs(rom: Rom, system: System) -> Rom:
+    """The ROM with the inputs of a system."""
+    W, inner = rom.basis[system.algebra.rows()], system.algebra.inner
+    models = {
+        name: replace(model, inputs=inner(W, system.input_matrix(name))) for name, model in rom.contact_models.items()
+    }
+    return replace(rom, contact_models=models, loads={name: B.shape[1] for name, B in system.loads.items()})
 
 
 def _training_range(body: ReducedDeformation, training: TrainingData, states: Array) -> TrainingRange:
     """What a run is to be compared with: the loads, and the strains of the kept points in all states q (m, s) seen."""
-    loads = training.loads
+    loads, frame = training.loads, training.loads.frame
     squares = [(E * E / VOIGT_SHEAR).sum(axis=0) for E in map(body.strains, states.T)]
     return TrainingRange(
         inputs=loads.inputs,
         pushes={name: resultant(push) for name, push in loads.pushes.items()},
         strains=training.overshoot * np.sqrt(np.max(squares, axis=0)),
         smoothing_time=loads.smoothing_time,
+        **({} if frame is None else vars(frame)),
     )
 
 
@@ -117,6 +141,7 @@ def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, 
     with problem.stages("forces that follow"):
         pressures = project_pressures(body, algebra, W, system.scene.effects.pressure)
         tendons = project_tendons(body, algebra, W)
+        rims = {} if system.moving_frame is None else project_rims(body, algebra, W)
 
     def gathered(values: Array) -> Array:
         """Values (K here, ...) of the kept points of all ranks."""
@@ -143,6 +168,7 @@ def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, 
         cubature_error=sampled.error,
         pressures=pressures,
         tendons=tendons,
+        rims=rims,
     )
 
 
@@ -178,6 +204,16 @@ def project_pressures(body: Deformation, algebra: Algebra, W: Array, names: Iter
 def project_tendons(body: Deformation, algebra: Algebra, W: Array) -> dict[str, ReducedTendon]:
     """Tendons through points of the body, whose displacements are shapesᵀW q."""
     return {name: ReducedTendon(points, algebra.inner(shapes, W)) for name, (points, shapes) in body.tendons.items()}
+
+
+def project_rims(body: Deformation, algebra: Algebra, W: Array) -> dict[str, ReducedRim]:
+    """Edges of surfaces under pressure, of those that can move; the others keep the wrench that they have at rest."""
+    found = {}
+    for name, (points, pieces, *shapes) in body.rims.items():
+        moving = [algebra.inner(of, W) for of in shapes]
+        if any(of.any() for of in moving):
+            found[name] = ReducedRim(points, pieces, *moving)
+    return found
 
 
 def validation_error(rom: Rom, system: System, run: Run, shapes: Array, messages: list[str]) -> float:

@@ -20,6 +20,7 @@ from fenics_rom.errors import SolverError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.checkpoint import Checkpoint
+from fenics_rom.reduction.hyperreduction.frame_loads import KINDS, is_framed
 from fenics_rom.reduction.hyperreduction.training_loads import (
     LoadExtremes,
     load_extremes,
@@ -33,7 +34,7 @@ from fenics_rom.reduction.methods.static import static
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.system.system import System
 
-MIN_RUNS, MAX_RUNS = 10, 14
+MIN_RUNS, MAX_RUNS, MAX_FRAMED_RUNS = 10, 14, 20  # the last where a base moves
 STEPS_PER_PERIOD = 60  # of the slowest motion; no more, if the scene's are shorter
 STATIC_STEPS = 10  # of a load that grows without inertia
 SNAPSHOTS = 50  # of each run
@@ -106,7 +107,8 @@ def _simulated(
     shapes: list[Array] = []
     series = scene_with_run(system)[0].environment.viscoelasticity
     relaxing = f"{series}; " if series else ""
-    with problem.stages("training runs"), closing(body.stepper(1.0, _acting(system), ledger=False)) as stepper:
+    made = body.stepper(1.0, _acting(system), ledger=False, system=_inputs_of(system))
+    with problem.stages("training runs"), closing(made) as stepper:
         keys = [(f"{body.law}; {relaxing}{', '.join(run.contacts)}", run.numbers) for run in planned]
         earlier = [checkpoint.restored_run(k, *key, system.algebra.rows()) for k, key in enumerate(keys)]
         done = sum(run is not None for run in earlier)
@@ -158,11 +160,18 @@ def _reached(system: System, loads: LoadExtremes, runs: list[Run]) -> LoadExtrem
         acted = np.array(sizes.get((kind, name), [(1.0, 1.0)]))
         return float(acted[:, 0].max() / acted[:, 1].max())
 
+    frame = loads.frame and loads.frame.lowered({name: lowered("input", name) for name in KINDS})
     return replace(
         loads,
+        frame=frame,
         inputs={name: lowered("input", name) * size for name, size in loads.inputs.items()},
         pushes={name: lowered("push", name) * push for name, push in loads.pushes.items()},
     )
+
+
+def _inputs_of(system: System) -> System | None:
+    """The system whose inputs training has, where these are not those that its deformation was made of."""
+    return system if is_framed(system) else None
 
 
 def _acting(system: System) -> ActiveEnvironment | None:
@@ -204,14 +213,14 @@ def plan_runs(problem: ReductionProblem) -> tuple[LoadExtremes, list[Run], list[
     period = slowest_period(problem) if moves else 0.0
     dt = max(scene_run.dt, period / STEPS_PER_PERIOD) if moves else None
     loads = load_extremes(problem, period)
-    number = min(MAX_RUNS, max(MIN_RUNS, 2 * loads.count))
+    number = min(MAX_RUNS if loads.frame is None else MAX_FRAMED_RUNS, max(MIN_RUNS, 2 * loads.count))
     runs = [
         _grown_and_released(system, loads, contact, u, dt, period)
         for contact, u in islice(training_targets(loads), number + 1)
     ]
     held_out = runs[-1:]
     if scene.effects.contact is None:  # where obstacles do not stop the body, it would go too far without them
-        steps = tuple(islice(scene_history(system, scene), MAX_HISTORY_STEPS))
+        steps = tuple(islice(scene_history(system, scene, loads.frame_loads), MAX_HISTORY_STEPS))
         held_out.append(Run("the scene's own load history", steps, scene_run.dt if moves else None))
     return loads, runs[:-1], held_out
 

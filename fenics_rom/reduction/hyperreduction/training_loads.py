@@ -11,13 +11,14 @@ from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.environment import Run
 from fenics_rom.mechanics.load_history import LoadHistory
+from fenics_rom.reduction.hyperreduction.frame_loads import FrameLoads, FrameRange, is_framed
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
 
 SMOOTHING_PERIODS = 0.25  # slowest periods that loads are averaged over: what acts for less moves the body by less
 HISTORY_SAMPLES = 24  # of the load history, among which the worst is looked for
-MAX_SINGLE_LOADS = 6  # that are tried alone
+MAX_SINGLE_LOADS, FRAME_LOADS = 6, 6  # that are tried alone, and so many more where a base moves
 RANDOM_PUSH_SHARE = 0.5  # of a contact force that is given to a random direction
 
 
@@ -28,9 +29,11 @@ class LoadExtremes:
     resting: Array  # (c,) actuators and loads: what is always there
     extremes: Array  # (2, c) the rest, least and most
     pushes: dict[str, Array]  # (columns,) by contact mode, of its largest force
-    inputs: dict[str, float]  # of each actuator and load its largest size, however short
+    inputs: dict[str, float]  # of each actuator and load of the scene its largest size, however short
     smoothing_time: float  # that all but these were averaged over, s
     worst: tuple[str, Array]  # contact mode and input, less what is always there, that move the body farthest at rest
+    frame_loads: FrameLoads | None = None  # of a body that a base carries
+    frame: FrameRange | None = None  # how far that moves
 
     @property
     def count(self) -> int:
@@ -75,7 +78,8 @@ def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
     """
     system = problem.system
     scene, run = scene_with_run(system)
-    signals = list(scene_history(system, scene))
+    frame = FrameLoads(system, ActiveEnvironment(scene.environment)) if is_framed(system) else None
+    signals = list(scene_history(system, scene, frame))
     shared = sum(system.widths.values())
     acting = np.array([u[len(u) - shared :] for _, u in signals])
     constant = (acting == acting[0]).all(axis=0)
@@ -83,20 +87,36 @@ def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
     resting = np.where(constant & of_loads, acting[0], 0.0)
     if (acting == resting).all() and not any(u[: len(u) - shared].any() for _, u in signals):
         resting = np.zeros(shared)  # what is always there is all there is: it comes as the run begins
-    parts = np.split(acting, np.cumsum(list(system.widths.values()))[:-1], axis=1)
-    inputs = {n: float(np.linalg.norm(u, axis=1).max()) for n, u in zip(system.widths, parts, strict=False)}
+    inputs = _largest(system, scene, acting)
     width = max(1, min(len(signals), round(SMOOTHING_PERIODS * period / run.dt)))
-    acting = _averages(acting - resting, width)
+    whole, acting = acting, _averages(acting - resting, width)
     pushing = {}
     for name, B in system.contacts.items():
         forces = np.array([u[: B.shape[1]] if name == contact else np.zeros(B.shape[1]) for contact, u in signals])
         pushing[name] = _averages(forces, width)
     extremes = np.array([np.minimum(acting.min(axis=0), 0.0), np.maximum(acting.max(axis=0), 0.0)])
+    far = None
+    if frame is not None:
+        resting, extremes, far = frame.widened(resting, extremes, whole)
     pushes = {name: forces[np.linalg.norm(forces, axis=1).argmax()] for name, forces in pushing.items()}
     if not extremes.any() and not any(push.any() for push in pushes.values()):
         raise SceneError(f"{scene.source}: run: nothing acts, so there is nothing to train with")
     pushes, worst = _completed(problem, extremes, pushes), _worst(problem, acting, pushing)
-    return LoadExtremes(resting, extremes, pushes, inputs, SMOOTHING_PERIODS * period, worst)
+    return LoadExtremes(resting, extremes, pushes, inputs, SMOOTHING_PERIODS * period, worst, frame, far)
+
+
+def _largest(system: System, scene: Scene, acting: Array) -> dict[str, float]:
+    """Size of each actuator and load of the scene, at most, from the inputs (steps, c) of a system."""
+    parts = np.split(acting, np.cumsum(list(system.widths.values()))[:-1], axis=1)
+    inputs = dict(zip(system.widths, parts, strict=False))
+    if is_framed(system):
+        active, run = ActiveEnvironment(scene.environment), scene.environment.run
+        assert run is not None
+        steps = np.arange(round(run.duration / run.dt)) + (0.5 if scene.environment.has_inertia else 1.0)
+        loads = np.array([active.loads_at(step * run.dt) for step in steps])
+        split = np.split(loads, np.cumsum(list(active.columns.values()))[:-1], axis=1)
+        inputs = {name: inputs[name] for name in system.actuators} | dict(zip(active.columns, split, strict=False))
+    return {name: float(np.linalg.norm(u, axis=1).max()) for name, u in inputs.items()}
 
 
 def _worst(problem: ReductionProblem, acting: Array, pushing: dict[str, Array]) -> tuple[str, Array]:
@@ -111,8 +131,11 @@ def _worst(problem: ReductionProblem, acting: Array, pushing: dict[str, Array]) 
     return candidates[int(np.diag(system.algebra.inner(shapes, system.mass @ shapes)).argmax())]
 
 
-def scene_history(system: System, scene: Scene) -> Iterator[tuple[str, Array]]:
-    """Contact mode and whole input of each step of the scene's load history; obstacles push nothing."""
+def scene_history(system: System, scene: Scene, frame: FrameLoads | None = None) -> Iterator[tuple[str, Array]]:
+    """Contact mode and whole input of each step of the scene's load history; obstacles push nothing.
+
+    Of a body that a base carries, what the frame does is among the inputs.
+    """
     environment = scene.environment
     active = ActiveEnvironment(environment)
     columns = {name: B.shape[1] for name, B in system.contacts.items()}
@@ -120,7 +143,11 @@ def scene_history(system: System, scene: Scene) -> Iterator[tuple[str, Array]]:
     for step, (contact, u) in enumerate(history):
         pushed = np.zeros(columns[contact]) if history.automatic else np.empty(0)
         late = 0.5 if environment.has_inertia else 1.0
-        yield contact, np.concatenate([pushed, u, active.loads_at((step + late) * history.dt)])
+        loads = active.loads_at((step + late) * history.dt)
+        yield (
+            contact,
+            np.concatenate([pushed, u, loads if frame is None else frame.seen(loads, step * history.dt, history.dt)]),
+        )
 
 
 def _averages(values: Array, width: int) -> Array:
@@ -173,7 +200,7 @@ def training_targets(loads: LoadExtremes) -> Iterator[tuple[str, Array]]:
     for name, push in loads.pushes.items():
         if push.any():
             single.append((name, np.concatenate([push, 0 * loads.resting])))
-    yield from single[:: -(-len(single) // MAX_SINGLE_LOADS)]
+    yield from single[:: -(-len(single) // (MAX_SINGLE_LOADS + FRAME_LOADS * (loads.frame is not None)))]
     random = np.random.default_rng(0)
     for k in count():
         name = names[k % len(names)]
@@ -184,4 +211,7 @@ def training_targets(loads: LoadExtremes) -> Iterator[tuple[str, Array]]:
         direction = mixed @ random.standard_normal(mixed.shape[1])
         direction *= np.linalg.norm(push) / np.linalg.norm(direction)
         pushed = level[-1] * (push + RANDOM_PUSH_SHARE * direction) / np.sqrt(1 + RANDOM_PUSH_SHARE**2)
-        yield name, np.concatenate([pushed, least + (most - least) * level[:-1]])
+        shared = least + (most - least) * level[:-1]
+        if loads.frame_loads is not None:
+            shared = loads.frame_loads.consistent(shared, random)
+        yield name, np.concatenate([pushed, shared])

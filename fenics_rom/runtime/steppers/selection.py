@@ -116,7 +116,7 @@ def maxwell_branches(series: "PronySeries | None", rows: int, size: int) -> "Max
 
 def longest_linearly_implicit_step(rom: Rom) -> float:
     """The time step, s, beyond which a body of large deformation gets Newton's steps unless others are asked for."""
-    slowest: float = next(iter(rom.contact_models.values())).eigenvalues[0]
+    slowest: float = next(iter(rom.contact_models.values())).eigenvalues[rom.rigid]
     return 2 * math.pi / math.sqrt(slowest) / LINEARLY_IMPLICIT_STEPS
 
 
