@@ -1,16 +1,7 @@
-"""Many soft bodies of one ROM, stepped together: each with its own contact mode, state, input and time.
+"""Many soft bodies of one ROM: each with its own contact mode, state, input and time.
 
-The midpoint rule in x = 2 q / h and r, with w = 2 v̂ and a = (4/h) (2/h + D + h/2 γ)⁻¹, which no h makes large:
-
-    w = a (h/2 G u + r - h²/4 γ x),   x⁺ = x + w,   r⁺ = w - r.
-
-Where the damping is diagonal, so is a, and a step is a handful of elementwise operations on arrays of bodies × reduced
-displacements. What this costs is memory traffic: bodies go through the step in chunks that stay in the cache. The rows
-of all arrays are bodies sorted by contact mode, so that a force is one product for each mode of a chunk. A switch
-projects the state where it is.
-
-Bodies that an obstacle may be within reach of take their step again, with contact (`batch_contact.py`). Those that
-bend far (`batch_deformation.py`) or that a base carries (`batch_carried.py`) take one of another kind.
+Where their steps can be written as operations on arrays of all bodies, they are taken together (`joint_bodies.py`);
+else one after another, each by a simulator (`separate_bodies.py`). Both do the same, at rates that differ.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,23 +18,29 @@ from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, keep_freed_memory
-from fenics_rom.runtime.batch_step import SteppedBodies
-from fenics_rom.runtime.batched_bodies import LOST, TIME
-from fenics_rom.runtime.environment_inputs import fit_batch
+from fenics_rom.runtime.batch_arrays import Bodies, select_bodies
+from fenics_rom.runtime.batched_bodies import BatchedBodies
 
 if TYPE_CHECKING:
     from os import PathLike
 
     from fenics_rom.mechanics.active_environment import SignalLike
     from fenics_rom.mechanics.base_path import BaseState
+    from fenics_rom.runtime.joint_bodies import JointBodies
+    from fenics_rom.runtime.separate_bodies import SeparateBodies
 
 ON_ERROR = "raise", "hold", "reset"
 MOST_BODIES = 10**8  # of which even the smallest take some ten GB
 
 
-class Batch(SteppedBodies):
+class Batch(BatchedBodies):
     """Steps many bodies of one ROM from rest, beginning in its first contact mode.
+
+    Takes what `Simulator` takes. Bodies are stepped together where that can be done: held bodies of small strains, by
+    the rigid law of contact with residual compliance or without contact; held bodies of large deformation, and bodies
+    that a base carries, without contact. All others are stepped one after another, each at the rate of a simulator,
+    with the same results to the bit: without inertia, with strokes, friction of tendons, a material that relaxes,
+    springs in place of the rigid law, free bodies in moving frames, and what else `stepping` tells.
 
     `bodies` in the methods are None (all), a mask (size,) or distinct indices; arrays are in the order 0 .. size - 1.
 
@@ -51,20 +48,23 @@ class Batch(SteppedBodies):
         rom: the reduced model, or the name of its file; it is only read, and copies of a batch share it.
         size: number of bodies.
         dt: time step of all bodies, s; may be set anew before any step.
-        dtype: of the states and the arithmetic, float64 or float32; energies, work and time are float64 always.
+        dtype: of the states and the arithmetic, float64 or float32; energies, work and time are float64 always. With
+            contact, large deformation or a moving frame, and one after another, bodies are kept and stepped in float64
+            also where this is float32: then that is the type of displacements and velocities that are read.
         ledger: whether to keep the energy account of each body.
         signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of each body's time; as
             in Simulator.
         detail: of a moving frame, as in Simulator.
 
     Attributes:
-        steps: number of steps the batch has taken.
+        rom: the reduced model, of what acts in its scene.
+        size: number of bodies.
+        dtype: as above.
 
     Raises:
-        StepError: size is not a whole number > 0, dt not a positive finite number, or dtype another one, or not float64
-            where there is contact, large deformation or a moving frame; or the scene has what `Simulator` steps alone:
-            no inertia, strokes, contact in a moving frame, with large deformation, by springs or without residual
-            compliance, or free bodies that turn; or the body begins in an obstacle.
+        SceneError: as of Simulator.
+        StepError: size is not a whole number > 0, dt not a positive finite number, or dtype another one; or the body
+            begins in an obstacle.
 
     Example:
         >>> bodies = fr.Batch(rom, size=4, dt=1e-3)
@@ -92,47 +92,22 @@ class Batch(SteppedBodies):
         if not _is_dtype(dtype):
             raise StepError(f"dtype = {shown(dtype)}: allowed are float64 and float32")
         signals, ledger = mapping_in("signals", signals, StepError), check_flag("ledger", ledger, StepError)
-        keep_freed_memory()
-        rom, self._environment = fit_batch(rom, signals)
-        self.rom, self.size, self.dtype = rom, int(size), np.dtype(dtype)
-        self._models = PaddedModels(rom, self.dtype)
-        modes, p, m = self._models.inputs.shape
-        try:
-            self._layout = BatchLayout(self.size, modes, m, p, self.dtype)
-        except MemoryError as error:
-            raise StepError(f"size = {size}: allowed are as many bodies as the memory holds: {error}") from error
-        self._number_limit = float(np.finfo(self._layout.state.dtype).max) ** 0.25
-        self._ledger = ledger
-        self._account = np.zeros((6, self.size))
-        self._works = np.empty((2, self.size), self.dtype)
-        self._ones = np.ones(m, self.dtype)
-        self._contacts = self._deformation = self._carried = self._skin = None
-        touches = self._environment is not None and self._environment.environment.contact_law is not None
-        if (touches or rom.deformation is not None or rom.environment.is_moving) and self.dtype != np.float64:
-            raise StepError("dtype = float32: allowed with contact, large deformation or a moving frame is float64")
-        if detail is not None and not rom.environment.is_moving:
-            raise StepError(f"detail = {shown(detail)}: allowed is a ROM of a body in a moving frame")
-        if rom.environment.is_moving:  # imports are here, as few scenes have such things
-            from fenics_rom.runtime.batch_carried import BatchCarried
+        self.size, self.dtype, self._why = int(size), np.dtype(dtype), _why_one_by_one(rom)
+        self._given, self._ledger, self._signals, self._detail = rom, ledger, signals, detail
+        h = checked_dt(dt)
+        self._bodies = self._one_by_one(h) if self._why else self._together(h)
+        self.rom = self._bodies.rom
 
-            assert self._environment is not None
-            self._carried = BatchCarried(rom, self._environment, self._models, self._layout.mode, detail)
-        elif rom.deformation is not None:
-            from fenics_rom.runtime.batch_deformation import BatchDeformation
+    def _together(self, dt: float) -> "JointBodies":
+        from fenics_rom.runtime.joint_bodies import JointBodies
 
-            self._deformation = BatchDeformation(rom, self._models.inputs, self._models.contact_columns, self.size)
-        if self._environment is not None and touches:
-            from fenics_rom.runtime.batch_contact import BatchContact
+        others = self._ledger, self._signals, self._detail
+        return JointBodies(self._given, self.size, dt, self.dtype, *others)
 
-            self._contacts = BatchContact(rom, self._environment, m, self.size)
-        self._stepper = self._carried or self._deformation
-        self.steps = 0
-        self._dt = 1.0
-        self.dt = dt
-        if self._contacts is not None and self._environment is not None and self._contacts.skin is not None:
-            from fenics_rom.runtime.batch_skin import BatchSkin
+    def _one_by_one(self, dt: float) -> "SeparateBodies":
+        from fenics_rom.runtime.separate_bodies import SeparateBodies  # here, as few scenes need it
 
-            self._skin = BatchSkin(self, self._contacts, self._contacts.skin, self._environment.obstacles)
+        return SeparateBodies(self._given, self.size, dt, self._ledger, self._signals, self._detail)
 
     def __copy__(self) -> "Batch":
         return deepcopy(self)
@@ -140,30 +115,11 @@ class Batch(SteppedBodies):
     @property
     def dt(self) -> float:
         """Time step, s."""
-        return self._dt
+        return self._bodies.dt
 
     @dt.setter
     def dt(self, dt: float) -> None:
-        h = checked_dt(dt)
-        limit, ω, rigid = self._number_limit**2, self._models.frequencies, self.rom.rigid
-        with np.errstate(over="ignore", invalid="ignore"):
-            x = self._layout.state[0] * (self._dt / h)
-            angles = h / 2 * ω
-        if not (angles[:, rigid:].min() >= 1 / limit and angles.max() <= limit and np.abs(x).max() <= limit):
-            raise StepError(f"dt = {dt!r}: too far from the model's periods for {self.dtype}")
-        self._layout.state[0] = x
-        self._layout.discard_coefficients()
-        self._dt, self._coefficients = h, self._models.step_coefficients(h)
-        # A step is passive: it adds at most h |G u| to the length of (ω q, r), and x is at most 2/(h ω) times that, or
-        # along rigid motions twice that in each step.
-        # So what bounds the inputs bounds the states, and nothing else needs to be looked at in a step: below this
-        # limit no number overflows in the first `_number_limit` steps from rest, 4e9 of them in float32.
-        gain = np.abs(self._models.inputs).sum(axis=(1, 2)) * np.maximum(h, 2 / ω[:, rigid:].min(axis=1))
-        self._input_limit = self._number_limit / max(1.0, gain.max())
-        if self._contacts is not None:
-            self._contacts.set_time_step(h)
-        if self._stepper is not None:
-            self._stepper.set_time_step(h)
+        self._bodies.dt = checked_dt(dt)
 
     def set_state(self, q: ArrayLike, r: ArrayLike, bodies: Bodies = None, *, on_error: str = "raise") -> None:
         """Puts bodies into states; contact modes, times, accounts and obstacles stay.
@@ -179,32 +135,7 @@ class Batch(SteppedBodies):
                 the order of a body's contact mode, or a body inside an obstacle; all are as they were.
         """
         check_known("choice of on_error", on_error, ON_ERROR, StepError)
-        selected = self._layout.select(bodies)
-        ω, modes = self._models.frequencies, self._layout.mode[selected]
-        shape = (len(selected), ω.shape[1])
-        parts = [real_numbers_or_nan(part) for part in (q, r)]
-        if any(part.shape not in (shape, shape[1:]) for part in parts):
-            raise StepError(f"state: allowed are two arrays of shape {shape}, given: {[part.shape for part in parts]}")
-        state = np.stack([np.broadcast_to(part, shape) for part in parts])
-        with np.errstate(over="ignore"):
-            state[0] *= 2 / self._dt
-            size = np.abs(state) * np.maximum(1.0, [self._dt / 2 * ω[modes], np.ones(shape)])
-        if not (size <= self._number_limit).all():  # NaN is not, either
-            raise StepError(
-                f"state: allowed are finite numbers, within {self._number_limit:.0e} in 2 q / dt, √γ q and r"
-            )
-        if state[:, np.arange(shape[1]) >= self._models.orders[modes, None]].any():
-            raise StepError("state: beyond the order of a body's contact mode only zeros are allowed")
-        if self._contacts is not None:
-            inside = self._contacts.inside(selected, modes, self._dt / 2 * state[0])
-            self._contacts.begin(selected, self._allowed_inside(selected, inside, on_error))
-        self._layout.state[:, self._layout.row[selected]] = state
-        if self._stepper is not None:
-            self._stepper.begin(selected, self._dt / 2 * state[0], state[1])
-        if self._skin is not None:
-            self._skin.forget(selected)
-        if self._contacts is not None and on_error == "reset":
-            self.reset(selected[inside], on_error="hold")
+        self._bodies.set_state(real_numbers_or_nan(q), real_numbers_or_nan(r), self._select(bodies), on_error)
 
     def reset(self, bodies: Bodies = None, *, on_error: str = "raise") -> None:
         """Puts bodies at rest in the first contact mode, at time 0 and with an empty account.
@@ -216,18 +147,9 @@ class Batch(SteppedBodies):
         Raises:
             StepError: no such bodies, or one inside an obstacle; all are as they were.
         """
-        selected = self._layout.select(bodies)
+        selected = self._select(bodies)
         check_known("choice of on_error", on_error, ON_ERROR[:2], StepError)
-        if self._contacts is not None:
-            inside = self._contacts.inside_at_rest(selected)
-            self._contacts.reset(selected, self._allowed_inside(selected, inside, on_error))
-        self._layout.reset(selected)
-        self._account[:, selected] = 0
-        if self._stepper is not None:
-            self._stepper.begin(selected, *np.zeros((2, len(selected), self._models.frequencies.shape[1])))
-            self._stepper.reset(selected)
-        if self._skin is not None:
-            self._skin.begin(selected)
+        self._bodies.reset(selected, on_error)
 
     def place_obstacle(self, name: str, displacement: ArrayLike, bodies: Bodies = None) -> None:
         """Has an obstacle of each body be elsewhere than the scene says, from the end of the next step on.
@@ -242,27 +164,24 @@ class Batch(SteppedBodies):
         Raises:
             StepError: no such obstacle or bodies, or not so many finite numbers.
         """
-        selected = self._layout.select(bodies)
-        self._with_contact().place(name, displacement, selected)
+        selected = self._select(bodies)
+        self._check_contact()
+        self._bodies.place_obstacle(name, real_numbers_or_nan(displacement), selected)
 
     def place(self, base: "BaseState", bodies: Bodies = None) -> None:
-        """Puts bases that carry bodies somewhere, with the shapes that the bodies have.
+        """Puts bases that carry bodies, or free bodies, somewhere, with the shapes that the bodies have.
 
         Args:
-            base: of arrays (bodies, 3) and (bodies, 4), or one for all.
+            base: of arrays (bodies, 3) and (bodies, 4), or one for all; of a free body as in `Simulator.place`.
             bodies: which.
 
         Raises:
-            StepError: no base carries the bodies, no such bodies, or a base that is none; all are as they were.
+            StepError: frames of bodies do not move, no such bodies, a base that is none, or a body that would be in an
+                obstacle; all are as they were.
         """
-        selected, carried = self._layout.select(bodies), self._with_base()
-        given, refused = carried.given(base, selected, "base")
-        if len(refused):
-            raise StepError(
-                f"base of body {selected[refused[0]]}: allowed are finite numbers and a unit quaternion; all bodies "
-                "were left as they were"
-            )
-        carried.place(given, selected)
+        selected = self._select(bodies)
+        self._check_frame()
+        self._bodies.place(base, selected)
 
     def switch(self, contact: str | Sequence[str] | Array, bodies: Bodies = None) -> None:
         """Makes other contact modes active; states are projected, and never gain energy by it.
@@ -272,54 +191,37 @@ class Batch(SteppedBodies):
             bodies: which.
 
         Raises:
-            StepError: no such contact mode or bodies, or another number of names, or a body that a base carries is
-                strained; all states are as they were.
+            StepError: no such contact mode or bodies, or another number of names; all states are as they were.
         """
-        selected = self._layout.select(bodies)
+        selected = self._select(bodies)
         names = [contact] if isinstance(contact, str) else list(names_in("contact", contact, StepError))
         if not isinstance(contact, str) and len(names) != len(selected):
             raise StepError(
                 f"contact modes of {len(selected)} bodies: one name or {len(selected)}, given: {len(names)}"
             )
-        numbers = {name: k for k, name in enumerate(self._models.names)}
+        numbers = {name: k for k, name in enumerate(self.rom.contact_models)}
         for name in names:
             check_known("contact mode", str(name), numbers, StepError)
-        start, end = self._layout.mode[selected], np.broadcast_to([numbers[name] for name in names], selected.shape)
-        moves = end != start
-        selected, start, end = selected[moves], start[moves], end[moves]
-        state, rows = self._layout.state, self._layout.row[selected]
-        if self._carried is not None and state[:, rows].any():
-            raise StepError(
-                "contact modes of bodies that a base carries: allowed in a batch is a switch of bodies that are not "
-                "strained and do not oscillate; Simulator switches others, one by one"
-            )
-        before = self._energy(rows) if self._ledger else 0.0
-        pairs = start * len(numbers) + end
-        for pair in np.unique(pairs) if self._stepper is None else ():  # else they share a basis, or are at rest
-            moved, (first, second) = rows[pairs == pair], divmod(int(pair), len(numbers))
-            strained = self._dt / 2 * state[0, moved] * self._models.frequencies[first]
-            state[:, moved] = state[:, moved] @ self._models.switch_map(first, second)
-            if self._contacts is not None:
-                elastic = slice(self.rom.rigid, self._models.orders[second])
-                e = self._contacts.residual.carry_over(first, second, selected[pairs == pair], strained)
-                state[0, moved, elastic] = 2 / self._dt * e / self._models.frequencies[second, elastic]
-        self._layout.enter(selected, end)
-        if self._stepper is not None:
-            self._stepper.entered(selected)
-        if self._ledger:
-            self._account[LOST, selected] += before - self._energy(rows)
+        modes = np.broadcast_to([numbers[name] for name in names], selected.shape)
+        if not self._bodies.can_switch(modes, selected):  # then shapes go on beyond what arrays of one order hold
+            there, self._why = self._bodies, "contact modes that were switched while their bodies were strained"
+            self._bodies = self._one_by_one(there.dt)
+            self._bodies.take_over(there)  # type: ignore[arg-type]  # others can always
+        self._bodies.switch(modes, selected)
 
     def step(self, u: ArrayLike, *, base: "BaseState | None" = None, on_error: str = "raise") -> Array:
         """Advances all bodies by dt, each under its constant input.
 
         Args:
             u: (size, p) N, or (p,) for all: contact columns, filled up to the contact mode that has most, then the
-                actuators'. Columns that a body's contact mode lacks do nothing, but must hold finite numbers, too.
+                actuators' (as of `Simulator.step`). Columns that a body's contact mode lacks do nothing, but must hold
+                finite numbers, too.
             base: that carries each body, at the end of the step, of arrays (size, 3) and (size, 4), or of one base for
                 all; None: as the environment says, or at rest.
             on_error: what becomes of bodies whose input, base, or state after the step, is not finite or absurdly
-                large, or whose base turns too far: "raise" an error, "hold" them still for this step, with state, time
-                and account as they were, or "reset" them, as `reset` does, while the others go on.
+                large, whose base turns too far, or that no forces are found of: "raise" an error, "hold" them still for
+                this step, with state, time and account as they were, or "reset" them, as `reset` does, while the others
+                go on.
 
         Returns:
             Indices of the bodies that did not take the step, also as they began inside an obstacle; mostly (0,).
@@ -329,37 +231,34 @@ class Batch(SteppedBodies):
                 they were.
         """
         check_known("choice of on_error", on_error, ON_ERROR, StepError)
-        u, held = self._check_input(u, on_error)
-        if self._environment is not None:
-            u = np.hstack([u, self._loads(self._environment)])
-        contacts = self._contacts
-        if contacts is not None:
-            held = np.union1d(held, contacts.frozen.nonzero()[0])
-            contacts.begin_step(self._account[TIME], held)
-            self._follow_obstacles(contacts)
-        if self._carried is not None:
-            held = np.union1d(held, self._carried.move_base(base, self._account[TIME], f"step {self.steps}", on_error))
-        elif base is not None:
-            raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
-        if self._stepper is None:
-            self._step_linear(u, held)
-        else:
-            held = self._step_otherwise(self._stepper, u, held, on_error)
-        if self._skin is not None:
-            self._skin.look_in_turn()
+        held = self._bodies.step(u, base, on_error)
         if on_error == "reset" and len(held):
-            self.reset(held, on_error="hold")
+            self._bodies.reset(held, "hold")
         return held
 
-    def _allowed_inside(self, bodies: Array, inside: Array, on_error: str) -> Array:
-        """Which of the bodies to hold still, of those that are inside an obstacle."""
-        check_known("choice of on_error", on_error, ON_ERROR, StepError)
-        if inside.any() and on_error == "raise":
-            raise StepError(
-                f"body {bodies[inside.argmax()]} is inside an obstacle: allowed is a start outside of all of them, or "
-                'on_error="hold"; all bodies were left as they were'
-            )
-        return inside
+    def _select(self, bodies: Bodies) -> Array:
+        return select_bodies(bodies, self.size)
+
+
+def _why_one_by_one(rom: Rom) -> str:
+    """What of a ROM has no form in which all bodies are stepped together; empty where there is one."""
+    acting, law, body = rom.environment, rom.environment.contact_law, rom.deformation
+    carried = rom.moving_frame is not None and rom.moving_frame.carried
+    definite = acting.residual_compliance and rom.residual_compliance is not None
+    reasons = {
+        "no inertia": not acting.has_inertia,
+        "actuators that are given strokes": bool(acting.controls),
+        "friction of tendons": bool(acting.guides),
+        "a material that relaxes": acting.viscoelasticity is not None,
+        "a free body in a moving frame": acting.is_moving and not carried,
+        "contact in a moving frame": acting.is_moving and law is not None,
+        "large deformation in a moving frame": acting.is_moving and body is not None,
+        "contact with large deformation": law is not None and body is not None,
+        "materials of large deformation with several damping ratios": body is not None and np.ptp(body.viscosity) > 0,
+        "contact by springs": law is not None and law.stiffness is not None,
+        "contact without residual compliance": law is not None and not definite,
+    }
+    return next((reason for reason, there in reasons.items() if there), "")
 
 
 def _is_dtype(given: DTypeLike) -> bool:

@@ -11,8 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from fenics_rom.errors import StepError, check_known
+from fenics_rom.mechanics.base_path import UNIT_TOLERANCE, BaseState
+from fenics_rom.mechanics.signals import hides_numbers, real_numbers
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.switching import Projections
@@ -38,6 +41,98 @@ def distinct(times: Array) -> tuple[Array, Array]:
         return times[:1], np.zeros(len(times), int)
     instants, which = np.unique(times, return_inverse=True)
     return instants, which
+
+
+def select_bodies(bodies: Bodies, size: int) -> Array:
+    """Indices of bodies; a StepError where they are not None (all), a mask or distinct indices."""
+    if bodies is None:
+        return np.arange(size)
+    try:
+        selected = np.atleast_1d(bodies)
+    except ValueError:  # rows of several lengths
+        selected = np.atleast_2d(np.nan)
+    if selected.dtype == bool and selected.shape == (size,):
+        return np.flatnonzero(selected)
+    if selected.size == 0:
+        return np.empty(0, dtype=int)
+    is_distinct = selected.ndim == 1 and selected.dtype.kind in "iu" and len(np.unique(selected)) == len(selected)
+    if not (is_distinct and selected.min() >= 0 and selected.max() < size):
+        raise StepError(f"bodies: allowed are None, a mask ({size},) or distinct indices below {size}")
+    return selected
+
+
+def checked_inputs(
+    u: ArrayLike, shape: tuple[int, int], dtype: np.dtype, limit: float, step: int, on_error: str
+) -> tuple[Array, Array]:
+    """Inputs (size, p) within a limit of the step with a number, and the bodies to hold still; theirs are zero then.
+
+    Raises:
+        StepError: they are of another shape or no real numbers; or, if that is asked for, a body's are refused.
+    """
+    size, inputs = shape
+    if type(u) is not Array and hides_numbers(u):
+        raise StepError("input: allowed are numbers in N, given: an array that masks some of them")
+    try:
+        u = np.asarray(u)
+    except ValueError:
+        raise StepError(f"input: allowed are {inputs} numbers in N, given: rows of several lengths") from None
+    if u.shape not in (shape, (inputs,)):
+        raise StepError(
+            f"input: allowed are {inputs} numbers in N for each of {size} bodies, or for all; "
+            f"given: an array of shape {u.shape}"
+        )
+    if u.dtype.kind not in "fiub":
+        raise StepError(f"input: allowed are real numbers in N, given: an array of {u.dtype}")
+    if u.dtype != dtype:
+        with np.errstate(over="ignore"):
+            u = u.astype(dtype)
+    flat = u.ravel()
+    u = np.broadcast_to(u, shape)
+    if flat.dot(flat) <= limit**2:
+        return u, np.empty(0, dtype=int)
+    allowed = (np.abs(u) <= limit).all(axis=1)  # NaN is not, either
+    held = np.flatnonzero(~allowed)
+    if len(held) and on_error == "raise":
+        raise StepError(
+            f"step {step}, body {held[0]}: input {u[held[0]].tolist()}: allowed are finite numbers within "
+            f"{limit:.0e}, in N; all bodies were left as they were"
+        )
+    return np.where(allowed[:, None], u, 0), held
+
+
+def checked_bases(base: object, count: int, where: str) -> tuple[BaseState, Array]:
+    """Bases of so many bodies, as arrays, and which of these no base can have.
+
+    Raises:
+        StepError: arrays of other shapes.
+    """
+    try:
+        parts = [real_numbers(part) for part in base]  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        parts = []
+    widths = 3, 4, 3, 3
+    if len(parts) != 4 or any(
+        part.shape not in ((width,), (count, width)) for part, width in zip(parts, widths, strict=True)
+    ):
+        raise StepError(
+            f"{where}: allowed is a BaseState of position, m, rotation, w x y z, velocity, m/s, and angular "
+            f"velocity, rad/s, with arrays of shapes ({count}, 3) and ({count}, 4), or those of one base for all"
+        )
+    position, rotation, velocity, turning = (
+        np.broadcast_to(part, (count, width)) for part, width in zip(parts, widths, strict=True)
+    )
+    length = np.sqrt(np.einsum("bi,bi->b", rotation, rotation))
+    sound = np.abs(length - 1) <= UNIT_TOLERANCE  # NaN is not, either
+    sound &= np.isfinite(np.hstack([position, velocity, turning])).all(axis=1)
+    unit = rotation / np.where(sound, length, 1.0)[:, None]
+    return BaseState(position, unit, velocity, turning), (~sound).nonzero()[0]
+
+
+def stacked_state(q: Array, r: Array, shape: tuple[int, int]) -> Array:
+    """(2, bodies, m) of what was given as the state of bodies; a StepError where that has another shape."""
+    if any(part.shape not in (shape, shape[1:]) for part in (q, r)):
+        raise StepError(f"state: allowed are two arrays of shape {shape}, given: {[q.shape, r.shape]}")
+    return np.stack([np.broadcast_to(part, shape) for part in (q, r)])
 
 
 class StepCoefficients(NamedTuple):
@@ -161,24 +256,6 @@ class BatchLayout:
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"_chunks": None}  # its views would be copies of their own
-
-    def select(self, bodies: Bodies) -> Array:
-        """Indices of bodies; a StepError where they are not None (all), a mask or distinct indices."""
-        size = len(self.mode)
-        if bodies is None:
-            return np.arange(size)
-        try:
-            selected = np.atleast_1d(bodies)
-        except ValueError:  # rows of several lengths
-            selected = np.atleast_2d(np.nan)
-        if selected.dtype == bool and selected.shape == (size,):
-            return np.flatnonzero(selected)
-        if selected.size == 0:
-            return np.empty(0, dtype=int)
-        distinct = selected.ndim == 1 and selected.dtype.kind in "iu" and len(np.unique(selected)) == len(selected)
-        if not (distinct and selected.min() >= 0 and selected.max() < size):
-            raise StepError(f"bodies: allowed are None, a mask ({size},) or distinct indices below {size}")
-        return selected
 
     def enter(self, bodies: Array, modes: Array) -> None:
         """Says which contact modes bodies are in from now on."""

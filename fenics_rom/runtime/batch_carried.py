@@ -11,11 +11,11 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_fit import NEGLIGIBLE
-from fenics_rom.mechanics.base_path import CONJUGATE, UNIT_TOLERANCE, BaseState, quaternion_product, rotation_vectors
+from fenics_rom.mechanics.base_path import CONJUGATE, BaseState, quaternion_product, rotation_vectors
 from fenics_rom.mechanics.environment import DETAILS
 from fenics_rom.mechanics.frame_motion import rotation_of, world_displacement
-from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.batch_arrays import checked_bases
 from fenics_rom.runtime.batch_carried_step import CarriedMode, CarriedStep, lengths, products_of, turned_by
 from fenics_rom.runtime.steppers.frame_kernel import LARGEST_TURN
 from fenics_rom.runtime.steppers.moving_frame import quasi_rigid
@@ -105,33 +105,6 @@ class BatchCarried:
         self.base = BaseState(*parts)
         self._goes[bodies] = False
 
-    def given(self, base: object, bodies: Array, where: str) -> tuple[BaseState, Array]:
-        """Bases of bodies (B,), as arrays, and which of these no base can have.
-
-        Raises:
-            StepError: arrays of other shapes.
-        """
-        try:
-            parts = [real_numbers(part) for part in base]  # type: ignore[attr-defined]
-        except (TypeError, ValueError):
-            parts = []
-        B, widths = len(bodies), (3, 4, 3, 3)
-        if len(parts) != 4 or any(
-            part.shape not in ((width,), (B, width)) for part, width in zip(parts, widths, strict=True)
-        ):
-            raise StepError(
-                f"{where}: allowed is a BaseState of position, m, rotation, w x y z, velocity, m/s, and angular "
-                f"velocity, rad/s, with arrays of shapes ({B}, 3) and ({B}, 4), or those of one base for all"
-            )
-        position, rotation, velocity, turning = (
-            np.broadcast_to(part, (B, width)) for part, width in zip(parts, widths, strict=True)
-        )
-        length = np.sqrt(products_of(rotation, rotation))
-        sound = np.abs(length - 1) <= UNIT_TOLERANCE  # NaN is not, either
-        sound &= np.isfinite(np.hstack([position, velocity, turning])).all(axis=1)
-        unit = rotation / np.where(sound, length, 1.0)[:, None]
-        return BaseState(position, unit, velocity, turning), (~sound).nonzero()[0]
-
     def move_base(self, base: BaseState | None, times: Array, where: str, on_error: str) -> Array:
         """Notes where bases are at the end of the next step, that begins at times (B,), s; bodies whose base is none.
 
@@ -140,7 +113,7 @@ class BatchCarried:
         """
         refused = np.empty(0, int)
         if base is not None:
-            ends, refused = self.given(base, np.arange(len(times)), f"{where}: base")
+            ends, refused = checked_bases(base, len(times), f"{where}: base")
             if len(refused) and on_error == "raise":
                 raise StepError(
                     f"{where}, body {refused[0]}: base: allowed are finite numbers and a unit quaternion; all bodies "

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError
 from fenics_rom.rom.deformation import ReducedTendon
 from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.rom.rom import Rom
@@ -51,9 +50,6 @@ class BatchDeformation:
     Attributes:
         distance: (B,) |q| at most, m kg^1/2.
         refuses: why a body could not take its step.
-
-    Raises:
-        StepError: the damping is another one.
     """
 
     refuses = "its state after the step is not finite"
@@ -61,11 +57,6 @@ class BatchDeformation:
     def __init__(self, rom: Rom, inputs: Array, first: int, size: int):
         assert rom.deformation is not None
         self._body = body = rom.deformation
-        if np.ptp(body.viscosity):
-            raise StepError(
-                f"ROM {rom.name!r} has large deformation of materials with several damping ratios: allowed in a batch "
-                "is one; Simulator steps such bodies, one by one"
-            )
         self._points = None if body.law == "st_venant_kirchhoff" else MaterialPoints(body)
         self._steepest = STEEPEST_FREQUENCY * math.sqrt(rom.stiffness[-1])
         self._tables, self._β = StrainTables.of(body), float(body.viscosity[0])

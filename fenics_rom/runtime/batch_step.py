@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.body_axis import in_one_piece
 from fenics_rom.runtime.batch_arrays import Segment
-from fenics_rom.runtime.batched_bodies import BY_CONTACT, BY_OBSTACLES, DISSIPATED, SUPPLIED, TIME, BatchedBodies
+from fenics_rom.runtime.joint_state import BY_CONTACT, BY_OBSTACLES, DISSIPATED, SUPPLIED, TIME, JointState
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.batch_contact import BatchContact
@@ -53,11 +53,11 @@ class BatchStepper(Protocol):
         """The step is taken, to q (m, B), but for bodies that are held."""
 
 
-class SteppedBodies(BatchedBodies):
+class SteppedBodies(JointState):
     """Bodies that go from step to step."""
 
-    def switch(self, contact: Array, bodies: Array) -> None:
-        """As `Batch` has it."""
+    def switch(self, modes: Array, bodies: Array) -> None:
+        """Makes contact modes active, by their numbers (B,), of bodies (B,)."""
         raise NotImplementedError
 
     def _step_linear(self, u: Array, held: Array) -> None:
@@ -88,7 +88,7 @@ class SteppedBodies(BatchedBodies):
         if contacts is not None:
             self._meet_obstacles(contacts, *(np.concatenate(parts) for parts in zip(*near, strict=True)))
             contacts.end_step()
-        if self._ledger:
+        if self.ledger:
             self._account[SUPPLIED : DISSIPATED + 1] += self._dt / 2 * np.take(self._works, layout.row, axis=1)
         self.steps += 1
         if len(held):
@@ -113,20 +113,20 @@ class SteppedBodies(BatchedBodies):
         layout.state[:, layout.row] = x.T, r.T
         stepper.accept(held, self._dt / 2 * x)
         self._account[TIME] += self._dt * goes
-        if self._ledger:
+        if self.ledger:
             self._account[SUPPLIED : DISSIPATED + 1] += np.where(goes, works, 0.0)
         self.steps += 1
         return held
 
     def _respond(self, segment: Segment, coupling: tuple[Array, Array] | None, works: Array) -> None:
         """Makes w = 2 v̂ of what drives the bodies, and notes works (2, rows) of inputs and damping, in 2/h J."""
-        if self._ledger:
+        if self.ledger:
             drawn = segment.w if coupling is None else np.matmul(segment.w, coupling[1], out=segment.spare)
             np.multiply(drawn, drawn, out=segment.spare)
             np.matmul(segment.spare, self._models.dissipation[segment.mode], out=works[1])
         if coupling is not None:
             segment.w[:] = np.matmul(segment.w, coupling[0], out=segment.spare)
-        if self._ledger:
+        if self.ledger:
             force = np.matmul(segment.u, self._models.inputs[segment.mode], out=segment.spare)
             np.multiply(force, segment.w, out=force)
             np.matmul(force, self._ones, out=works[0])
@@ -136,7 +136,7 @@ class SteppedBodies(BatchedBodies):
         bodies = contacts.watched()
         if len(bodies):
             nearest = contacts.nearest_modes(self._layout.mode[bodies], self.state(bodies)[0], bodies)
-            self.switch(np.array(self._models.names)[nearest], bodies)
+            self.switch(nearest, bodies)
 
     def _meet_obstacles(self, contacts: "BatchContact", rows: Array, x: Array, r: Array, driven: Array) -> None:
         """Takes the step of rows (B,) again, with contact.
@@ -160,7 +160,7 @@ class SteppedBodies(BatchedBodies):
                 w[in_one_piece(touched)] += pushed
                 self._respond(Segment(mode, slice(0), u, w, np.empty_like(w)), coupling, works)
                 layout.state[0, own], layout.state[1, own] = x_own + w, w - r_own
-                if self._ledger:
+                if self.ledger:
                     self._works[:, own] = works
                     self._account[BY_OBSTACLES : BY_CONTACT + 1, bodies] += done[:2]
                     self._account[SUPPLIED : DISSIPATED + 1, bodies] += done[0], done[1] + done[2]

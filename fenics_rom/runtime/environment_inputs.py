@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
+from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_path import BASE_PATH
 from fenics_rom.mechanics.environment import (
@@ -71,40 +71,6 @@ def _moving(rom: Rom, environment: Environment) -> Rom:
         raise SceneError(f"ROM {rom.name!r} has no moving frame; reduce {environment.source or 'its matrices'} anew")
     check_followed_in_frame(environment)
     return without_rigid_motions(rom)
-
-
-def fit_batch(rom: Rom, signals: Mapping[str, SignalLike] | None) -> tuple[Rom, ActiveEnvironment | None]:
-    """The same for many bodies at once.
-
-    Raises:
-        StepError: what acts is not known before a step, and is not rigid contact with residual compliance of a linear
-            body; or as fit_environment.
-    """
-    if rom.environment.is_plain and not signals:
-        return rom, None
-    rom, active = fit_environment(rom, None, signals)
-    acting, law, one_by_one = rom.environment, rom.environment.contact_law, "Simulator steps such bodies, one by one"
-    if acting.is_moving and (law is not None or rom.moving_frame is None or not rom.moving_frame.carried):
-        has = "contact in a moving frame" if law is not None else "a free body in a moving frame"
-        raise StepError(
-            f"ROM {rom.name!r} has {has}, which no batch takes (only bodies that a base carries); {one_by_one}"
-        )
-    if not acting.has_inertia or acting.finds_forces:
-        strokes = "actuators that are given strokes" if acting.controls else "friction of tendons"
-        has = strokes if acting.has_inertia else "no inertia"
-        raise StepError(f"ROM {rom.name!r} has {has}, which no batch takes; {one_by_one}")
-    if acting.viscoelasticity is not None:
-        raise StepError(f"ROM {rom.name!r} has viscoelasticity in its scene: {one_by_one}")
-    if law is not None and rom.deformation is not None:
-        raise StepError(f"ROM {rom.name!r} has contact with large deformation: {one_by_one}")
-    definite = acting.residual_compliance and rom.residual_compliance is not None
-    if law is not None and (law.stiffness is not None or not definite):
-        has = "contact by springs (penalty)" if law.stiffness is not None else "contact without residual compliance"
-        raise StepError(
-            f"ROM {rom.name!r} has {has}: a batch takes the rigid law with residual compliance, by which all bodies "
-            f"have one solution that is found together; {one_by_one}"
-        )
-    return rom, active
 
 
 def _check_built_in(rom: Rom, environment: Environment) -> None:
@@ -184,21 +150,15 @@ class EnvironmentInputs:
 
     Attributes:
         needs_each_step: whether what happens in a step is not known before it is taken.
-        needs_single_steps: what makes steps more than linear maps with contact; "" where nothing does.
+        needs_single_steps: whether steps are more than linear maps with contact.
         switches: whether the contact mode follows the obstacles.
     """
 
     def __init__(self, rom: Rom, environment: ActiveEnvironment):
         self.environment = environment
         acting = environment.environment
-        reasons = {
-            "no inertia": not acting.has_inertia,
-            "a moving frame": acting.is_moving,
-            "actuators that are given strokes": bool(acting.controls),
-            "friction of tendons": bool(acting.guides),
-        }
-        self.needs_single_steps = next((reason for reason, there in reasons.items() if there), "")
-        self.needs_each_step = bool(self.needs_single_steps) or acting.contact_law is not None
+        self.needs_single_steps = not acting.has_inertia or acting.is_moving or acting.finds_forces
+        self.needs_each_step = self.needs_single_steps or acting.contact_law is not None
         self.switches = acting.switches_itself and len(rom.contact_models) > 1
         self._no_input = np.empty(0)  # zeros, the same array as long as nothing is put in
         self._actuator_columns = sum(rom.actuators.values())

@@ -43,7 +43,7 @@ def begin(body: Simulator, rom: Rom, environment: Environment, history: LoadHist
     residual = body.integrator.kernel.residual
     if residual is not None and yielded is not None:
         residual.state[:] = yielded
-    body._check_outside_obstacles()
+    body.check_outside_obstacles()
     return messages
 
 

@@ -64,7 +64,7 @@ class MovingBody(SimulatedBody):
         before = frame.snapshot()
         try:
             frame.place(checked_base(pose, "pose"))
-            self._check_outside_obstacles()
+            self.check_outside_obstacles()
         except StepError:
             frame.restore(self.contact, before, self._dt)
             raise
@@ -88,6 +88,23 @@ class MovingBody(SimulatedBody):
 
         return world_velocity(self._frame.pose, *self._rest(output), super().displacement(output), field)
 
+    @property
+    def through_skin(self) -> float:
+        """How deep an obstacle was in the body, where contact does not keep it out, as far as it was looked at, m."""
+        return max((told.depth for told in self._told), default=0.0)
+
+    def take_back_step(self, acted: tuple[Any, ...]) -> None:
+        """Takes the last step back, before which `acted` was as it is now; what was told of it stays told."""
+        self._stepper.rollback()
+        self.steps -= 1
+        if self.environment is not None:
+            self.environment.state, self.environment.loads = acted
+
+    @property
+    def acted(self) -> tuple[Any, ...]:
+        """Where obstacles are, and the loads of the last step; nothing where nothing acts by itself."""
+        return () if self.environment is None else (self.environment.state, self.environment.loads)
+
     def _watch_skin(self) -> None:
         """Begins to look at what is in the body; a StepError where a moving frame begins in an obstacle."""
         interface = self._stepper.interface
@@ -96,9 +113,10 @@ class MovingBody(SimulatedBody):
 
             self._skin = SkinLooks(self, interface, interface.skin)
         if self._frame is not None:
-            self._check_outside_obstacles()
+            self.check_outside_obstacles()
 
-    def _check_outside_obstacles(self) -> None:
+    def check_outside_obstacles(self) -> None:
+        """A StepError where the body is not outside of all obstacles."""
         interface = self._stepper.interface
         if interface is not None and self.environment is not None:
             places = None if self._skin is None else self._skin.places.placement().whole()
@@ -142,6 +160,12 @@ class MovingBody(SimulatedBody):
         e = self._stepper.state[: self._order]
         if self._frame is None or e.dot(e) > self._monitor_threshold:
             self._monitor.look(e, time)
+
+    def _wrong_input(self, u: object) -> str:
+        given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else shown(u)
+        allowed = f"input of contact mode {self.contact!r}: allowed are {self.inputs} numbers in N"
+        alone = f", or the {n} of actuators" if self._source and (n := sum(self.rom.actuators.values())) else ""
+        return f"step {self.steps}: {allowed}{alone}, given: {given}"
 
     def _leave_finite(self, u: Array) -> None:
         self._stepper.rollback()

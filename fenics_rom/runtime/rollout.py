@@ -10,7 +10,7 @@ account are read off for all blocks at once. The map of many steps is composed o
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,6 +24,7 @@ from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.midpoint_map import checked_dt, matrices
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.base_path import BaseState
     from fenics_rom.runtime.contact_rollout import ContactRollout
 
 Simulator = Any  # fenics_rom.runtime.simulator's, which imports this file
@@ -154,7 +155,7 @@ def find_constant_intervals(
 
 def plan_steps(
     body: Simulator,
-    inputs: Sequence[Sequence[float]] | Array,
+    inputs: Sequence[Sequence[float]] | Array | Mapping[str, Any],
     contact: str | Sequence[str] | None,
     dt: float | Sequence[float] | Array | None,
 ) -> tuple[Array, list[ConstantInterval]]:
@@ -164,12 +165,16 @@ def plan_steps(
         StepError: wrong shapes, unknown names, or numbers that are not finite.
     """
     rom = body.rom
+    if isinstance(inputs, Mapping):
+        inputs = _by_name(body, inputs, contact)
     try:
         u = real_numbers(inputs)
     except (TypeError, ValueError):
         raise StepError(f"inputs: allowed are (steps, {body.inputs}) real numbers in N") from None
     if u.ndim != 2:
         raise StepError(f"inputs: allowed are (steps, {body.inputs}) numbers in N, given: shape {u.shape}")
+    if body.takes_actuators_alone and u.shape[1] == sum(rom.actuators.values()):
+        u = np.hstack([np.zeros((len(u), body.inputs - u.shape[1])), u])
     bad = np.flatnonzero(~np.isfinite(u).all(axis=1))
     if len(bad):
         raise StepError(f"step {body.steps + bad[0]}: input {u[bad[0]].tolist()} is not finite")
@@ -192,6 +197,27 @@ def plan_steps(
     return u, plan
 
 
+def _by_name(body: Simulator, inputs: Mapping[str, Any], contact: str | Sequence[str] | None) -> Array:
+    """Inputs (steps, p) of a mapping by name; what it does not name is 0."""
+    mode = contact if isinstance(contact, str) and contact in body.rom.contact_models else body.contact
+    columns = {name: n for name, n in body.rom.input_columns(mode).items() if name not in body.rom.loads}
+    parts: dict[str, Array] = {}
+    for name, values in inputs.items():
+        check_known("input", name, columns, StepError)
+        try:
+            part = real_numbers(values)
+        except (TypeError, ValueError):
+            part = np.empty(())
+        part = part[:, None] if part.ndim == 1 and columns[name] == 1 else part
+        if part.ndim != 2 or part.shape[1] != columns[name] or len(part) != len(next(iter(parts.values()), part)):
+            raise StepError(
+                f"inputs of {name!r}: allowed are (steps, {columns[name]}) real numbers, of as many steps as the others"
+            )
+        parts[name] = part
+    steps = len(next(iter(parts.values()), np.empty(0)))
+    return np.hstack([parts.get(name, np.zeros((steps, n))) for name, n in columns.items()])
+
+
 class Rollout:
     """Takes the steps of `Simulator.rollout` of a body, and keeps the propagators that it made for them."""
 
@@ -202,7 +228,8 @@ class Rollout:
 
     def take(
         self,
-        inputs: Sequence[Sequence[float]] | Array,
+        inputs: Sequence[Sequence[float]] | Array | Mapping[str, Any],
+        base: "Sequence[BaseState] | None",
         contact: str | Sequence[str] | None,
         dt: float | Sequence[float] | Array | None,
         every: int,
@@ -210,11 +237,6 @@ class Rollout:
     ) -> dict[str, Array]:
         """As Simulator.rollout."""
         body = self._body
-        if body.needs_single_steps:
-            raise StepError(
-                f"rollout: this body has {body.needs_single_steps}, so each of its steps depends on the one before "
-                "in a way that is not linear, and taking many at once gains nothing; call step for each"
-            )
         if contact is not None and body.switches_itself:
             raise StepError(
                 "rollout: contact: obstacles say which contact mode is active; allowed is None, or "
@@ -223,6 +245,8 @@ class Rollout:
         if not (is_number(every, whole=True) and every >= 1):
             raise StepError(f"every = {shown(every)}: allowed is a whole number of steps, at least 1")
         u, plan = plan_steps(body, inputs, contact, dt)
+        if base is not None and len(base) != len(u):
+            raise StepError(f"base: allowed is one of each of {len(u)} steps, given: {len(base)}")
         names = tuple(body.rom.outputs) if outputs is None else names_in("outputs", outputs, StepError)
         widths = [len(body.output_rows(name)) for name in names]
         start, rows = body.save(), [np.empty((0, sum(widths)))]
@@ -231,17 +255,23 @@ class Rollout:
                 body.dt = interval.dt
                 if contact is not None:
                     body.switch(interval.contact)
-                interval_inputs = u[interval.start : interval.stop]
-                rows += self._read(interval_inputs, interval.start, every if names else 1, names)
+                steps = slice(interval.start, interval.stop)
+                bases = None if base is None else base[steps]
+                rows += self._read(u[steps], bases, interval.start, every if names else 1, names)
         except BaseException:
             body.restore(start)
             raise
         parts = np.split(np.concatenate(rows), list(accumulate(widths))[:-1], axis=1) if names else []
         return {name: body.rom.by_point(values) for name, values in zip(names, parts, strict=True)}
 
-    def _read(self, u: Array, taken: int, every: int, names: tuple[str, ...]) -> list[Array]:
+    def _read(
+        self, u: Array, base: "Sequence[BaseState] | None", taken: int, every: int, names: tuple[str, ...]
+    ) -> list[Array]:
         """Takes the steps of one interval, `taken` steps after the rollout began; what is read, in rows."""
         body = self._body
+        one_by_one = body.needs_single_steps or body.relaxes or base is not None
+        if one_by_one or (body.rom.rigid and not body.needs_each_step):  # there is more than energy coordinates hold
+            return self._step_each(u, base, taken, every, names)
         if body.needs_each_step:
             if self._among_obstacles is None:
                 from fenics_rom.runtime.contact_rollout import ContactRollout  # here, as few bodies have obstacles
@@ -253,18 +283,7 @@ class Rollout:
 
     def _read_known(self, u: Array, taken: int, every: int, names: tuple[str, ...]) -> list[Array]:
         """The same where nothing touches the body."""
-        body, rows = self._body, list[Array]()
-
-        def read() -> None:
-            q = body.state[0]
-            rows.append(np.concatenate([body.output_rows(name) @ q for name in names])[None])
-
-        if body.rom.rigid or body.relaxes:  # there is more than energy coordinates hold
-            for count, row in enumerate(u, start=taken + 1):
-                body.step(row[: body.inputs])  # its loads act by themselves
-                if names and count % every == 0:
-                    read()
-            return rows
+        rows = list[Array]()
         while len(u):
             due = every - taken % every  # steps until the outputs are due
             if due == every <= min(MAX_BLOCK_STEPS, len(u)):
@@ -274,9 +293,24 @@ class Rollout:
                 steps = min(due, len(u))
                 self._blocks(u[:steps], 1, ())
                 if steps == due:
-                    read()
+                    rows.append(self._outputs(names))
             u, taken = u[steps:], taken + steps
         return rows
+
+    def _step_each(
+        self, u: Array, base: "Sequence[BaseState] | None", taken: int, every: int, names: tuple[str, ...]
+    ) -> list[Array]:
+        """The same by `step`."""
+        body, rows = self._body, list[Array]()
+        for k, row in enumerate(u):
+            body.step(row[: body.inputs], base=None if base is None else base[k])  # its loads act by themselves
+            if names and (taken + k + 1) % every == 0:
+                rows.append(self._outputs(names))
+        return rows
+
+    def _outputs(self, names: tuple[str, ...]) -> Array:
+        """What outputs show now, (1, rows)."""
+        return np.concatenate([self._body.displacement(name).ravel() for name in names])[None]
 
     def _blocks(self, u: Array, every: int, names: tuple[str, ...]) -> list[Array]:
         """Takes steps in the longest blocks that fit; what is read, a row for each instant."""

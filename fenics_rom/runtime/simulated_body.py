@@ -123,11 +123,14 @@ class SimulatedBody:
         return self._source is not None and self._source.needs_each_step
 
     @property
-    def needs_single_steps(self) -> str:
-        """What of the body makes a step more than a linear map with contact, so that `rollout` takes none; or ""."""
-        if self.rom.deformation is not None:
-            return "large deformation"
-        return "" if self._source is None else self._source.needs_single_steps
+    def needs_single_steps(self) -> bool:
+        """Whether a step is more than a linear map with contact, so that `rollout` takes each by itself."""
+        return self.rom.deformation is not None or (self._source is not None and self._source.needs_single_steps)
+
+    @property
+    def takes_actuators_alone(self) -> bool:
+        """Whether an input may leave the contact mode's columns out."""
+        return self._source is not None
 
     @property
     def switches_itself(self) -> bool:

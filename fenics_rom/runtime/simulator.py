@@ -10,7 +10,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.arguments import check_flag, mapping_in
-from fenics_rom.errors import FenicsRomWarning, StepError, check_known, shown, unknown
+from fenics_rom.errors import FenicsRomWarning, StepError, check_known, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.mechanics.signals import real_numbers, real_numbers_or_nan
@@ -161,7 +161,7 @@ class Simulator(MovingBody):
         before = self.save()
         self.state = coordinates["displacement"], coordinates.get("velocity", np.zeros(self._order))
         try:
-            self._check_outside_obstacles()
+            self.check_outside_obstacles()
         except StepError:
             self.restore(before)
             raise
@@ -280,16 +280,11 @@ class Simulator(MovingBody):
         if square > self._monitor_threshold:
             self._monitor.look(e, time, steps)
 
-    def _wrong_input(self, u: object) -> str:
-        given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else shown(u)
-        allowed = f"input of contact mode {self.contact!r}: allowed are {self.inputs} numbers in N"
-        alone = f", or the {n} of actuators" if self._source and (n := sum(self.rom.actuators.values())) else ""
-        return f"step {self.steps}: {allowed}{alone}, given: {given}"
-
     def rollout(
         self,
-        inputs: Sequence[Sequence[float]] | Array,
+        inputs: Sequence[Sequence[float]] | Array | Mapping[str, Any],
         *,
+        base: "Sequence[BaseState] | None" = None,
         contact: str | Sequence[str] | None = None,
         dt: float | Sequence[float] | Array | None = None,
         every: int = 1,
@@ -298,33 +293,39 @@ class Simulator(MovingBody):
         """Takes many steps under known inputs at once, as products of matrices; the same as stepping, to round-off.
 
         Among obstacles blocks of steps in which all contact pairs do what they did are taken so, and the steps between
-        by themselves: the same as stepping, to the tolerance of contact forces.
+        by themselves: the same as stepping, to the tolerance of contact forces. Nothing is gained where a step is no
+        such map: without inertia, with large deformation, strokes, friction of tendons, a material that relaxes, rigid
+        motions, or in a moving frame. There steps are taken one by one, the same to the bit as `step` after `save`.
 
         Args:
-            inputs: (steps, p) N, of each step.
+            inputs: (steps, p) of each step, as of `step`; or a mapping by name, with (steps, columns) each.
+            base: that carries the body, at the end of each step, as of `step`.
             contact: contact mode to be in from the first step on, or (steps,) in each; None: the active one, or those
                 that obstacles ask for. All must take p inputs.
             dt: time step from the first step on, or (steps,) of each, s; None: the one that is set.
             every: the outputs are read after every so many steps.
-            outputs: names of those that are read; None: all. Readings are of `step` and `fr.simulate` alone.
+            outputs: names of those that are read; None: all.
 
         Returns:
             Displacement of each output, m: (steps // every, points, 3); without a mesh (steps // every, rows).
 
         Raises:
-            StepError: wrong shapes, unknown names, or numbers that are not finite; a contact mode where obstacles say
-                which; strokes, a moving frame, large deformation or no inertia; everything is as it was.
+            StepError: as of `step`, or a contact mode where obstacles say which; everything is as it was.
         """
         if self._rollout is None:
             from fenics_rom.runtime.rollout import Rollout  # here, as not everyone knows all inputs
 
             self._rollout = Rollout(self)
-        return self._rollout.take(inputs, contact, dt, every, outputs)
+        return self._rollout.take(inputs, base, contact, dt, every, outputs)
 
     def reset(self) -> None:
         """Back to rest in the first contact mode, at time 0, with an empty account; dt stays."""
         if self._stepper.interface is not None and self._frame is None:
             self._stepper.interface.check_start()
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """As `reset`, also where the body begins in an obstacle."""
         if self.ledger is not None:
             self.ledger.sums = EnergyLedger().sums
         self.loss = SwitchLoss()

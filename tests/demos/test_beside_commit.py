@@ -88,7 +88,7 @@ def test_a_commit_may_have_a_model_of_its_own(beside):
 
 @pytest.mark.slow
 def test_a_version_that_cannot_step_is_named(beside, project):
-    change(project / "fenics_rom/runtime/batch.py", "self.dt = dt", "raise RuntimeError('broken')")
+    change(project / "fenics_rom/runtime/joint_bodies.py", "self.dt = dt", "raise RuntimeError('broken')")
     ran = beside("HEAD", "batch, 8 points, at rest")
     assert ran.returncode == 1
     assert "RuntimeError: broken" in ran.stderr

@@ -223,10 +223,6 @@ def test_runs_and_roms_keep_what_is_given_and_found(models, bar, tmp_path):
     fr.write_trajectory(tmp_path / "run.h5", found)
     for name, force in fr.read_trajectory(tmp_path / "run.h5").reactions.items():
         np.testing.assert_array_equal(force, found.reactions[name])
-    with pytest.raises(StepError, match="strokes"):
-        fr.Batch(rom, 2, 1e-3)
-    with pytest.raises(StepError, match="given strokes"):
-        fr.Simulator(rom, 1e-3).rollout(np.zeros((3, 2)))
     with pytest.raises(SceneError, match=r"effects.tendon.rope.control"):
         acted_on(bar, ROPE.replace('"length"', '"volume"'), **BAR)
 
@@ -414,5 +410,3 @@ def test_friction_of_tendons_belongs_to_the_run(models, bar, tmp_path):
     assert apart[1] < 1e-6
     with pytest.raises(SceneError, match="tendon_friction: means nothing without tendon"):
         acted_on(bar, RUBS, **BAR)
-    with pytest.raises(StepError, match="friction of tendons"):
-        fr.Batch(rom, 2, 1e-3)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_moving_frame import CLAMPED, FLOOR, FORCE, GRAVITY, reduced, some_way_on, with_dense_damping
+from test_moving_frame import CLAMPED, FORCE, GRAVITY, reduced, some_way_on, with_dense_damping
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
@@ -190,16 +190,11 @@ def test_bases_are_placed_and_what_cannot_be_done_is_said(rom, tmp_path):
     batch.place(turned, [1, 3])
     np.testing.assert_array_equal(batch.base.position[:, 0], [0, 1, 0, 1])
     batch.step(np.full(batch.inputs, 0.1))
-    second = list(rom.contact_models)[1]
-    touching = reduced(tmp_path, effects=FLOOR, contacts='[contacts.right]\nsurface = "right"', **CLAMPED)
     for message, attempt in (
         ("arrays of shapes", lambda: batch.step(np.zeros(batch.inputs), base=np.zeros(3))),
         ("arrays of shapes", lambda: batch.place(turned._replace(position=np.zeros((3, 3))), [1, 3])),
         ("base of body 3: allowed are finite", lambda: batch.place(turned._replace(velocity=np.full(3, np.inf)), 3)),
-        ("allowed in a batch is a switch of bodies that are not", lambda: batch.switch(second, 0)),
         ("no detail 'rough'; there is full, quasi-rigid", lambda: fr.Batch(rom, 2, 1e-3, detail="rough")),
-        ("float64", lambda: fr.Batch(rom, 2, 1e-3, dtype=np.float32)),
-        ("has contact in a moving frame, which no batch takes", lambda: fr.Batch(touching, 2, 1e-3)),
     ):
         with pytest.raises(StepError, match=message):
             attempt()

@@ -482,7 +482,7 @@ def test_wrong_inputs_leave_the_state_as_it_was(tabled):
     ):
         body.step([1.0])
     with pytest.raises(StepError, match="inputs of contact mode"):
-        body.rollout(np.zeros((3, 2)))
+        body.rollout(np.zeros((3, 3)))
     assert bits(body) == first
 
 

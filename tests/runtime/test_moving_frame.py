@@ -499,9 +499,6 @@ def test_a_step_that_fails_leaves_everything_as_it_was(pulled):
     after = body.save()
     assert np.array_equal(after.stepper.state, before.stepper.state)
     assert after.stepper.frame == before.stepper.frame
-    for refused in (lambda: fr.Batch(pulled, 2, 1e-3), lambda: body.rollout(np.zeros((5, 3)))):
-        with pytest.raises(StepError, match=r"moves with its frame|step"):
-            refused()
 
 
 def test_quasi_rigid_leaves_out_what_shapes_do_to_inertia(pulled):

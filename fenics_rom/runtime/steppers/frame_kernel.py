@@ -248,6 +248,11 @@ class FrameKernel(BookedKernel):
         return points.push(forces.at_points, turn, arms_of(turn, start, start + h * points.moved(rate)))
 
     @property
+    def distrusted(self) -> bool:
+        """Whether the body bent or turned further than its model is to be trusted."""
+        return bool(self._watch.messages(self.notes))
+
+    @property
     def messages(self) -> tuple[str, ...]:
         """As in Kernel."""
         return self._watch.messages(self.notes)
