@@ -102,7 +102,7 @@ def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path):
     with pytest.raises(DataError, match=r"none\.csv: cannot be read: No such file"):
         read_markers(tmp_path / "none.csv", SCENE)
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(DataError, match=r"binary\.csv: cannot be read"):
+    with pytest.raises(DataError, match=r"binary\.csv: is no text in UTF-8"):
         read_markers(tmp_path / "binary.csv", SCENE)
 
 
