@@ -36,8 +36,21 @@ def warnings_of(scene: Scene, mesh: Mesh, rigid: np.ndarray) -> Iterator[str]:
             'oscillates; mesh.integration = "selective" is the cure'
         )
     yield from _overdamped(scene)
+    yield from _read_without_branches(scene)
     if (scene.clamped or scene.held) and rigid.shape[1]:
         yield f"supports leave {rigid.shape[1]} rigid motions: the body, or a part of it, is not wholly held"
+
+
+def _read_without_branches(scene: Scene) -> Iterator[str]:
+    """Of stresses that are read of a material that relaxes."""
+    effects = scene.effects
+    read = [name for name, reading in scene.readings.items() if "stress" in reading.quantity]
+    if effects.viscoelasticity is not None and read:
+        added = sum(effects.viscoelasticity.ratios)
+        yield (
+            f"readings.{', '.join(read)}: stress is read of the relaxed material alone; right after a fast change the "
+            f"whole stress of that change is up to {1 + added:.3g} times as large, as branches have not relaxed yet"
+        )
 
 
 def _overdamped(scene: Scene) -> Iterator[str]:

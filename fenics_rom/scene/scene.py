@@ -73,7 +73,8 @@ class ReadingEntry(Place):
         'yy, zz, yz, xz, xy) or "von_mises_stress" in the middle of each surface triangle (at degree 2 of each of its '
         'four parts), in the cell that adjoins it; "stress" at points: xx, yy, zz, yz, xz, xy, three principal ones '
         "from the largest on, von Mises stress, and how far the cells around differ; with large deformation Green's "
-        'strain, and Cauchy\'s stress; or displacement of a "marker" off the surface, rigidly on the triangle that is '
+        "strain, and Cauchy's stress; stress is elastic: what damping, and branches of a material that relaxes, add is "
+        'not in it; or displacement of a "marker" off the surface, rigidly on the triangle that is '
         "nearest, however far that turns",
     ]
     of: Annotated[

@@ -404,6 +404,15 @@ def test_markers_far_from_the_body_are_refused(bar):
         fr.assemble(scene_of(bar, **{"outputs.far": "markers = [[310.0, 40.0, 230.0]]"}))
 
 
+@pytest.mark.parametrize("quantity", ["von_mises_stress", "strain"])
+def test_stress_of_a_material_that_relaxes_is_told_to_lack_its_branches(bar, quantity):
+    effects = "inertia = {}\n[effects.viscoelasticity]\nratios = [0.5, 0.25]\ntimes = [0.1, 1.0]"
+    told = fr.assemble(scene_of(bar, effects, **{"readings.at": f'quantity = "{quantity}"'})).warnings
+    said = [text for text in told if text.startswith("readings.at: stress is read of the relaxed material alone")]
+    assert len(said) == (quantity != "strain")
+    assert all("up to 1.75 times as large" in text for text in said)
+
+
 def test_numbers_of_stress_and_strain():
     shear = np.array([[0.0, 0, 0, 0, 0, 2.0], [3.0, 3, 3, 0, 0, 0], [-5.0, 0, 0, 0, 0, 0]]).T
     assert von_mises(shear) == pytest.approx([2 * np.sqrt(3), 0, 5], abs=1e-15)
