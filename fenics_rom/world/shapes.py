@@ -55,6 +55,21 @@ class Shape:
         raise NotImplementedError
 
 
+class ObstacleShape(Shape):
+    """A shape that an obstacle of scenes has, too, whose distances are those of that."""
+
+    _obstacle: "obstacles.Sphere | obstacles.Capsule | obstacles.Box"
+
+    @property
+    def core(self) -> tuple[float, Array]:
+        """As of an obstacle."""
+        return self._obstacle.core
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
+        return self._obstacle.distance(points)
+
+
 @dataclass(frozen=True)
 class RoundShape(Shape):
     """A shape that is the same all around the z axis."""
@@ -76,7 +91,7 @@ class RoundShape(Shape):
 
 
 @dataclass(frozen=True)
-class Sphere(RoundShape):
+class Sphere(ObstacleShape, RoundShape):
     """A ball.
 
     Args:
@@ -92,18 +107,9 @@ class Sphere(RoundShape):
         _keep(self, radius=r, radius_around=r, volume=4 / 3 * math.pi * r**3, squares=r**2 / 5 * np.eye(3))
         _keep(self, _obstacle=ball, _profile=(r * np.cos(angle), r * np.sin(angle)))
 
-    @property
-    def core(self) -> tuple[float, Array]:
-        """As of an obstacle."""
-        return self._obstacle.core
-
-    def distance(self, points: Array) -> tuple[Array, Array]:
-        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
-        return self._obstacle.distance(points)
-
 
 @dataclass(frozen=True)
-class Capsule(RoundShape):
+class Capsule(ObstacleShape, RoundShape):
     """All that is nearer than a radius to a piece of the z axis.
 
     Args:
@@ -127,15 +133,6 @@ class Capsule(RoundShape):
         _keep(self, radius=r, radius_around=r + half, volume=rod + ball, squares=np.diag([across, across, along]))
         angle = np.linspace(-np.pi / 2, np.pi / 2, ROUND // 2)
         _keep(self, _profile=(r * np.cos(angle), r * np.sin(angle) + half * np.sign(angle)))
-
-    @property
-    def core(self) -> tuple[float, Array]:
-        """As of an obstacle."""
-        return self._obstacle.core
-
-    def distance(self, points: Array) -> tuple[Array, Array]:
-        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
-        return self._obstacle.distance(points)
 
 
 @dataclass(frozen=True)
@@ -251,7 +248,7 @@ class Polytope(Shape):
 
 
 @dataclass(frozen=True)
-class Box(Polytope):
+class Box(ObstacleShape, Polytope):
     """A block with flat faces.
 
     Args:
@@ -268,15 +265,6 @@ class Box(Polytope):
         signs = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
         faces = [(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)]  # -x +x -y +y ...
         self._set_faces(signs * size / 2, faces)
-
-    @property
-    def core(self) -> tuple[float, Array]:
-        """As of an obstacle."""
-        return self._obstacle.core
-
-    def distance(self, points: Array) -> tuple[Array, Array]:
-        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
-        return self._obstacle.distance(points)
 
 
 @dataclass(frozen=True)

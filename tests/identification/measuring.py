@@ -14,6 +14,7 @@ from fenics_rom.scene.file import parse_scene
 RUN = 'dt = 0.01\nduration = 0.6\nload = [{ contact = "right", stop = 0.2, force = [1.0, 2.0, 3.0] }]'
 TRUTH = {"young": 2e4, "poisson": 0.35, "density": 1200.0, "alpha": 2.0, "beta": 5e-3}
 START = {"young": 1.2e4, "poisson": 0.2, "density": 1500.0, "alpha": 1.0, "beta": 1e-2}
+PUSHES = [("right", (0.0, 0.0, 2.0)), ("top", (1.0, 0.5, 0.0)), ("right", (0.0, 1.0, 0.0))]
 POINTS = {"outputs.tip": "points = [[1.0, 0.0, 0.3], [1.0, 0.4, 0.3]]", "outputs.side": "points = [[0.5, 0.0, 0.1]]"}
 
 

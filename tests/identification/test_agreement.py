@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from measuring import START, TRUTH, box_mesh, film, scene_of, weigh, write
+from measuring import PUSHES, START, TRUTH, film, scene_of, weigh, write
 
 from fenics_rom.errors import DataError
 from fenics_rom.identification.affine import AffineSystem
@@ -15,13 +15,6 @@ from fenics_rom.identification.marker_data import read_markers
 from fenics_rom.identification.parameters import select_parameters, values_of
 from fenics_rom.identification.recording import JointModel
 from fenics_rom.identification.reduced_model import ReducedModel
-
-PUSHES = [("right", (0.0, 0.0, 2.0)), ("top", (1.0, 0.5, 0.0)), ("right", (0.0, 1.0, 0.0))]
-
-
-@pytest.fixture(scope="module")
-def mesh(tmp_path_factory):
-    return box_mesh(tmp_path_factory.mktemp("mesh"))
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measuring import START, TRUTH, box_mesh, film, found_by, scene_of, weigh, write
+from measuring import PUSHES, START, TRUTH, film, found_by, scene_of, weigh, write
 
 import fenics_rom as fr
 from fenics_rom.errors import DataError, SceneError, SolverError
@@ -19,13 +19,7 @@ from fenics_rom.identification.uncertainty import interval_half_widths
 from fenics_rom.identification.write import parameter_rows
 
 GRAVITY = "gravity = { acceleration = [0.0, 0.0, -0.5] }"
-PUSHES = [("right", (0.0, 0.0, 2.0)), ("top", (1.0, 0.5, 0.0)), ("right", (0.0, 1.0, 0.0))]
 FROM_REST = "dt = 0.01\nduration = 0.6"
-
-
-@pytest.fixture(scope="module")
-def mesh(tmp_path_factory):
-    return box_mesh(tmp_path_factory.mktemp("mesh"))
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from measuring import START, TRUTH, box_mesh, film, found_by, scene_of, text_of
+from measuring import START, TRUTH, film, found_by, scene_of, text_of
 from ranks import run_ranks
 
 import fenics_rom as fr
@@ -19,11 +19,6 @@ LETS_GO = f'{FALLS}\ninitial.shape = "equilibrium"\nload = [{{ contact = "right"
 THROWN = f"{FALLS}\ninitial.velocity = [0.0, 0.05, 0.02]"
 BENDS = "large_deformation = {}"  # by a quarter of its length
 HARD = 'dt = 0.02\nduration = 0.8\nload = [{ contact = "right", stop = 0.2, force = [0.0, 0.0, 160.0] }]'
-
-
-@pytest.fixture(scope="module")
-def mesh(tmp_path_factory):
-    return box_mesh(tmp_path_factory.mktemp("mesh"))
 
 
 def late(file, seconds):

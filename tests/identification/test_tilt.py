@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measuring import TRUTH, box_mesh, film, found_by, scene_of, text_of, weigh
+from measuring import TRUTH, film, found_by, scene_of, text_of, weigh
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError
@@ -42,11 +42,6 @@ OBLIQUE = '[[supports.held]]\nsurface = "bottom"\nnormal = [0.3, 0, 1]'
 
 def pulled(g):
     return f"gravity = {{ acceleration = {np.asarray(g).tolist()} }}"
-
-
-@pytest.fixture(scope="module")
-def mesh(tmp_path_factory):
-    return box_mesh(tmp_path_factory.mktemp("mesh"))
 
 
 def test_gravity_is_turned_about_the_two_axes_that_it_is_not_along():
