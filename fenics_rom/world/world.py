@@ -273,9 +273,11 @@ class World(ReadWorld):
 
     def _step_alone(self, inputs: Mapping[str, Any] | None = None) -> None:
         """`step` of a world that has one soft body: it costs little more than that of its simulator."""
-        if not (inputs is None or isinstance(inputs, Mapping)):
-            self._check_inputs(inputs)
-        given = inputs.get(self._lone_name) if inputs else None
+        try:
+            given = None if inputs is None else inputs.get(self._lone_name)
+        except AttributeError:  # cheaper than to ask before
+            self._check_inputs(inputs or {})
+            raise
         if given is None or (inputs and len(inputs) > 1):
             for name in inputs or ():
                 self.simulator(name)

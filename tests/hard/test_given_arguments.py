@@ -121,6 +121,7 @@ CALLS = {  # what is called, and what it takes; each of that is once something e
     "read_world": (lambda: fr.read_world, {"file": "none.toml"}),
     "World": (lambda: fr.World, {"bodies": {}, "dt": 1e-3, "joints": (), "gravity": (0, 0, -9.81)}),
     "world.step": (lambda: world().step, {"inputs": {"box": {"force": (0, 0, 1)}}}),
+    "alone.step": (lambda: fr.World({"soft": fr.SoftBody(TOUCHED)}, 1e-3).step, {"inputs": None}),
     "world input": (lambda: lambda v: world().step({"box": {"torque": v}}), {"v": (0, 0, 1)}),
     "join": (lambda: world().join, {"joint": joints.ball("box", "world", (0, 0, 0))}),
     "release": (lambda: world().release, {"which": "hold"}),
