@@ -30,7 +30,7 @@ from fenics_rom.mechanics.body_facts import implausible, quality_of
 from fenics_rom.scene.places import given_piece
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Body
-from fenics_rom.system.moving_frame import check_motions
+from fenics_rom.system.moving_frame import check_motions, with_ties
 from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
 from fenics_rom.system.system import System
 
@@ -73,7 +73,8 @@ def _system(scene: Scene, comm: Any) -> System:
     young = {
         "material" if given_piece(m) is None else f"materials.{name}": m.young for name, m in scene.materials.items()
     }
-    is_proportional = not (effects.damped.materials or effects.damped.dashpots)
+    tied = effects.damped.dashpots and not scene.environment.is_moving  # where a frame moves they are not in D
+    is_proportional = not (effects.damped.materials or tied)
 
     matrices = body_matrices(comm, mesh, nodes, scene, material, unknowns)
     algebra = PetscAlgebra(comm, matrices.mass.mat.getOwnershipRange())
@@ -121,6 +122,7 @@ def _system(scene: Scene, comm: Any) -> System:
     if matrices.frame_masses is not None:
         shared = {name: system.units.get(name, 1.0) * columns for name, columns in (actuators | loads).items()}
         frame = assemble_frame(scene, nodes, unknowns, material[:, :2], matrices.frame_masses, shared, algebra)
+        frame = with_ties(frame, *matrices.ties, nodes.coordinates, unknowns, algebra)
         check_motions(rigid.shape[1], frame.carried, f'{scene.source}: frame = "moving": ')
         system = replace(system, moving_frame=frame)
     if effects.large_deformation is None:

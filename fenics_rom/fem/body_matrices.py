@@ -27,7 +27,7 @@ from fenics_rom.fem.nodes import CELL_EDGES, Nodes
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
 from fenics_rom.fem.places import picked_cells
 from fenics_rom.fem.restriction import restrict_matrices
-from fenics_rom.fem.springs import dashpots_of, springs_of, with_attached
+from fenics_rom.fem.springs import dashpots_of, of_components, springs_of, with_attached
 from fenics_rom.scene.places import given_piece
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
@@ -44,6 +44,8 @@ class BodyMatrices:
         translations: (3 N, 3) kg, M times unit translations: as the weight, but for weights on threads.
         external_damping, spring: for large deformation, what of D and K does not strain the body; None: nothing.
         frame_masses: for a moving frame, as `assemble_frame` takes them; None: it does not move.
+        ties: stiffness and damping of a moving frame's springs and dashpots to ground, which are in no other matrix,
+            of all nodes (N, N), N/m and N s/m; None where there are none.
     """
 
     mass: PetscMatrix
@@ -55,6 +57,7 @@ class BodyMatrices:
     external_damping: PetscMatrix | None
     spring: PetscMatrix | None
     frame_masses: tuple[np.ndarray, ...] | None
+    ties: tuple[Any, Any]
 
 
 @quiet_compiler()
@@ -80,21 +83,23 @@ def body_matrices(
 
     dolfinx_number = dolfinx_nodes(space, scene.degree, nodes)
     node_mass, translated = node_masses(full["mass"], dolfinx_number)
-    springs, (fixed, weight) = springs_of(scene, nodes), attached_masses(scene, nodes)
-    frame_masses = None
+    springs, dashpots = springs_of(scene, nodes), dashpots_of(scene, nodes)
+    (fixed, weight), frame_masses, ties = attached_masses(scene, nodes), None, (None, None)
     if scene.environment.is_moving:
+        ties, springs, dashpots = (springs, _with_springs(dashpots, springs, scene)), None, None
         frame_masses = _frame_masses(scene, nodes, unknowns, full["mass"], translated, fixed, dolfinx_number)
     reduced = restrict_matrices(full, unknowns, dolfinx_number, nodes.coordinates)
     reduced["mass"] = with_attached(reduced["mass"], fixed, unknowns)
+    springs, dashpots = of_components(springs), of_components(dashpots)
     reduced["stiffness"] = with_attached(reduced["stiffness"], springs, unknowns)
-    damping, external_damping, spring = _dampings(scene, nodes, reduced, springs, unknowns)
+    damping, external_damping, spring = _dampings(scene, reduced, springs, dashpots, unknowns)
     unit = np.eye(3)
     translations = np.kron(translated[:, None], unit)
     if fixed is not None:
         translations += fixed @ np.tile(unit, (len(translated), 1))
     whole = reduced["mass"], damping or ZeroMatrix(), reduced["stiffness"]
     loaded = node_mass, translated + weight, translations
-    return BodyMatrices(*whole, *loaded, external_damping, spring, frame_masses)
+    return BodyMatrices(*whole, *loaded, external_damping, spring, frame_masses, ties)
 
 
 def _frame_masses(
@@ -137,11 +142,19 @@ def _forms(space: Any, scene: Scene, mesh: Mesh, material: np.ndarray) -> dict[s
     return forms
 
 
+def _with_springs(dashpots: Any, springs: Any, scene: Scene) -> Any:
+    """The damping of dashpots and, as springs are damped as the body is, of springs."""
+    if springs is None or not scene.effects.damped.beta:
+        return dashpots
+    of_springs = scene.effects.damped.beta * springs
+    return of_springs if dashpots is None else dashpots + of_springs
+
+
 def _dampings(
-    scene: Scene, nodes: Nodes, reduced: dict[str, PetscMatrix], springs: Any, unknowns: Unknowns
+    scene: Scene, reduced: dict[str, PetscMatrix], springs: Any, dashpots: Any, unknowns: Unknowns
 ) -> tuple[PetscMatrix | None, PetscMatrix | None, PetscMatrix | None]:
     """D = α M + β K with springs and dashpots; for large deformation also what of D and K does not strain the body."""
-    mass, stiffness, dashpots = reduced["mass"], reduced["stiffness"], dashpots_of(scene, nodes)
+    mass, stiffness = reduced["mass"], reduced["stiffness"]
     α, β = scene.effects.damped.alpha, scene.effects.damped.beta
     damped_springs = β * springs if β and springs is not None else None
 

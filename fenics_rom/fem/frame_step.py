@@ -201,7 +201,7 @@ class FrameStep:
 
     def scale(self, x: Array) -> float:
         """As in FrameBody of mechanics.frame_contact."""
-        return self._speed(x) + math.sqrt(self._body.mass) * math.hypot(*self.translation(self.geometry(x), ZERO))
+        return self._speed(x) + math.sqrt(self._body.mass) * math.hypot(*self.translation(self.geometry(x), ZERO, x))
 
     def _speed(self, x: Array) -> float:
         """Of the velocities of the step at its start and at x, but for translation."""
@@ -246,8 +246,8 @@ class FrameStep:
         velocities: Array = carried_along(turn, arms, now.ω, inside) + along
         return velocities
 
-    def translation(self, turn: Geometry, contact: Vector) -> Array:
-        """Mid-step velocity (3,) of the origin under a contact force."""
+    def translation(self, turn: Geometry, contact: Vector, x: Array) -> Array:
+        """As in FrameBody of mechanics.frame_contact."""
         now, body = self._now, self._body
         if self._base is not None:
             along: Array = turn.middle @ (now.v + self._v_end) / 2

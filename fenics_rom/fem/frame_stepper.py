@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.errors import StepError
 from fenics_rom.fem.frame_loads import FrameLoads
 from fenics_rom.fem.frame_step import FrameStep
 from fenics_rom.fem.full_order_body import FullOrderBody
@@ -42,6 +43,8 @@ class MovingFrameStepper(FullOrderBody):
         super().__init__(system, dt, environment, ledger)
         self._body, self._environment = NodalFrame(system), environment
         self._frame = self._body.frame
+        if self._frame.tie_forces is not None:
+            raise StepError("springs and dashpots to the ground: a body in a moving frame has them reduced alone")
         self.kind = MOVING_FRAME
         self.reason = "a rigid base carries the body" if self._frame.carried else "nothing holds the body"
         self.wrench = np.zeros((2, 3)) if self._frame.carried else None
@@ -97,7 +100,7 @@ class MovingFrameStepper(FullOrderBody):
         if contact is not None:
             arms = step.arms(turn, rate.r)
             push = step.push(contact.forces, turn, arms)
-            touched = step.velocities(turn, arms, x) + step.translation(turn, push.force)
+            touched = step.velocities(turn, arms, x) + step.translation(turn, push.force, x)
         after = step.after(x, rate, push)
         if base is not None:
             gaps = misfit(self.pose, base, turn, vector((now.v + after.v) / 2), h, self._body.size)

@@ -1,4 +1,8 @@
-"""Springs and dashpots to ground, spread evenly over surfaces: matrices of NumPy, added to those of dolfinx."""
+"""Springs and dashpots to ground, spread evenly over surfaces: matrices of NumPy, added to those of dolfinx.
+
+They are the same for the three components of a node, S ⊗ I₃. In a fixed frame they are part of K and D. Of a body whose
+frame moves these strain the body alone, and what ties it to the ground stays beside them.
+"""
 
 from collections.abc import Iterable
 
@@ -15,13 +19,13 @@ from fenics_rom.system.body import Unknowns
 
 
 def springs_of(scene: Scene, nodes: Nodes) -> scipy.sparse.csr_matrix | None:
-    """Stiffness of springs to ground, of all displacements of the nodes (3 N, 3 N), N/m."""
+    """Stiffness S of springs to ground, of all nodes (N, N), N/m."""
     springs = scene.effects.springs
     return _on_surfaces(nodes, ((f"effects.springs.{name}", s, s.stiffness) for name, s in springs.items()))
 
 
 def dashpots_of(scene: Scene, nodes: Nodes) -> scipy.sparse.csr_matrix | None:
-    """Damping of dashpots to ground, of all displacements of the nodes (3 N, 3 N), N s/m."""
+    """Damping S of dashpots to ground, of all nodes (N, N), N s/m."""
     dashpots = scene.effects.damped.dashpots
     return _on_surfaces(nodes, ((f"effects.damping.dashpots.{name}", d, d.coefficient) for name, d in dashpots.items()))
 
@@ -30,10 +34,14 @@ def _on_surfaces(nodes: Nodes, parts: Iterable[tuple[str, Place, float]]) -> sci
     """Sum of coefficients spread evenly over surfaces; None of none."""
     total = None
     for where, place, coefficient in parts:
-        share = surface_mass(nodes, patch_triangles(nodes, place, where))
-        added = scipy.sparse.kron(coefficient * share, np.eye(3), format="csr")
+        added = coefficient * surface_mass(nodes, patch_triangles(nodes, place, where))
         total = added if total is None else total + added
     return total
+
+
+def of_components(matrix: scipy.sparse.csr_matrix | None) -> scipy.sparse.csr_matrix | None:
+    """S ⊗ I₃ of all displacement components (3 N, 3 N)."""
+    return None if matrix is None else scipy.sparse.kron(matrix, np.eye(3), format="csr")
 
 
 def with_attached(matrix: PetscMatrix, attached: scipy.sparse.csr_matrix | None, unknowns: Unknowns) -> PetscMatrix:

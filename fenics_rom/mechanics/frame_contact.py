@@ -85,8 +85,8 @@ class FrameBody(Protocol):
     def velocities(self, turn: Geometry, arms: Array, x: Array, yielding: Array | None) -> Array:
         """Mid-step velocities (P, 3) of the contact points in world axes, less that of the origin, m/s."""
 
-    def translation(self, turn: Geometry, contact: Vector) -> Array:
-        """Mid-step velocity (3,) of the origin under a contact force."""
+    def translation(self, turn: Geometry, contact: Vector, x: Array) -> Array:
+        """Mid-step velocity (3,) of the origin under a contact force, at velocities x near those of the turn."""
 
     def delassus(self, near: Array, turn: Geometry, arms: Array) -> Array:
         """Mid-step velocities (3 s, 3 s) of those points (s,), at arms (s, 3), per force, m/s/N."""
@@ -129,7 +129,7 @@ def touch(
         arms = body.arms(turn, body.rates(x)[1], yielding)
         push = body.push(forces, turn, arms)
         corrected = x if sweep == 0 else body.corrected(x, push)
-        moving = body.velocities(turn, arms, corrected, yielding) + body.translation(turn, push.force)
+        moving = body.velocities(turn, arms, corrected, yielding) + body.translation(turn, push.force, corrected)
         velocity = body.kept_velocities(turn, arms)
         if sweep == 0:
             near = solver.within_reach(PointMotion(displacement, velocity, moving), h, obstacles)

@@ -44,10 +44,23 @@ def with_moving_frame(problem: ReductionProblem, rom: Rom, whole: System) -> Rom
             wrenches={name: wrenches for name, (wrenches, _) in torques.items()},
             torque_modes={name: modes for name, (_, modes) in torques.items()},
             output_points=frame.output_points,
+            springs=_sums_of_ties(frame.springs, frame.origin, rom, whole),
+            dashpots=_sums_of_ties(frame.dashpots, frame.origin, rom, whole),
         )
     if stiffening is None and not large:
         problem.messages.append(STRESS_UNKNOWN)
     return replace(rom, moving_frame=constants, warnings=tuple(problem.messages))
+
+
+def _sums_of_ties(S: Any, origin: Array, rom: Rom, system: System) -> Array | None:
+    """Of S (N, N) over 1, X and the basis of a ROM whose rows are unknowns, as in MovingFrame; None of none."""
+    if S is None:
+        return None
+    X = system.body.nodes - origin
+    Q = system.body.unknowns.expand(rom.basis).reshape(len(X), -1)
+    fields = np.hstack([np.ones((len(X), 1)), X, Q])
+    sums = fields.T @ (S @ fields)
+    return (sums + sums.T) / 2
 
 
 def _wrenches(system: System, frame: FullOrderFrame, contact: str, Q: Array) -> tuple[Array, Array]:

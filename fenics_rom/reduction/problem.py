@@ -95,9 +95,11 @@ def scale_inputs(system: System, factor: Factor) -> System:
 
     A pressure in a closed chamber, whose forces balance each other, moves a body much less than the same force in one
     place. What its column is made larger by, its unit is made smaller by: B stays as it is, and only `forces` changes.
-    Those actuators and loads that have units are effects; `factor` is of K.
+    Those actuators and loads that have units are effects, and so are springs and dashpots; `factor` is of K.
     """
-    if not system.units:
+    frame = system.moving_frame
+    ties = None if frame is None else frame.tie_forces
+    if not system.units and ties is None:
         return system
 
     def stored(columns: Array) -> float:
@@ -108,6 +110,9 @@ def scale_inputs(system: System, factor: Factor) -> System:
     of_effects = {name: B for name, B in {**system.actuators, **system.loads}.items() if name in system.units}
     scales = {name: reference / size for name, B in of_effects.items() if (size := stored(B)) > 0}
 
+    if frame is not None and ties is not None and (size := stored(ties)) > 0:
+        frame = replace(frame, tie_forces=reference / size * ties)
+
     def scaled(columns: dict[str, Array]) -> dict[str, Array]:
         return {name: scales.get(name, 1.0) * B for name, B in columns.items()}
 
@@ -116,4 +121,5 @@ def scale_inputs(system: System, factor: Factor) -> System:
         actuators=scaled(dict(system.actuators)),
         loads=scaled(dict(system.loads)),
         units={name: unit / scales.get(name, 1.0) for name, unit in system.units.items()},
+        moving_frame=frame,
     )

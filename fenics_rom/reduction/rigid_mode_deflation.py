@@ -33,6 +33,9 @@ def elastic_part(system: System) -> System:
     given = vars(system) | {"algebra": algebra}
     for kind in ("contacts", "actuators", "loads", "outputs"):
         given[kind] = {name: algebra.balanced(B) for name, B in given[kind].items()}
+    frame = system.moving_frame
+    if frame is not None and frame.tie_forces is not None:
+        given["moving_frame"] = replace(frame, tie_forces=algebra.balanced(frame.tie_forces))
     return _ElasticSystem(**given)
 
 

@@ -61,6 +61,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         inertia0 (6,) kg m^2, inertia1 (6, K) kg^1/2 m, inertia2 (6, K, K)       xx, yy, zz, yz, xz, xy
         coupling0 (3, K) kg^1/2 m, coupling (3, K, K)
         stiffening (6, K, K)         what stress takes from inertia2; absent where it is not known
+        springs, dashpots (4 + 3K, 4 + 3K)       of what ties nodes to the ground, over 1, X and vectors; may be absent
         wrenches/NAME (6, p)         of the inputs of a contact mode: force, N, and torque about the origin, N m
         torque_modes/NAME (p, 3, K)  what the shape adds to these torques, N/kg^1/2
         output_points/NAME (P, 3) m  of an output, at rest

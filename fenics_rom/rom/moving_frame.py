@@ -10,6 +10,10 @@ for velocity v of the origin and angular velocity ω in body axes. Geometric sti
 Kg_kl = Q_eᵀ K_g[σ(u_kl)] Q_e of the linear stress σ in the static response u_kl to the centrifugal load
 -½M[e_k×(e_l×X) + e_l×(e_k×X)]. As y is linear in q, the rest holds however far the body deforms; then its potential
 knows how stress stiffens it, and there are no Kg.
+
+Springs to ground pull with -S (x - x0), S ⊗ I₃ of all nodes. A node goes by D φ, φ = [1, X, V_x, V_y, V_z] of the node,
+D = [u, R - 1, R ⊗ q] with the displacement u of the origin, so that all they do is in the sums Σ S_ij φ_i φ_jᵀ; and all
+that dashpots do in theirs.
 """
 
 from collections.abc import Mapping
@@ -21,6 +25,8 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StructureError
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.rom.content import ByContent
+
+ROUND_OFF = 1e-12  # of the largest eigenvalue of sums that are positive semi-definite, or below 0 by this
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +51,8 @@ class MovingFrame(ByContent):
             pressure on an open surface has besides, as it deforms largely, its rim tells (`rom.deformation`).
         torque_modes: (p, 3, k) what the shape adds to these torques; nothing of actuators, whose forces are internal.
         output_points: (points, 3) of each output, at rest in world axes, m.
+        springs, dashpots: (4 + 3k, 4 + 3k) sums of what ties nodes to the ground over 1, the components of X, and those
+            of Q_e (x of all vectors, then y, then z), symmetric, N/m and N s/m per square of these; None where none.
     """
 
     carried: bool
@@ -61,6 +69,8 @@ class MovingFrame(ByContent):
     wrenches: Mapping[str, Array] = field(default_factory=dict)
     torque_modes: Mapping[str, Array] = field(default_factory=dict)
     output_points: Mapping[str, Array] = field(default_factory=dict)
+    springs: Array | None = None
+    dashpots: Array | None = None
 
     @property
     def order(self) -> int:
@@ -78,6 +88,8 @@ class MovingFrame(ByContent):
             coupling0=self.coupling0 @ C,
             coupling=_projected(C, self.coupling),
             stiffening=None if self.stiffening is None else _projected(C, self.stiffening),
+            springs=_projected_sums(C, self.springs),
+            dashpots=_projected_sums(C, self.dashpots),
         )
 
 
@@ -87,6 +99,17 @@ def _projected(C: Array, matrices: Array) -> Array:
     transposed = matrices.transpose(0, 2, 1)
     sign = -1.0 if np.array_equal(matrices, -transposed) else 1.0
     return (projected + sign * projected.transpose(0, 2, 1)) / 2
+
+
+def _projected_sums(C: Array, sums: Array | None) -> Array | None:
+    """Sums over 1, X and Q_e as those over 1, X and Q_e C; None of none."""
+    if sums is None:
+        return None
+    by_component = sums[:, 4:].reshape(len(sums), 3, -1) @ C
+    half = np.hstack([sums[:, :4], by_component.reshape(len(sums), -1)])
+    below = C.T @ half[4:].reshape(3, -1, half.shape[1])
+    projected = np.vstack([half[:4], below.reshape(-1, half.shape[1])])
+    return (projected + projected.T) / 2
 
 
 def check_moving_frame(frame: MovingFrame, order: int) -> MovingFrame:
@@ -99,6 +122,8 @@ def check_moving_frame(frame: MovingFrame, order: int) -> MovingFrame:
     shapes = {"origin": (3,), "first_moment": (3,), "moment_modes": (3, k), "inertia0": (6,), "inertia1": (6, k)}
     shapes |= {"inertia2": (6, k, k), "coupling0": (3, k), "coupling": (3, k, k)}
     shapes |= {} if frame.stiffening is None else {"stiffening": (6, k, k)}
+    ties = [name for name in ("springs", "dashpots") if getattr(frame, name) is not None]
+    shapes |= dict.fromkeys(ties, (4 + 3 * k,) * 2)
     for name, shape in shapes.items():
         array = getattr(frame, name)
         if array.shape != shape:
@@ -111,6 +136,16 @@ def check_moving_frame(frame: MovingFrame, order: int) -> MovingFrame:
         A = getattr(frame, name)
         if A is not None and (lack := np.abs(A - sign * A.transpose(0, 2, 1)).max(initial=0.0)):
             raise StructureError(f"moving frame: {name} is not {'anti' * (sign < 0)}symmetric: off by {lack:.1e}")
+    for name in ties:
+        sums = getattr(frame, name)
+        if lack := np.abs(sums - sums.T).max():
+            raise StructureError(f"moving frame: {name} is not symmetric: off by {lack:.1e}")
+        least, most = np.linalg.eigvalsh(sums)[[0, -1]]
+        if least < -ROUND_OFF * most or most <= 0:
+            raise StructureError(
+                f"moving frame: {name} could give energy to the ground or the body: eigenvalues are {least:.1e} to "
+                f"{most:.1e}; allowed are none below 0"
+            )
     for name in () if frame.carried else ("first_moment", "moment_modes", "coupling0"):
         if (lack := np.abs(getattr(frame, name)).max(initial=0.0)) > 0:
             raise StructureError(f"moving frame: {name} of a free body is up to {lack:.1e}, not 0")

@@ -20,6 +20,8 @@ ARRAYS = {
     "coupling0": Entry("kg^1/2 m", (3, "K")),
     "coupling": Entry("1", (3, "K", "K")),
     "stiffening": Entry("1", (6, "K", "K"), optional=True),
+    "springs": Entry("N/m and per m, kg^-1/2", ("4 + 3 K", "4 + 3 K"), optional=True),
+    "dashpots": Entry("N s/m and per m, kg^-1/2", ("4 + 3 K", "4 + 3 K"), optional=True),
 }
 BY_NAME = {
     "wrenches": Entry("N and N m per input", (6, "p")),

@@ -14,6 +14,7 @@ from fenics_rom.mechanics.frame_motion import rotation_of
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.batch_ties import BatchTieForces, BatchTies
 from fenics_rom.runtime.steppers.frame_kernel import LARGEST_TURN
 from fenics_rom.runtime.steppers.frame_loads import FrameLoads
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
@@ -45,6 +46,7 @@ class CarriedStep(NamedTuple):
     pushed: Array  # (B, m + 6) by forces that turn with the frames: coordinates, force, torque
     modal: Array  # all forces on the coordinates (B, m)
     r̂: Array
+    tied: BatchTieForces | None = None  # by springs and dashpots to the ground
 
 
 class CarriedMode:
@@ -59,6 +61,8 @@ class CarriedMode:
             model.damping,
             loads,
         )
+        tied = frame.springs is not None or frame.dashpots is not None
+        self.ties = BatchTies(self.frame) if tied else None
         self.watch = FrameWatch(rom, model, detail)
         columns = np.arange(most + loads.turning - contacts + len(loads.columns) + (loads.gravity >= 0))
         self.columns = np.delete(columns, slice(contacts, most))  # of the inputs of a batch
@@ -70,8 +74,10 @@ class CarriedMode:
         """What does not change from step to step, of h s."""
         diagonal = 2 / h + h / 2 * self.γ
         self.fixed = diagonal + self.D if self.D.ndim == 1 else np.diag(diagonal) + self.D
-        if self.couples and self.D.ndim == 1:
+        if (self.couples or self.ties is not None) and self.D.ndim == 1:
             self.fixed = np.diag(self.fixed)
+        if self.ties is not None:
+            self.ties.set_time_step(h)
 
     def motion(self, base: BaseState, q: Array, r: Array) -> CarriedMotion:
         """Of bodies at q and r (B, m) on their bases."""
@@ -97,7 +103,7 @@ class CarriedMode:
             + products_of(r, r)
             + products_of(q, self.γ * q)
         ) / 2
-        return energy
+        return energy if self.ties is None else energy + self.ties.stored(base.position, now.R, q)
 
     def step(self, h: float, bases: tuple[BaseState, BaseState], q: Array, r: Array, u: Array) -> CarriedStep:
         """Of h s from q and r (B, m), between bases, under u (B, p)."""
@@ -118,6 +124,10 @@ class CarriedMode:
         moving = (v_end - v) / h + (np.cross(ω, v_end) + np.cross(ω_end, v)) / 2
         right = modal + 2 / h * r - self.γ * q - turning @ frame.coupling0 - moving @ frame.moment_modes
         lost = h * np.sqrt(np.maximum(products_of(ω, ω), products_of(ω_end, ω_end))) > LARGEST_TURN
+        tied = None
+        if self.ties is not None:
+            tied = self.ties.begin((bases[0].position, bases[1].position), (R, R_end), q)
+            right += tied.modal(middle)
         if self.couples:
             spins: Any = ω.T, ω_end.T
             squares = np.stack(pairs(*spins), axis=1)
@@ -127,24 +137,34 @@ class CarriedMode:
             factors = np.hstack([-h / 2 * squares, 2 * ω̂])
             A = (factors @ self.products.reshape(9, m * m)).reshape(-1, m, m)
             A += self.fixed
+            if self.ties is not None:
+                A += self.ties.resisting(middle, R_end)
             A[lost] = np.eye(m)
             r̂ = np.linalg.solve(A, right[:, :, None])[:, :, 0]
+        elif self.ties is not None:
+            r̂ = np.linalg.solve(self.fixed + self.ties.resisting(middle, R_end), right[:, :, None])[:, :, 0]
         else:
             r̂ = right / self.fixed if self.fixed.ndim == 1 else np.linalg.solve(self.fixed, right.T).T
         r̂[lost] = np.nan
         end = self.motion(bases[1], q + h * r̂, 2 * r̂ - r)
-        return CarriedStep(start, end, v̂, ω̂, middle, pushed, modal, r̂)
+        if self.ties is not None and tied is not None:
+            tied = self.ties.end(tied, R_end, r̂)
+        return CarriedStep(start, end, v̂, ω̂, middle, pushed, modal, r̂, tied)
 
     def works(self, h: float, step: CarriedStep) -> Array:
         """What was supplied and dissipated in a step (2, B), J."""
         r̂ = step.r̂
         supplied = products_of(step.end.P - step.start.P, step.v̂) + products_of(step.end.L - step.start.L, step.ω̂)
         damped = r̂ * self.D if self.D.ndim == 1 else r̂ @ self.D
-        return np.stack([supplied + h * products_of(step.modal, r̂), h * products_of(r̂, damped)])
+        supplied, dissipated = supplied + h * products_of(step.modal, r̂), h * products_of(r̂, damped)
+        if self.ties is not None and step.tied is not None:
+            supplied += h * (products_of(step.tied.modal(step.middle), r̂) - step.tied.power)
+            dissipated += self.ties.dissipated(step.tied)
+        return np.stack([supplied, dissipated])
 
     def wrench(self, h: float, step: CarriedStep, q: Array, u: Array) -> tuple[Array, Array]:
         """Of the base on bodies that were at q (B, m) under u (B, p), in world axes (B, 3)."""
-        start, end, v̂, ω̂, middle, pushed, _, r̂ = step
+        start, end, v̂, ω̂, middle, pushed, _, r̂, tied = step
         loads, m = self.loads, q.shape[1]
         P̂, L̂ = (start.P + end.P) / 2, (start.L + end.L) / 2
         force = (end.P - start.P) / h + np.cross(ω̂, P̂) - pushed[:, m : m + 3]
@@ -162,6 +182,9 @@ class CarriedMode:
             arms = (before @ start.R.transpose(0, 2, 1) + after @ end.R.transpose(0, 2, 1)) / 2
             force -= seen(middle, forces.sum(axis=1))
             torque -= seen(middle, np.cross(arms, forces).sum(axis=1))
+        if tied is not None:
+            force -= seen(middle, tied.force)
+            torque -= seen(middle, tied.torque)
         mean = (start.R + end.R) / 2
         return turned_by(mean, force), turned_by(mean, torque)
 

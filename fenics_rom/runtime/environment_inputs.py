@@ -55,7 +55,8 @@ def fit_environment(
         undamped = {name: replace(model, damping=np.zeros(model.order)) for name, model in rom.contact_models.items()}
         residual = rom.residual_compliance
         residual = None if residual is None else replace(residual, damping=0.0)
-        rom = replace(rom, contact_models=undamped, residual_compliance=residual)
+        frame = rom.moving_frame if rom.moving_frame is None else replace(rom.moving_frame, dashpots=None)
+        rom = replace(rom, contact_models=undamped, residual_compliance=residual, moving_frame=frame)
     if "large_deformation" not in environment.effects:
         rom = replace(rom, deformation=None)
     active = ActiveEnvironment(environment, rom.loads, signals)

@@ -17,9 +17,6 @@ from fenics_rom.scene.places import given_piece
 from fenics_rom.scene.scene import ReadingEntry, Reduction, check_order
 
 ROUND_OFF = 1e-9  # of moments of inertia
-NOT_MOVING = {  # effects that a moving frame does not have
-    "springs": "are tied to the ground"
-}
 
 
 def check_consistency(file: SceneFile) -> None:
@@ -154,7 +151,7 @@ def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
         if not any(motion.direction):
             raise SceneError(f"effects.base_motion.{name}.direction: allowed is any but zero")
     if effects.viscoelasticity is not None:
-        _check_branches(effects.viscoelasticity, effects)
+        _check_branches(effects.viscoelasticity)
     if effects.large_deformation is not None:
         try:
             isochoric_terms(effects.large_deformation.law)
@@ -164,15 +161,11 @@ def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
         _check_contact(effects.contact, has_inertia=effects.inertia is not None)
 
 
-def _check_branches(viscous: Viscoelasticity, effects: Effects) -> None:
+def _check_branches(viscous: Viscoelasticity) -> None:
     if len(viscous.ratios) != len(viscous.times):
         raise SceneError(
             f"effects.viscoelasticity: ratios are {len(viscous.ratios)}, times {len(viscous.times)}: allowed is one of "
             "each for every branch"
-        )
-    if effects.springs:
-        raise SceneError(
-            "effects.springs: would relax with the material of effects.viscoelasticity; allowed is one of the two"
         )
 
 
@@ -186,6 +179,11 @@ def _check_frame(file: SceneFile) -> None:
         if effects.large_deformation is not None and effects.large_deformation.training is not None:
             raise SceneError(
                 "effects.large_deformation.training: is of a frame that moves; allowed is with frame = 'moving'"
+            )
+        if effects.springs and effects.viscoelasticity is not None:
+            raise SceneError(
+                "effects.springs: would relax with the material of effects.viscoelasticity; allowed is one of the two, "
+                "or both with frame = 'moving'"
             )
         if run is not None and run.detail != "full":
             raise SceneError(f"run.detail = {run.detail!r}: allowed is 'full', or any with frame = 'moving'")
@@ -204,17 +202,12 @@ def _check_frame(file: SceneFile) -> None:
         )
     if effects.base_motion and not carried:
         raise SceneError("effects.base_motion: shakes what is clamped, and nothing is; name supports, or leave it out")
-    for name, why in NOT_MOVING.items():
-        if getattr(effects, name) not in (None, {}):
-            raise SceneError(f"effects.{name}: {why}; allowed is with frame = 'fixed'")
     for name, fixed in effects.point_masses.items():
         if fixed.direction is not None:
             raise SceneError(
                 f"effects.point_masses.{name}.direction: a weight on a thread pulls along it alone only while the body "
                 "hardly turns or moves aside, else it swings; allowed is with frame = 'fixed', or without direction"
             )
-    if effects.damped.dashpots:
-        raise SceneError("effects.damping.dashpots: are tied to the ground; allowed is with frame = 'fixed'")
     for k, held in enumerate(file.supports.held):
         if held.normal is not None:
             raise SceneError(

@@ -44,7 +44,7 @@ class RayleighDamping:
 
 @dataclass(frozen=True, kw_only=True)
 class Dashpot(Place):
-    """A dashpot to ground, spread evenly over a surface."""
+    """A dashpot to ground, spread evenly over a surface; in a moving frame it is of the true velocities."""
 
     coefficient: Annotated[float, Number(above=0.0, unit="N s/m"), "force per speed of the whole surface"]
 
@@ -86,7 +86,7 @@ class Viscoelasticity:
 
 @dataclass(frozen=True, kw_only=True)
 class Spring(Place):
-    """A spring to ground, spread evenly over a surface."""
+    """A spring to ground, spread evenly over a surface; in a moving frame it pulls to where nodes are at rest."""
 
     LAW: ClassVar = Law(
         force="K_s x, a spring to ground spread evenly over a surface", stores="½ xᵀ K_s x", online=False

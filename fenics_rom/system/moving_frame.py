@@ -2,16 +2,21 @@
 
 M = m ⊗ I₃ is the same for the three components of a node, and the rows of a rank are those of whole nodes. So M times
 e_k×X, "e_k×" node by node, is e_k× times M X, of all nodes: a base that carries the body holds some of them.
+
+Springs to ground are S ⊗ I₃, too, and so are dashpots: they pull with -S (x - x0) at the true places x of all nodes,
+however far the body is from where it was at rest, x0.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
 from fenics_rom.mechanics.hyperelastic import VOIGT_PAIRS
+from fenics_rom.system.body import Unknowns
 from fenics_rom.system.protocols import Algebra, Operator
 
 GeometricStiffness = Callable[[Array], Operator]
@@ -32,6 +37,9 @@ class FullOrderFrame:
         held_forces: of the inputs of each contact mode on these, (H, 3, p), N per unit.
         geometric_stiffness: of a displacement (rows here, 1), m: the operator K_g[σ] of its linear stress σ, N/m. None:
             the stress is not known.
+        springs, dashpots: S (N, N) of all nodes, sparse, the same on every rank, N/m and N s/m; None where none.
+        tie_forces: (rows here, any), N, that these put on a body which moves and turns without straining: what its
+            basis has to know of them.
     """
 
     carried: bool
@@ -43,6 +51,9 @@ class FullOrderFrame:
     held_arms: Array = field(default_factory=lambda: np.empty((0, 3)))
     held_forces: Mapping[str, Array] = field(default_factory=dict)
     geometric_stiffness: GeometricStiffness | None = None
+    springs: Any = None
+    dashpots: Any = None
+    tie_forces: Array | None = None
 
     def forces_on_held(self, contact: str, inputs: int) -> Array:
         """What the inputs of a contact mode put on nodes that the base holds, (H, 3, inputs), N per unit."""
@@ -57,6 +68,21 @@ class FullOrderFrame:
             for k, j in VOIGT_PAIRS
         ]
         return np.stack([load.ravel() for load in loads], axis=1)
+
+
+def with_ties(
+    frame: FullOrderFrame, springs: Any, dashpots: Any, nodes: Array, unknowns: Unknowns, algebra: Algebra
+) -> FullOrderFrame:
+    """The same with springs and dashpots to ground, as in FullOrderFrame, of nodes (N, 3), m."""
+    ties = [S for S in (springs, dashpots) if S is not None]
+    if not ties:
+        return frame
+    arms, rows = nodes - frame.origin, algebra.rows()
+    fields = np.hstack([np.ones((len(arms), 1)), arms / np.linalg.norm(arms, axis=1).max()])
+    pulls = np.hstack([S @ fields for S in ties])  # by x - x0 = u + (R - 1) X, each component of u and R by itself
+    columns = (pulls[:, None, :, None] * np.eye(3)[:, None]).reshape(unknowns.components, -1)
+    forces = unknowns.restrict(columns)[rows]
+    return replace(frame, springs=springs, dashpots=dashpots, tie_forces=np.ascontiguousarray(forces))
 
 
 class NodeMatrix:

@@ -183,12 +183,15 @@ class System:
     def forces(self, contact: str) -> Array:
         """All that can act in a contact mode, (rows here, any): what its basis has to know.
 
-        The contact columns, actuators and loads, and where obstacles can touch it a force on each component of a node.
+        The contact columns, actuators and loads, where obstacles can touch it a force on each component of a node, and
+        what springs and dashpots put on a body in a moving frame.
         """
         parts = [self.contacts[contact], *self.actuators.values(), *self.loads.values()]
         if contact in self.contact_points:
             touched = components_of(self.contact_points[contact])
             parts.append(self._at_components(touched[np.isin(touched, self.body.unknowns.moving)]))
+        if self.moving_frame is not None and self.moving_frame.tie_forces is not None:
+            parts.append(self.moving_frame.tie_forces)
         return np.hstack(parts)
 
     def points_of_contact(self) -> ContactPoints:

@@ -78,8 +78,6 @@ def test_tables_of_poses_are_read_in_their_units(tmp_path):
             )
 
 
-SPRING = '[effects.springs.bed]\nsurface = "right"\nstiffness = 1.0'
-DASHPOT = '[effects.damping.dashpots.oil]\nsurface = "right"\ncoefficient = 1.0'
 ROLLER = 'clamped = ["left"]\nheld = [{ surface = "right", normal = [0, 0, 1] }]'
 TRAINING = "[effects.large_deformation.training]\naccelerations = [1.0, 0.0, 0.0]"
 ROPE = "[effects.tendon.rope]\npoints = [[0.0, 0.0, 0.0], [0.5, 0.1, 0.05], [1.0, 0.0, 0.0]]"
@@ -90,13 +88,9 @@ MISTAKES = {
         "head": "",
     },
     "effects.base_path: carries what is clamped, and nothing is": {"effects": CARRIED, **FREE},
-    "effects.springs: are tied to the ground; allowed is with frame = 'fixed'": {
-        "effects": f"inertia = {{}}\n{SPRING}"
-    },
     "effects.point_masses.hung.direction: a weight on a thread pulls along it alone only while": {
         "effects": 'inertia = {}\n[effects.point_masses.hung]\nsurface = "right"\nmass = 1.0\ndirection = [0, 0, 1]'
     },
-    "effects.damping.dashpots: are tied to the ground": {"effects": f"inertia = {{}}\n{DASHPOT}"},
     "supports.held[0].normal: slides on the ground; allowed with frame = 'moving' is to be": {"supports": ROLLER},
     "effects.base_motion: shakes what is clamped, and nothing is; name supports, or leave it out": {
         "effects": "inertia = {}\n[effects.base_motion.quake]\ndirection = [1, 0, 0]",

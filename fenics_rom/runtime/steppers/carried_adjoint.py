@@ -43,9 +43,14 @@ class CarriedAdjoint(NamedTuple):
 
     @staticmethod
     def of(
-        body: Carried, motions: tuple[Motion, Motion], states: tuple[Array, Array], A: Array, by_input: Array
+        body: Carried,
+        motions: tuple[Motion, Motion],
+        states: tuple[Array, Array],
+        A: Array,
+        by_input: Array,
+        ties: tuple[Array, Array] | None,
     ) -> "CarriedAdjoint":
-        """Of the step between two motions."""
+        """Of the step between two motions; with slopes of the ties to the ground, as GroundTies gives them."""
         (before, after), (model, frame, I2, h) = motions, body
         spun = np.tensordot(np.subtract(after.ω, before.ω), frame.coupling, 1)
         by_shape = np.tensordot(pairs(before.ω, after.ω), I2, 1) - spun / h
@@ -55,6 +60,8 @@ class CarriedAdjoint(NamedTuple):
         r = states[1][model.order :]
         spun, drift = np.tensordot(ω, frame.coupling, 1), frame.moment_modes
         bent = spin @ frame.inertia1 / 2 + np.tensordot(spin, I2, 1) @ after.q + spun.T @ r + np.cross(v, ω) @ drift
+        if ties is not None:
+            by_shape, bent = by_shape + ties[0], bent + ties[1]
         stored_slopes = bent, r + ω @ frame.coupling0 + spun @ after.q + v @ drift
         return CarriedAdjoint(model, h, A, by_shape, by_rate, by_input, states, stored_slopes)
 

@@ -47,6 +47,7 @@ from fenics_rom.runtime.steppers.carried_points import CarriedPoints
 from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED, FrameKernel, FrameState, check_turn, in_frame
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_points import FramePoints
+from fenics_rom.runtime.steppers.ground_ties import TieForces
 from fenics_rom.runtime.steppers.inertia import pairs
 
 Wrench = tuple[Vector, Vector]
@@ -66,6 +67,7 @@ class _Step(NamedTuple):
     ω_end: Vector
     forces: FrameForces
     modal: Array  # (m,) of them
+    tied: TieForces | None  # of ties to the ground without r̂
 
     @property
     def origin(self) -> Array:
@@ -158,6 +160,8 @@ class CarriedFrame(FrameKernel):
         twist = rotated_back(R, self.frame.velocity), rotated_back(R, self.frame.turning)
         self._square = float(self.state.dot(self.state))
         self._now = self._now_before = motion_of(q, self._shape_at(q, self._r), R, *twist, self._mass)
+        if self.ties is not None:
+            self.ties.place(self.frame.position, R, q)
 
     def place(self, frame: FrameState) -> None:
         """Puts the base where it is to be; `turning` is its angular velocity in world axes, rad/s."""
@@ -217,8 +221,10 @@ class CarriedFrame(FrameKernel):
         v̂, ω̂ = mean(now.v, v_end), mean(now.ω, ω_end)
         turn = Geometry(now.R, R, (h * ω̂[0], h * ω̂[1], h * ω̂[2]))
         modal = self._loads.modal(forces, turn, self._constants)
-        A, right = self._equations(modal, ω̂, v_end, ω_end)
-        before, self._taken = self._taken, _Step(A, right, turn, end, v̂, ω̂, v_end, ω_end, forces, modal)
+        (A, right), tied = self._equations(modal, ω̂, v_end, ω_end), None
+        if self.ties is not None:
+            A, right, tied = self.ties.of_carried(A, right, turn, end.position)
+        before, self._taken = self._taken, _Step(A, right, turn, end, v̂, ω̂, v_end, ω_end, forces, modal, tied)
         if A.ndim == 2 and before is not None and A is before.A:  # of a base that turns steadily
             r̂: Array = self._inverted(self._taken).dot(right)
             return r̂
@@ -243,6 +249,12 @@ class CarriedFrame(FrameKernel):
         supplied = of_base + h * float(step.modal.dot(r̂))
         if pushed is not None:  # the work of contact forces is booked as theirs
             supplied -= h * (dot(pushed[0], v̂) + dot(pushed[1], ω̂))
+        if self.ties is not None and step.tied is not None:  # the base does the work that ties do not do on the shape
+            tied = self.ties.with_rate(step.tied, r̂)
+            self._taken = step = step._replace(tied=tied)
+            supplied += h * (float(tied.push().modal.dot(r̂)) - tied.power)
+            heat += self.ties.dissipated(tied)
+            self.ties.place(step.end.position, turn.after, q)
         self._finish(contact, power, supplied, h * float(r̂.dot(self._damped(r̂))) + heat)
         self._look_at_base(start, step.end, turn, v̂)
         self._wrench_before, self._now_before = self._wrench, now
@@ -313,10 +325,10 @@ class CarriedFrame(FrameKernel):
             force = added(force, self._mass, turn.seen(forces.acceleration))
             arm = mean(rotated(turn.before, now.shape.moment), rotated(turn.after, after.shape.moment))
             torque = added(torque, 1.0, turn.seen(cross(arm, forces.acceleration)))
-        prescribed = self._prescribed(forces, turn, now.q, r̂, h)
-        if prescribed is not None:
-            force = added(force, 1.0, turn.seen(prescribed.force))
-            torque = added(torque, 1.0, prescribed.turning)
+        for each in (self._prescribed(forces, turn, now.q, r̂, h), step.tied and step.tied.push()):
+            if each is not None:
+                force = added(force, 1.0, turn.seen(each.force))
+                torque = added(torque, 1.0, each.turning)
         return force, torque
 
     def _look_at_base(self, start: FrameState, end: FrameState, turn: Geometry, v̂: Vector) -> None:
@@ -330,7 +342,8 @@ class CarriedFrame(FrameKernel):
         step, body = self._taken, Carried(self._model, self._constants, self._second, self.h)
         assert step is not None
         states, by_input = (self._state_before.copy(), self.state.copy()), self._loads.columns_of(step.turn, body.frame)
-        return CarriedAdjoint.of(body, (self._now_before, self._now), states, step.A, by_input)
+        ties = None if self.ties is None else self.ties.slopes_of_carried(step.turn)
+        return CarriedAdjoint.of(body, (self._now_before, self._now), states, step.A, by_input, ties)
 
     # What contact asks for; see frame_contact.
 
@@ -364,8 +377,8 @@ class CarriedFrame(FrameKernel):
         W: Array = maps.dot(self._inverted(self._taken)).dot(maps.T)
         return W
 
-    def translation(self, turn: Geometry, contact: Vector) -> Array:
-        """Mid-step velocity (3,) of the origin."""
+    def translation(self, turn: Geometry, contact: Vector, x: Array) -> Array:
+        """As in FrameBody of mechanics.frame_contact."""
         assert self._taken is not None
         return self._taken.origin
 

@@ -40,6 +40,7 @@ from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
 from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
+from fenics_rom.runtime.steppers.ground_ties import GroundTies
 from fenics_rom.runtime.steppers.inertia import Inertia
 from fenics_rom.runtime.steppers.kernel import BookedKernel, ContactWorks, StepWork
 
@@ -87,6 +88,7 @@ class FrameKernel(BookedKernel):
     Attributes:
         frame: where the frame is; set it, then `resume`.
         base: that carries the body, at the end of the next step; None: it stands still, or there is none.
+        ties: springs and dashpots to the ground; None where there are none.
     """
 
     def __init__(
@@ -122,6 +124,8 @@ class FrameKernel(BookedKernel):
         self._at_q, self._at_r = self._table[: BENT.stop], self._table[MOMENTS.start : COUPLED.stop]
         alone = not (self._couples or frame.coupling0.any() or frame.moment_modes.any())
         self._same_shape = Shape(tuple(frame.inertia0.tolist()), ZERO, ZERO, ZERO) if alone else None
+        tied = frame.springs is not None or frame.dashpots is not None
+        self.ties = GroundTies(frame) if tied else None
         self._inertia0, self._first_moment = frame.inertia0.tolist(), frame.first_moment.tolist()
         x, y, z = frame.origin.tolist()
         self.base: BaseState | None = None
@@ -142,12 +146,16 @@ class FrameKernel(BookedKernel):
         self._products[:6], self._products[6:9] = h / 2 * self._second, self._constants.coupling
         self._products[9] = np.diag(self._diagonal) + d if self._dense_damping else np.diag(self._diagonal)
         self._travel = h * self._ω
+        if self.ties is not None:
+            self.ties.set_time_step(h)
         self._elastic_and_inertial = np.stack([self._ω, np.full(len(γ), -2 / h)])
 
     def rollback(self) -> None:
         """As in Kernel."""
         super().rollback()
         self.frame, self._places = self._frame_before, None
+        if self.ties is not None:
+            self.ties.rollback()
 
     def check_differentiable(self) -> None:
         """As in Kernel."""
@@ -158,6 +166,11 @@ class FrameKernel(BookedKernel):
         for what, there in refused.items():
             if there:
                 raise StructureError(f"{what}: its steps are not differentiated")
+
+    def _with_carried_energy(self, energy: float) -> float:
+        """As in BookedKernel; with what springs to the ground store."""
+        energy = super()._with_carried_energy(energy)
+        return energy if self.ties is None else energy + self.ties.placed.stored
 
     @property
     def model(self) -> ContactModel:

@@ -12,7 +12,8 @@ Two identities make it exact at any h, for any symmetric I2 and antisymmetric G:
     Δ(ω·b r) = ω̂·Δ(b r) + r̂·Δ(bᵀω) + ½ Δqᵀ Σ_k (ω_k G_k r⁺ + ω⁺_k G_k r)
 
 so that energy grows by h (F·p'^ + τ·R ω̂ + f·r̂) - h r̂ᵀ D r̂ and momenta by nothing but F and τ. After the iteration ω⁺ is
-what the angular momentum says, which no tolerance is in.
+what the angular momentum says, which no tolerance is in. Springs and dashpots to the ground are forces, too, but with
+v̂ among what they depend on (`ground_ties`).
 """
 
 import math
@@ -56,6 +57,7 @@ from fenics_rom.runtime.steppers.frame_kernel import (
     turn_of,
 )
 from fenics_rom.runtime.steppers.frame_points import FramePoints
+from fenics_rom.runtime.steppers.ground_ties import TieForces
 from fenics_rom.runtime.steppers.inertia import (
     MOST_ITERATIONS,
     Inertia,
@@ -97,6 +99,7 @@ class FreeFrame(FrameKernel):
         parts = frame.inertia1 / ω, self._second / ω / ω[:, None], frame.coupling / ω
         self._surely_definite = definite_up_to(frame.inertia0, *parts)
         self.newton = KeptNewton()
+        self._lever: Array | None = None  # of ties, per force, as contact was told last
         self._forces = self._loads.at(np.zeros(self._loads.width))  # of the step
         self._passed: tuple[float, Array] | None = None  # the last step: of h s, by ω̂ and r̂
         self.resume(np.empty(0))
@@ -149,6 +152,8 @@ class FreeFrame(FrameKernel):
         super().resume(auxiliary)
         q, shape, R = self._coordinates().copy(), self.forget(), rotation_of(*self.frame.rotation)
         self._now = self._now_before = self._moving(q, shape, R, self.frame.turning, self._e)
+        if self.ties is not None:
+            self.ties.place(self.frame.position, R, q)
 
     def place(self, frame: FrameState) -> None:
         """Puts the frame where it is to be; `turning` is here the angular velocity in world axes, rad/s."""
@@ -204,12 +209,12 @@ class FreeFrame(FrameKernel):
             push_at: what forces on points do at such velocities; None: there are none.
             forces: the sum of their sizes, N: of what they move, round-off may be.
         """
-        if not self._couples and self._interface is None and self._forces.at_points is None:
+        if not (self._couples or self._interface or self.ties) and self._forces.at_points is None:
             return self._as_a_top(x)
         left = self.newton.solve(
             x,
             lambda x: self._residual(x, None if push_at is None else push_at(x)),
-            self.jacobian,
+            lambda x: self.jacobian(x, None if push_at is None or self.ties is None else push_at(x)),
             self.size,
             self._speed if push_at is None else lambda x: self.scale(x) + self.h / 2 * forces / math.sqrt(self._mass),
         )
@@ -228,10 +233,10 @@ class FreeFrame(FrameKernel):
         return x
 
     def _unsolved(self, left: float) -> StepError:
+        rest = f"after {MOST_ITERATIONS} iterations {left:.1e} of the velocities is left"
         return StepError(
             f"no step of {self.h:g} s was found that turns the body by {self.h * math.hypot(*self._now.ω):.2g} rad and "
-            f"bends it as it does: after {MOST_ITERATIONS} iterations {left:.1e} of the velocities is left; a smaller "
-            "dt is the cure"
+            f"bends it as it does: {rest if math.isfinite(left) else 'iterations diverge'}; a smaller dt is the cure"
         )
 
     def _torque(self, r̂: Array) -> Vector:
@@ -246,12 +251,13 @@ class FreeFrame(FrameKernel):
 
     def scale(self, x: Array) -> float:
         """As in FrameBody of mechanics.frame_contact."""
-        return self._speed(x) + math.sqrt(self._mass) * math.hypot(*self.translation(self.geometry(x), ZERO))
+        return self._speed(x) + math.sqrt(self._mass) * math.hypot(*self.translation(self.geometry(x), ZERO, x))
 
     def _speed(self, x: Array) -> float:
         """Of the velocities of the step at its start and at x, but for translation."""
         ω = self._now.ω
-        return self.size(x) + (self._weights[0] * dot(ω, ω) + float(self._r.dot(self._r))) ** 0.5
+        speed = self.size(x) + (self._weights[0] * dot(ω, ω) + float(self._r.dot(self._r))) ** 0.5
+        return speed if self.ties is None else speed + self.ties.speed(self._mass)
 
     def _residual(self, x: Array, push: Push | None) -> Array:
         """What the balances of angular momentum and of the coordinates lack, under contact forces that push."""
@@ -269,8 +275,10 @@ class FreeFrame(FrameKernel):
         along = self._factors.dot(self._sum, ρ[3:])
         _, L_end = self._inertia_and_momentum(r̂, ω_end)
         t = self._torque(r̂)
-        if push is not None or self._forces.at_points is not None:
-            for each in (push, self._prescribed(self._forces, self.turn_at(x)[0], now.q, r̂, h)):
+        if push is not None or self._forces.at_points is not None or self.ties is not None:
+            turn = self.turn_at(x)[0]
+            tied = self._tied(turn, x, ZERO if push is None else push.force)
+            for each in (push, self._prescribed(self._forces, turn, now.q, r̂, h), tied and tied.push()):
                 if each is not None:
                     t = added(t, 1.0, each.turning)
                     along -= each.modal
@@ -280,6 +288,12 @@ class FreeFrame(FrameKernel):
         ρ[2] = (L_end[2] - L[2]) / h + z_ / 2 - t[2]
         return ρ
 
+    def _tied(self, turn: Geometry, x: Array, contact: Vector) -> TieForces | None:
+        """What springs and dashpots to the ground do at the velocities x, under a contact force."""
+        if self.ties is None:
+            return None
+        return self.ties.of_free(turn, x, self._mass, self.frame.velocity, self._force(turn, contact))
+
     def _inertia_and_momentum(self, r̂: Array, ω: Vector) -> tuple[Inertia, Vector]:
         """I⁺ and, with ω⁺, L⁺ = I⁺ ω⁺ + b⁺r⁺ at the rate that the table is of."""
         s = 2 * self.h
@@ -288,8 +302,8 @@ class FreeFrame(FrameKernel):
         inertia = xx + s * α, yy + s * β, zz + s * γ, yz + s * δ, xz + s * ε, xy + s * ζ
         return inertia, added(times_inertia(inertia, ω), 1.0, (2 * u - x, 2 * v - y, 2 * w - z))
 
-    def jacobian(self, x: Array) -> Array:
-        """Of the residual without contact, (3 + m, 3 + m)."""
+    def jacobian(self, x: Array, push: Push | None = None) -> Array:
+        """Of the residual, (3 + m, 3 + m), under contact forces that push and stay as they are."""
         h, now, table, r̂, m = self.h, self._now, self._table, x[3:], len(x) - 3
         (A, B, C), (a, b, c) = now.ω, vector(x[:3])
         ω_end = 2 * a - A, 2 * b - B, 2 * c - C
@@ -305,7 +319,14 @@ class FreeFrame(FrameKernel):
         J[3:, :3] = (2 / h * turned + 2 * table[TURNED_BY_RATE] - contraction(2.0, now.ω).dot(bent)).T
         factors = np.array((*(-p for p in pairs(now.ω, ω_end)), 2 * a, 2 * b, 2 * c, 1.0))
         J[3:, 3:] = factors.dot(self._flat_products).reshape(m, m)
-        return J
+        return J if self.ties is None else J - self.slopes_of_ties(x, push)[0]
+
+    def slopes_of_ties(self, x: Array, push: Push | None) -> tuple[Array, Array]:
+        """As in GroundTies."""
+        tied = self._tied(self.geometry(x), x, ZERO if push is None else push.force)
+        assert self.ties is not None
+        assert tied is not None
+        return self.ties.slopes(tied, self._mass, self._forces.force)
 
     # What contact asks for; see frame_contact.
 
@@ -327,29 +348,42 @@ class FreeFrame(FrameKernel):
     def spread(self, change: Push) -> Array:
         """What x changes by, where contact forces change by so much."""
         assert self.newton.inverse is not None
-        spread: Array = self.newton.inverse.dot(np.concatenate([change.turning, change.modal]))
+        pushed = np.concatenate([change.turning, change.modal])
+        if self._lever is not None:  # the force moves the origin, against which ties push
+            pushed -= np.array(change.force).dot(self._lever)
+        spread: Array = self.newton.inverse.dot(pushed)
         return spread
 
     def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
         """As in FrameKernel."""
         assert self.newton.inverse is not None
         maps = np.hstack(points.maps(turn, arms))
+        if self.ties is not None:
+            self._lever = self.translates * self.ties.lever(turn, self._r)
+            maps -= np.tile(self._lever, (len(arms), 1))
         W = maps.dot(self.newton.inverse).dot(maps.T)
         blocks = W.reshape(len(arms), 3, len(arms), 3)
         for k in range(3):
-            blocks[:, k, :, k] += self.h / 2 / self._mass
+            blocks[:, k, :, k] += self.translates
         return W
+
+    @property
+    def translates(self) -> float:
+        """v̂ per force, m/s/N, with ω̂ and r̂ as they are."""
+        return self.h / 2 / self._mass if self.ties is None else self.ties.compliance(self._mass)
 
     def rates(self, x: Array) -> tuple[Array, Array]:
         """ω̂ (3,) in the frame's axes and r̂ (m,)."""
         return x[:3], x[3:]
 
-    def translation(self, turn: Geometry, contact: Vector) -> Array:
-        """Mid-step velocity (3,) of the origin under a contact force."""
+    def translation(self, turn: Geometry, contact: Vector, x: Array) -> Array:
+        """As in FrameBody of mechanics.frame_contact."""
+        if (tied := self._tied(turn, x, contact)) is not None:
+            return tied.velocity
         return np.array(added(self.frame.velocity, self.h / 2 / self._mass, self._force(turn, contact)))
 
     def _force(self, turn: Geometry, contact: Vector) -> Vector:
-        """All forces, in world axes."""
+        """All forces but those of ties, in world axes."""
         force = added(contact, self._mass, self._forces.acceleration)
         if self._forces.at_points is not None:
             force = added(force, 1.0, vector(self._forces.at_points.sum(axis=0)))
@@ -361,7 +395,7 @@ class FreeFrame(FrameKernel):
         yielding = self.yielding(turn, contact)
         arms = self.arms(turn, x[3:], yielding)
         push = self.push(contact.forces, turn, arms)
-        self._touched = self.velocities(turn, arms, x, yielding) + self.translation(turn, push.force)
+        self._touched = self.velocities(turn, arms, x, yielding) + self.translation(turn, push.force, x)
         return push, float(contact.forces.ravel().dot(self._touched.ravel()))
 
     def end_step(self, x: Array, contact: ContactSolution | None, push: Push | None, power: float) -> float:
@@ -378,15 +412,22 @@ class FreeFrame(FrameKernel):
             supplied += dot(prescribed.turning, (a, b, c)) + float(prescribed.modal.dot(r̂))
         if push is not None:
             τ, pushed = added(τ, 1.0, push.torque), push.force
-        force = self._force(turn, pushed)
+        force, heat = self._force(turn, pushed), 0.0
         v = added(before.velocity, h / self._mass, force)
         v̂ = added(before.velocity, h / 2 / self._mass, force)
+        tied = self._tied(turn, x, pushed)
+        if self.ties is not None and tied is not None:
+            v̂ = vector(tied.velocity)
+            v, τ = added(added(v̂, 1.0, v̂), -1.0, before.velocity), added(τ, 1.0, tied.push().torque)
+            heat = self.ties.dissipated(tied)
         supplied += dot(added(force, -1.0, pushed), v̂)
         frame = FrameState(added(before.position, h, v̂), rotation, v, added(before.turning, h, τ))
         e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
         q = e * self._inverse_ω
         motion = self._moving(q, self._shape_at(q, r), turn.after, frame.turning, e)
-        _, heat = self._step_residual(in_frame(turn, contact))
+        if self.ties is not None:
+            self.ties.place(frame.position, turn.after, q)
+        heat += self._step_residual(in_frame(turn, contact))[1]
         self._finish(contact, power, h * supplied, h * float(r̂.dot(self._damped(r̂))) + heat)
         self._passed = h, x
         self.frame, self._now_before, self._now = frame, self._now, motion

@@ -50,6 +50,8 @@ class KeptNewton:
     ) -> float:
         """Corrects x until nothing changes; how much still does where that does not end, as a share, else 0.
 
+        That is infinite where x leaves the finite numbers after its first correction.
+
         Args:
             x: near the solution; overwritten.
             residual, jacobian: at x.
@@ -57,7 +59,7 @@ class KeptNewton:
             scale_at: x after the first correction: what corrections are small beside.
 
         Raises:
-            StepError: x leaves the finite numbers, or a Jacobian is singular.
+            StepError: the first correction is not finite, or a Jacobian is singular.
         """
         if self._last * self._steps > self._iterations:
             self.inverse = None
@@ -68,6 +70,8 @@ class KeptNewton:
             x -= change
             size = size_of(change)
             if not math.isfinite(size):
+                if iteration > 1:
+                    return math.inf
                 raise StepError("the inputs are so large that the step overflows; the state was left as it was")
             scale, ratio = scale or scale_at(x), size / before
             if (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale:

@@ -8,7 +8,8 @@ frame sees them and the residual part's compliance C, they change as
 
 as R⁺ y⁺ - R y = h (u - v̂), and Sᵀ f with its arms a, δa = h/2 (δu - δv̂), and R*ᵀ. So W = ∂u/∂f is exact, too, and not
 quite symmetric where the body turns. Of two free bodies the second is pushed at the place X of the first one's point,
-which goes with the frame: at the arm X - p̂, with u = v̂ + (R* ω̂) × (X - p̂) + R* û of its own point.
+which goes with the frame: at the arm X - p̂, with u = v̂ + (R* ω̂) × (X - p̂) + R* û of its own point. Where springs and
+dashpots tie the body to the ground v̂ depends on ω̂ and r̂, too, and forces by v̂ on them (`ground_ties`).
 """
 
 from typing import NamedTuple
@@ -113,7 +114,7 @@ class PushedStep:
         if points.compliance is not None:
             inside += points.compliance.dot(seen.ravel()).reshape(-1, 3)
         arms = arms_of(turn, self._start, self._start + h * inside)
-        v̂ = body.translation(turn, vector(f.sum(axis=0)))
+        v̂ = body.translation(turn, vector(f.sum(axis=0)), x)
         middle = body.frame.position + h / 2 * v̂
         if points.follows.any():
             arms[points.follows] = (self._places - middle)[points.follows]
@@ -126,21 +127,28 @@ class PushedStep:
         assert now is not None
         assert points is not None
         R, middle, follows, k = now.turn.start, now.turn.middle, points.follows[:, None, None], len(f)
-        per_mass, by_turn = h / 2 / body.mass, -h / 2 * crossed(f.dot(R)).reshape(-1, 3)  # of ∂v̂/∂f; ∂g/∂ω̂
+        per_force, by_turn = body.translates, -h / 2 * crossed(f.dot(R)).reshape(-1, 3)  # of ∂v̂/∂f; ∂g/∂ω̂
         by_x, by_force = self._parts_of_velocity(now, points, by_turn)
         # The torque Σ a × f, of arms that move, too: by half of what points do, or against the centre
         twists = crossed(f)
         of_arms = h / 2 * np.where(follows, 0.0, twists)
         torque = np.matmul(of_arms, by_force).sum(axis=0) - crossed(now.arms).transpose(1, 0, 2).reshape(3, -1)
-        torque -= np.tile(h / 2 * per_mass * twists[points.follows].sum(axis=0), k)
+        followed = h / 2 * twists[points.follows].sum(axis=0)
+        torque -= np.tile(per_force * followed, k)
         levers = np.concatenate([middle.T.dot(torque), _of_world_forces(points.rows, middle)])
-        J = body.jacobian(x)
+        J, by_translation = body.jacobian(x, now.push), np.broadcast_to(np.eye(3), (k, 3, 3))
+        if points.follows.any():
+            by_translation = np.where(follows, np.eye(3) - h / 2 * cross_matrix(middle.dot(x[:3])), np.eye(3))
         J[:3] -= middle.T.dot(np.matmul(of_arms, by_x).sum(axis=0))
         J[:3, :3] -= h / 2 * cross_matrix(np.array(now.push.torque).dot(R))
         J[3:, :3] -= points.rows.dot(by_turn)
+        if body.ties is not None:  # v̂ is of ω̂ and r̂, too, and ties push against it
+            by_velocity = body.slopes_of_ties(x, now.push)[1]
+            J[:3] += middle.T.dot(followed.dot(by_velocity))
+            levers -= np.tile(per_force * body.ties.lever(now.turn, x[3:]).T, k)
+            by_x = by_x + np.matmul(by_translation, by_velocity)
         W: Array = by_x.reshape(3 * k, -1).dot(body.newton.keep(J).dot(levers)) + by_force.reshape(3 * k, 3 * k)
-        by_translation = np.where(follows, np.eye(3) - h / 2 * cross_matrix(middle.dot(x[:3])), np.eye(3))
-        W += np.tile(per_mass * by_translation.reshape(3 * k, 3), k)
+        W += np.tile(per_force * by_translation.reshape(3 * k, 3), k)
         return W
 
     def _parts_of_velocity(self, now: _Try, points: PushedPoints, by_turn: Array) -> tuple[Array, Array]:

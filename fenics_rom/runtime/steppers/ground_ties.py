@@ -1,0 +1,267 @@
+"""Springs and dashpots between a body whose frame moves and the ground, at no cost per node.
+
+They pull with f = -S d̂ - D ŝ at the true places of all nodes: d̂ the mean of x - x0 at both ends of a step, x0 where a
+node is at rest, and ŝ = Δx/h. As x moves by h ŝ exactly, Δ(½ dᵀS d) = -h (f + D ŝ)·ŝ: the account closes at any h.
+
+What nodes do is a matrix (3, 4 + 3m) times the fields φ = [1, X, V_x, V_y, V_z] of a node, V of a contact mode:
+
+    x - x0 = [u, R - 1, R ⊗ q] φ,    u = p - p0
+    ŝ = [v̂, J, J ⊗ q + R⁺ ⊗ r̂] φ,    J = (R⁺ - R)/h,        a = [0, (R + R⁺)/2, (R ⊗ q + R⁺ ⊗ q⁺)/2] φ
+
+v̂ the mid-step velocity of the origin and a the arms from it. So with the sums Σ S_ij φ_i φ_jᵀ of `rom.moving_frame`
+
+    P = Σ f φᵀ = -[u, R - 1, R ⊗ q] S - ŝ T,    T = h/2 S + D
+
+has all that is asked for: the force (its first column), the torque Σ a × f, and on the coordinates Σ R*_ia P_i,V_a. All
+depends on v̂, too. Of a free body mass 2/h (v̂ - v) is the sum of all forces, so v̂ is eliminated, exactly:
+
+    (2/h mass + T_11) v̂ = 2/h mass v + (other forces) + (P without v̂)_1
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
+from fenics_rom.mechanics.frame_motion import Rotation, Vector, cross_matrix
+from fenics_rom.rom.moving_frame import MovingFrame
+
+SAME_TURN = 1e-14  # of entries of R*ᵀ R⁺: round-off
+AXES = np.stack([cross_matrix(axis) for axis in np.eye(3)])  # e_k~
+
+
+class Placed(NamedTuple):
+    """The ties between two steps."""
+
+    R: Array  # (3, 3)
+    position: Array  # (3,) of the frame's origin, m
+    q: Array  # (m,)
+    pull: Array  # [u, R - 1, R ⊗ q] S
+    stored: float  # J
+
+
+class TieForces(NamedTuple):
+    """What ties do in a step from a place."""
+
+    start: Placed
+    turn: Geometry
+    h: float  # s
+    forces: Array  # P (3, 4 + 3m)
+    motion: Array  # [v̂, J, R⁺] (3, 7)
+    rate: Array  # r̂ (m,)
+
+    def push(self) -> Push:
+        """What the forces do to the body."""
+        turn, P, start = self.turn, self.forces, self.start
+        modes = P[:, 4:].reshape(9, -1)
+        by_place = P[:, 1:4] + modes.dot(start.q).reshape(3, 3)  # Σ f y
+        products = (start.R + turn.end).dot(by_place.T) + turn.end.dot(modes.dot(self.h * self.rate).reshape(3, 3).T)
+        (_, xy, xz), (yx, _, yz), (zx, zy, _) = products.tolist()
+        torque = (yz - zy) / 2, (zx - xz) / 2, (xy - yx) / 2
+        return Push(vector(P[:, 0]), torque, turn.seen(torque), turn.middle.ravel().dot(modes))
+
+    @property
+    def velocity(self) -> Array:
+        """v̂ (3,)."""
+        return self.motion[:, 0]
+
+    @property
+    def rates(self) -> Array:
+        """Of ŝ (3, 4 + 3m)."""
+        J = self.motion[:, 1:4]
+        rates = _fields(self.velocity, J, J, self.start.q)
+        rates[:, 4:] += _modes(self.turn.end, self.rate)
+        return rates
+
+    @property
+    def power(self) -> float:
+        """Of the forces, W."""
+        return float(self.forces.ravel().dot(self.rates.ravel()))
+
+    @property
+    def arms(self) -> Array:
+        """Of a (3, 4 + 3m)."""
+        mean = (self.start.R + self.turn.end) / 2
+        arms = _fields(np.zeros(3), mean, mean, self.start.q)
+        arms[:, 4:] += self.h / 2 * _modes(self.turn.end, self.rate)
+        return arms
+
+
+class GroundTies:
+    """Of one contact mode.
+
+    Args:
+        frame: its moving frame, which has springs or dashpots.
+
+    Attributes:
+        placed: where the body is.
+        resistance: T (4 + 3m, 4 + 3m) of the time step.
+    """
+
+    def __init__(self, frame: MovingFrame):
+        nothing, m = np.zeros((4 + 3 * frame.order,) * 2), frame.order
+        self._springs = nothing if frame.springs is None else frame.springs
+        self._dashpots = nothing if frame.dashpots is None else frame.dashpots
+        self._origin, self.resistance, self._springs_by_mode = frame.origin, nothing, _by_mode(self._springs)
+        self.placed = self._before = Placed(np.eye(3), frame.origin, np.zeros(m), nothing[:3], 0.0)
+        self._rows = np.zeros((7, 4 + 3 * m))  # T of 1, of y and of V r̂
+        self._added: tuple[Array, tuple[Array, Array]] | None = None
+        self._h = 0.0
+
+    def set_time_step(self, h: float) -> None:
+        """Of a step of h s."""
+        m = len(self.placed.q)
+        self._h, self._added = h, None
+        self.resistance = T = h / 2 * self._springs + self._dashpots
+        self._resistance_by_mode, self._rows[0] = _by_mode(T), T[0]
+        self._by_modes = T[4:, 4:].reshape(3, m, 3, m).transpose(0, 2, 1, 3).reshape(9, m * m)
+        self._begin()
+
+    def place(self, position: Vector, R: Rotation, q: Array) -> None:
+        """Puts the body somewhere, with q (m,)."""
+        turned, there, S = np.array(R), np.array(position), self._springs
+        pull = np.multiply.outer(there - self._origin, S[0]) - S[1:4]
+        pull += turned.dot(S[1:4] + q.dot(self._springs_by_mode).reshape(3, -1))
+        modes = pull[:, 4:].reshape(9, -1).dot(q)
+        stored = (there - self._origin).dot(pull[:, 0]) + turned.ravel().dot(pull[:, 1:4].ravel() + modes)
+        self._before = self.placed
+        self.placed = Placed(turned, there, q.copy(), pull, float(stored - pull[:, 1:4].trace()) / 2)
+        self._begin()
+
+    def _begin(self) -> None:
+        """What does not change in a step from here."""
+        if self._h:
+            moved = self.placed.q.dot(self._resistance_by_mode).reshape(3, -1)
+            np.add(self.resistance[1:4], moved, self._rows[1:4])
+
+    def rollback(self) -> None:
+        """Puts it where it was before."""
+        self.placed = self._before
+        self._begin()
+
+    def dissipated(self, tied: TieForces) -> float:
+        """By dashpots in a step, J."""
+        rates = tied.rates
+        return self._h * float(rates.dot(self._dashpots).ravel().dot(rates.ravel()))
+
+    def _under(self, turn: Geometry, motion: Array, r̂: Array) -> TieForces:
+        """What ties do in a step that moves so, at the r̂ that the rows are of."""
+        return TieForces(self.placed, turn, self._h, -motion.dot(self._rows) - self.placed.pull, motion, r̂)
+
+    # Of a free body, whose other forces are given and whose v̂ follows.
+
+    def compliance(self, mass: float) -> float:
+        """v̂ per force, m/s/N."""
+        return float(1 / (2 / self._h * mass + self.resistance[0, 0]))
+
+    def of_free(self, turn: Geometry, x: Array, mass: float, start: Vector, force: Vector) -> TieForces:
+        """What ties do at velocities x near those of the turn, from v̂ at the start, m/s, and all other forces, N."""
+        motion = np.empty((3, 7))
+        motion[:, 1:4] = ((self.placed.R + turn.end) / 2).dot(cross_matrix(x[:3]))  # without what (R⁺ - R)/h cancels
+        motion[:, 4:] = turn.end
+        self._rows[4:] = x[3:].dot(self._resistance_by_mode).reshape(3, -1)
+        pulled = self.placed.pull[:, 0] + motion[:, 1:].dot(self._rows[1:, 0])
+        motion[:, 0] = self.compliance(mass) * (2 / self._h * mass * np.array(start) + force - pulled)
+        return self._under(turn, motion, x[3:])
+
+    def lever(self, turn: Geometry, r̂: Array) -> Array:
+        """Σ T_ij times ŝ of unit ω̂ and r̂ (3, 3 + m): what the ties lack in force for these, and v̂ in torque."""
+        weights, R, q = self.resistance[0], self.placed.R, self.placed.q
+        modes = weights[4:].reshape(3, -1)
+        arm = (R + turn.end).dot(weights[1:4]) / 2
+        arm += (R.dot(modes.dot(q)) + turn.end.dot(modes.dot(q + self._h * r̂))) / 2
+        return np.hstack([-cross_matrix(arm).dot(turn.middle), turn.middle.dot(modes)])
+
+    def speed(self, mass: float) -> float:
+        """Of what the pull of springs would do in a step, as √(2 J): corrections are small beside it, or round-off."""
+        pull = (2 * abs(self.placed.stored) * self._springs[0, 0]) ** 0.5
+        return float(mass**0.5 * self.compliance(mass) * pull)
+
+    def slopes(self, tied: TieForces, mass: float, follows: Vector) -> tuple[Array, Array]:
+        """What turning and modal forces (3 + m, 3 + m), and v̂ (3, 3 + m), change by with ω̂ and r̂.
+
+        `follows`: other forces that turn with the frame, N, which v̂ has to do with.
+        """
+        turn, P, h, m = tied.turn, tied.forces, self._h, len(tied.rate)
+        R, R_end, middle, T, arms = self.placed.R, turn.end, turn.middle, self.resistance, tied.arms
+        mean = (R + R_end) / 2
+        spun = mean @ AXES @ (R.T @ mean)  # ∂J/∂ω̂_k, and h times it ∂R⁺/∂ω̂_k
+        tilted = h / 2 * R @ AXES  # ∂R*/∂ω̂_k
+        by_spin = np.zeros((3, 3, 4 + 3 * m))
+        by_spin[:, :, 1:4] = spun
+        by_spin[:, :, 4:] = (spun[..., None] * (self.placed.q + h * tied.rate)).reshape(3, 3, -1)
+        by_mode = R_end.dot(T[4:].reshape(3, -1)).reshape(3, m, -1).transpose(1, 0, 2)
+        by_x = -np.concatenate([by_spin @ T, by_mode])  # ∂P (3 + m, 3, 4 + 3m), where v̂ stays
+        pushed = by_x[:, :, 0].copy()
+        pushed[:3] += h / 2 * spun @ np.array(follows)
+        by_velocity = self.compliance(mass) * pushed
+        by_x -= by_velocity[:, :, None] * T[0]
+        products = np.matmul(arms, by_x.transpose(0, 2, 1))  # of a f that make the torque
+        products[:3] += h / 2 * by_spin @ P.T
+        products[3:] += h / 2 * np.einsum("ia,jan->nij", R_end, P[:, 4:].reshape(3, 3, m))
+        turning = _axis(products.transpose(1, 2, 0)).T @ middle
+        turning[:3] += _axis(arms.dot(P.T)) @ tilted
+        modal = np.einsum("x,nxm->nm", middle.ravel(), by_x[:, :, 4:].reshape(3 + m, 9, m))
+        modal[:3] += tilted.reshape(3, 9) @ P[:, 4:].reshape(9, m)
+        return np.hstack([turning, modal]).T, by_velocity.T
+
+    # Of a body that a base carries, where all but r̂ is given.
+
+    def of_carried(self, A: Array, right: Array, turn: Geometry, position: Vector) -> tuple[Array, Array, TieForces]:
+        """A r̂ = right with ties, in a step to a position of the frame's origin; and what they do without r̂."""
+        placed, motion, nothing = self.placed, np.empty((3, 7)), np.zeros_like(self.placed.q)
+        motion[:, 0] = (np.array(position) - placed.position) / self._h
+        motion[:, 1:4], motion[:, 4:] = (turn.end - placed.R) / self._h, turn.end
+        self._rows[4:] = 0.0
+        tied = self._under(turn, motion, nothing)
+        modal = turn.middle.ravel().dot(tied.forces[:, 4:].reshape(9, -1))
+        return self._resisting(A, turn), right + modal, tied
+
+    def _resisting(self, A: Array, turn: Geometry) -> Array:
+        """A with what ties add to it; the same array as long as both are the same."""
+        across = turn.middle.T.dot(turn.end)
+        expected = np.eye(3) + cross_matrix(turn.turn) / 2  # of a base whose poses fit its twist
+        if np.abs(across - expected).max() < SAME_TURN:
+            across = expected
+        if self._added is not None and self._added[0] is A and np.array_equal(self._added[1][0], across):
+            return self._added[1][1]
+        by_rate = across.ravel().dot(self._by_modes).reshape((len(self.placed.q),) * 2)
+        total: Array = (np.diag(A) if A.ndim == 1 else A) + by_rate
+        self._added = A, (across, total)
+        return total
+
+    def with_rate(self, tied: TieForces, r̂: Array) -> TieForces:
+        """What ties do with the r̂ that was found."""
+        moved = r̂.dot(self._resistance_by_mode).reshape(3, -1)
+        return tied._replace(forces=tied.forces - tied.turn.end.dot(moved), rate=r̂)
+
+    def slopes_of_carried(self, turn: Geometry) -> tuple[Array, Array]:
+        """What modal forces in the last step (m, m), and what is stored after it (m,), change by with q."""
+        before, now, m = self._before, self.placed, len(self.placed.q)
+        by_springs = self._springs[4:, 4:].reshape(3, m, 3, m).transpose(0, 2, 1, 3).reshape(9, -1)
+        turned, spun = turn.middle.T.dot(before.R), turn.middle.T.dot(now.R - before.R) / self._h
+        by_shape = -(turned.ravel().dot(by_springs) + spun.ravel().dot(self._by_modes)).reshape(m, m)
+        return by_shape, now.R.ravel().dot(now.pull[:, 4:].reshape(9, m))
+
+
+def _fields(first: Array, along: Array, turned: Array, q: Array) -> Array:
+    """[a, B, C ⊗ q] (3, 4 + 3m)."""
+    return np.hstack([first[:, None], along, _modes(turned, q)])
+
+
+def _modes(C: Array, q: Array) -> Array:
+    """C ⊗ q (3, 3m) of C (3, 3): C_ia q_n."""
+    modes: Array = (C[:, :, None] * q).reshape(3, -1)
+    return modes
+
+
+def _by_mode(sums: Array) -> Array:
+    """Of sums (4 + 3m, 4 + 3m) those over x, y and z of a vector V_n, (m, 3 (4 + 3m))."""
+    m = (len(sums) - 4) // 3
+    return np.ascontiguousarray(sums[4:].reshape(3, m, -1).transpose(1, 0, 2).reshape(m, -1))
+
+
+def _axis(products: Array) -> Array:
+    """Σ a × f (3, ...) of Σ a_i f_j (3, 3, ...)."""
+    return np.stack([products[1, 2] - products[2, 1], products[2, 0] - products[0, 2], products[0, 1] - products[1, 0]])
