@@ -19,7 +19,7 @@ and the rest of Σ f·ŝ but for contact, is ΔP·v̂ + ΔL·ω̂ + h f·r̂ les
 import math
 from functools import partial
 from struct import Struct
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -42,38 +42,14 @@ from fenics_rom.mechanics.frame_motion import (
     rotation_of,
 )
 from fenics_rom.runtime.steppers.carried_adjoint import Carried, CarriedAdjoint
-from fenics_rom.runtime.steppers.carried_base import Motion, frame_state, motion_of
-from fenics_rom.runtime.steppers.carried_points import CarriedPoints
+from fenics_rom.runtime.steppers.carried_base import Begun, Motion, frame_state, motion_of
+from fenics_rom.runtime.steppers.carried_points import CarriedPoints, seen
 from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED, FrameKernel, FrameState, check_turn, in_frame
-from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_points import FramePoints
-from fenics_rom.runtime.steppers.ground_ties import TieForces
 from fenics_rom.runtime.steppers.inertia import pairs
 
 Wrench = tuple[Vector, Vector]
 NO_TURN = 1e-18  # rad: by less coordinates are not coupled, as |G| <= 1 and |I2| <= 1 beside 2/h are below the last bit
-
-
-class _Step(NamedTuple):
-    """What does not change within a step."""
-
-    A: Array  # (m,) where it is diagonal, else (m, m)
-    right: Array  # (m,)
-    turn: Geometry
-    end: FrameState  # of the base
-    v̂: Vector
-    ω̂: Vector
-    v_end: Vector  # in the frame's axes
-    ω_end: Vector
-    forces: FrameForces
-    modal: Array  # (m,) of them
-    tied: TieForces | None  # of ties to the ground without r̂
-
-    @property
-    def origin(self) -> Array:
-        """R* v̂ (3,), of the frame's origin."""
-        origin: Array = self.turn.middle.dot(self.v̂)
-        return origin
 
 
 class CarriedFrame(FrameKernel):
@@ -95,7 +71,7 @@ class CarriedFrame(FrameKernel):
         self._inverse: Array | None = None
         self._A: Array | None = None  # the last one that couples all coordinates, and where
         self._coupled_at: tuple[float, ...] = ()
-        self._taken: _Step | None = None
+        self._taken: Begun | None = None
         self._free = np.empty(0)
         self._inside_of: tuple[Array, bytes, Array] | None = None  # A, points, and their answer in the frame's axes
         self._answered: tuple[CarriedPoints, Array] | None = None  # how the frame turns, and the same in the world's
@@ -224,7 +200,7 @@ class CarriedFrame(FrameKernel):
         (A, right), tied = self._equations(modal, ω̂, v_end, ω_end), None
         if self.ties is not None:
             A, right, tied = self.ties.of_carried(A, right, turn, end.position)
-        before, self._taken = self._taken, _Step(A, right, turn, end, v̂, ω̂, v_end, ω_end, forces, modal, tied)
+        before, self._taken = self._taken, Begun(A, right, turn, end, v̂, ω̂, v_end, ω_end, forces, modal, tied)
         if A.ndim == 2 and before is not None and A is before.A:  # of a base that turns steadily
             r̂: Array = self._inverted(self._taken).dot(right)
             return r̂
@@ -241,7 +217,7 @@ class CarriedFrame(FrameKernel):
             yielding, heat = self._step_residual(in_frame(turn, contact))
         if contact is not None:
             arms, self._touched = self._carried_points(step, r̂, yielding)
-            pushed, power = _seen(contact.forces, arms, turn), float(contact.forces.ravel().dot(self._touched.ravel()))
+            pushed, power = (seen(contact.forces, arms, turn), float(contact.forces.ravel().dot(self._touched.ravel())))
         e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
         q, v̂, ω̂ = e * self._inverse_ω, step.v̂, step.ω̂
         after = motion_of(q, self._shape_at(q, r), turn.after, step.v_end, step.ω_end, self._mass)
@@ -262,7 +238,7 @@ class CarriedFrame(FrameKernel):
         self._now, self.frame = after, step.end
         return self._arrive(e, r)
 
-    def _carried_points(self, step: _Step, r̂: Array, yielding: Array | None) -> tuple[Array, Array]:
+    def _carried_points(self, step: Begun, r̂: Array, yielding: Array | None) -> tuple[Array, Array]:
         """Arms of the contact points from the origin in the middle of the step, m, and velocities, m/s, (P, 3)."""
         inside = self.points.moved(r̂)
         if yielding is not None:
@@ -298,7 +274,7 @@ class CarriedFrame(FrameKernel):
             return self._A, right
         return self._products[9] if self._dense_damping else self._diagonal, right
 
-    def _wrench_of(self, h: float, step: _Step, r̂: Array, now: Motion, after: Motion, pushed: Wrench | None) -> Wrench:
+    def _wrench_of(self, h: float, step: Begun, r̂: Array, now: Motion, after: Motion, pushed: Wrench | None) -> Wrench:
         """Of the base on the body in a step of h s that led from one motion to another; in world axes.
 
         `pushed`: of contact, as the frame sees it.
@@ -315,7 +291,7 @@ class CarriedFrame(FrameKernel):
             force, torque = added(force, -1.0, other[0]), added(torque, -1.0, other[1])
         return turn.mean(force), turn.mean(torque)
 
-    def _external(self, h: float, step: _Step, r̂: Array, now: Motion, after: Motion) -> Wrench:
+    def _external(self, h: float, step: Begun, r̂: Array, now: Motion, after: Motion) -> Wrench:
         """Force and torque about the origin in the frame's axes, but for base and contact."""
         forces, turn = step.forces, step.turn
         force, torque = forces.force, forces.torque
@@ -396,13 +372,7 @@ class CarriedFrame(FrameKernel):
         rigid = self._mass * (dot(v, v) + self._size**2 * dot(ω, ω))
         return self.size(x) + (float(self._r.dot(self._r)) + rigid) ** 0.5
 
-    def _inverted(self, step: _Step) -> Array:
+    def _inverted(self, step: Begun) -> Array:
         if self._inverse is None:
             self._inverse = np.linalg.inv(step.A) if step.A.ndim == 2 else np.diag(1 / step.A)
         return self._inverse
-
-
-def _seen(forces: Array, arms: Array, turn: Geometry) -> Wrench:
-    """Force, N, and torque about the origin, N m, of forces (P, 3) at arms (P, 3), as the frame sees them."""
-    (_, xy, xz), (yx, _, yz), (zx, zy, _) = arms.T.dot(forces).tolist()
-    return turn.seen(vector(forces.sum(axis=0))), turn.seen((yz - zy, zx - xz, xy - yx))

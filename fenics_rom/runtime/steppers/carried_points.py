@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.frame_geometry import Geometry
+from fenics_rom.mechanics.frame_geometry import Geometry, vector
 from fenics_rom.mechanics.frame_motion import Rotation, Vector, cross_matrix
 
 Turn = tuple[Rotation, Rotation, Vector]
@@ -40,3 +40,9 @@ class CarriedPoints(NamedTuple):
         """Arms, m, and mid-step velocities, m/s, (P, 3) in world axes, of points from `start` on that move `inside`."""
         both = np.concatenate([start, inside], axis=1).dot(self.maps)
         return both[:, :3], both[:, 3:] + origin
+
+
+def seen(forces: Array, arms: Array, turn: Geometry) -> tuple[Vector, Vector]:
+    """Force, N, and torque about the origin, N m, of forces (P, 3) at arms (P, 3), as the frame sees them."""
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = arms.T.dot(forces).tolist()
+    return turn.seen(vector(forces.sum(axis=0))), turn.seen((yz - zy, zx - xz, xy - yx))

@@ -20,7 +20,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 from struct import Struct
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -29,27 +29,13 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.frame_contact import touch
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
-from fenics_rom.mechanics.frame_motion import (
-    ZERO,
-    Quaternion,
-    Rotation,
-    Vector,
-    added,
-    cross,
-    dot,
-    mean,
-    rotated,
-    rotated_back,
-    rotation_of,
-)
+from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, added, cross, dot, mean, rotation_of
 from fenics_rom.runtime.steppers.frame_kernel import (
     BENT,
     BENT_BY_RATE,
-    COUPLED,
     GIVEN,
     TURNED,
     TURNED_BY_RATE,
-    FrameKernel,
     FrameState,
     Shape,
     check_turn,
@@ -57,33 +43,21 @@ from fenics_rom.runtime.steppers.frame_kernel import (
     turn_of,
 )
 from fenics_rom.runtime.steppers.frame_points import FramePoints
+from fenics_rom.runtime.steppers.free_motion import FreeMotion
 from fenics_rom.runtime.steppers.ground_ties import TieForces
 from fenics_rom.runtime.steppers.inertia import (
     MOST_ITERATIONS,
     Inertia,
-    check_definite,
     contraction,
     definite_up_to,
     pairs,
-    solved_inertia,
     times_inertia,
     turn_of_top,
 )
 from fenics_rom.runtime.steppers.kept_newton import KeptNewton
 
 
-class _Motion(NamedTuple):
-    """The body between two steps."""
-
-    q: Array
-    shape: Shape
-    ω: Vector  # in the frame's axes, rad/s
-    R: Rotation
-    L: Vector  # angular momentum in the frame's axes
-    spin: float  # ω·I ω + 2 ω·b r, J
-
-
-class FreeFrame(FrameKernel):
+class FreeFrame(FreeMotion):
     """Arguments and attributes as in FrameKernel; `frame.turning` is the angular momentum."""
 
     def __init__(self, *args: Any, **named: Any):
@@ -103,33 +77,6 @@ class FreeFrame(FrameKernel):
         self._forces = self._loads.at(np.zeros(self._loads.width))  # of the step
         self._passed: tuple[float, Array] | None = None  # the last step: of h s, by ω̂ and r̂
         self.resume(np.empty(0))
-
-    @property
-    def mass(self) -> float:
-        """Of the body, kg."""
-        return self._mass
-
-    @property
-    def energy(self) -> float:
-        """Stored, J."""
-        v = self.frame.velocity
-        return self._with_carried_energy((self._mass * dot(v, v) + self._now.spin + self._square) / 2)
-
-    @property
-    def angular_velocity(self) -> Vector:
-        """As in FrameKernel."""
-        return self._now.ω
-
-    @property
-    def momenta(self) -> tuple[Vector, Vector]:
-        """Linear and, about the centre of mass, angular, in world axes."""
-        x, y, z = self.frame.velocity
-        return (self._mass * x, self._mass * y, self._mass * z), self.frame.turning
-
-    @property
-    def world_angular_velocity(self) -> Array:
-        """In world axes, (3,), rad/s."""
-        return np.array(rotated(self._now.R, self._now.ω))
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
@@ -155,26 +102,11 @@ class FreeFrame(FrameKernel):
         if self.ties is not None:
             self.ties.place(self.frame.position, R, q)
 
-    def place(self, frame: FrameState) -> None:
-        """Puts the frame where it is to be; `turning` is here the angular velocity in world axes, rad/s."""
-        R, shape = rotation_of(*frame.rotation), self.forget()
-        L = added(times_inertia(shape.inertia, rotated_back(R, frame.turning)), 1.0, shape.moved)
-        self.frame = frame._replace(turning=rotated(R, L))
-        self.resume(self.auxiliary)
-
     def forget(self) -> Shape:
         """Forgets what was kept of steps that led elsewhere; the shape that the body has."""
         self.newton.inverse = self._passed = None
         self._square = float(self.state.dot(self.state))
         return self._shape_at(self._coordinates(), self._r)
-
-    def _moving(self, q: Array, shape: Shape, R: Rotation, momentum: Vector, e: Array) -> _Motion:
-        """The body at q, e = √γ q, with an angular momentum in world axes."""
-        if not e.dot(e) <= self._surely_definite:
-            check_definite(shape.inertia, self._table[COUPLED])
-        L = rotated_back(R, momentum)
-        ω = solved_inertia(shape.inertia, added(L, -1.0, shape.moved))
-        return _Motion(q, shape, ω, R, L, dot(ω, added(L, 1.0, shape.moved)))
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
@@ -209,7 +141,7 @@ class FreeFrame(FrameKernel):
             push_at: what forces on points do at such velocities; None: there are none.
             forces: the sum of their sizes, N: of what they move, round-off may be.
         """
-        if not (self._couples or self._interface or self.ties) and self._forces.at_points is None:
+        if self._interface is None and self.ties is None and not self._couples and self._forces.at_points is None:
             return self._as_a_top(x)
         left = self.newton.solve(
             x,
