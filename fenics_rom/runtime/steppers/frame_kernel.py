@@ -24,17 +24,7 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator
-from fenics_rom.mechanics.frame_motion import (
-    ZERO,
-    Quaternion,
-    Rotation,
-    Vector,
-    cross_matrix,
-    dot,
-    rotation_matrix,
-    rotation_of,
-    turned,
-)
+from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, cross_matrix, dot, rotation_matrix
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
@@ -387,12 +377,6 @@ class FrameKernel(BookedKernel):
 def in_frame(turn: Geometry, contact: ContactSolution | None) -> ContactSolution | None:
     """The same with forces as the frame sees them."""
     return None if contact is None else contact._replace(forces=contact.forces.dot(turn.middle))
-
-
-def turn_of(R: Rotation, rotation: Quaternion, t: Vector) -> tuple[Geometry, Quaternion]:
-    """How a frame turns by Cayley's map of t = h ω̂, and the quaternion at the end."""
-    end = turned(rotation, t)
-    return Geometry(R, rotation_of(*end), t), end
 
 
 def check_turn(h: float, ω: Vector, body: str = "the body") -> None:

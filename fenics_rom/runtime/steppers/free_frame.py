@@ -40,10 +40,9 @@ from fenics_rom.runtime.steppers.frame_kernel import (
     Shape,
     check_turn,
     in_frame,
-    turn_of,
 )
 from fenics_rom.runtime.steppers.frame_points import FramePoints
-from fenics_rom.runtime.steppers.free_motion import FreeMotion
+from fenics_rom.runtime.steppers.free_motion import FreeMotion, turn_of
 from fenics_rom.runtime.steppers.ground_ties import TieForces
 from fenics_rom.runtime.steppers.inertia import (
     MOST_ITERATIONS,

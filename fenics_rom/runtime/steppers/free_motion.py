@@ -5,7 +5,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.frame_motion import Rotation, Vector, added, dot, rotated, rotated_back, rotation_of
+from fenics_rom.mechanics.frame_geometry import Geometry
+from fenics_rom.mechanics.frame_motion import (
+    Quaternion,
+    Rotation,
+    Vector,
+    added,
+    dot,
+    rotated,
+    rotated_back,
+    rotation_of,
+    turned,
+)
 from fenics_rom.runtime.steppers.frame_kernel import COUPLED, FrameKernel, FrameState, Shape
 from fenics_rom.runtime.steppers.inertia import check_definite, solved_inertia, times_inertia
 
@@ -72,3 +83,9 @@ class FreeMotion(FrameKernel):
         L = rotated_back(R, momentum)
         ω = solved_inertia(shape.inertia, added(L, -1.0, shape.moved))
         return Motion(q, shape, ω, R, L, dot(ω, added(L, 1.0, shape.moved)))
+
+
+def turn_of(R: Rotation, rotation: Quaternion, t: Vector) -> tuple[Geometry, Quaternion]:
+    """How a frame turns by Cayley's map of t = h ω̂, and the quaternion at the end."""
+    end = turned(rotation, t)
+    return Geometry(R, rotation_of(*end), t), end
