@@ -177,13 +177,13 @@ class FullOrderStepper(FullOrderBody):
             targets = self.actuators.resting_rates(given, strokes, self.dt)
 
         def touch(z: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
-            if self.interface is None:
-                return None, np.zeros(len(z))
             delassus = self._held_back.delassus(holding)
             contact = self._solve_contact(free + self._spread @ z[:, None], obstacles, delassus)
             return contact, np.zeros(len(z)) if contact is None else self._stroke_motion.T @ contact.forces.ravel()
 
-        return self.actuators.solve(u, freely, self._stroke_compliance, targets, touch)
+        return self.actuators.solve(
+            u, freely, self._stroke_compliance, targets, self.reactions, None if self.interface is None else touch
+        )
 
     def _book_at_rest(
         self,

@@ -25,12 +25,13 @@ the forces within their bounds in place of W_c.
 """
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.complementarity.pivoting import solve_by_pivots
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.contact import ContactSolution
@@ -39,11 +40,13 @@ if TYPE_CHECKING:
 Touch = Callable[[Array, Array], "tuple[ContactSolution | None, Array]"]
 
 SHARE = 2 / 3  # of what is missing of a stroke that a step makes up for
-TOGETHER = 10  # rounds in which all forces that are wrong change at once; then one by one, which does not cycle
+TOGETHER = 4  # rounds in which all forces that are wrong change at once; then they are found by pivots
 MAX_ROUNDS = 100
+AT_A_BOUND = 0.95  # of it: what a force was at least that is looked for there
 ROUND_OFF = 1e-20  # of the largest rate per force: of the square of what a guide's column has left by round-off
 CREEP = 1e-9  # of a guide's own rate per force: what sticks gives way by it, so that as many may stick as there are
 TOLERANCE = 1e-12  # of the largest rate, or force
+PIVOTED = 1e-9  # the same, of what pivots say: of many guides W is as good as singular, and has round-off to show
 SETTLED = 1e-9  # of the largest force: what contact was found with, and what it led to
 LARGEST_MISS = 1e-6  # of the largest rate: what W leaves beyond is no round-off
 
@@ -75,14 +78,15 @@ class ActuatorForces:
         tendons = [guide.tendon for guide in guides.values()]
         self.guides = tuple((tendon, tendons[:i].count(tendon) + 1) for i, tendon in enumerate(tendons))
         # Of each tendon with guides: which stroke it is (or none), its column, and its guides from where it is pulled.
-        self._chains: list[tuple[int | None, int, list[int]]] = [
+        self._chains: list[tuple[int | None, int, Array]] = [
             (
                 self.names.index(tendon) if tendon in self.names else None,
                 starts[tendon],
-                [len(self.names) + i for i, guide in enumerate(guides.values()) if guide.tendon == tendon][::-1],
+                len(self.names) + np.flatnonzero([each == tendon for each in tendons])[::-1],
             )
             for tendon in dict.fromkeys(tendons)
         ]
+        self._is_guide = np.arange(len(self.columns)) >= len(self.names)
 
     def split(self, u: Array) -> tuple[Array, Array]:
         """An input (p,) without what is found, and what is given for it (n,): strokes, then of guides nothing."""
@@ -113,17 +117,29 @@ class ActuatorForces:
         return W
 
     def solve(
-        self, u: Array, rates: Array, W: Array, targets: Array, touch: Touch, angles: Array | None = None
+        self,
+        u: Array,
+        rates: Array,
+        W: Array,
+        targets: Array,
+        before: Array,
+        touch: Touch | None,
+        angles: Array | None = None,
     ) -> "tuple[Array, ContactSolution | None]":
         """The forces z (n,), N or Pa, and contact, of a step.
+
+        The search begins with what guides did under forces before: which of them slide, and where to. All that are
+        wrong change at once, which mostly ends soon. Of many guides, which smooth motions all but tie to one another,
+        it may cycle; then pivots find them, by turns with contact, where something is touched.
 
         Args:
             u: the input (p,), whose tensions the guides of other tendons are under.
             rates: (n,) of the strokes, without these forces and without contact, per s.
             W: (n, n) rates per force, as `compliance` makes it.
             targets: c (n,), per s.
+            before: z (n,) of an earlier step or iteration; 0: not known.
             touch: of forces z (n,) and which of them (n,) are within their bounds, what contact does, and the rates
-                (n,) that it adds where they stay as they are.
+                (n,) that it adds where they stay as they are; None: nothing can touch.
             angles: (n,) by which tendons turn at guides, rad, 0 of strokes; those at rest unless given.
 
         Raises:
@@ -133,56 +149,72 @@ class ActuatorForces:
             found_at_once = self._only(rates, W, targets, touch)
             if found_at_once is not None:
                 return found_at_once
-        is_guide, diagonal = np.arange(len(rates)) >= len(self.names), W.diagonal()
+        is_guide, diagonal = self._is_guide, W.diagonal()
         idle = is_guide & (diagonal <= ROUND_OFF * diagonal.max())  # the cable before such a guide moves nothing
         bends = self._friction * (self._angles if angles is None else angles)
-        sides, targets = -1 * idle, targets.copy()  # -1 and 1 are at one of their bounds
+        sides, targets = np.where(idle, -1, self._sides(u, before, bends)), targets.copy()
         beyond = np.zeros_like(rates)  # what is at a bound, as contact was last found with it
-        for found in range(MAX_ROUNDS):
-            within = np.flatnonzero(sides == 0)
-            start, (E, z) = beyond.copy(), self._chained(u, sides, within, bends)
-            try:
-                start[within] = np.linalg.solve(W[np.ix_(within, within)], (targets - rates - W.dot(beyond))[within])
-                contact, added = touch(start, sides == 0)
+        contact, added = None, np.zeros_like(rates)
+        by_turns, tried, kept = False, sides, beyond  # contact under what is at guides, and that under contact
+        try:
+            for found in range(1, MAX_ROUNDS + 1):
+                holding = (sides == 0) & ~(by_turns & is_guide)
+                if touch is not None:
+                    contact, added = touch(completed(W, targets - rates, beyond, holding), holding)
+                if by_turns:
+                    sides = self._pivoted(u, rates + added - targets, W, bends, idle)
+                within = np.flatnonzero(sides == 0)
+                E, z, _ = self._chained(u, sides, within, bends)
                 z += E.dot(np.linalg.solve(W[within].dot(E), (targets - rates - added - W.dot(z))[within]))
-            except np.linalg.LinAlgError:
-                break
-            missed = rates + W.dot(z) + added - targets
-            scale, most = max(np.abs(part).max() for part in (rates, targets, added)), np.abs(z).max()
-            if not np.abs(missed[within]).max(initial=0.0) <= LARGEST_MISS * scale:
-                break
-            lower, upper = self._bounds(u, z, bends)
-            least = np.where(is_guide, TOLERANCE * most, 0.0)
-            escapes, sticks = (z < lower - least) | (z > upper + least), sides * missed > TOLERANCE * scale
-            wrong = np.where(sides == 0, escapes, sticks & (lower < upper))
-            if found >= TOGETHER:
-                wrong[np.flatnonzero(wrong)[1:]] = False
-            sides = np.where(wrong, np.where(sides == 0, np.where(z < lower, -1, 1), 0), sides)
-            helps = is_guide & (targets != 0) & (z * (missed + targets) > TOLERANCE * most * scale)
-            targets[helps] = 0.0
-            before, beyond = beyond, np.where(sides == 0, 0.0, np.clip(z, lower, upper))
-            settled = contact is None or np.abs(beyond - before).max() <= SETTLED * most
-            if settled and not wrong.any() and not helps.any():
-                return z, contact
-        else:
-            raise StepError(
-                f"no forces found of {', '.join([*self.names, *self._guides])}: not in {MAX_ROUNDS} rounds; a smaller "
-                "dt or less friction may help"
-            )
+                missed = rates + W.dot(z) + added - targets
+                scale, most = max(np.abs(part).max() for part in (rates, targets, added)), np.abs(z).max()
+                if not np.abs(missed[within]).max(initial=0.0) <= LARGEST_MISS * scale:
+                    break
+                lower, upper = self._bounds(u, z, bends)
+                tolerance = PIVOTED if found > TOGETHER else TOLERANCE
+                least = np.where(is_guide, tolerance * most, 0.0)
+                escapes, sticks = (z < lower - least) | (z > upper + least), sides * missed > tolerance * scale
+                wrong = np.where(sides == 0, escapes, sticks & (lower < upper))
+                last, beyond = beyond, np.where(holding, 0.0, np.clip(z, lower, upper))
+                if not wrong.any():
+                    helps = is_guide & (targets != 0) & (z * (missed + targets) > TOLERANCE * most * scale)
+                    if not helps.any() and (touch is None or np.abs(beyond - last).max() <= SETTLED * most):
+                        return z, contact
+                    targets[helps] = 0.0
+                    if by_turns and not np.array_equal(sides, tried):  # turns are slow, so that these sides are tried
+                        by_turns, tried, kept = False, sides, beyond
+                        beyond = np.where(sides == 0, 0.0, beyond)
+                elif found < TOGETHER:
+                    sides = np.where(wrong, np.where(sides == 0, np.where(z < lower, -1, 1), 0), sides)
+                    beyond = np.where(sides == 0, 0.0, np.clip(z, lower, upper))
+                    kept = np.where(is_guide, np.clip(z, lower, upper), beyond)
+                elif not by_turns:
+                    by_turns, beyond = True, kept
+            else:
+                raise self._not_found(f"in {MAX_ROUNDS} rounds")
+        except np.linalg.LinAlgError:
+            pass
         raise StepError(
             f"no forces found that give the strokes of {', '.join(self.names)}: they depend on one another, or on what "
             "holds the body; give one of them as a force, or its strokes otherwise"
         )
 
+    def _not_found(self, where: str) -> StepError:
+        names = ", ".join([*self.names, *self._guides])
+        return StepError(f"no forces found of {names}: not {where}; a smaller dt or less friction may help")
+
     def _only(
-        self, rates: Array, W: Array, targets: Array, touch: Touch
+        self, rates: Array, W: Array, targets: Array, touch: Touch | None
     ) -> "tuple[Array, ContactSolution | None] | None":
         """As `solve`, where one stroke is given; None where it does not hold, as of a slack cable."""
         missing, compliance = targets - rates, W[0]
         if not compliance[0] > 0:
             return None
-        contact, added = touch(missing / compliance, np.ones(1, dtype=bool))
-        z = (missing - added) / compliance
+        if touch is None:
+            contact, z = None, missing / compliance
+        else:
+            contact, added = touch(missing / compliance, np.ones(1, dtype=bool))
+            z = (missing - added) / compliance
         return (z, contact) if z[0] >= self._least[0] else None
 
     def held(self, z: Array) -> Array:
@@ -195,28 +227,103 @@ class ActuatorForces:
         k = len(self.names)
         return columns[:, :k].dot(z[:k]), columns[:, k:].dot(z[k:])
 
-    def _chained(self, u: Array, sides: Array, within: Array, bends: Array) -> tuple[Array, Array]:
-        """E (n, w) and e (n,): z = E ζ + e of the forces ζ (w,) within bounds, and what follows of them at guides."""
-        E, e = np.zeros((len(sides), len(within))), np.zeros(len(sides))
-        E[within, np.arange(len(within))] = 1.0
+    def _tensions(self, u: Array, z: Array) -> Array:
+        """Of cables ahead of their guides (n,), N, under forces z (n,); 0 of strokes."""
+        tensions = np.zeros_like(z)
         for stroke, column, guides in self._chains:
-            slope, tension = (np.zeros(len(within)), max(u[column], 0.0)) if stroke is None else (E[stroke], e[stroke])
-            for i in guides:
-                if sides[i]:
-                    share = np.expm1(sides[i] * bends[i])
-                    E[i], e[i] = share * slope, share * tension
-                slope, tension = slope + E[i], tension + e[i]
-        return E, e
+            changes = z[guides].cumsum()
+            changes -= z[guides]
+            tensions[guides] = np.maximum(max(u[column] if stroke is None else z[stroke], 0.0) + changes, 0.0)
+        return tensions
 
     def _bounds(self, u: Array, z: Array, bends: Array) -> tuple[Array, Array]:
         """The least and the most (n,) that forces can be, with the tensions that z (n,) leads to."""
-        lower, upper = self._least.copy(), self._most.copy()
-        for stroke, column, guides in self._chains:
-            tension = max(u[column] if stroke is None else z[stroke], 0.0)
-            for i in guides:
-                lower[i], upper[i] = tension * np.expm1(-bends[i]), tension * np.expm1(bends[i])
-                tension = max(tension + z[i], 0.0)
-        return lower, upper
+        tensions = self._tensions(u, z)
+        return self._least + tensions * np.expm1(-bends), self._most + tensions * np.expm1(bends)
+
+    def _sides(self, u: Array, z: Array, bends: Array) -> Array:
+        """At which bound forces z (n,) are, or nearly: -1 or 1, or 0; where none are known, of cables that slide."""
+        if not z.any():
+            return -1 * self._is_guide
+        lower, upper = (AT_A_BOUND * bound for bound in self._bounds(u, z, bends))
+        return np.where(self._is_guide, np.where(z <= lower, -1, 1 * (z >= upper)), 0)
+
+    def _chained(self, u: Array, sides: Array, unknown: Array, bends: Array) -> "Chained":
+        """What forces follow from some of them, where others slide to their sides, -1 or 1."""
+        turned = np.where(self._is_guide, sides * bends, 0.0)
+        share, column = np.expm1(turned), np.full(len(sides), -1)
+        column[unknown] = np.arange(len(unknown))
+        E, e = np.zeros((len(sides), len(unknown))), np.zeros(len(sides))
+        for stroke, at, guides in self._chains:
+            left = np.exp(turned[guides].cumsum())  # of the tension, behind each guide
+            ahead = left * np.exp(-turned[guides])
+            added = np.flatnonzero(column[guides] >= 0)
+            E[guides[:, None], column[guides[added]]] = np.tril(np.multiply.outer(ahead, 1 / left), -1)[:, added]
+            if stroke is None:
+                e[guides] = max(u[at], 0.0) * ahead
+            elif column[stroke] >= 0:
+                E[guides, column[stroke]] = ahead
+        tensions = E.copy()
+        E *= share[:, None]
+        E[unknown, np.arange(len(unknown))] += 1.0
+        return Chained(E, share * e, (tensions, e))
+
+    def _pivoted(self, u: Array, missed: Array, W: Array, bends: Array, idle: Array) -> Array:
+        """At which bounds (n,) forces are that fulfil all conditions.
+
+        With a what is at guides above the least that can be there, and the tensions of cables by strokes, it is the
+        complementarity problem of a, of what is left to the most, and of how far cables slide either way.
+
+        Args:
+            u, W, bends: as elsewhere.
+            missed: rates less their targets (n,), under no forces.
+            idle: which guides (n,) move nothing.
+
+        Raises:
+            StepError: there are none, or none were found.
+        """
+        guides, bounded = np.flatnonzero(self._is_guide & ~idle), np.flatnonzero(~idle)
+        E, e, (tensions, known) = self._chained(u, -1 * self._is_guide, bounded, bends)
+        A, b, is_free = W[bounded].dot(E), (missed + W.dot(e))[bounded], ~np.isfinite(self._least[bounded])
+        kept = np.flatnonzero(~is_free)
+        if is_free.any():  # volumes, whose forces may be of either sign, are eliminated
+            whole = np.linalg.solve(
+                A[np.ix_(is_free, is_free)], np.column_stack([A[np.ix_(is_free, kept)], b[is_free]])
+            )
+            A, b = np.split(
+                np.column_stack([A[kept][:, kept], b[kept]]) - A[np.ix_(kept, is_free)].dot(whole), [-1], axis=1
+            )
+            b = b[:, 0]
+        size, k, n = W.diagonal().max(), len(kept), len(guides)
+        largest = max(np.abs(b).max() / size, np.abs(known).max())  # N
+        slides = np.zeros((k, n))
+        slides[k - n + np.arange(n), np.arange(n)] = 1.0
+        wide = (np.expm1(bends) - np.expm1(-bends))[guides]
+        M = np.block(
+            [[A / size, slides], [wide[:, None] * tensions[np.ix_(guides, kept)] - slides.T, np.zeros((n, n))]]
+        )
+        found = solve_by_pivots(M, np.concatenate([b / size, wide * known[guides]]) / largest)
+        if found is None:
+            raise self._not_found("by pivots")
+        sides = -1 * idle
+        sides[bounded[kept]] = np.where(found[:k] > 0, 0, -1)
+        sides[guides] = np.where(found[k:] > 0, 1, sides[guides])
+        return sides
+
+
+def completed(W: Array, rates: Array, z: Array, holding: Array) -> Array:
+    """Forces (n,) with which strokes that are held (n,) move at some rates (n,), and that are as in z elsewhere."""
+    z, within = np.where(holding, 0.0, z), np.flatnonzero(holding)
+    z[within] = np.linalg.solve(W[np.ix_(within, within)], (rates - W.dot(z))[within])
+    return z
+
+
+class Chained(NamedTuple):
+    """Forces at guides that follow from some of them (w,): z = E ζ + e."""
+
+    by_unknown: Array  # E (n, w)
+    known: Array  # e (n,)
+    tensions: tuple[Array, Array]  # of cables ahead of their guides, likewise
 
 
 class PointsHeldBack:

@@ -100,7 +100,7 @@ class ForcesInNewton:
             contact = self._touched(moved, last.contact, held.delassus(holding))
             return contact, np.zeros(len(z)) if contact is None else X.T @ contact.forces.ravel()
 
-        z, contact = self._actuators.solve(self._u, rates, W, self._targets, touch, angles)
+        z, contact = self._actuators.solve(self._u, rates, W, self._targets, last.actuators, touch, angles)
         return FoundForces(contact, z)
 
     def force(self, found: FoundForces) -> Array:

@@ -123,7 +123,9 @@ class Equilibrium(FiniteStrainKernel):
                 gone = self._strokes_at(q) - (q - start).dot(columns)
                 targets, spread = self._actuators.resting_rates(given, gone, self.h), inverse.dot(columns) / self.h
                 angles = self._angles(q)
-                reactions, contact = self._solve_actuators(u, columns, spread, targets, *motion, angles=angles)
+                reactions, contact = self._solve_actuators(
+                    u, columns, spread, targets, *motion, angles=angles, before=reactions
+                )
                 residual -= columns.dot(reactions)
             if contact is not None:
                 residual -= self._pushed(contact)

@@ -287,6 +287,7 @@ class BookedKernel(Kernel):
         obstacles: "ObstacleMotion | None",
         quasi_static: bool = False,
         angles: Array | None = None,
+        before: Array | None = None,
     ) -> "tuple[Array, ContactSolution | None]":
         """Forces (n,) of actuators that are found in a step, and contact.
 
@@ -296,7 +297,7 @@ class BookedKernel(Kernel):
             spread: A⁻¹ B (m, n).
             targets: rates (n,) at which their strokes are to move.
             q, r, free, h, obstacles, quasi_static: as in `_solve_contact`; `free` is without these forces, too.
-            angles: (n,) by which tendons turn at guides, rad, unless they are those at rest.
+            angles, before: (n,) turns at guides, rad, unless those at rest; last forces, unless of the step before.
         """
         assert self._actuators is not None
         if self._stroke_operators is None or self._stroke_operators[0] is not spread:  # of linear bodies it is the same
@@ -306,13 +307,12 @@ class BookedKernel(Kernel):
         _, W, X, held = self._stroke_operators
 
         def touch(z: Array, holding: Array) -> "tuple[ContactSolution | None, Array]":
-            if self._interface is None:
-                return None, np.zeros(len(z))
             delassus = held.delassus(holding)
             contact = self._solve_contact(q, r, free + spread.dot(z), h, obstacles, quasi_static, delassus)
             return contact, np.zeros(len(z)) if contact is None else X.T.dot(contact.forces.ravel())
 
-        return self._actuators.solve(u, columns.T.dot(free), W, targets, touch, angles)
+        rates, before = columns.T.dot(free), self.reactions if before is None else before
+        return self._actuators.solve(u, rates, W, targets, before, None if obstacles is None else touch, angles)
 
     def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
         """As in Kernel."""

@@ -199,7 +199,9 @@ class Newton(FiniteStrainKernel):
             else:
                 columns = self._stroke_columns(middle)
                 spread, angles = self._inverse.dot(columns), self._angles(middle)
-                reactions, contact = self._solve_actuators(u, columns, spread, targets, *motion, angles=angles)
+                reactions, contact = self._solve_actuators(
+                    u, columns, spread, targets, *motion, angles=angles, before=reactions
+                )
                 by_strokes, rubbed = self._actuators.parts(columns, reactions)
                 force, residual = force + by_strokes, residual - by_strokes - rubbed
             if contact is not None:
