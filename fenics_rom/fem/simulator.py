@@ -20,6 +20,8 @@ from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.system.system import System
 
+LARGE_FREE = ("large_deformation", "viscoelasticity", "strokes")  # what the steps of such a body follow
+
 
 class FullOrderSimulator:
     """Steps a system from rest; every rank must call every method.
@@ -57,8 +59,12 @@ class FullOrderSimulator:
         self.system, self.environment = system, ActiveEnvironment(environment, signals=signals)
         environment.check_supports(system.rigid.shape[1])
         if system.moving_frame is not None:
-            check_followed_in_frame(environment, ("base_motion",))
-            self.stepper = MovingFrameStepper(system, dt, self.environment, ledger=ledger)
+            free = not system.moving_frame.carried
+            check_followed_in_frame(environment, ("base_motion", *(LARGE_FREE if free and system.deformation else ())))
+            if system.deformation is None:
+                self.stepper = MovingFrameStepper(system, dt, self.environment, ledger=ledger)
+            else:
+                self.stepper = system.deformation.stepper_in_frame(dt, self.environment, ledger=ledger)
         elif system.deformation is None:
             self.stepper = FullOrderStepper(system, dt, self.environment, ledger=ledger)
         else:
@@ -82,11 +88,11 @@ class FullOrderSimulator:
             SceneError: an equilibrium of a body that nothing holds, or a field that supports hold.
             SolverError, StepError: no equilibrium was found, or the body begins in an obstacle.
         """
-        if isinstance(self.stepper, MovingFrameStepper) and self.system.moving_frame is not None:
-            if self.system.moving_frame.carried:
+        if (frame := self.system.moving_frame) is not None:
+            if frame.carried:
                 initial.check_carried()
             else:
-                self.stepper.place(initial.pose(self.system.moving_frame.origin))
+                self.stepper.place(initial.pose(frame.origin))  # type: ignore[union-attr]
                 self.stepper.check_start()
             return []
         initial.check_supports(self.system.rigid.shape[1])

@@ -49,6 +49,7 @@ RUN = {
     "share": Entry("1", (1,)),
     "loads": Entry("1", ("l",)),
     "shapes": Entry("m", ("n", "s")),
+    "spins": Entry("rad/s", ("axes",), optional=True),
 }
 
 
@@ -112,8 +113,8 @@ class Checkpoint:
         self._written_files += 1
         self._written_columns, self._written_messages = problem.space.size, len(problem.messages)
 
-    def restored_run(self, number: int, title: str, loads: Array, rows: slice) -> tuple[float, Array] | None:
-        """Of a training run under such loads (l,) the share that was put on, and the shapes (rows here, s).
+    def restored_run(self, number: int, title: str, loads: Array, rows: slice) -> tuple[float, Array, Array] | None:
+        """Of a training run under such loads (l,) the share that was put on, the shapes (rows here, s) and spins (3,).
 
         None where it is not finished.
 
@@ -124,20 +125,21 @@ class Checkpoint:
             return None
         tolerance = PROBE_TOLERANCE * np.abs(loads).max()
 
-        def read_shapes(h5: Any) -> tuple[float, Array]:
+        def read_shapes(h5: Any) -> tuple[float, Array, Array]:
             a = get_record(h5, RUN)
             same = get_text(h5, "title") == title and len(a["loads"]) == len(loads)
             same = same and np.allclose(a["loads"], loads, rtol=0, atol=tolerance)
             self._check_same(a["probe"], same)
-            return a["share"], np.asarray(a["shapes"])
+            return a["share"], np.asarray(a["shapes"]), np.zeros(3) if a["spins"] is None else a["spins"]
 
-        share, shapes = read_file(self._folder / file, RUN_CONTENT, read_shapes)
-        return share, shapes[rows]
+        share, shapes, spins = read_file(self._folder / file, RUN_CONTENT, read_shapes)
+        return share, shapes[rows], spins
 
-    def keep_run(self, number: int, title: str, loads: Array, share: float, shapes: Array) -> None:
-        """Writes a training run that is finished, with the share of its loads and its shapes on all rows (n, s)."""
+    def keep_run(self, number: int, title: str, loads: Array, share: float, shapes: Array, spins: Array) -> None:
+        """Writes a training run that is finished: the share of its loads, shapes on all rows (n, s) and spins (3,)."""
         if self._keeps:
             arrays = {"probe": self._probe, "share": share, "loads": loads, "shapes": shapes}
+            arrays["spins"] = spins if spins.any() else None
             self._write(f"run-{number}.h5", RUN_CONTENT, RUN, arrays, title=title)
 
     def _is_there(self, file: str) -> bool:

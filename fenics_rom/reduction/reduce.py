@@ -222,10 +222,10 @@ def _require_start(system: System) -> None:
 
 def _require_linear_motions(system: System, lyapunov: str) -> None:
     """Refuses of a body with rigid motions what these do not allow."""
-    if system.deformation is not None:
+    if system.deformation is not None and system.moving_frame is None:
         raise SceneError(
             "effects.large_deformation: a body that is not wholly held turns as far as it likes, which no fixed "
-            "basis follows; hold it by supports or springs, or solve it at full order"
+            "basis follows; take frame = 'moving', or hold it by supports or springs"
         )
     if lyapunov in ("as-printed", "bartels-stewart"):
         raise SceneError(

@@ -115,5 +115,8 @@ class Deformation(Protocol):
         Under the inputs of a system; where None those of the one that it was made of.
         """
 
+    def stepper_in_frame(self, dt: float, environment: Any, *, ledger: bool = True, system: Any = None) -> Any:
+        """The same of a body whose frame moves, and loads turn with it."""
+
     def follower(self, x: Array) -> dict[str, Array]:
         """Force (rows here, 1) of 1 Pa or 1 N of each pressure and tendon at a displacement (rows here,), m."""

@@ -7,7 +7,7 @@ import pytest
 from bodies import assembled, box_arrays, dense, scene_text, write_arrays
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomWarning, StructureError
+from fenics_rom.errors import FenicsRomWarning, SceneError, StructureError
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.frame_motion import rotation_matrix
@@ -237,3 +237,62 @@ def test_drawn_spins_are_of_one_axis(carried):
     drawn = frame.consistent(np.arange(1.0, 1 + sum(held.system.widths.values())), np.random.default_rng(0))
     squares, mixed = drawn[-6:-3], drawn[-3:]
     np.testing.assert_allclose(mixed**2, 4 * squares[[1, 0, 0]] * squares[[2, 2, 1]])
+
+
+FLOWN = 'dt = 0.01\nduration = 0.3\ninitial = { spin = [0.0, 0.0, 3.0] }\n[[run.load]]\ncontact = "tip"\n'
+FLOWN += "stop = 0.1\nforce = [0.0, 1.0, 3.0]"
+
+
+@pytest.fixture(scope="module")
+def free(mesh):
+    return fr.assemble(scene(mesh, supports=None, run=FLOWN))
+
+
+@pytest.fixture(scope="module", params=["trained", "modal+derivatives"])
+def free_rom(free, request):
+    return reduced(free, method=request.param)
+
+
+def test_free_body_is_reduced_without_its_motion_as_a_whole(free, free_rom, mesh, tmp_path):
+    """M-orthogonal to it, which comes first; what deforms is of the rest, and all of it is kept in the file."""
+    check_constants(free_rom, mesh, carried=False)
+    R, W = free_rom.basis[:, :6], free_rom.basis[:, 6:]
+    assert (free_rom.rigid, free_rom.deformation.order, free_rom.moving_frame.order) == (6, ORDER, ORDER)
+    np.testing.assert_allclose(R.T @ (free.mass @ W), 0.0, atol=1e-12)
+    np.testing.assert_allclose(W.T @ (free.mass @ W), np.eye(ORDER), atol=1e-12)
+    for name, model in free_rom.contact_models.items():
+        np.testing.assert_allclose(model.inputs[6:], W.T @ free.input_matrix(name), atol=1e-12)
+    assert list(free_rom.loads) == list(free.loads)
+    fr.write_rom(tmp_path / "rom.h5", free_rom)
+    assert fr.read_rom(tmp_path / "rom.h5") == free_rom
+
+
+def test_free_body_is_trained_with_the_spins_that_it_begins_with(free_rom):
+    """And those that loads give it; accelerations strain nothing. Those of modal derivatives are of any axis."""
+    trained = free_rom.deformation.trained
+    assert trained.accelerations is None
+    assert trained.angular_accelerations is None
+    assert (trained.spins >= 3.0).all() if free_rom.method != "trained" else trained.spins[2] >= 3.0
+    assert not any(told.startswith("training: ") for told in free_rom.warnings)
+
+
+def test_basis_of_a_free_body_holds_its_run(free, free_rom):
+    """Shapes in the frame of a full-order run, projected: a basis of six is off by a few per cent of the largest."""
+    rom = free_rom
+    W, body = rom.basis[:, rom.rigid :], fr.fem.simulator.FullOrderSimulator(free, 0.01, free.scene.environment)
+    body.stepper.place(free.scene.run.initial.pose(free.moving_frame.origin))
+    missed, whole = [], []
+    for step in range(20):
+        body.step(np.array([0.0, 1.0, 3.0, 0.0, 0.0, 0.0]) * (step < 10))
+        q = body.stepper.strained
+        left = q - W @ (W.T @ (free.mass @ q))
+        missed.append(np.sqrt((left.T @ (free.mass @ left)).item()))
+        whole.append(np.sqrt((q.T @ (free.mass @ q)).item()))
+    assert max(missed) <= 0.05 * max(whole)
+    assert np.abs(body.stepper.shape).max() > 4e-3
+
+
+def test_loose_body_in_a_fixed_frame_is_told_to_take_a_moving_one(mesh):
+    loose = fr.assemble(scene(mesh, supports=None, head="", run=FLOWN))
+    with pytest.raises(SceneError, match="which no fixed basis follows; take frame = 'moving', or hold it by supports"):
+        fr.reduce(loose, order=ORDER)

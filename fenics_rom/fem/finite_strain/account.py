@@ -23,7 +23,7 @@ def book_motion(body: FullOrderBody, equation: MidpointResidual, solution: Newto
     supplied = h * m.dot(trial.external_force - rubbed, trial.v)
     if contact is not None and body.interface is not None:
         body.ledger.book_contact(*contact.work(body.interface.at_points(trial.v), h))
-    heat += h * m.dot(trial.v, multiply(m.external_damping, trial.v)) + m.points.integrate(trial.stresses.heat)
+    heat += h * m.dot(trial.v, equation.dragged(trial.v)) + m.points.integrate(trial.stresses.heat)
     body.ledger.book(supplied=supplied, dissipated=heat)
     body.ledger.book(dissipated=-h * m.dot(rubbed, trial.v))
     change = 2 * (trial.v - equation.start.v)

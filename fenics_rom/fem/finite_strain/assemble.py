@@ -9,6 +9,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, PressureLoad, TendonPull
+from fenics_rom.fem.finite_strain.free_stepper import FreeFiniteStrainStepper
 from fenics_rom.fem.finite_strain.model import FiniteStrainModel
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
@@ -58,6 +59,12 @@ class FullOrderDeformation:
     ) -> FiniteStrainStepper:
         """As in `system.Deformation`."""
         return FiniteStrainStepper(system or self.system, self.model, dt, environment, ledger=ledger)
+
+    def stepper_in_frame(
+        self, dt: float, environment: ActiveEnvironment, *, ledger: bool = True, system: System | None = None
+    ) -> FreeFiniteStrainStepper:
+        """As in `system.Deformation`."""
+        return FreeFiniteStrainStepper(system or self.system, self.model, dt, environment, ledger=ledger)
 
     def follower(self, x: Array) -> dict[str, Array]:
         """As in `system.Deformation`."""

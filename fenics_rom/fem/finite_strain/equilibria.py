@@ -179,3 +179,13 @@ def solve_equilibrium(
                 raise NotConvergedError
         trial = ahead
     raise NotConvergedError
+
+
+def unstable_message(time: float, done: float, share: float, negative_pivots: int) -> str:
+    """What to say of an equilibrium at a time, s, that a share of a step's load makes unstable, when `done` is on."""
+    return (
+        f"at t = {time:.6g} s, at {done:.3g} to {done + share:.3g} of the step's change of load, the body comes to a "
+        f"limit point or buckles: from there on its equilibrium is not stable ({negative_pivots} negative pivots of "
+        "the tangent), and a real one would leave it; a run with inertia tells where to; `arc_length` goes on along "
+        "equilibria"
+    )

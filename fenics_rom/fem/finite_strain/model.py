@@ -56,6 +56,11 @@ class FiniteStrainModel:
         """leftᵀ right of columns (rows here, 1)."""
         return float(self.algebra.inner(left, right)[0, 0])
 
+    def inverted(self, H: Array) -> int:
+        """Number of points that displacement gradients (3, 3, P here) turn inside out, det F <= 0."""
+        J = np.linalg.det((np.eye(3)[:, :, None] + H).transpose(2, 0, 1))
+        return int(self.points.sum_over_ranks(np.array([np.count_nonzero(J <= 0.0)]))[0])
+
     def elastic_energy(self, E: Array) -> float:
         """∫ W, J, of Green strains (6, P here)."""
         return self.points.integrate(self.material.energy_density(E))

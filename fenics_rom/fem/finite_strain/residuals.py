@@ -7,6 +7,7 @@ Strokes s that are given as s* are to move at the rates c, Bᵀv̂ = c in motion
 (s(x⁺) - s(x))/h = (s* - s(x))/h towards an equilibrium; see mechanics.actuator_forces.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +16,11 @@ from numpy import ndarray as Array
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, MidpointStresses, Stresses
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients, TangentMatrix
+from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
+from fenics_rom.system.protocols import Algebra
 
 NONE_FOUND = np.empty(0)
 
@@ -72,12 +75,40 @@ class TrialStep:
     u: Array
 
 
+class InnerDrag:
+    """External damping of a body that nothing holds: of how it moves in its frame alone.
+
+    With the rigid motions T of the moved body, and G that tells how much of each is in a velocity, GᵀT = 1, it is
+
+        (1 - G Tᵀ) D_c (1 - T Gᵀ) v
+
+    so that it takes nothing of the momenta.
+
+    Args:
+        damping: D_c.
+        motions: T (rows here, 6) at displacements (rows here, 1).
+        shares: (rows here, 6) that span G.
+        algebra: of the rows.
+    """
+
+    def __init__(self, damping: PetscMatrix, motions: Callable[[Array], Array], shares: Array, algebra: Algebra):
+        self._D, self._motions, self._shares, self._inner = damping, motions, shares, algebra.inner
+
+    def force(self, x: Array, v: Array) -> Array:
+        """(rows here, 1), N, at displacements and velocities (rows here, 1)."""
+        T, inner = self._motions(x), self._inner
+        G = self._shares @ np.linalg.inv(inner(T, self._shares))
+        drag = self._D @ (v - T @ inner(G, v))
+        force: Array = drag - G @ inner(T, drag)
+        return force
+
+
 class MidpointResidual:
     """Of a step of motion of h, s; `coefficients` are those of the matrix that stands for its tangent.
 
     Branches of a material that relaxes know the length of the step, and are as they are before it.
 
-    `matrix` has what of it is linear, 2/h M + D_c + h/2 K_s.
+    `matrix` has what of it is linear, 2/h M + D_c + h/2 K_s; `drag` stands in the place of D_c where it is given.
     """
 
     is_quasi_static = False
@@ -90,8 +121,10 @@ class MidpointResidual:
         h: float,
         matrix: TangentMatrix,
         branches: MaxwellBranches | None = None,
+        drag: InnerDrag | None = None,
     ):
         self.model, self.start, self.external, self.h, self._branches = model, start, external, h, branches
+        self._drag = drag
         relaxation = 0.0 if branches is None else branches.stiffening_time
         self.coefficients = TangentCoefficients(2 / h, 1.0, stiffness=h / 2, viscosity=1.0, relaxation=relaxation)
         self._linear = matrix.linear_part(self.coefficients)
@@ -105,15 +138,29 @@ class MidpointResidual:
         u_middle = (start.u + u_end) / 2
         stresses = MidpointStresses(m.material, start.H, start.E, start.W, m.points.gradients(u_end), h, self._branches)
         internal, external = m.internal_force(stresses.P), pushes.at(m, u_middle)
-        residual = external + self._at_start - internal - self._linear @ v
+        residual = external + self._at_start - internal - self._resisted(v, v)
         return TrialStep(v, residual, pushes, external, internal, stresses, u_middle)
+
+    def dragged(self, v: Array) -> Array:
+        """Force of external damping (rows here, 1), N, at velocities (rows here, 1)."""
+        if self._drag is None:
+            return multiply(self.model.external_damping, v)
+        return self._drag.force(self.start.x + self.h / 2 * v, v)
+
+    def _resisted(self, v: Array, change: Array) -> Array:
+        """What resists a change (rows here, 1) of the mid-step velocity v (rows here, 1), but for stresses, N."""
+        linear = self._linear @ change
+        if self._drag is None:
+            return linear
+        inner = self._drag.force(self.start.x + self.h / 2 * v, change)
+        return linear + inner - multiply(self.model.external_damping, change)
 
     def apply_tangent(self, trial: TrialStep, dv: Array) -> Array:
         """-∂r/∂v̂ dv (rows here, 1) at a trial: the product with the consistent tangent."""
         m, h = self.model, self.h
         du = h * m.nodal_field(dv)
         internal = m.internal_force(trial.stresses.jvp(m.points.gradients(du)))
-        return internal + self._linear @ dv - trial.external.jvp(m, trial.u, du / 2)
+        return internal + self._resisted(trial.v, dv) - trial.external.jvp(m, trial.u, du / 2)
 
     def strokes(self, v: Array) -> tuple[Array, Array, Array]:
         """Of what is found, at a mid-step velocity (rows here, 1).

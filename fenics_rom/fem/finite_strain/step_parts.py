@@ -80,3 +80,11 @@ class LoadParts(StepParts):
         """As in StepParts."""
         self.share /= 2
         return self.share >= self._smallest
+
+
+def parted_message(steps: int, finest: float) -> str:
+    """What to say of so many steps that were taken in parts, the smallest of which was a share of a step."""
+    return (
+        f"Newton's method did not soon solve {steps} of the steps whole: they were taken in parts, the smallest "
+        f"1/{round(1 / finest)} of a step, at about the cost of a smaller dt"
+    )

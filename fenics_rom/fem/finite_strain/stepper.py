@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import SolverError, StepError
 from fenics_rom.fem.finite_strain.account import book_equilibrium, book_motion
 from fenics_rom.fem.finite_strain.arc_length import ArcLength, PathStart
-from fenics_rom.fem.finite_strain.equilibria import FactoredTangent, solve_equilibrium
+from fenics_rom.fem.finite_strain.equilibria import FactoredTangent, solve_equilibrium, unstable_message
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, TendonPull
 from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForces, mean_forces
 from fenics_rom.fem.finite_strain.gmres import Gmres
@@ -18,8 +18,14 @@ from fenics_rom.fem.finite_strain.kept_factor import KeptFactor
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.newton import MAX_ITERATIONS, NewtonIterate, NotConvergedError, solve_step
 from fenics_rom.fem.finite_strain.predictor import Predictor
-from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepResidual, StepStart
-from fenics_rom.fem.finite_strain.step_parts import LoadParts, StepParts
+from fenics_rom.fem.finite_strain.residuals import (
+    InnerDrag,
+    MidpointResidual,
+    QuasiStaticResidual,
+    StepResidual,
+    StepStart,
+)
+from fenics_rom.fem.finite_strain.step_parts import LoadParts, StepParts, parted_message
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentMatrix
 from fenics_rom.fem.full_order_body import FullOrderBody
@@ -84,6 +90,7 @@ class FiniteStrainStepper(FullOrderBody):
             self._found += tuple(tendons[name].up_to(guide) for name, guide in guides)
             self._rubbing = tuple(tendons[name] for name in dict.fromkeys(name for name, _ in guides))
         self._before: tuple[Any, ...] = ()
+        self._drag: InnerDrag | None = None
         here = system.algebra.rows()
         terms = model.mass, model.external_damping, model.spring
         self._matrix = TangentMatrix(model.points, model.material, model.free, here, terms)
@@ -104,19 +111,12 @@ class FiniteStrainStepper(FullOrderBody):
         energy = quadratic / 2 + m.points.integrate(self._start.W)
         return energy if self._branches is None else energy + self._branches.stored
 
-    @property
-    def inverted(self) -> int:
-        """Number of points that are turned inside out, det F <= 0."""
-        J = np.linalg.det((IDENTITY + self._start.H).transpose(2, 0, 1))
-        return int(self._model.points.sum_over_ranks(np.array([np.count_nonzero(J <= 0.0)]))[0])
+    inverted = property(lambda self: self._model.inverted(self._start.H), doc="Points turned inside out, det F <= 0.")
 
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""
-        parted = (
-            f"Newton's method did not soon solve {self.parted} of the steps whole: they were taken in parts, the "
-            f"smallest 1/{round(1 / self.finest)} of a step, at about the cost of a smaller dt"
-        )
-        return (*filter(None, [self._unstable, parted if self.parted else ""]), *super().diagnostics())
+        parted = parted_message(self.parted, self.finest) if self.parted else ""
+        return (*filter(None, [self._unstable, parted]), *super().diagnostics())
 
     def set_state(self, x: Array, v: Array) -> None:
         """Puts the body somewhere, moving, with relaxed branches.
@@ -222,8 +222,11 @@ class FiniteStrainStepper(FullOrderBody):
                     following.append((float(u[at]), followers[name]))
                 dead[at] = 0.0
             at += columns.shape[1]
-        dead_force = self.input_matrix @ dead[:, None]
-        return ExternalForce(dead_force, tuple(following), self._found, self._rubbing), u, given
+        return ExternalForce(self._dead_force(dead), tuple(following), self._found, self._rubbing), u, given
+
+    def _dead_force(self, u: Array) -> Array:
+        """Force (rows here, 1), N, of inputs (p,) that do not follow the body."""
+        return self.input_matrix @ u[:, None]
 
     def _advance(self, inputs: StepInput, quasi_static: bool) -> None:
         """Takes a step, in parts where Newton's method does not soon solve it; if none is, nothing has changed."""
@@ -305,7 +308,7 @@ class FiniteStrainStepper(FullOrderBody):
         if missing is None:
             if self._branches is not None:
                 self._branches.set_time_step(h)
-            equation = MidpointResidual(self._model, start, load, h, self._matrix, self._branches)
+            equation = MidpointResidual(self._model, start, load, h, self._matrix, self._branches, self._drag)
         else:
             load = load.ramped(self._following, done + share)
             equation = QuasiStaticResidual(self._model, start, load, h, (1 - done - share) * missing)
@@ -336,12 +339,7 @@ class FiniteStrainStepper(FullOrderBody):
         if negative_pivots > self.negative_pivots:
             if share > SMALLEST_PART:
                 raise NotConvergedError
-            self._unstable = self._unstable or (
-                f"at t = {self.time:.6g} s, at {done:.3g} to {done + share:.3g} of the step's change of load, the body "
-                f"comes to a limit point or buckles: from there on its equilibrium is not stable ({negative_pivots} "
-                "negative pivots of the tangent), and a real one would leave it; a run with inertia tells where to; "
-                "`arc_length` goes on along equilibria"
-            )
+            self._unstable = self._unstable or unstable_message(self.time, done, share, negative_pivots)
         self.negative_pivots = negative_pivots
 
     def _solution(self, equation: StepResidual, load: float) -> NewtonIterate:

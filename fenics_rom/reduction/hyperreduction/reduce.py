@@ -14,7 +14,7 @@ from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.hyperreduction.cubature import fit_cubature
 from fenics_rom.reduction.hyperreduction.frame_loads import framed
 from fenics_rom.reduction.hyperreduction.modal_derivatives import modal_derivatives
-from fenics_rom.reduction.hyperreduction.training import Run, TrainingData, trained
+from fenics_rom.reduction.hyperreduction.training import Run, TrainingData, is_free, trained
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
 from fenics_rom.rom.contact_model import ContactModel
@@ -47,7 +47,7 @@ def hyperreduce(problem: ReductionProblem, method: str, tolerance: float, checkp
     The tolerance is of the forces of the points that are kept, relative; the checkpoint keeps training runs.
     """
     whole = problem.system
-    problem = framed(problem)
+    problem = framed(problem, free_spins=method != "trained")
     system = problem.system
     training = BASES[method](problem, checkpoint)
     if training.loads.frame_loads is not None and (told := training.loads.frame_loads.message):
@@ -64,7 +64,7 @@ def hyperreduce(problem: ReductionProblem, method: str, tolerance: float, checkp
     )
     body = _deformation(problem, W, rom.stiffness, states, tolerance)
     rom = replace(rom, deformation=body)
-    if training.held_out:
+    if training.held_out and not is_free(system):
         with problem.stages("validation"):
             error = max(validation_error(rom, system, *run, problem.messages) for run in training.held_out)
         if error > TOLD_ERROR:

@@ -7,7 +7,7 @@ obstacles do no more. Where the full model does not follow, the loads of a run a
 """
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -18,9 +18,11 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.checkpoint import Checkpoint
-from fenics_rom.reduction.hyperreduction.frame_loads import KINDS, is_framed
+from fenics_rom.reduction.hyperreduction.frame_loads import KINDS
 from fenics_rom.reduction.hyperreduction.training_loads import (
     LoadExtremes,
     load_extremes,
@@ -51,6 +53,7 @@ class Run:
     title: str  # its loads, for messages
     steps: tuple[tuple[str, Array], ...]  # contact mode and input of each
     dt: float | None  # s; None where every step is an equilibrium
+    start: BaseState | None = None  # of a free body: where its frame begins, and how it spins
     share: float = 1.0  # of the loads that it was planned with
 
     @property
@@ -60,8 +63,8 @@ class Run:
 
     @property
     def numbers(self) -> Array:
-        """Its time step, 0 where it has none, and all inputs."""
-        return np.concatenate([[self.dt or 0.0], *(u for _, u in self.steps)])
+        """Its time step, 0 where it has none, and all inputs; of a free body where it begins, too."""
+        return np.concatenate([[self.dt or 0.0], *(u for _, u in self.steps), *(self.start or ())])
 
     def lowered(self, loads: LoadExtremes, share: float) -> "Run":
         """The run under a share of its loads, with all of what is always there."""
@@ -89,7 +92,9 @@ class TrainingData:
 def trained(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
     """From full-order runs under the scene's loads, and the linear reductions of the contact modes."""
     loads, training, held_out = plan_runs(problem)
-    runs, shapes = _simulated(problem, loads, [*training, *held_out], checkpoint)
+    runs, shapes, spins = _simulated(problem, loads, [*training, *held_out], checkpoint)
+    if loads.frame is not None and spins.any():
+        loads = replace(loads, frame=replace(loads.frame, spins=spins))
     trained_shapes, validated = shapes[: len(training)], zip(runs, shapes, strict=True)
     dynamic = training[0].dt is not None
     small = weighted_small_motions(problem, dict((balanced if dynamic else static)(problem)))
@@ -100,14 +105,21 @@ def trained(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
 
 def _simulated(
     problem: ReductionProblem, loads: LoadExtremes, planned: list[Run], checkpoint: Checkpoint
-) -> tuple[list[Run], list[Array]]:
-    """The runs, under loads that the full model can follow, and the shapes (rows here, s) of each."""
+) -> tuple[list[Run], list[Array], Array]:
+    """The runs, under loads that the full model can follow, and the shapes (rows here, s) of each.
+
+    Of free bodies these are in their frames, whose largest spins (3,), rad/s, are the last.
+    """
     system, body = problem.system, problem.deformation
     runs: list[Run] = []
     shapes: list[Array] = []
+    spins = np.zeros(3)
     series = scene_with_run(system)[0].environment.viscoelasticity
     relaxing = f"{series}; " if series else ""
-    made = body.stepper(1.0, _acting(system), ledger=False, system=_inputs_of(system))
+    if is_free(system):
+        made = body.stepper_in_frame(1.0, _acting(system), ledger=False)
+    else:
+        made = body.stepper(1.0, _acting(system), ledger=False, system=_inputs_of(system))
     with problem.stages("training runs"), closing(made) as stepper:
         keys = [(f"{body.law}; {relaxing}{', '.join(run.contacts)}", run.numbers) for run in planned]
         earlier = [checkpoint.restored_run(k, *key, system.algebra.rows()) for k, key in enumerate(keys)]
@@ -115,9 +127,10 @@ def _simulated(
         problem.stages.report("training runs", done, len(planned))
         for number, (run, restored) in enumerate(zip(planned, earlier, strict=True)):
             name = f"training run {number + 1} of {len(planned)}"
-            share, snapshots = restored or _followed(stepper, run, loads, name)
+            share, snapshots, turned = restored or _followed(stepper, run, loads, name)
+            spins = np.maximum(spins, turned)
             if restored is None:
-                checkpoint.keep_run(number, *keys[number], share, system.algebra.gather(snapshots))
+                checkpoint.keep_run(number, *keys[number], share, system.algebra.gather(snapshots), turned)
                 done += 1
                 problem.stages.report("training runs", done, len(planned))
             if share < 1:
@@ -127,15 +140,15 @@ def _simulated(
                 )
             runs.append(run.lowered(loads, share))
             shapes.append(snapshots)
-    return runs, shapes
+    return runs, shapes, spins
 
 
-def _followed(stepper: Any, run: Run, loads: LoadExtremes, name: str) -> tuple[float, Array]:
-    """The share of a run's loads that the full model follows, and its shapes (rows here, s) under them."""
+def _followed(stepper: Any, run: Run, loads: LoadExtremes, name: str) -> tuple[float, Array, Array]:
+    """The share of a run's loads that the full model follows, and its shapes (rows here, s) and spins (3,) then."""
     share, failure = 1.0, None
     while share >= LEAST_SHARE:
         try:
-            return share, _shapes(stepper, run.lowered(loads, share), name)
+            return share, *_shapes(stepper, run.lowered(loads, share), name)
         except SolverError as error:
             failure, share = failure or error, LOWERING * share
     assert failure is not None
@@ -171,23 +184,30 @@ def _reached(system: System, loads: LoadExtremes, runs: list[Run]) -> LoadExtrem
 
 def _inputs_of(system: System) -> System | None:
     """The system whose inputs training has, where these are not those that its deformation was made of."""
-    return system if is_framed(system) else None
+    return None if system.moving_frame is None else system
+
+
+def is_free(system: System) -> bool:
+    """Whether nothing holds the body, nor carries it."""
+    return system.moving_frame is not None and not system.moving_frame.carried
 
 
 def _acting(system: System) -> ActiveEnvironment | None:
     """What acts in a run beside its inputs, if anything does: friction at guides, and how the material relaxes."""
     scene, _ = scene_with_run(system)
     free = replace(scene.environment, obstacles={}, contact_law=None)
-    return ActiveEnvironment(free) if free.guides or free.viscoelasticity else None
+    return ActiveEnvironment(free) if free.guides or free.viscoelasticity or free.is_moving else None
 
 
-def _shapes(stepper: Any, run: Run, name: str) -> Array:
-    """The shapes (rows here, s) of a run, from rest."""
+def _shapes(stepper: Any, run: Run, name: str) -> tuple[Array, Array]:
+    """The shapes (rows here, s) of a run, from rest; of a free body in its frame, whose largest spins (3,) are told."""
     zero = np.zeros(stepper.x.size)
     stepper.set_state(zero, zero)
+    if run.start is not None:
+        stepper.place(run.start)
     if run.dt is not None:
         stepper.set_time_step(run.dt)
-    snapshot_steps, shapes = set(run.snapshot_steps()), []
+    snapshot_steps, shapes, spins = set(run.snapshot_steps()), [], np.zeros(3)
     try:
         for step, (contact, u) in enumerate(run.steps):
             stepper.switch(contact)
@@ -196,13 +216,16 @@ def _shapes(stepper: Any, run: Run, name: str) -> Array:
             else:
                 stepper.step(StepInput(u))
             if step in snapshot_steps:
-                shapes.append(stepper.x[:, 0].copy())
+                shapes.append((stepper.x if run.start is None else stepper.strained)[:, 0].copy())
+            if run.start is not None:
+                pose = stepper.pose
+                spins = np.maximum(spins, np.abs(pose.angular_velocity @ rotation_matrix(pose.rotation)))
     except SolverError as error:
         raise SolverError(
             f"{name} ({run.title}) does not converge in step {step + 1} of {len(run.steps)}: {error}; its loads are as "
             f"large as in the scene's [run], and {LEAST_SHARE:g} of them is too much, too: lower those"
         ) from error
-    return np.column_stack(shapes)
+    return np.column_stack(shapes), spins
 
 
 def plan_runs(problem: ReductionProblem) -> tuple[LoadExtremes, list[Run], list[Run]]:
@@ -214,19 +237,31 @@ def plan_runs(problem: ReductionProblem) -> tuple[LoadExtremes, list[Run], list[
     dt = max(scene_run.dt, period / STEPS_PER_PERIOD) if moves else None
     loads = load_extremes(problem, period)
     number = min(MAX_RUNS if loads.frame is None else MAX_FRAMED_RUNS, max(MIN_RUNS, 2 * loads.count))
+    frame = loads.frame_loads
+    starts: Sequence[BaseState | None] = [None] * (number + 1)
+    if frame is not None and frame.is_free:
+        starts = frame.starts(number + 1)
     runs = [
-        _grown_and_released(system, loads, contact, u, dt, period)
-        for contact, u in islice(training_targets(loads), number + 1)
+        _grown_and_released(system, loads, *target, dt, period, start)
+        for target, start in zip(training_targets(loads), starts, strict=False)
     ]
-    held_out = runs[-1:]
+    training, held_out = runs[:-1], runs[-1:]
     if scene.effects.contact is None:  # where obstacles do not stop the body, it would go too far without them
-        steps = tuple(islice(scene_history(system, scene, loads.frame_loads), MAX_HISTORY_STEPS))
-        held_out.append(Run("the scene's own load history", steps, scene_run.dt if moves else None))
-    return loads, runs[:-1], held_out
+        steps = tuple(islice(scene_history(system, scene, frame), MAX_HISTORY_STEPS))
+        start = None if frame is None else frame.start_of_run()
+        run = Run("the scene's own load history", steps, scene_run.dt if moves else None, start)
+        (held_out if start is None else training).append(run)  # how a free body spins comes of all that was before
+    return loads, training, held_out
 
 
 def _grown_and_released(
-    system: System, loads: LoadExtremes, contact: str, target: Array, dt: float | None, period: float
+    system: System,
+    loads: LoadExtremes,
+    contact: str,
+    target: Array,
+    dt: float | None,
+    period: float,
+    start: BaseState | None,
 ) -> Run:
     """The run of a target: grow, hold, let go, swing; without inertia, grow alone."""
     shares: Array = np.arange(1, STATIC_STEPS + 1) / STATIC_STEPS
@@ -236,7 +271,7 @@ def _grown_and_released(
     names = [f"{contact}[{k}]" for k in range(len(target) - len(loads.resting))]
     names += [name if width == 1 else f"{name}[{k}]" for name, width in system.widths.items() for k in range(width)]
     title = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, loads.whole(target), strict=True) if value)
-    return Run(title, tuple((contact, loads.whole(target, share)) for share in shares), dt)
+    return Run(title, tuple((contact, loads.whole(target, share)) for share in shares), dt, start)
 
 
 def weighted_snapshots(problem: ReductionProblem, runs: list[Array]) -> Array:

@@ -11,7 +11,7 @@ from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.environment import Run
 from fenics_rom.mechanics.load_history import LoadHistory
-from fenics_rom.reduction.hyperreduction.frame_loads import FrameLoads, FrameRange, is_framed
+from fenics_rom.reduction.hyperreduction.frame_loads import FrameLoads, FrameRange
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
@@ -32,7 +32,7 @@ class LoadExtremes:
     inputs: dict[str, float]  # of each actuator and load of the scene its largest size, however short
     smoothing_time: float  # that all but these were averaged over, s
     worst: tuple[str, Array]  # contact mode and input, less what is always there, that move the body farthest at rest
-    frame_loads: FrameLoads | None = None  # of a body that a base carries
+    frame_loads: FrameLoads | None = None  # of a body whose frame moves
     frame: FrameRange | None = None  # how far that moves
 
     @property
@@ -78,7 +78,8 @@ def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
     """
     system = problem.system
     scene, run = scene_with_run(system)
-    frame = FrameLoads(system, ActiveEnvironment(scene.environment)) if is_framed(system) else None
+    is_framed = system.moving_frame is not None
+    frame = FrameLoads(system, ActiveEnvironment(scene.environment)) if is_framed else None
     signals = list(scene_history(system, scene, frame))
     shared = sum(system.widths.values())
     acting = np.array([u[len(u) - shared :] for _, u in signals])
@@ -99,7 +100,8 @@ def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
     if frame is not None:
         resting, extremes, far = frame.widened(resting, extremes, whole)
     pushes = {name: forces[np.linalg.norm(forces, axis=1).argmax()] for name, forces in pushing.items()}
-    if not extremes.any() and not any(push.any() for push in pushes.values()):
+    spins = far is not None and far.spins.any()
+    if not (spins or extremes.any() or any(push.any() for push in pushes.values())):
         raise SceneError(f"{scene.source}: run: nothing acts, so there is nothing to train with")
     pushes, worst = _completed(problem, extremes, pushes), _worst(problem, acting, pushing)
     return LoadExtremes(resting, extremes, pushes, inputs, SMOOTHING_PERIODS * period, worst, frame, far)
@@ -109,7 +111,7 @@ def _largest(system: System, scene: Scene, acting: Array) -> dict[str, float]:
     """Size of each actuator and load of the scene, at most, from the inputs (steps, c) of a system."""
     parts = np.split(acting, np.cumsum(list(system.widths.values()))[:-1], axis=1)
     inputs = dict(zip(system.widths, parts, strict=False))
-    if is_framed(system):
+    if system.moving_frame is not None:
         active, run = ActiveEnvironment(scene.environment), scene.environment.run
         assert run is not None
         steps = np.arange(round(run.duration / run.dt)) + (0.5 if scene.environment.has_inertia else 1.0)
@@ -134,7 +136,7 @@ def _worst(problem: ReductionProblem, acting: Array, pushing: dict[str, Array]) 
 def scene_history(system: System, scene: Scene, frame: FrameLoads | None = None) -> Iterator[tuple[str, Array]]:
     """Contact mode and whole input of each step of the scene's load history; obstacles push nothing.
 
-    Of a body that a base carries, what the frame does is among the inputs.
+    Of a body whose frame moves, what that does is among the inputs.
     """
     environment = scene.environment
     active = ActiveEnvironment(environment)
