@@ -8,7 +8,7 @@ from fenics_rom.mechanics.frame_geometry import Geometry
 from fenics_rom.mechanics.frame_motion import Numbers, Vector, added, cross, rotated, turned
 
 MISFIT = 0.1  # of what the base moves by in a step: so far off may be what its twists say
-NEGLIGIBLE = 1e-6  # rad, and of the size of the body: what is no motion
+NEGLIGIBLE = 1e-5  # rad, and of the size of the body: in a step, of paths whose rows have few digits
 
 
 class Placed(Protocol):

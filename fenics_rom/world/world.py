@@ -276,7 +276,7 @@ class World(ReadWorld):
         try:
             given = None if inputs is None else inputs.get(self._lone_name)
         except AttributeError:  # cheaper than to ask before
-            self._check_inputs(inputs or {})
+            self._check_inputs({} if inputs is None else inputs)
             raise
         if given is None or (inputs and len(inputs) > 1):
             for name in inputs or ():
