@@ -56,7 +56,7 @@ class FrameStep:
         tells_apart: see mechanics.frame_contact.FrameBody.
     """
 
-    tells_apart = True
+    tells_apart, no_progress = True, NO_PROGRESS
 
     def __init__(
         self,

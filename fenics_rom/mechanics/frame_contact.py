@@ -12,12 +12,14 @@ body's velocities at the start, and not by half of what they do then, which no v
 """
 
 from collections.abc import Callable
-from typing import Protocol
+from functools import partial
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.actuator_forces import ActuatorForces, Touch
 from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGLIGIBLE_RESIDUAL
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_pairs import Settled
@@ -27,11 +29,11 @@ from fenics_rom.mechanics.frame_motion import Vector
 
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
 ROUND_OFF = 1e-14  # of them: a change that is none
-NO_PROGRESS = 1e-12  # of them: the same where changes shrink no more; the law's forces are no nearer to its solution
 SLOW, FEW_SWEEPS = 0.5, 5  # of a change to the one before, from which on slopes are found anew, after so many
 MOST_SWEEPS = 60
 PROXIMAL, SMALLEST_PROXIMAL = 1e-4, 1e-8  # of the mean compliance, beside W where that may be singular: it only guides
 LESS = 0.1  # of it in each sweep, so that they end soon, but not less than what forces were found with
+NO_MORE = np.zeros(3)  # velocity by actuators whose forces are given, m/s
 PATIENCE = 25  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
 
 
@@ -47,15 +49,60 @@ class Interface(Protocol):
         """As the solver does."""
 
 
+class ToFind(Protocol):
+    """Forces z (n,) of actuators that a step finds, by strokes and at guides; see actuator_forces."""
+
+    @property
+    def actuators(self) -> ActuatorForces:
+        """What finds them."""
+
+    @property
+    def inputs(self) -> Array:
+        """(p,) without them."""
+
+    @property
+    def targets(self) -> Array:
+        """Rates (n,) at which strokes are to go."""
+
+
+class ActuatedBody(Protocol):
+    """What a body has beside FrameBody where forces of its actuators are to be found.
+
+    Attributes:
+        reactions: these forces (n,) in the step before, that x is under at first.
+    """
+
+    reactions: Array
+
+    @property
+    def found(self) -> ToFind | None:
+        """What is to be found in the step that is open."""
+
+    def act(self, z: Array) -> None:
+        """Has the forces z (n,) from now on."""
+
+    def found_columns(self, x: Array) -> tuple[Array, Array, Array | None]:
+        """Of z near x: columns (m, n) of r̂, what x changes by (any, n), and angles (n,) at guides, unless at rest."""
+
+    def maps(self, turn: Geometry, arms: Array) -> Array:
+        """Mid-step velocities (3 P, any) of the contact points per unit of x, but for what z does to the origin."""
+
+
 class FrameBody(Protocol):
     """A body in a moving frame, within a step.
 
     Attributes:
         h: of the step, s.
         tells_apart: whether W is regular, so that forces that differ move points differently.
+        no_progress: of the velocities, a change that is round-off where changes shrink no more; the law's forces are
+            no nearer to its solution.
     """
 
     h: float
+
+    @property
+    def no_progress(self) -> float:
+        """See the class."""
 
     @property
     def tells_apart(self) -> bool:
@@ -109,20 +156,39 @@ class FrameBody(Protocol):
 
 
 def touch(
-    body: FrameBody, interface: Interface, x: Array, obstacles: ObstacleMotion
+    body: FrameBody,
+    interface: Interface | None,
+    x: Array,
+    obstacles: ObstacleMotion | None,
+    actuated: ActuatedBody | None = None,
 ) -> tuple[Array, ContactSolution | None]:
-    """Velocities and contact of a step that would go by x without it.
+    """Velocities and contact of a step that would go by x without it, under the forces of actuators that it needs.
+
+    Args:
+        body: within a step.
+        interface, obstacles: that touch it; None: nothing can.
+        x: velocities.
+        actuated: the body where forces of its actuators are to be found, too.
 
     Raises:
-        StepError: no contact forces were found.
+        StepError: no forces were found.
     """
-    solver, h = interface.solver, body.h
+    if interface is None or obstacles is None:
+        return _held(body, x, actuated), None
+    solver, h, z = interface.solver, body.h, np.empty(0) if actuated is None else actuated.reactions
     search_before, settled = solver.search, Settled()
     steady = np.array_equal(obstacles.velocities(h), obstacles.velocities_before)
     displacement = body.point_displacement()
     near, contact, proximal, least = np.empty(0, dtype=int), None, PROXIMAL, SMALLEST_PROXIMAL
     forces, size_before, scale = np.zeros_like(displacement), 0.0, body.scale(x)
     found_all, left = False, 0.0  # from when on the balance alone is solved, and what forces then lacked
+
+    def solved(free: Array, by_z: Array, operator: Array) -> ContactSolution | None:
+        # What touched in the step before is what obstacles push that accelerate.
+        solver.search = solver.search._replace(residual=search_before.residual) if steady else search_before
+        motion = PointMotion(displacement, velocity, free + by_z)
+        return interface.solve(motion, operator, h, obstacles, settled=settled)
+
     for sweep in range(MOST_SWEEPS):
         turn = body.geometry(x)
         yielding = body.yielding(turn, contact)
@@ -134,28 +200,36 @@ def touch(
         if sweep == 0:
             near = solver.within_reach(PointMotion(displacement, velocity, moving), h, obstacles)
             if not len(near):
-                return x, None
-        found, before = forces, contact
+                return _held(body, x, actuated), None
+        found, before, z_before, by_actuators = forces, contact, z, 0.0
         if not found_all:
             W = _operator(body, turn, arms, near, proximal)
             free = moving - W.dot(forces.ravel()).reshape(forces.shape)
-            # What touched in the step before is what obstacles push that accelerate.
-            solver.search = solver.search._replace(residual=search_before.residual) if steady else search_before
-            contact = interface.solve(PointMotion(displacement, velocity, free), W, h, obstacles, settled=settled)
+            if actuated is None:
+                contact = solved(free, NO_MORE, W)
+            else:
+                held = Held.of(body, actuated, corrected, z)
+                moved = np.zeros((forces.size, len(z)))
+                rows = (3 * near[:, None] + np.arange(3)).ravel()
+                moved[rows] = actuated.maps(turn, arms)[rows].dot(held.spread)
+                z, contact = held.solve_with(moved, W, forces, z, partial(solved, free))
             if contact is not None and len(near) < len(forces) and np.setdiff1d(contact.pairs % len(forces), near).size:
-                near, solver.search, contact = np.arange(len(forces)), search_before, before  # others are reached, too
-                continue
+                near, solver.search, contact, z = np.arange(len(forces)), search_before, before, z_before
+                continue  # others are reached, too
             if solver.search.residual != search_before.residual:
                 least = min(proximal / LESS**2, PROXIMAL)
             proximal = max(LESS * proximal, least)
-            if contact is None and sweep == 0:
+            if contact is None and sweep == 0 and actuated is None:
                 return x, None
             found = np.zeros_like(forces) if contact is None else contact.forces
-        change = corrected - x + body.spread(body.push(found - forces, turn, arms))
+            if actuated is not None:
+                by_actuators = held.spread.dot(z - z_before)
+                actuated.act(z)
+        change = corrected - x + by_actuators + body.spread(body.push(found - forces, turn, arms))
         x, forces, size = x + change, found, body.size(change)
         scale = max(scale, body.scale(x))
         converged = size <= ROUND_OFF * scale or (size < size_before and size * size / size_before <= TOLERANCE * scale)
-        if converged or (size <= NO_PROGRESS * scale and size > size_before / 2 > 0):
+        if converged or (size <= body.no_progress * scale and size > size_before / 2 > 0):
             if left and contact is not None:
                 solver.search = solver.search._replace(residual=search_before.residual.with_step(left))
                 contact = _passive(contact, moving)
@@ -170,6 +244,87 @@ def touch(
         f"contact of a turning body: after {MOST_SWEEPS} sweeps forces still change by {size / scale:.1e} of the "
         "velocities; a smaller dt is the cure"
     )
+
+
+def _held(body: FrameBody, x: Array, actuated: ActuatedBody | None) -> Array:
+    """The same where nothing touches."""
+    if actuated is None:
+        return x
+    z = actuated.reactions
+    size_before, scale = 0.0, body.scale(x)
+    for sweep in range(MOST_SWEEPS):
+        corrected, z_before = x if sweep == 0 else body.corrected(x, None), z
+        held = Held.of(body, actuated, corrected, z)
+        z = held.solve()
+        actuated.act(z)
+        change = corrected - x + held.spread.dot(z - z_before)
+        x, size = x + change, body.size(change)
+        scale = max(scale, body.scale(x))
+        if size <= ROUND_OFF * scale or (size < size_before and size * size / size_before <= TOLERANCE * scale):
+            return x
+        if size <= body.no_progress * scale and size > size_before / 2 > 0:
+            return x
+        if sweep >= FEW_SWEEPS and size > SLOW * size_before:
+            body.renew(x)
+        size_before = size
+    raise StepError(
+        f"forces of actuators of a turning body: after {MOST_SWEEPS} sweeps velocities still change by "
+        f"{size / scale:.1e}; a smaller dt is the cure"
+    )
+
+
+class Held(NamedTuple):
+    """Actuators whose forces z (n,) are to be found, near velocities x that are those under some z."""
+
+    actuators: ToFind
+    spread: Array  # what x changes by per z (any, n)
+    compliance: Array  # rates per z (n, n)
+    rates: Array  # (n,) without z
+    angles: Array | None  # (n,) by which tendons turn at guides; None: those at rest
+
+    @classmethod
+    def of(cls, body: FrameBody, actuated: ActuatedBody, x: Array, z: Array) -> "Held":
+        """Near x, under z."""
+        actuators = actuated.found
+        assert actuators is not None
+        columns, spread, angles = actuated.found_columns(x)
+        by_z = columns.T.dot(spread[-len(columns) :])
+        return cls(actuators, spread, by_z, columns.T.dot(body.rates(x)[1]) - by_z.dot(z), angles)
+
+    def solve(self) -> Array:
+        """z where nothing touches."""
+        z, _ = self._solve(lambda z, holding: (None, np.zeros(len(z))), self.rates)
+        return z
+
+    def solve_with(
+        self,
+        moved: Array,
+        delassus: Array,
+        forces: Array,
+        z: Array,
+        solve_contact: Callable[[Array, Array], ContactSolution | None],
+    ) -> tuple[Array, ContactSolution | None]:
+        """z and contact.
+
+        Args:
+            moved: velocities (3P, n) of contact points per z.
+            delassus: W (3P, 3P) of the points where z stays.
+            forces, z: that x is under.
+            solve_contact: with what is added to the velocities of points without contact, (P, 3), and an operator.
+        """
+        held = self.actuators.actuators.holding(delassus, moved, self.actuators.actuators.compliance(self.compliance))
+
+        def touch(tried: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
+            by_z = moved.dot(tried - z).reshape(-1, 3)
+            contact = solve_contact(by_z, held.delassus(holding))
+            return contact, np.zeros(len(z)) if contact is None else moved.T.dot(contact.forces.ravel())
+
+        return self._solve(touch, self.rates - moved.T.dot(forces.ravel()))
+
+    def _solve(self, touch: Touch, rates: Array) -> tuple[Array, ContactSolution | None]:
+        found, actuators = self.actuators, self.actuators.actuators
+        W = actuators.compliance(self.compliance)
+        return actuators.solve(found.inputs, rates, W, found.targets, touch, self.angles)
 
 
 def _passive(contact: ContactSolution, velocities: Array) -> ContactSolution:

@@ -64,7 +64,7 @@ class CarriedMode:
         tied = frame.springs is not None or frame.dashpots is not None
         self.ties = BatchTies(self.frame) if tied else None
         self.watch = FrameWatch(rom, model, detail)
-        columns = np.arange(most + loads.turning - contacts + len(loads.columns) + (loads.gravity >= 0))
+        columns = np.arange(most + loads.width - contacts)
         self.columns = np.delete(columns, slice(contacts, most))  # of the inputs of a batch
         second = self.frame.inertia2 if self.frame.stiffening is None else self.frame.inertia2 - self.frame.stiffening
         self.products = np.concatenate([second, self.frame.coupling])  # I2 and G, (9, m, m)
@@ -114,7 +114,7 @@ class CarriedMode:
         v_end, ω_end = seen(R_end, bases[1].velocity), seen(R_end, bases[1].angular_velocity)
         v̂, ω̂ = (v + v_end) / 2, (ω + ω_end) / 2
         middle = R + h / 2 * np.cross(R, ω̂[:, None])
-        pushed = u[:, : loads.turning] @ loads.push.T
+        pushed = u[:, loads.turning] @ loads.push.T
         modal = pushed[:, :m].copy()
         if loads.gravity >= 0:
             modal += seen(middle, u[:, loads.gravity, None] * loads.acceleration) @ frame.moment_modes
@@ -170,7 +170,7 @@ class CarriedMode:
         force = (end.P - start.P) / h + np.cross(ω̂, P̂) - pushed[:, m : m + 3]
         torque = (end.L - start.L) / h + np.cross(ω̂, L̂) + np.cross(v̂, P̂) - pushed[:, m + 3 :]
         if loads.by_shape is not None:
-            torque -= np.einsum("kmp,bp,bm->bk", loads.by_shape, u[:, : loads.turning], q + h / 2 * r̂)
+            torque -= np.einsum("kmp,bp,bm->bk", loads.by_shape, u[:, loads.turning], q + h / 2 * r̂)
         if loads.gravity >= 0:
             a = u[:, loads.gravity, None] * loads.acceleration
             arm = (turned_by(start.R, start.moment) + turned_by(end.R, end.moment)) / 2

@@ -46,7 +46,8 @@ from fenics_rom.runtime.steppers.carried_base import Begun, Motion, frame_state,
 from fenics_rom.runtime.steppers.carried_points import CarriedPoints, seen
 from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED, FrameKernel, FrameState, check_turn, in_frame
 from fenics_rom.runtime.steppers.frame_points import FramePoints
-from fenics_rom.runtime.steppers.inertia import pairs
+from fenics_rom.runtime.steppers.inertia import MOST_ITERATIONS, pairs
+from fenics_rom.runtime.steppers.kept_newton import KeptNewton
 
 Wrench = tuple[Vector, Vector]
 NO_TURN = 1e-18  # rad: by less coordinates are not coupled, as |G| <= 1 and |I2| <= 1 beside 2/h are below the last bit
@@ -55,7 +56,10 @@ NO_TURN = 1e-18  # rad: by less coordinates are not coupled, as |G| <= 1 and |I2
 class CarriedFrame(FrameKernel):
     """Arguments and attributes as in FrameKernel; `frame.turning` is the angular velocity of the base."""
 
-    answers_linearly = True
+    @property
+    def answers_linearly(self) -> bool:  # type: ignore[override]
+        """As in Kernel."""
+        return self._found is None and (self.elastic is None or self.elastic.is_exact)
 
     def __init__(self, *args: Any, **named: Any):
         super().__init__(*args, **named)
@@ -70,6 +74,8 @@ class CarriedFrame(FrameKernel):
         )
         self._inverse: Array | None = None
         self._A: Array | None = None  # the last one that couples all coordinates, and where
+        self._ahead: tuple[Array, Array, Array] | None = None  # of an expected step A but for f̂, its slope, and A⁻¹
+        self._newton = KeptNewton()
         self._coupled_at: tuple[float, ...] = ()
         self._taken: Begun | None = None
         self._free = np.empty(0)
@@ -115,18 +121,20 @@ class CarriedFrame(FrameKernel):
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
         super().set_time_step(h)
-        self._A = None
+        self._A = self._ahead = None
+        if self.elastic is not None:
+            self._products[9] = self._inert
 
     def reset_buffer(self) -> None:
         """As in Kernel."""
         super().reset_buffer()
-        self._A = None
+        self._A = self._ahead = None
 
     def rollback(self) -> None:
         """As in Kernel."""
         super().rollback()
         self._now, self._wrench = self._now_before, self._wrench_before
-        self._square = float(self.state.dot(self.state))
+        self._square = self._twice_within()
         self._shape_at(self._now.q, self._r)
 
     def resume(self, auxiliary: Array) -> None:
@@ -134,7 +142,7 @@ class CarriedFrame(FrameKernel):
         super().resume(auxiliary)
         q, R = self._coordinates().copy(), rotation_of(*self.frame.rotation)
         twist = rotated_back(R, self.frame.velocity), rotated_back(R, self.frame.turning)
-        self._square = float(self.state.dot(self.state))
+        self._square, self._ahead = self._twice_within(), None
         self._now = self._now_before = motion_of(q, self._shape_at(q, self._r), R, *twist, self._mass)
         if self.ties is not None:
             self.ties.place(self.frame.position, R, q)
@@ -147,10 +155,10 @@ class CarriedFrame(FrameKernel):
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel; to `base`."""
         r̂, contact = self._begin_step(u), None
-        if self._interface is not None and obstacles is not None:
+        if self.found is not None or (self._interface is not None and obstacles is not None):
             if not math.isfinite(r̂.dot(r̂)):
                 raise StepError("the inputs are so large that the step overflows; the state was left as it was")
-            r̂, contact = touch(self, self._interface, r̂, obstacles)
+            r̂, contact = touch(self, self._interface, r̂, obstacles, None if self.found is None else self)
         return self._end_step(r̂, contact)
 
     def open(self, u: Array) -> Array:
@@ -188,7 +196,7 @@ class CarriedFrame(FrameKernel):
     def _begin_step(self, u: Array) -> Array:
         """r̂ (m,) of a step without contact."""
         h, now, start = self.h, self._now, self.frame
-        forces = self._loads.at(u)
+        forces = self._begin(u)
         end = start._replace(velocity=ZERO, turning=ZERO) if self.base is None else frame_state(self.base)
         R = rotation_of(*end.rotation)
         v_end, ω_end = rotated_back(R, end.velocity), rotated_back(R, end.turning)
@@ -201,11 +209,85 @@ class CarriedFrame(FrameKernel):
         if self.ties is not None:
             A, right, tied = self.ties.of_carried(A, right, turn, end.position)
         before, self._taken = self._taken, Begun(A, right, turn, end, v̂, ω̂, v_end, ω_end, forces, modal, tied)
+        if self.elastic is not None:
+            return self._strained(self._taken)
         if A.ndim == 2 and before is not None and A is before.A:  # of a base that turns steadily
             r̂: Array = self._inverted(self._taken).dot(right)
             return r̂
         self._inverse = None
         return self._solved(A, right)
+
+    def _strained(self, step: Begun) -> Array:
+        """r̂ (m,) of a step without contact whose A and right-hand side lack f̂, which are completed."""
+        elastic = self.elastic
+        assert elastic is not None
+        v, self._inverse = elastic.velocity.copy(), None
+        self._take_matrix(v)
+        if not elastic.is_exact:
+            self._completed(step, step.right - self._resists(v, v))
+            return self._iterated(v)
+        lack = step.A.dot(v) + self._matrix.dot(v) - step.right + self._resists(v, v)
+        if self.contact is not None:  # what touched in the step before touches
+            lack -= self.points.rows.dot(self.contact.forces.dot(step.turn.middle).ravel())
+        if self._ahead is None or self._ahead[0] is not step.A or self._ahead[1] is not self._matrix:
+            try:
+                self._ahead = step.A, self._matrix, np.linalg.inv(step.A + self._matrix)
+            except np.linalg.LinAlgError:
+                self._ahead = step.A, self._matrix, np.zeros_like(step.A)
+        v -= self._ahead[2].dot(lack)
+        elastic.expect(v)
+        self._take_matrix(v)
+        self._followed_at = v
+        self._completed(step, step.right - self._resists(v, v))
+        assert self._taken is not None
+        return self._solved(self._taken.A, self._taken.right)
+
+    def _completed(self, step: Begun, right: Array) -> None:
+        self._bare, self._taken = step, step._replace(A=step.A + self._matrix, right=right)
+
+    def _iterated(self, v: Array) -> Array:
+        """The r̂ (m,) of the step by Newton's method from v, which is overwritten."""
+        left = self._newton.solve(v, self._lack, self._slope, self.size, self.scale)
+        if left:
+            raise StepError(
+                f"no step of {self.h:g} s was found that bends the body as it does: after {MOST_ITERATIONS} iterations "
+                f"{left:.1e} of the velocities is left; a smaller dt is the cure"
+            )
+        return v
+
+    def _lack(self, v: Array) -> Array:
+        """What the balance lacks at v (m,) without contact."""
+        if self.elastic is not None and not self.elastic.is_exact:
+            self._completed(self._bare, self._bare.right - self._resists(v, v))
+        assert self._taken is not None
+        lack: Array = self._taken.A.dot(v) - self._taken.right
+        return lack
+
+    def _slope(self, v: Array) -> Array:
+        """A of v (m,)."""
+        elastic = self.elastic
+        assert elastic is not None
+        elastic.renew(v)
+        self._take_matrix(v)
+        self._completed(self._bare, self._bare.right - self._resists(v, v))
+        assert self._taken is not None
+        return self._taken.A
+
+    def act(self, z: Array) -> None:
+        """As in FrameBody of mechanics.frame_contact."""
+        assert self.found is not None
+        step = self._taken if self.elastic is None else self._bare
+        assert step is not None
+        self._acting, self._reactions_found = self.found.acting(z), z
+        forces = self._loads.at(self._acting)
+        modal = self._loads.modal(forces, step.turn, self._constants)
+        step = step._replace(forces=forces, modal=modal, right=step.right + modal - step.modal)
+        if self.elastic is None:
+            self._taken = step
+        elif self.elastic.is_exact:
+            self._completed(step, step.right - self._resists(self._followed_at, self._followed_at))
+        else:
+            self._bare = step
 
     def _end_step(self, r̂: Array, contact: ContactSolution | None) -> float:
         """Takes the step that has begun, to the velocities that it was found to have."""
@@ -222,7 +304,8 @@ class CarriedFrame(FrameKernel):
         q, v̂, ω̂ = e * self._inverse_ω, step.v̂, step.ω̂
         after = motion_of(q, self._shape_at(q, r), turn.after, step.v_end, step.ω_end, self._mass)
         of_base = dot(added(after.P, -1.0, now.P), v̂) + dot(added(after.L, -1.0, now.L), ω̂)
-        supplied = of_base + h * float(step.modal.dot(r̂))
+        rubbed = self._rubbed(r̂)
+        supplied = of_base + h * (float(step.modal.dot(r̂)) + self._followed_power(r̂) - rubbed)
         if pushed is not None:  # the work of contact forces is booked as theirs
             supplied -= h * (dot(pushed[0], v̂) + dot(pushed[1], ω̂))
         if self.ties is not None and step.tied is not None:  # the base does the work that ties do not do on the shape
@@ -231,7 +314,7 @@ class CarriedFrame(FrameKernel):
             supplied += h * (float(tied.push().modal.dot(r̂)) - tied.power)
             heat += self.ties.dissipated(tied)
             self.ties.place(step.end.position, turn.after, q)
-        self._finish(contact, power, supplied, h * float(r̂.dot(self._damped(r̂))) + heat)
+        self._finish(contact, power, supplied, self._heat(r̂, q) - h * rubbed + heat)
         self._look_at_base(start, step.end, turn, v̂)
         self._wrench_before, self._now_before = self._wrench, now
         self._wrench = partial(self._wrench_of, h, step, r̂, now, after, pushed)
@@ -272,7 +355,7 @@ class CarriedFrame(FrameKernel):
                 self._set_coefficients(*self._coupled_at, 1.0)
                 self._A = self._coefficients.dot(self._flat_products).reshape(len(modal), -1)
             return self._A, right
-        return self._products[9] if self._dense_damping else self._diagonal, right
+        return self._products[9] if self._is_dense else self._diagonal, right
 
     def _wrench_of(self, h: float, step: Begun, r̂: Array, now: Motion, after: Motion, pushed: Wrench | None) -> Wrench:
         """Of the base on the body in a step of h s that led from one motion to another; in world axes.
@@ -337,8 +420,26 @@ class CarriedFrame(FrameKernel):
         """Velocities of the step under contact forces that push."""
         step = self._taken
         assert step is not None
+        if self.elastic is not None and not self.elastic.is_exact:
+            lack = self._lack(x) if push is None else self._lack(x) - push.modal
+            return x - self._inverted(step).dot(lack)
         corrected: Array = self._inverted(step).dot(step.right if push is None else step.right + push.modal)
         return corrected
+
+    def renew(self, x: Array) -> None:
+        """As in FrameBody of mechanics.frame_contact."""
+        if self.elastic is not None and not self.elastic.is_exact:
+            self._newton.keep(self._slope(x))
+
+    def maps(self, turn: Geometry, arms: Array) -> Array:
+        """As in FrameKernel."""
+        return self.points.modal_maps(turn)
+
+    def _spread_columns(self, columns: Array) -> Array:
+        """As in FrameKernel."""
+        assert self._taken is not None
+        spread: Array = self._inverted(self._taken).dot(columns)
+        return spread
 
     def spread(self, change: Push) -> Array:
         """What x changes by, where contact forces change by so much."""
@@ -373,6 +474,9 @@ class CarriedFrame(FrameKernel):
         return self.size(x) + (float(self._r.dot(self._r)) + rigid) ** 0.5
 
     def _inverted(self, step: Begun) -> Array:
+        if self.elastic is not None and not self.elastic.is_exact:
+            assert self._newton.inverse is not None
+            return self._newton.inverse
         if self._inverse is None:
             self._inverse = np.linalg.inv(step.A) if step.A.ndim == 2 else np.diag(1 / step.A)
         return self._inverse

@@ -76,12 +76,12 @@ class FiniteStrainKernel(BookedKernel):
         super().__init__(model, ledger, np.empty(0), interface, actuators, residual, branches)
         names, guides = ((), ()) if actuators is None else (actuators.names, actuators.guides)
         tendons = rom.deformation.tendons
-        self._found = [_follower(rom.deformation, name) for name in names]
-        self._found += [_tendon(tendons[name].up_to(guide)) for name, guide in guides]
+        self._found = [follower(rom.deformation, name) for name in names]
+        self._found += [follower_of_tendon(tendons[name].up_to(guide)) for name, guide in guides]
         self._rubbing = [tendons[name] for name in dict.fromkeys(name for name, _ in guides)]
         self._body: ReducedDeformation = rom.deformation
         self._shared = sum(rom.actuators.values()) + sum(rom.loads.values())
-        self._follower_columns = _follower_loads(rom)
+        self._follower_columns = follower_loads(rom)
         self._warning_radius = TRUSTED_EXTENT * self._body.training_radius
         trained = self._body.trained
         self._watch = None if trained is None else TrainingWatch(rom, trained, interface)
@@ -250,26 +250,27 @@ def definite_inverse(*matrices: Array) -> Array:
     return np.full_like(matrices[0], math.nan)
 
 
-def _follower_loads(rom: Rom) -> list[tuple[int, Follower]]:
+def follower_loads(rom: Rom) -> list[tuple[int, Follower]]:
     """The inputs whose forces turn with the body: columns, counted from behind the contact's."""
     assert rom.deformation is not None
     loads: list[tuple[int, Follower]] = []
     column = 0
     for name, columns in rom.actuators.items():
         if name in rom.deformation.pressures or name in rom.deformation.tendons:
-            loads.append((column, _follower(rom.deformation, name)))
+            loads.append((column, follower(rom.deformation, name)))
         column += columns
     return loads
 
 
-def _tendon(tendon: ReducedTendon) -> Follower:
+def follower_of_tendon(tendon: ReducedTendon) -> Follower:
+    """That of a cable."""
     return Follower(tendon.force, tendon.stroke, tendon.pull_back, tendon.slope, tendon.force)
 
 
-def _follower(body: ReducedDeformation, name: str) -> Follower:
+def follower(body: ReducedDeformation, name: str) -> Follower:
     """That of a tendon or a pressure."""
     if name in body.tendons:
-        return _tendon(body.tendons[name])
+        return follower_of_tendon(body.tendons[name])
     polynomial = body.pressures[name]
 
     def force(q: Array) -> Array:

@@ -35,7 +35,11 @@ from fenics_rom.runtime.steppers.inertia import Inertia
 from fenics_rom.runtime.steppers.kernel import BookedKernel, ContactWorks, StepWork
 
 if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.acts.following import FollowingLoads
+    from fenics_rom.runtime.steppers.acts.found_forces import FoundForces, FoundInStep
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.deformation_watch import DeformationWatch
+    from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 LARGEST_TURN = 1.5  # rad in a step, h |ω|: beyond it there may be no step, or another one than that of the body
@@ -65,6 +69,25 @@ HALF_INERTIA1, MOMENTS, BENT, COUPLED = slice(0, 6), slice(6, 9), slice(9, 15), 
 GIVEN, TURNED, BENT_BY_RATE, TURNED_BY_RATE, ROWS = 18, slice(19, 22), slice(22, 28), slice(28, 31), 32
 
 
+class BodyParts(NamedTuple):
+    """What a body is made of beside its frame; without them it is plain.
+
+    Attributes:
+        elastic: what resists the shape; None: small strains of a material that does not relax.
+        following: loads that turn with what they act on; None: there are none.
+        found: forces of actuators that are found in steps; None: there are none.
+        extent: tells how far a body that deforms largely goes; None: its strains are small.
+    """
+
+    elastic: "ElasticLaw | None" = None
+    following: "FollowingLoads | None" = None
+    found: "FoundForces | None" = None
+    extent: "DeformationWatch | None" = None
+
+
+PLAIN = BodyParts()
+
+
 class FrameKernel(BookedKernel):
     """A step in a moving frame.
 
@@ -74,6 +97,7 @@ class FrameKernel(BookedKernel):
         loads: what acts on it besides contact.
         watch: of what the model does not follow.
         ledger, interface, residual: as in BookedKernel.
+        parts: what else it is made of.
 
     Attributes:
         frame: where the frame is; set it, then `resume`.
@@ -90,10 +114,20 @@ class FrameKernel(BookedKernel):
         ledger: EnergyLedger | None,
         interface: "ContactInterface | None",
         residual: "ResidualMotion | None" = None,
+        parts: BodyParts = PLAIN,
     ):
         super().__init__(model, ledger, np.empty(0), interface, residual=residual)
         self._constants, self._loads, self._mass = frame, loads, frame.mass
+        self.elastic, self._following, self._found, self._extent = elastic, _, found, extent = parts
+        self.found: FoundInStep | None = None
+        self._acting, self._reactions_found = np.empty(0), np.empty(0)
+        self._followed_at = np.empty(0)  # v̂ (m,) that loads which follow are expected to act in the middle of
+        self._start, self._matrix = np.empty(0), np.empty((0, 0))  # q of the step, and the slope of f̂ that is kept
+        if found is not None:
+            self.reactions = self._reactions_before = np.zeros(len(found.actuators.columns))
         self._watch, self.notes = watch, watch.notes
+        if elastic is not None:
+            self.notes |= dict.fromkeys((*elastic.NOTES, *(() if extent is None else extent.notes)), 0.0)
         m = model.order
         self._second = frame.inertia2 if frame.stiffening is None else frame.inertia2 - frame.stiffening
         self._couples = bool(self._second.any() or frame.coupling.any() or frame.inertia1.any())
@@ -121,7 +155,7 @@ class FrameKernel(BookedKernel):
         self.base: BaseState | None = None
         self._square = 0.0  # of the state
         self.frame = self._frame_before = self._at_rest = FrameState((x, y, z), (1.0, 0.0, 0.0, 0.0), ZERO, ZERO)
-        self._dense_damping = model.damping.ndim == 2
+        self._is_dense = elastic is not None or model.damping.ndim == 2
         self._terms = np.empty((2, m))
         self._turned_to = self.frame.rotation, np.eye(3)
         self._places: Array | None = None  # of the contact points in this state
@@ -132,9 +166,13 @@ class FrameKernel(BookedKernel):
         """As in Kernel."""
         super().set_time_step(h)
         γ, d = self._model.eigenvalues, self._model.damping
-        self._diagonal = 2 / h + h / 2 * γ if self._dense_damping else 2 / h + h / 2 * γ + d
+        self._diagonal = 2 / h + h / 2 * γ if self._is_dense else 2 / h + h / 2 * γ + d
         self._products[:6], self._products[6:9] = h / 2 * self._second, self._constants.coupling
-        self._products[9] = np.diag(self._diagonal) + d if self._dense_damping else np.diag(self._diagonal)
+        if self.elastic is not None:
+            self.elastic.set_time_step(h)
+            self._inert = 2 / h * np.eye(len(γ))
+        else:
+            self._products[9] = np.diag(self._diagonal) + d if self._is_dense else np.diag(self._diagonal)
         self._travel = h * self._ω
         if self.ties is not None:
             self.ties.set_time_step(h)
@@ -143,6 +181,8 @@ class FrameKernel(BookedKernel):
     def rollback(self) -> None:
         """As in Kernel."""
         super().rollback()
+        if self.elastic is not None:
+            self.elastic.rollback()
         self.frame, self._places = self._frame_before, None
         if self.ties is not None:
             self.ties.rollback()
@@ -152,6 +192,8 @@ class FrameKernel(BookedKernel):
         refused = {
             "a free body in a moving frame": not self._constants.carried,
             "contact in a moving frame": self._interface is not None,
+            "a moving frame of a body whose strains are large or relax": self.elastic is not None,
+            "strokes in a moving frame": self._found is not None,
         }
         for what, there in refused.items():
             if there:
@@ -200,10 +242,35 @@ class FrameKernel(BookedKernel):
             self._places = places if self.residual is None else places + self.residual.displacement
         return self._places
 
+    @property
+    def auxiliary(self) -> Array:
+        """As in Kernel."""
+        of_residual = super().auxiliary
+        return of_residual if self.elastic is None else np.concatenate([of_residual, self.elastic.auxiliary])
+
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
-        super().resume(auxiliary)
         self._places = None
+        if self.elastic is None:
+            super().resume(auxiliary)
+            return
+        own = len(self.elastic.auxiliary)
+        super().resume(auxiliary[: max(len(auxiliary) - own, 0)])
+        self.elastic.resume(
+            self._coordinates(), self._r, auxiliary[len(auxiliary) - own :] if len(auxiliary) else auxiliary
+        )
+
+    def reset_buffer(self) -> None:
+        """As in Kernel."""
+        super().reset_buffer()
+        if self.elastic is not None:
+            self.elastic.reset_buffer()
+
+    def _twice_within(self) -> float:
+        """Twice what is stored in the shape and its rate, but for the residual part, J."""
+        if self.elastic is None:
+            return float(self.state.dot(self.state))
+        return float(self._r.dot(self._r)) + 2 * self.elastic.stored
 
     def _shape_at(self, q: Array, r: Array) -> Shape:
         """The inertia there, which the table is of from now on."""
@@ -222,11 +289,45 @@ class FrameKernel(BookedKernel):
             (cx, cy, cz),
         )
 
+    def _begin(self, u: Array) -> FrameForces:
+        """Begins a step under u (p,), with the forces that were found in the step before; what acts in the frame."""
+        self._acting = u
+        if self._found is not None:
+            self.found = self._found.begin(u, self._coordinates(), self._r, self.h)
+            self._acting, self._reactions_found = self.found.acting(self.reactions), self.reactions
+        forces = self._loads.at(self._acting)
+        if self.elastic is not None:
+            self._start = self._coordinates().copy()
+            self.elastic.open(self._start)
+        return forces
+
+    def _resists(self, v: Array, at: Array) -> Array:
+        """What of f̂ is not `_matrix` v̂, less the loads that follow a body that goes with `at` (m,); exact at v (m,)."""
+        elastic = self.elastic
+        assert elastic is not None
+        elastic.at(v)
+        pull = elastic.pull if elastic.is_exact else elastic.pull + (elastic.matrix - self._matrix).dot(v)
+        if self._following is None:
+            return pull
+        return pull - self._following.force(self._acting, self._start + self.h / 2 * at)
+
+    def _take_matrix(self, v: Array) -> None:
+        """Has the slope of f̂ at v (m,) from now on, with that of the loads that follow where these are of v, too."""
+        elastic = self.elastic
+        assert elastic is not None
+        self._matrix = elastic.matrix
+        if self._following is not None and not elastic.is_exact:
+            half = self.h / 2
+            self._matrix = self._matrix - half * self._following.slope(self._acting, self._start + half * v)
+
     def _give(self, modal: Array) -> None:
         """The rows of the table that do not change within a step, under forces (m,) on the coordinates."""
         given = self._table[GIVEN]
-        np.multiply(self._elastic_and_inertial, self._halves, self._terms)
-        np.add(self._terms[0], self._terms[1], given)
+        if self.elastic is None:
+            np.multiply(self._elastic_and_inertial, self._halves, self._terms)
+            np.add(self._terms[0], self._terms[1], given)
+        else:
+            np.multiply(self._elastic_and_inertial[1], self._r, given)
         np.subtract(given, modal, given)
         if self._couples:
             self._by_turning(self.h / 2 * self._r, self._turned)
@@ -237,9 +338,35 @@ class FrameKernel(BookedKernel):
         self._by_rate(rate, self._rated)
         np.add(self._bent_by_rate, self._bent, self._bent_by_rate)
 
+    def _middle_of(self, v: Array) -> Array:
+        """q (m,) in the middle of a step with v (m,), as loads that follow have it."""
+        if self.elastic is None:
+            return self._coordinates()
+        return self._start + self.h / 2 * (self._followed_at if self.elastic.is_exact else v)
+
+    def _followed_power(self, v: Array) -> float:
+        """Of the loads that follow the body, at v (m,), W."""
+        if self._following is None:
+            return 0.0
+        return float(self._following.force(self._acting, self._middle_of(v)).dot(v))
+
+    def _rubbed(self, v: Array) -> float:
+        """Power of the forces at guides, at v (m,), W."""
+        if self._found is None or not self._found.actuators.guides:
+            return 0.0
+        _, rubbed = self._found.actuators.parts(self._found.columns(self._middle_of(v)), self._reactions_found)
+        return float(rubbed.dot(v))
+
+    def _heat(self, v: Array, after: Array) -> float:
+        """Ends the step of what resists the shape, with v (m,) to q⁺ (m,); what it dissipates, J."""
+        if self.elastic is None:
+            return self.h * float(v.dot(self._damped(v)))
+        return self.elastic.close(v, after)
+
     def _damped(self, r: Array) -> Array:
         """D r (m,)."""
-        damped: Array = self._model.damping.dot(r) if self._dense_damping else self._model.damping * r
+        D = self._model.damping
+        damped: Array = D * r if D.ndim == 1 else D.dot(r)
         return damped
 
     def _prescribed(self, forces: FrameForces, turn: Geometry, q: Array, rate: Array, h: float) -> Push | None:
@@ -258,7 +385,15 @@ class FrameKernel(BookedKernel):
     @property
     def messages(self) -> tuple[str, ...]:
         """As in Kernel."""
-        return self._watch.messages(self.notes)
+        told = self._watch.messages(self.notes)
+        if self._extent is not None:
+            told = *told, *self._extent.messages(self.notes)
+        return told if self.elastic is None else (*told, *self.elastic.messages(self.notes))
+
+    @property
+    def beyond_training(self) -> bool:
+        """As in Kernel."""
+        return self._extent is not None and bool(self._extent.messages(self.notes))
 
     @property
     def angular_velocity(self) -> Vector:
@@ -302,6 +437,11 @@ class FrameKernel(BookedKernel):
         return self.points.push(forces, turn, arms)
 
     @property
+    def no_progress(self) -> float:
+        """As in FrameBody of mechanics.frame_contact: more where forces are differences of energies of points."""
+        return 1e-12 if self.elastic is None or self.elastic.is_exact else 1e-11
+
+    @property
     def tells_apart(self) -> bool:
         """Whether W is regular: of a basis alone it is singular where more points touch than it has coordinates."""
         return self.residual is not None
@@ -312,6 +452,21 @@ class FrameKernel(BookedKernel):
         if self.residual is None:
             return W
         return W + turned_operator(turn.start, self.residual.delassus_of(near), turn.start)
+
+    def maps(self, turn: Geometry, arms: Array) -> Array:
+        """As in FrameBody of mechanics.frame_contact."""
+        raise NotImplementedError
+
+    def found_columns(self, x: Array) -> tuple[Array, Array, Array | None]:
+        """As in FrameBody of mechanics.frame_contact."""
+        assert self._found is not None
+        q = self._middle_of(self.rates(x)[1])
+        columns = self._found.columns(q)
+        return columns, self._spread_columns(columns), self._found.angles(q)
+
+    def _spread_columns(self, columns: Array) -> Array:
+        """What x changes by per force on the coordinates, of columns (m, n) of these."""
+        raise NotImplementedError
 
     def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
         """The same, of the basis alone."""
@@ -365,12 +520,18 @@ class FrameKernel(BookedKernel):
         contacts: ContactWorks = () if contact is None else (partial(contact.work_at, power, self.h),)
         self._leave(StepWork(supplied, dissipated, contacts))
         self.contact, self._frame_before = contact, self.frame
+        if self.found is not None:
+            self.reactions = self._reactions_found
 
     def _arrive(self, e: Array, r: Array) -> float:
         """Where a step led, but for the frame; twice the stored energy, J."""
         self._e[:], self._r[:], self._places = e, r, None
-        self._square = float(self.state.dot(self.state))
+        self._square = self._twice_within()
+        if self.elastic is not None:
+            self.elastic.note(self.notes)
         self._watch.look(e, self._square, self.angular_velocity, self.notes)
+        if self._extent is not None:
+            self._extent.look(self.notes, self._acting, e * self._inverse_ω, None, self.contact, self.h)
         return 2 * self.energy
 
 

@@ -1,5 +1,6 @@
 """What acts on a body in a moving frame, but for contact: forces that turn with it, gravity, forces in world axes."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -38,41 +39,54 @@ class FrameLoads:
         model: its model.
         frame: of the whole body.
         environment: what acts.
+        following: places of inputs whose forces on the coordinates are found elsewhere, as they follow the body.
 
     Attributes:
         width: number of inputs.
-        turning: number of the first of them, whose forces turn with the frame.
-        push: (m + 6, turning) theirs on the coordinates, as a whole, and torques, per unit of the input.
-        by_shape: (3, m, turning) what q adds to the torques; None where nothing.
+        turning: places of those (t,) whose forces turn with the frame: contact, actuators, and friction at guides.
+        push: (m + 6, t) theirs on the coordinates, as a whole, and torques, per unit of the input.
+        by_shape: (3, m, t) what q adds to the torques; None where nothing.
         gravity: place of its input, -1 where there is none.
         acceleration: (3,) per unit of that input, m/s².
         columns: places of the inputs that are prescribed forces.
         points: that these act on.
     """
 
-    def __init__(self, rom: Rom, contact: str, model: ContactModel, frame: MovingFrame, environment: "Environment"):
+    def __init__(
+        self,
+        rom: Rom,
+        contact: str,
+        model: ContactModel,
+        frame: MovingFrame,
+        environment: "Environment",
+        following: Sequence[int] = (),
+    ):
         p = model.inputs.shape[1]
         wrenches = frame.wrenches.get(contact, np.zeros((6, p)))
         torque_modes = frame.torque_modes.get(contact, np.zeros((p, 3, len(rom.stiffness))))
-        self.turning = p - sum(rom.loads.values())
-        self.push = np.concatenate([model.inputs, wrenches])[:, : self.turning]
-        by_shape = torque_modes[: self.turning] @ model.coordinates
-        self.by_shape = by_shape.transpose(1, 2, 0) if by_shape.any() else None
-        self.gravity, self.acceleration, columns, column = -1, np.zeros(3), list[int](), self.turning
+        column = p - sum(rom.loads.values())
+        self.gravity, self.acceleration, columns, turning = -1, np.zeros(3), list[int](), list(range(column))
         for name, width in rom.loads.items():
             if name == GRAVITY:
                 self.gravity = column
                 acting = environment.details("effects.gravity")  # which a run may leave out
                 self.acceleration = np.array(acting.get("acceleration", ZERO), dtype=float)
+            elif name in environment.guides:
+                turning.append(column)
             else:
                 columns += range(column, column + width)
             column += width
-        self.columns = np.array(columns, dtype=int)
+        self.turning, self.columns = np.array(turning, dtype=int), np.array(columns, dtype=int)
+        on_coordinates = model.inputs.copy()
+        on_coordinates[:, following] = 0.0
+        self.push = np.concatenate([on_coordinates, wrenches])[:, self.turning]
+        by_shape = torque_modes[self.turning] @ model.coordinates
+        self.by_shape = by_shape.transpose(1, 2, 0) if by_shape.any() else None
         # Torques X × e_x, X × e_y, X × e_z of unit forces at X.
         torques = wrenches[3:, self.columns].reshape(3, -1, 3)
         rest = np.stack([torques[2, :, 1], torques[0, :, 2], torques[1, :, 0]], axis=1)
         self.points = FramePoints(rest, model.inputs[:, self.columns])
-        self._order, self.width = model.order, self.turning + len(self.columns) + (self.gravity >= 0)
+        self._order, self.width = model.order, p
         self._last = b"", self._of(np.zeros(self.width))
 
     def at(self, u: Array) -> FrameForces:
@@ -95,7 +109,7 @@ class FrameLoads:
     def columns_of(self, turn: Geometry, frame: MovingFrame) -> Array:
         """The same (m, p) of inputs of 1."""
         columns = np.zeros((self._order, self.width))
-        columns[:, : self.turning] = self.push[: self._order]
+        columns[:, self.turning] = self.push[: self._order]
         if self.gravity >= 0:
             columns[:, self.gravity] = np.array(turn.seen(vector(self.acceleration))) @ frame.moment_modes
         if len(self.columns):
@@ -104,9 +118,10 @@ class FrameLoads:
         return columns
 
     def _of(self, u: Array) -> FrameForces:
-        push = self.push.dot(u[: self.turning])
+        turning = u[self.turning]
+        push = self.push.dot(turning)
         fx, fy, fz, tx, ty, tz = push[self._order :].tolist()
-        by_shape = None if self.by_shape is None else self.by_shape.dot(u[: self.turning])
+        by_shape = None if self.by_shape is None else self.by_shape.dot(turning)
         if by_shape is not None and not by_shape.any():
             by_shape = None
         a, points = ZERO, None

@@ -26,13 +26,14 @@ class FrameWatch:
 
     def __init__(self, rom: Rom, model: ContactModel, detail: str):
         self._first, self._detail = 2 * np.pi * rom.first_frequency, detail
-        self._is_stiffened = rom.moving_frame is not None and rom.moving_frame.stiffening is not None
+        is_large = rom.deformation is not None  # its potential knows how stresses stiffen it
+        self._is_stiffened = is_large or (rom.moving_frame is not None and rom.moving_frame.stiffening is not None)
         self._length = float(np.ptp(rom.nodes, axis=0).max()) if len(rom.nodes) else np.inf
         nodes = np.unique(rom.triangles)
         self._rows = rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]) @ model.coordinates / model.safe_frequencies
         blocks = self._rows.reshape(-1, 3, model.order)
         farthest = np.linalg.eigvalsh(blocks @ blocks.transpose(0, 2, 1))[:, -1].max(initial=0.0) if len(nodes) else 0.0
-        self._farthest, self._limit = float(farthest), LARGEST_DEFLECTION * self._length
+        self._farthest, self._limit = float(farthest), (np.inf if is_large else LARGEST_DEFLECTION * self._length)
         slow = QUASI_RIGID if detail != "full" else np.inf if self._is_stiffened else UNSTIFFENED
         self._fastest = slow * self._first
         self._looked_at = np.zeros(model.order), 0.0  # last, and how far it was bent there

@@ -73,6 +73,8 @@ class FreeFrame(FreeMotion):
         self._surely_definite = definite_up_to(frame.inertia0, *parts)
         self.newton = KeptNewton()
         self._lever: Array | None = None  # of ties, per force, as contact was told last
+        self._ahead: tuple[Array, Array] | None = None  # of an expected step the slope of f̂, and the inverse Jacobian
+        self._modal = np.empty(0)  # forces on the coordinates (m,) in the step
         self._forces = self._loads.at(np.zeros(self._loads.width))  # of the step
         self._passed: tuple[float, Array] | None = None  # the last step: of h s, by ω̂ and r̂
         self.resume(np.empty(0))
@@ -80,7 +82,7 @@ class FreeFrame(FreeMotion):
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
         super().set_time_step(h)
-        self.newton.inverse = None
+        self.newton.inverse = self._ahead = None
 
     def reset_buffer(self) -> None:
         """As in Kernel."""
@@ -103,8 +105,8 @@ class FreeFrame(FreeMotion):
 
     def forget(self) -> Shape:
         """Forgets what was kept of steps that led elsewhere; the shape that the body has."""
-        self.newton.inverse = self._passed = None
-        self._square = float(self.state.dot(self.state))
+        self.newton.inverse = self._passed = self._ahead = None
+        self._square = self._twice_within()
         return self._shape_at(self._coordinates(), self._r)
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
@@ -112,8 +114,8 @@ class FreeFrame(FreeMotion):
         x, contact, push, power = self.begin_step(u), None, None, 0.0
         try:
             x = self.iterate(x)
-            if self._interface is not None and obstacles is not None:
-                x, contact = touch(self, self._interface, x, obstacles)
+            if self.found is not None or (self._interface is not None and obstacles is not None):
+                x, contact = touch(self, self._interface, x, obstacles, None if self.found is None else self)
             if contact is not None:
                 push, power = self._pushed_by(contact, x)
             return self.end_step(x, contact, push, power)
@@ -124,13 +126,60 @@ class FreeFrame(FreeMotion):
     def begin_step(self, u: Array) -> Array:
         """Expected mid-step velocities ω̂, r̂ (3 + m,) of a step under u."""
         check_turn(self.h, self._now.ω)
-        self._forces = self._loads.at(u)
-        self._give(self._forces.modal)
+        self._forces = self._begin(u)
         h, x = self.h, np.empty(len(self._weights))
         x[:3], x[3:] = self._now.ω, self._r
         if self._passed is not None and h <= 2 * self._passed[0]:  # else it says too little of this step
             x += (h / self._passed[0]) * (x - self._passed[1])
+        if self.elastic is None:
+            self._give(self._forces.modal)
+        else:
+            self._expect(x)
         return x
+
+    def _expect(self, x: Array) -> None:
+        """Takes a step of Newton's method from the velocities x, where what resists the shape is to be expected."""
+        elastic, r̂ = self.elastic, x[3:]
+        assert elastic is not None
+        if elastic.is_exact:
+            r̂[:] = elastic.velocity
+        self._take_slope(r̂)
+        if not elastic.is_exact:
+            return
+        self._given(r̂, r̂)
+        push = None
+        if self.contact is not None:  # what touched in the step before touches
+            turn = self.geometry(x)
+            push = self.push(self.contact.forces, turn, self.arms(turn, r̂, None))
+        ρ = self._residual(x, push)
+        if self._ahead is None or self._ahead[0] is not self._matrix:
+            try:
+                self._ahead = self._matrix, np.linalg.inv(self.jacobian(x))
+            except np.linalg.LinAlgError:
+                self._ahead = self._matrix, np.zeros((len(x), len(x)))
+        x -= self._ahead[1].dot(ρ)
+        elastic.expect(r̂)
+        self._take_slope(r̂)
+        self._given(r̂, r̂.copy())
+
+    def _take_slope(self, v: Array) -> None:
+        self._take_matrix(v)
+        np.add(self._inert, self._matrix, self._products[9])
+
+    def _given(self, v: Array, at: Array) -> None:
+        """Makes what of the balance is there at no rate exact at v, of loads that follow as they do at another."""
+        self._modal, self._followed_at = self._forces.modal - self._resists(v, at), at
+        self._give(self._modal)
+
+    def act(self, z: Array) -> None:
+        """As in FrameBody of mechanics.frame_contact."""
+        assert self.found is not None
+        self._acting, self._reactions_found = self.found.acting(z), z
+        self._forces = self._loads.at(self._acting)
+        if self.elastic is None:
+            self._give(self._forces.modal)
+        elif self.elastic.is_exact:
+            self._given(self._followed_at, self._followed_at)
 
     def iterate(self, x: Array, push_at: Callable[[Array], Push] | None = None, forces: float = 0.0) -> Array:
         """The mid-step velocities of the step, near x, which is overwritten.
@@ -140,7 +189,8 @@ class FreeFrame(FreeMotion):
             push_at: what forces on points do at such velocities; None: there are none.
             forces: the sum of their sizes, N: of what they move, round-off may be.
         """
-        if self._interface is None and self.ties is None and not self._couples and self._forces.at_points is None:
+        alone = self._interface is None and self.found is None and (self.elastic is None or self.elastic.is_exact)
+        if alone and self.ties is None and not self._couples and self._forces.at_points is None:
             return self._as_a_top(x)
         left = self.newton.solve(
             x,
@@ -156,7 +206,7 @@ class FreeFrame(FreeMotion):
     def _as_a_top(self, x: Array) -> Array:
         """The same into x, near it, where shape and rotation leave each other alone."""
         now, given, r̂ = self._now, self._table[GIVEN], x[3:]
-        r̂[:] = np.linalg.solve(self._products[-1], -given) if self._dense_damping else given / -self._diagonal
+        r̂[:] = np.linalg.solve(self._products[-1], -given) if self._is_dense else given / -self._diagonal
         torque = self._torque(r̂)
         x[:3], left = turn_of_top(now.shape.inertia, now.L, torque, now.ω, vector(x[:3]), self.h)
         if left:
@@ -193,6 +243,8 @@ class FreeFrame(FreeMotion):
     def _residual(self, x: Array, push: Push | None) -> Array:
         """What the balances of angular momentum and of the coordinates lack, under contact forces that push."""
         h, now, r̂ = self.h, self._now, x[3:]
+        if self.elastic is not None and not self.elastic.is_exact:
+            self._given(r̂, r̂)
         a, b, c = ω̂ = vector(x[:3])
         (A, B, C), L = now.ω, now.L
         ω_end = 2 * a - A, 2 * b - B, 2 * c - C
@@ -236,6 +288,9 @@ class FreeFrame(FreeMotion):
     def jacobian(self, x: Array, push: Push | None = None) -> Array:
         """Of the residual, (3 + m, 3 + m), under contact forces that push and stay as they are."""
         h, now, table, r̂, m = self.h, self._now, self._table, x[3:], len(x) - 3
+        if self.elastic is not None and not self.elastic.is_exact:
+            self.elastic.renew(r̂)
+            self._take_slope(r̂)
         (A, B, C), (a, b, c) = now.ω, vector(x[:3])
         ω_end = 2 * a - A, 2 * b - B, 2 * c - C
         self._move(r̂)
@@ -283,6 +338,16 @@ class FreeFrame(FreeMotion):
         if self._lever is not None:  # the force moves the origin, against which ties push
             pushed -= np.array(change.force).dot(self._lever)
         spread: Array = self.newton.inverse.dot(pushed)
+        return spread
+
+    def maps(self, turn: Geometry, arms: Array) -> Array:
+        """As in FrameKernel."""
+        return np.hstack(self.points.maps(turn, arms))
+
+    def _spread_columns(self, columns: Array) -> Array:
+        """As in FrameKernel."""
+        assert self.newton.inverse is not None
+        spread: Array = self.newton.inverse[:, 3:].dot(columns)
         return spread
 
     def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
@@ -335,7 +400,8 @@ class FreeFrame(FreeMotion):
         a, b, c = x[:3].tolist()
         turn, rotation = self.turn_at(x)
         torque = self._torque(r̂)
-        supplied = dot(torque, (a, b, c)) + float(forces.modal.dot(r̂))
+        supplied, rubbed = dot(torque, (a, b, c)) + float(forces.modal.dot(r̂)), self._rubbed(r̂)
+        supplied += self._followed_power(r̂) - rubbed
         τ, pushed = turn.mean(torque), ZERO
         prescribed = self._prescribed(forces, turn, self._now.q, r̂, h)
         if prescribed is not None:
@@ -355,11 +421,12 @@ class FreeFrame(FreeMotion):
         frame = FrameState(added(before.position, h, v̂), rotation, v, added(before.turning, h, τ))
         e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
         q = e * self._inverse_ω
+        heat = self._heat(r̂, q) - h * rubbed
         motion = self._moving(q, self._shape_at(q, r), turn.after, frame.turning, e)
         if self.ties is not None:
             self.ties.place(frame.position, turn.after, q)
         heat += self._step_residual(in_frame(turn, contact))[1]
-        self._finish(contact, power, h * supplied, h * float(r̂.dot(self._damped(r̂))) + heat)
+        self._finish(contact, power, h * supplied, heat)
         self._passed = h, x
         self.frame, self._now_before, self._now = frame, self._now, motion
         return self._arrive(e, r)

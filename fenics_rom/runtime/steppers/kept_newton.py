@@ -13,6 +13,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.runtime.steppers.inertia import MOST_ITERATIONS, ROUND_OFF, SLOW, TOLERANCE
 
+STAGNATION = 1e-11  # of the velocities: a correction that may be round-off, where the next is hardly smaller
 JACOBIAN = 4  # iterations that it takes the time of to find one
 
 
@@ -75,6 +76,9 @@ class KeptNewton:
                 raise StepError("the inputs are so large that the step overflows; the state was left as it was")
             scale, ratio = scale or scale_at(x), size / before
             if (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale:
+                self._last, self._iterations, self._steps = iteration, self._iterations + iteration, self._steps + 1
+                return 0.0
+            if size <= STAGNATION * scale and ratio > 0.5:  # round-off of what forces are a difference of
                 self._last, self._iterations, self._steps = iteration, self._iterations + iteration, self._steps + 1
                 return 0.0
             before = size

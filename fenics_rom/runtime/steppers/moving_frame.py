@@ -8,7 +8,7 @@ further modes feel contact, gravity, actuators and loads, but not the input of t
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 from numpy import ndarray as Array
@@ -24,7 +24,7 @@ from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.rom import Rom, diagonalized_span
 from fenics_rom.runtime.steppers.carried_base import frame_state
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
-from fenics_rom.runtime.steppers.frame_kernel import FrameState
+from fenics_rom.runtime.steppers.frame_kernel import PLAIN, BodyParts, FrameState
 from fenics_rom.runtime.steppers.frame_loads import FrameLoads
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
@@ -32,7 +32,10 @@ from fenics_rom.runtime.steppers.stepper import ReducedStepper
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
+    from fenics_rom.mechanics.actuator_forces import ActuatorForces
+    from fenics_rom.mechanics.viscoelasticity import PronySeries
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 NOTHING_LEFT = 1e-14  # of a shape: what the next contact mode need not be given
@@ -114,15 +117,23 @@ class MovingFrameStepper(ReducedStepper):
         left, model, state = self.kernel, self.model, self.kernel.state.copy()
         halves = np.stack([state[: model.order] / model.safe_frequencies, state[model.order :]], axis=1)
         shared = sum(self._rom.actuators.values()) + sum(self._rom.loads.values())
+        relaxing = left.elastic if left.elastic is not None and self._rom.deformation is None else None
+        if relaxing is not None and relaxing.branches is not None:  # their strains are held, too
+            halves = np.hstack([halves, (relaxing.branches.state[:, 0] / model.safe_frequencies).T])
         self._carried_along = _holding(self._rom.contact_models[contact], model, halves, shared, self._rom.stiffness)
         self._enter(contact)
-        there = self.model
+        there, carried = self.model, np.empty(0)
         held = there.coordinates.T @ (model.coordinates @ halves)
+        if self._rom.deformation is not None:
+            carried = left.auxiliary  # contact modes share a basis
+        elif relaxing is not None:
+            carried = (np.sqrt(there.eigenvalues)[:, None] * held[:, 2:]).T.ravel()
         self.kernel.state[:] = np.concatenate([np.sqrt(there.eigenvalues) * held[:, 0], held[:, 1]])
         self.kernel.frame, self.kernel.contact, self.kernel.notes = left.frame, left.contact, left.notes
+        self.kernel.reactions = left.reactions
         if isinstance(self.kernel, CarriedFrame) and isinstance(left, CarriedFrame):
             self.kernel.wrench = left.wrench
-        self.kernel.resume(np.empty(0))
+        self.kernel.resume(carried)
         if self.kernel.residual is not None and left.residual is not None:
             self.kernel.residual.take_over(left.residual)
         return left.energy - self.kernel.energy
@@ -190,8 +201,18 @@ def moving_frame_stepper(
     ledger: EnergyLedger | None,
     residual_of: "Callable[[str], ResidualMotion | None]",
     detail: str,
+    actuators: "ActuatorForces | None" = None,
+    series: "PronySeries | None" = None,
+    law: str = "linear",
+    why: str = "",
 ) -> MovingFrameStepper:
     """The stepper of a ROM of displacements that strain; arguments as in `make_stepper`.
+
+    Args:
+        actuators: those whose forces are found, if there are any.
+        series: how the material relaxes, if it does.
+        law: by which large deformation is stepped, or "linear".
+        why: it is that one.
 
     Raises:
         StepError: there is no such level of detail, or the body begins in an obstacle.
@@ -203,12 +224,62 @@ def moving_frame_stepper(
     kernel_of = CarriedFrame if frame.carried else FreeFrame
 
     def make_kernel(contact: str, model: ContactModel) -> FreeFrame | CarriedFrame:
-        loads = FrameLoads(rom, contact, model, whole, environment.environment)
+        is_plain = rom.deformation is None and actuators is None and series is None
+        parts = PLAIN if is_plain else _parts(rom, contact, model, law, actuators, series, interface)
+        following = () if parts.following is None else parts.following.columns
+        loads = FrameLoads(rom, contact, model, whole, environment.environment, following)
         watch = FrameWatch(rom, model, detail)
-        return kernel_of(model, whole.of_mode(model.coordinates), loads, watch, ledger, interface, residual_of(contact))
+        of_mode = whole.of_mode(model.coordinates)
+        return kernel_of(model, of_mode, loads, watch, ledger, interface, residual_of(contact), parts)
 
     reason = "a rigid base carries the body" if frame.carried else "nothing holds the body"
+    if why:
+        reason += f", which deforms largely ({law}: {why})"
     return MovingFrameStepper(rom, dt, interface, make_kernel, reason, lambda: environment.base_at(0.0))
+
+
+def _parts(
+    rom: Rom,
+    contact: str,
+    model: ContactModel,
+    law: str,
+    actuators: "ActuatorForces | None",
+    series: "PronySeries | None",
+    interface: "ContactInterface | None",
+) -> BodyParts:
+    """What a body is made of in a contact mode; only the modules of what there is are imported."""
+    from fenics_rom.runtime.steppers.selection import maxwell_branches
+
+    found, elastic = None, cast("ElasticLaw | None", None)
+    if actuators is not None:
+        from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
+
+        found = FoundForces(rom, model, actuators)
+    if rom.deformation is None:
+        if series is not None:
+            from fenics_rom.runtime.steppers.elastic.linear import RelaxingLinear
+
+            branches = maxwell_branches(series, 1, model.order)
+            assert branches is not None
+            elastic = RelaxingLinear(model, branches)
+        return BodyParts(elastic, found=found)
+    from fenics_rom.runtime.steppers.acts.following import FollowingLoads
+    from fenics_rom.runtime.steppers.deformation_watch import DeformationWatch
+
+    body, extent = rom.deformation, DeformationWatch(rom, interface)
+    if law == "newton":
+        from fenics_rom.runtime.steppers.elastic.sampled import SampledPoints
+
+        elastic = SampledPoints(body, maxwell_branches(series, 2, 6 * len(body.weights)))
+    else:
+        from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
+
+        stiffest = float(np.sqrt(model.eigenvalues[-1]))
+        elastic = StrainsCarried(body, stiffest, maxwell_branches(series, 2, StrainsCarried.strain_count(body)))
+    width = model.inputs.shape[1]
+    extent.enter(contact, width)
+    following = FollowingLoads.of(rom, width, [] if actuators is None else FoundForces.at_guides(rom, actuators))
+    return BodyParts(elastic, following, found, extent)
 
 
 def quasi_rigid(frame: MovingFrame) -> MovingFrame:

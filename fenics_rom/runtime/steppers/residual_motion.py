@@ -343,6 +343,9 @@ class ResidualMotion:
         """Goes on where another contact mode's residual part was, with no more energy than that had."""
         self._g[:], self._y[:] = self._carried(start._y, 2 * start._strain_energy)
         self._keep_rate(start)
+        if self._branches is not None and start._branches is not None:
+            for here, (g, y) in zip(self._branches.state, start._branches.state, strict=True):
+                here[:] = self._carried(y, float(g.dot(y)))
 
     def _keep_rate(self, start: "ResidualMotion") -> None:
         self._ġ[:], self._ẏ[:] = self._carried(start._ẏ, 2 * start._kinetic_energy / self._τ**2 if self._τ else 0.0)

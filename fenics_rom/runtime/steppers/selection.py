@@ -59,12 +59,6 @@ def make_stepper(
         acting = environment.environment
         series = acting.viscoelasticity if has_inertia else None  # an equilibrium is relaxed
         if acting.finds_forces:
-            if acting.is_moving:
-                names = ", ".join((*acting.controls, *acting.guides))
-                raise StepError(
-                    f"a body in a moving frame: the forces of {names} are found in a fixed frame alone; allowed are "
-                    "actuators by force, and tendons without friction"
-                )
             from fenics_rom.mechanics.actuator_forces import ActuatorForces  # here, as few forces are found
 
             actuators = ActuatorForces(acting.controls, acting.guides, {**rom.actuators, **rom.loads})
@@ -84,7 +78,10 @@ def make_stepper(
     if environment is not None and is_moving:
         from fenics_rom.runtime.steppers.moving_frame import moving_frame_stepper
 
-        return moving_frame_stepper(rom, dt, environment, interface, ledger, residual_of, detail)
+        law, why = ("linear", "") if rom.deformation is None else _finite_strain_kind(rom, dt, kind, has_inertia)
+        return moving_frame_stepper(
+            rom, dt, environment, interface, ledger, residual_of, detail, actuators, series, law, why
+        )
     if rom.deformation is not None:
         suited, reason = _finite_strain_kind(rom, dt, kind, has_inertia)
         residual = residual_of(next(iter(rom.contact_models)))  # all contact modes share a basis

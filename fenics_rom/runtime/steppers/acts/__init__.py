@@ -1,0 +1,1 @@
+"""What acts on the shape of a body in a step."""

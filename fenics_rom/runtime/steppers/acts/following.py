@@ -1,0 +1,54 @@
+"""Loads that act on the moved body: pressures and tendons of a body that deforms largely."""
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.finite_strain import Follower, follower_loads
+
+
+class FollowingLoads:
+    """The inputs of a contact mode whose forces turn with what they act on.
+
+    Args:
+        followers: with the places of their inputs.
+        guides: what rubs at guides, with the places of its forces.
+
+    Attributes:
+        columns: places of all of these.
+    """
+
+    def __init__(self, followers: list[tuple[int, Follower]]):
+        self._followers = followers
+        self.columns = [column for column, _ in followers]
+
+    @staticmethod
+    def of(rom: Rom, width: int, found: "list[tuple[int, Follower]]") -> "FollowingLoads | None":
+        """Those of a ROM with so many inputs, and what is found in steps; None where nothing follows.
+
+        Args:
+            rom: the reduced models.
+            width: number p of inputs of the contact mode.
+            found: what is found at guides, with its places counted from the first input that all contact modes share.
+        """
+        if rom.deformation is None:
+            return None
+        first = width - sum(rom.actuators.values()) - sum(rom.loads.values())
+        followers = [(first + column, follower) for column, follower in [*follower_loads(rom), *found]]
+        return FollowingLoads(followers) if followers else None
+
+    def force(self, u: Array, q: Array) -> Array:
+        """Generalized forces (m,) under u (p,) on the body at q."""
+        force = np.zeros(len(q))
+        for column, follower in self._followers:
+            if size := u.item(column):
+                force += size * follower.force(q)
+        return force
+
+    def slope(self, u: Array, q: Array) -> Array:
+        """∂force/∂q (m, m)."""
+        slope = np.zeros((len(q), len(q)))
+        for column, follower in self._followers:
+            if size := u.item(column):
+                slope += size * follower.slope(q)
+        return slope

@@ -1,0 +1,86 @@
+"""Forces of actuators that are found in a step, with what they act along: strokes, and guides at which tendons rub."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.actuator_forces import ActuatorForces
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.deformation import ReducedTendon
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.finite_strain import Follower, follower, follower_of_tendon
+
+
+class FoundForces:
+    """Of one contact mode.
+
+    Args:
+        rom: the reduced models.
+        model: of the contact mode.
+        actuators: what is found.
+    """
+
+    def __init__(self, rom: Rom, model: ContactModel, actuators: ActuatorForces):
+        self.actuators = actuators
+        self._columns = model.inputs[:, actuators.columns]
+        self._followers, self._rubbing = list[Follower](), list[ReducedTendon]()
+        if rom.deformation is not None:
+            tendons = rom.deformation.tendons
+            self._followers = [follower(rom.deformation, name) for name in actuators.names]
+            self._followers += [follower_of_tendon(tendons[name].up_to(guide)) for name, guide in actuators.guides]
+            self._rubbing = [tendons[name] for name in dict.fromkeys(name for name, _ in actuators.guides)]
+
+    def columns(self, q: Array) -> Array:
+        """Generalized forces (m, n) of forces of 1 on the body at q."""
+        if not self._followers:
+            return self._columns
+        return np.array([follower.force(q) for follower in self._followers]).T
+
+    def strokes(self, q: Array) -> Array:
+        """(n,) at q, m or m³."""
+        if not self._followers:
+            return q.dot(self._columns)
+        return np.array([follower.stroke(q) for follower in self._followers])
+
+    def angles(self, q: Array) -> Array | None:
+        """By which tendons turn at guides (n,), rad; None where those at rest will do."""
+        if not self._followers:
+            return None
+        return np.concatenate([np.zeros(len(self.actuators.names)), *(tendon.angles(q) for tendon in self._rubbing)])
+
+    @staticmethod
+    def at_guides(rom: Rom, actuators: ActuatorForces) -> list[tuple[int, Follower]]:
+        """What follows the body at guides, with the places of its forces among the inputs that are shared."""
+        if rom.deformation is None:
+            return []
+        shared, k = sum(rom.actuators.values()) + sum(rom.loads.values()), len(actuators.names)
+        places = (shared + actuators.columns[k:]).tolist()
+        tendons = rom.deformation.tendons
+        followers = (follower_of_tendon(tendons[name].up_to(guide)) for name, guide in actuators.guides)
+        return list(zip(places, followers, strict=True))
+
+    def begin(self, u: Array, q: Array, r: Array, h: float) -> "FoundInStep":
+        """In a step of h s under u (p,), from q and r (m,)."""
+        forces, given = self.actuators.split(u)
+        targets = self.actuators.rates(given, self.strokes(q), r.dot(self.columns(q)), h)
+        return FoundInStep(self, forces, targets)
+
+
+class FoundInStep(NamedTuple):
+    """What is to be found in a step."""
+
+    body: FoundForces
+    inputs: Array  # (p,) without what is found
+    targets: Array  # rates (n,) of strokes
+
+    @property
+    def actuators(self) -> ActuatorForces:
+        """What finds them."""
+        return self.body.actuators
+
+    def acting(self, z: Array) -> Array:
+        """The input (p,) with the forces z (n,)."""
+        acting = self.inputs.copy()
+        acting[self.body.actuators.columns] = z
+        return acting

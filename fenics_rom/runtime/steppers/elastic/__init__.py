@@ -1,0 +1,1 @@
+"""What resists the shape of a body in a step."""

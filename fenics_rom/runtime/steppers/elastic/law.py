@@ -1,0 +1,80 @@
+"""What a step asks of what resists the shape of a body: a force f̂ with f̂·(q⁺ - q) = ΔΦ + heat, whatever v̂ is found.
+
+Whoever takes the step knows f̂ as `pull + matrix v̂`, and nothing else of it. Of a law that is exact in one linear system
+(small strains; strains that are carried along) that holds for every v̂, once it was told where the step is expected. Of
+others it holds at the v̂ that was asked for last, and near it: Newton's method.
+"""
+
+from collections.abc import Mapping
+
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
+
+
+class ElasticLaw:
+    """Of the coordinates q (m,) of a body, with its damping and the branches of a material that relaxes.
+
+    Attributes:
+        pull, matrix: (m,) and (m, m): f̂ = pull + matrix v̂ in the step that is open, N kg^-1/2.
+        is_exact: whether that is so for every v̂ after `expect`; else at the last one of `at` or `renew`.
+        velocity: v̂ (m,) of the step before.
+        branches: how the material relaxes; None: it does not.
+        NOTES: names of what it notes of a run, numbers that begin at 0.
+    """
+
+    pull: Array
+    matrix: Array
+    is_exact: bool
+    velocity: Array
+    branches: MaxwellBranches | None = None
+    NOTES: tuple[str, ...] = ()
+
+    @property
+    def stored(self) -> float:
+        """Φ, and what branches store, J."""
+        raise NotImplementedError
+
+    @property
+    def auxiliary(self) -> Array:
+        """What is carried along beside q and r."""
+        raise NotImplementedError
+
+    def note(self, notes: dict[str, float]) -> None:
+        """Notes how the last step went."""
+
+    def messages(self, notes: Mapping[str, float]) -> tuple[str, ...]:
+        """What the user should know of a run with such notes."""
+        return ()
+
+    def set_time_step(self, h: float) -> None:
+        """Makes the coefficients of steps of h s."""
+        raise NotImplementedError
+
+    def reset_buffer(self) -> None:
+        """Forgets what it found ahead of steps, so that what follows is the same to the bit, whatever came before."""
+
+    def resume(self, q: Array, r: Array, auxiliary: Array) -> None:
+        """Goes on from a state that was put in, with what was saved beside it (empty: nothing was)."""
+        raise NotImplementedError
+
+    def rollback(self) -> None:
+        """Takes the last step back."""
+        raise NotImplementedError
+
+    def open(self, q: Array) -> None:
+        """Begins a step from q: f̂ is that at the velocity of the step before, and the matrix near its tangent."""
+        raise NotImplementedError
+
+    def expect(self, v: Array) -> None:  # here and below: of a law that is exact anyway
+        """Takes v̂ to be near v (m,), a step of Newton's method from the velocity of the step before."""
+
+    def at(self, v: Array) -> None:
+        """Makes f̂ exact at v (m,)."""
+
+    def renew(self, v: Array) -> None:
+        """Makes its slope that at v, too."""
+
+    def close(self, v: Array, after: Array) -> float:
+        """Ends the step with v̂ (m,), at q⁺ (m,) to round-off; what was dissipated, J."""
+        raise NotImplementedError
