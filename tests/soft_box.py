@@ -229,7 +229,7 @@ class SoftStepper:
         self.x, self.v = x[:, None], 0 * self.v
 
 
-def _mass(points: Array, cells: Array, density: float) -> scipy.sparse.csr_matrix:
+def scalar_mass(points: Array, cells: Array, density: float) -> scipy.sparse.csr_matrix:
     """Consistent mass of all nodes, one component."""
     edges = points[cells[:, 1:]] - points[cells[:, :1]]
     volumes = np.abs(np.linalg.det(edges)) / 6
@@ -262,7 +262,7 @@ def soft_box(
     surfaces = box_surfaces(points, cells)
     λ, μ = young * poisson / (1 + poisson) / (1 - 2 * poisson), young / 2 / (1 + poisson)
     number = np.ones(len(cells))
-    scalar = _mass(points, cells, density)
+    scalar = scalar_mass(points, cells, density)
     free = np.flatnonzero(np.repeat(points[:, 0] > 0, 3))
     M = scipy.sparse.kron(scalar, np.eye(3)).tocsr()[free][:, free]
     below = np.flatnonzero(np.isclose(points[:, 1], (bricks[1] // 2) * lengths[1] / bricks[1]) & (points[:, 2] == 0))

@@ -116,8 +116,8 @@ class CarriedMode:
         middle = R + h / 2 * np.cross(R, ω̂[:, None])
         pushed = u[:, loads.turning] @ loads.push.T
         modal = pushed[:, :m].copy()
-        if loads.gravity >= 0:
-            modal += seen(middle, u[:, loads.gravity, None] * loads.acceleration) @ frame.moment_modes
+        if len(loads.pulling):
+            modal += seen(middle, u[:, loads.pulling] @ loads.fields) @ frame.moment_modes
         if len(loads.columns):
             modal += (u[:, loads.columns].reshape(len(u), -1, 3) @ middle).reshape(len(u), -1) @ loads.points.rows.T
         turning = (ω_end - ω) / h
@@ -171,8 +171,8 @@ class CarriedMode:
         torque = (end.L - start.L) / h + np.cross(ω̂, L̂) + np.cross(v̂, P̂) - pushed[:, m + 3 :]
         if loads.by_shape is not None:
             torque -= np.einsum("kmp,bp,bm->bk", loads.by_shape, u[:, loads.turning], q + h / 2 * r̂)
-        if loads.gravity >= 0:
-            a = u[:, loads.gravity, None] * loads.acceleration
+        if len(loads.pulling):
+            a = u[:, loads.pulling] @ loads.fields
             arm = (turned_by(start.R, start.moment) + turned_by(end.R, end.moment)) / 2
             force -= self.frame.mass * seen(middle, a)
             torque -= seen(middle, np.cross(arm, a))

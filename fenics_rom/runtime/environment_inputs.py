@@ -12,13 +12,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_path import BASE_PATH
-from fenics_rom.mechanics.environment import (
-    PERMANENT_EFFECTS,
-    Environment,
-    HasEnvironment,
-    check_followed_in_frame,
-    given_environment,
-)
+from fenics_rom.mechanics.environment import PERMANENT_EFFECTS, Environment, HasEnvironment, given_environment
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.rom.rom import Rom
@@ -70,7 +64,6 @@ def _moving(rom: Rom, environment: Environment) -> Rom:
     """The ROM of what moves in its frame."""
     if rom.moving_frame is None:
         raise SceneError(f"ROM {rom.name!r} has no moving frame; reduce {environment.source or 'its matrices'} anew")
-    check_followed_in_frame(environment)
     return without_rigid_motions(rom)
 
 

@@ -121,14 +121,14 @@ class CarriedFrame(FrameKernel):
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
         super().set_time_step(h)
-        self._A = self._ahead = None
+        self._A = self._ahead = self._newton.inverse = None
         if self.elastic is not None:
             self._products[9] = self._inert
 
     def reset_buffer(self) -> None:
         """As in Kernel."""
         super().reset_buffer()
-        self._A = self._ahead = None
+        self._A = self._ahead = self._newton.inverse = None
 
     def rollback(self) -> None:
         """As in Kernel."""
@@ -142,7 +142,7 @@ class CarriedFrame(FrameKernel):
         super().resume(auxiliary)
         q, R = self._coordinates().copy(), rotation_of(*self.frame.rotation)
         twist = rotated_back(R, self.frame.velocity), rotated_back(R, self.frame.turning)
-        self._square, self._ahead = self._twice_within(), None
+        self._square, self._ahead, self._newton.inverse = self._twice_within(), None, None
         self._now = self._now_before = motion_of(q, self._shape_at(q, self._r), R, *twist, self._mass)
         if self.ties is not None:
             self.ties.place(self.frame.position, R, q)
@@ -279,7 +279,7 @@ class CarriedFrame(FrameKernel):
         step = self._taken if self.elastic is None else self._bare
         assert step is not None
         self._acting, self._reactions_found = self.found.acting(z), z
-        forces = self._loads.at(self._acting)
+        forces = self._forces_as_expected()
         modal = self._loads.modal(forces, step.turn, self._constants)
         step = step._replace(forces=forces, modal=modal, right=step.right + modal - step.modal)
         if self.elastic is None:

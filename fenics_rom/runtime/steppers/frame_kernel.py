@@ -23,7 +23,7 @@ from fenics_rom.errors import StepError, StructureError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator
+from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator, vector
 from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, cross_matrix, dot, rotation_matrix
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
@@ -295,11 +295,21 @@ class FrameKernel(BookedKernel):
         if self._found is not None:
             self.found = self._found.begin(u, self._coordinates(), self._r, self.h)
             self._acting, self._reactions_found = self.found.acting(self.reactions), self.reactions
-        forces = self._loads.at(self._acting)
-        if self.elastic is not None:
-            self._start = self._coordinates().copy()
-            self.elastic.open(self._start)
-        return forces
+        if self.elastic is None:
+            return self._loads.at(self._acting)
+        self._start = self._coordinates().copy()
+        self.elastic.open(self._start, self._r)
+        return self._forces_as_expected()
+
+    def _forces_as_expected(self) -> FrameForces:
+        """What acts in the frame, with pressures on open surfaces where the shape is if it moves on as it did."""
+        forces, following, elastic = self._loads.at(self._acting), self._following, self.elastic
+        if following is None or not following.rims or elastic is None:
+            return forces
+        expected = self._start + self.h / 2 * elastic.velocity
+        wrench = following.wrench(self._acting, expected, self._constants.origin)
+        force, torque = vector(wrench[:3]), vector(wrench[3:])
+        return forces._replace(force=added(forces.force, 1.0, force), torque=added(forces.torque, 1.0, torque))
 
     def _resists(self, v: Array, at: Array) -> Array:
         """What of f̂ is not `_matrix` v̂, less the loads that follow a body that goes with `at` (m,); exact at v (m,)."""

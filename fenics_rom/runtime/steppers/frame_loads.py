@@ -16,8 +16,6 @@ from fenics_rom.runtime.steppers.frame_points import FramePoints
 if TYPE_CHECKING:
     from fenics_rom.mechanics.environment import Environment
 
-GRAVITY = "gravity"
-
 
 class FrameForces(NamedTuple):
     """Of one step."""
@@ -39,15 +37,16 @@ class FrameLoads:
         model: its model.
         frame: of the whole body.
         environment: what acts.
-        following: places of inputs whose forces on the coordinates are found elsewhere, as they follow the body.
+        following: of inputs whose forces on the coordinates are found elsewhere, as they follow the body, the places;
+            and the places of those whose force and torque as a whole are, too.
 
     Attributes:
         width: number of inputs.
         turning: places of those (t,) whose forces turn with the frame: contact, actuators, and friction at guides.
         push: (m + 6, t) theirs on the coordinates, as a whole, and torques, per unit of the input.
         by_shape: (3, m, t) what q adds to the torques; None where nothing.
-        gravity: place of its input, -1 where there is none.
-        acceleration: (3,) per unit of that input, m/s².
+        pulling: places of those (f,) that pull all mass alike: gravity, and a base that is shaken.
+        fields: (f, 3) accelerations per unit of these, m/s².
         columns: places of the inputs that are prescribed forces.
         points: that these act on.
     """
@@ -59,27 +58,29 @@ class FrameLoads:
         model: ContactModel,
         frame: MovingFrame,
         environment: "Environment",
-        following: Sequence[int] = (),
+        following: tuple[Sequence[int], Sequence[int]] = ((), ()),
     ):
         p = model.inputs.shape[1]
         wrenches = frame.wrenches.get(contact, np.zeros((6, p)))
         torque_modes = frame.torque_modes.get(contact, np.zeros((p, 3, len(rom.stiffness))))
         column = p - sum(rom.loads.values())
-        self.gravity, self.acceleration, columns, turning = -1, np.zeros(3), list[int](), list(range(column))
+        columns, turning, pulling, fields = list[int](), list(range(column)), list[int](), environment.uniform_fields
         for name, width in rom.loads.items():
-            if name == GRAVITY:
-                self.gravity = column
-                acting = environment.details("effects.gravity")  # which a run may leave out
-                self.acceleration = np.array(acting.get("acceleration", ZERO), dtype=float)
+            if name in rom.environment.uniform_fields:
+                pulling.append(column)
             elif name in environment.guides:
                 turning.append(column)
             else:
                 columns += range(column, column + width)
             column += width
         self.turning, self.columns = np.array(turning, dtype=int), np.array(columns, dtype=int)
-        on_coordinates = model.inputs.copy()
-        on_coordinates[:, following] = 0.0
-        self.push = np.concatenate([on_coordinates, wrenches])[:, self.turning]
+        self.pulling = np.array(pulling, dtype=int)
+        acting = [fields.get(name, np.zeros(3)) for name in rom.loads if name in rom.environment.uniform_fields]
+        self.fields = np.array(acting).reshape(-1, 3)  # of which a run may leave some out
+        push = np.concatenate([model.inputs, wrenches])
+        for rows, places in zip((slice(model.order), slice(model.order, None)), following, strict=True):
+            push[rows, list(places)] = 0.0
+        self.push = push[:, self.turning]
         by_shape = torque_modes[self.turning] @ model.coordinates
         self.by_shape = by_shape.transpose(1, 2, 0) if by_shape.any() else None
         # Torques X × e_x, X × e_y, X × e_z of unit forces at X.
@@ -110,8 +111,8 @@ class FrameLoads:
         """The same (m, p) of inputs of 1."""
         columns = np.zeros((self._order, self.width))
         columns[:, self.turning] = self.push[: self._order]
-        if self.gravity >= 0:
-            columns[:, self.gravity] = np.array(turn.seen(vector(self.acceleration))) @ frame.moment_modes
+        for column, field in zip(self.pulling, self.fields, strict=True):
+            columns[:, column] = np.array(turn.seen(vector(field))) @ frame.moment_modes
         if len(self.columns):
             rows = self.points.rows.reshape(self._order, -1, 3)
             columns[:, self.columns] = (rows @ turn.middle.T).reshape(self._order, -1)
@@ -125,8 +126,8 @@ class FrameLoads:
         if by_shape is not None and not by_shape.any():
             by_shape = None
         a, points = ZERO, None
-        if self.gravity >= 0:
-            gx, gy, gz = (float(u[self.gravity]) * self.acceleration).tolist()
+        if len(self.pulling):
+            gx, gy, gz = u[self.pulling].dot(self.fields).tolist()
             a = gx, gy, gz
         if len(self.columns):
             points = u[self.columns].reshape(-1, 3)

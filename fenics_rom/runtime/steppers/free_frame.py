@@ -175,7 +175,7 @@ class FreeFrame(FreeMotion):
         """As in FrameBody of mechanics.frame_contact."""
         assert self.found is not None
         self._acting, self._reactions_found = self.found.acting(z), z
-        self._forces = self._loads.at(self._acting)
+        self._forces = self._forces_as_expected()
         if self.elastic is None:
             self._give(self._forces.modal)
         elif self.elastic.is_exact:

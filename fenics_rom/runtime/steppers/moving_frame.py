@@ -226,7 +226,7 @@ def moving_frame_stepper(
     def make_kernel(contact: str, model: ContactModel) -> FreeFrame | CarriedFrame:
         is_plain = rom.deformation is None and actuators is None and series is None
         parts = PLAIN if is_plain else _parts(rom, contact, model, law, actuators, series, interface)
-        following = () if parts.following is None else parts.following.columns
+        following = ([], []) if parts.following is None else parts.following.places
         loads = FrameLoads(rom, contact, model, whole, environment.environment, following)
         watch = FrameWatch(rom, model, detail)
         of_mode = whole.of_mode(model.coordinates)

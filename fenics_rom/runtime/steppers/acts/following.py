@@ -3,6 +3,7 @@
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.rom.deformation import ReducedRim
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.finite_strain import Follower, follower_loads
 
@@ -12,15 +13,15 @@ class FollowingLoads:
 
     Args:
         followers: with the places of their inputs.
-        guides: what rubs at guides, with the places of its forces.
+        rims: edges of pressures on open surfaces, with the places of their inputs.
 
     Attributes:
-        columns: places of all of these.
+        places: of the inputs of all of these, and of those with a rim.
     """
 
-    def __init__(self, followers: list[tuple[int, Follower]]):
-        self._followers = followers
-        self.columns = [column for column, _ in followers]
+    def __init__(self, followers: list[tuple[int, Follower]], rims: list[tuple[int, ReducedRim]]):
+        self._followers, self.rims = followers, rims
+        self.places = [column for column, _ in followers], [column for column, _ in rims]
 
     @staticmethod
     def of(rom: Rom, width: int, found: "list[tuple[int, Follower]]") -> "FollowingLoads | None":
@@ -35,7 +36,11 @@ class FollowingLoads:
             return None
         first = width - sum(rom.actuators.values()) - sum(rom.loads.values())
         followers = [(first + column, follower) for column, follower in [*follower_loads(rom), *found]]
-        return FollowingLoads(followers) if followers else None
+        places, column = dict[str, int](), first
+        for name, columns in rom.actuators.items():
+            places[name], column = column, column + columns
+        rims = [(places[name], rim) for name, rim in rom.deformation.rims.items()]
+        return FollowingLoads(followers, rims) if followers else None
 
     def force(self, u: Array, q: Array) -> Array:
         """Generalized forces (m,) under u (p,) on the body at q."""
@@ -52,3 +57,11 @@ class FollowingLoads:
             if size := u.item(column):
                 slope += size * follower.slope(q)
         return slope
+
+    def wrench(self, u: Array, q: Array, origin: Array) -> Array:
+        """Force, N, and torque about an origin (3,), m, of pressures on open surfaces, (6,), in the frame's axes."""
+        wrench = np.zeros(6)
+        for column, rim in self.rims:
+            if size := u.item(column):
+                wrench += size * rim.wrench(q, origin)
+        return wrench

@@ -136,7 +136,7 @@ class StrainsCarried(ElasticLaw):
         if self.branches is not None:
             self.branches.rollback()
 
-    def open(self, q: Array) -> None:
+    def open(self, q: Array, r: Array) -> None:
         """As in ElasticLaw; the tangent is kept as long as steps go as was expected."""
         body, v = self._body, self._carried.velocity
         self._q = q.copy()

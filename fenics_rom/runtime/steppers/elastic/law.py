@@ -18,7 +18,7 @@ class ElasticLaw:
     Attributes:
         pull, matrix: (m,) and (m, m): f̂ = pull + matrix v̂ in the step that is open, N kg^-1/2.
         is_exact: whether that is so for every v̂ after `expect`; else at the last one of `at` or `renew`.
-        velocity: v̂ (m,) of the step before.
+        velocity: v̂ (m,) of the step before, or r: where the iteration to the next one begins.
         branches: how the material relaxes; None: it does not.
         NOTES: names of what it notes of a run, numbers that begin at 0.
     """
@@ -62,8 +62,8 @@ class ElasticLaw:
         """Takes the last step back."""
         raise NotImplementedError
 
-    def open(self, q: Array) -> None:
-        """Begins a step from q: f̂ is that at the velocity of the step before, and the matrix near its tangent."""
+    def open(self, q: Array, r: Array) -> None:
+        """Begins a step from q and r (m,): f̂ is that at `velocity`, and the matrix near its tangent."""
         raise NotImplementedError
 
     def expect(self, v: Array) -> None:  # here and below: of a law that is exact anyway

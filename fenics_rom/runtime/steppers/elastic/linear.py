@@ -58,7 +58,7 @@ class RelaxingLinear(ElasticLaw):
         self._q = self._q_before
         self._relaxing.rollback()
 
-    def open(self, q: Array) -> None:
+    def open(self, q: Array, r: Array) -> None:
         """As in ElasticLaw."""
         pull: Array = self._ω * (self._ω * q + self._relaxing.pull[0])
         self.pull = pull

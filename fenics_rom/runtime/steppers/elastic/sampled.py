@@ -67,10 +67,10 @@ class SampledPoints(ElasticLaw):
         if self.branches is not None:
             self.branches.rollback()
 
-    def open(self, q: Array) -> None:
+    def open(self, q: Array, r: Array) -> None:
         """As in ElasticLaw."""
         body = self._body
-        self._q = q.copy()
+        self._q, self.velocity = q.copy(), r.copy()
         self._E = body.strains(self._q)
         self._W = energy_density(body.law, self._E, body.first_lame, body.shear)
         self._history, self._relaxation = 0.0, 0.0
