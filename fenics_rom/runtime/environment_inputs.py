@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import FenicsRomWarning, SceneError
+from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_path import BASE_PATH
 from fenics_rom.mechanics.environment import PERMANENT_EFFECTS, Environment, HasEnvironment, given_environment
@@ -64,6 +64,8 @@ def _moving(rom: Rom, environment: Environment) -> Rom:
     """The ROM of what moves in its frame."""
     if rom.moving_frame is None:
         raise SceneError(f"ROM {rom.name!r} has no moving frame; reduce {environment.source or 'its matrices'} anew")
+    if not environment.has_inertia:
+        raise StepError("a body in a moving frame: its steps have inertia; name effects.inertia")
     return without_rigid_motions(rom)
 
 

@@ -27,9 +27,9 @@ from fenics_rom.rom.deformation import (
     resultant,
 )
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.body_parts import maxwell_branches
 from fenics_rom.runtime.steppers.equilibrium import Equilibrium
 from fenics_rom.runtime.steppers.newton import Newton
-from fenics_rom.runtime.steppers.selection import maxwell_branches
 from fenics_rom.system.protocols import Algebra, Deformation, Operator
 from fenics_rom.system.system import System
 

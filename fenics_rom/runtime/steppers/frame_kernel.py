@@ -19,30 +19,26 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError, StructureError
+from fenics_rom.errors import StructureError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator, vector
-from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, cross_matrix, dot, rotation_matrix
+from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator
+from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, cross_matrix, rotation_matrix
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
+from fenics_rom.runtime.steppers.body_parts import PLAIN, BodyParts
 from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
 from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.ground_ties import GroundTies
 from fenics_rom.runtime.steppers.inertia import Inertia
-from fenics_rom.runtime.steppers.kernel import BookedKernel, ContactWorks, StepWork
+from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork
+from fenics_rom.runtime.steppers.parted_kernel import PartedKernel
 
 if TYPE_CHECKING:
-    from fenics_rom.runtime.steppers.acts.following import FollowingLoads
-    from fenics_rom.runtime.steppers.acts.found_forces import FoundForces, FoundInStep
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
-    from fenics_rom.runtime.steppers.deformation_watch import DeformationWatch
-    from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
-
-LARGEST_TURN = 1.5  # rad in a step, h |ω|: beyond it there may be no step, or another one than that of the body
 
 
 class FrameState(NamedTuple):
@@ -69,26 +65,7 @@ HALF_INERTIA1, MOMENTS, BENT, COUPLED = slice(0, 6), slice(6, 9), slice(9, 15), 
 GIVEN, TURNED, BENT_BY_RATE, TURNED_BY_RATE, ROWS = 18, slice(19, 22), slice(22, 28), slice(28, 31), 32
 
 
-class BodyParts(NamedTuple):
-    """What a body is made of beside its frame; without them it is plain.
-
-    Attributes:
-        elastic: what resists the shape; None: small strains of a material that does not relax.
-        following: loads that turn with what they act on; None: there are none.
-        found: forces of actuators that are found in steps; None: there are none.
-        extent: tells how far a body that deforms largely goes; None: its strains are small.
-    """
-
-    elastic: "ElasticLaw | None" = None
-    following: "FollowingLoads | None" = None
-    found: "FoundForces | None" = None
-    extent: "DeformationWatch | None" = None
-
-
-PLAIN = BodyParts()
-
-
-class FrameKernel(BookedKernel):
+class FrameKernel(PartedKernel):
     """A step in a moving frame.
 
     Args:
@@ -116,18 +93,9 @@ class FrameKernel(BookedKernel):
         residual: "ResidualMotion | None" = None,
         parts: BodyParts = PLAIN,
     ):
-        super().__init__(model, ledger, np.empty(0), interface, residual=residual)
-        self._constants, self._loads, self._mass = frame, loads, frame.mass
-        self.elastic, self._following, self._found, self._extent = elastic, _, found, extent = parts
-        self.found: FoundInStep | None = None
-        self._acting, self._reactions_found = np.empty(0), np.empty(0)
-        self._followed_at = np.empty(0)  # v̂ (m,) that loads which follow are expected to act in the middle of
-        self._start, self._matrix = np.empty(0), np.empty((0, 0))  # q of the step, and the slope of f̂ that is kept
-        if found is not None:
-            self.reactions = self._reactions_before = np.zeros(len(found.actuators.columns))
-        self._watch, self.notes = watch, watch.notes
-        if elastic is not None:
-            self.notes |= dict.fromkeys((*elastic.NOTES, *(() if extent is None else extent.notes)), 0.0)
+        super().__init__(model, frame, loads, ledger, interface, residual, parts)
+        self._mass, self._watch = frame.mass, watch
+        self.notes = watch.notes | self._notes_of_parts
         m = model.order
         self._second = frame.inertia2 if frame.stiffening is None else frame.inertia2 - frame.stiffening
         self._couples = bool(self._second.any() or frame.coupling.any() or frame.inertia1.any())
@@ -155,7 +123,7 @@ class FrameKernel(BookedKernel):
         self.base: BaseState | None = None
         self._square = 0.0  # of the state
         self.frame = self._frame_before = self._at_rest = FrameState((x, y, z), (1.0, 0.0, 0.0, 0.0), ZERO, ZERO)
-        self._is_dense = elastic is not None or model.damping.ndim == 2
+        self._is_dense = self.elastic is not None or model.damping.ndim == 2
         self._terms = np.empty((2, m))
         self._turned_to = self.frame.rotation, np.eye(3)
         self._places: Array | None = None  # of the contact points in this state
@@ -204,11 +172,6 @@ class FrameKernel(BookedKernel):
         energy = super()._with_carried_energy(energy)
         return energy if self.ties is None else energy + self.ties.placed.stored
 
-    @property
-    def model(self) -> ContactModel:
-        """Of the contact mode."""
-        return self._model
-
     def begin(self) -> None:
         """Puts the frame where it is at rest."""
         self.place(self._at_rest)
@@ -242,12 +205,6 @@ class FrameKernel(BookedKernel):
             self._places = places if self.residual is None else places + self.residual.displacement
         return self._places
 
-    @property
-    def auxiliary(self) -> Array:
-        """As in Kernel."""
-        of_residual = super().auxiliary
-        return of_residual if self.elastic is None else np.concatenate([of_residual, self.elastic.auxiliary])
-
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
         self._places = None
@@ -259,18 +216,6 @@ class FrameKernel(BookedKernel):
         self.elastic.resume(
             self._coordinates(), self._r, auxiliary[len(auxiliary) - own :] if len(auxiliary) else auxiliary
         )
-
-    def reset_buffer(self) -> None:
-        """As in Kernel."""
-        super().reset_buffer()
-        if self.elastic is not None:
-            self.elastic.reset_buffer()
-
-    def _twice_within(self) -> float:
-        """Twice what is stored in the shape and its rate, but for the residual part, J."""
-        if self.elastic is None:
-            return float(self.state.dot(self.state))
-        return float(self._r.dot(self._r)) + 2 * self.elastic.stored
 
     def _shape_at(self, q: Array, r: Array) -> Shape:
         """The inertia there, which the table is of from now on."""
@@ -289,47 +234,6 @@ class FrameKernel(BookedKernel):
             (cx, cy, cz),
         )
 
-    def _begin(self, u: Array) -> FrameForces:
-        """Begins a step under u (p,), with the forces that were found in the step before; what acts in the frame."""
-        self._acting = u
-        if self._found is not None:
-            self.found = self._found.begin(u, self._coordinates(), self._r, self.h)
-            self._acting, self._reactions_found = self.found.acting(self.reactions), self.reactions
-        if self.elastic is None:
-            return self._loads.at(self._acting)
-        self._start = self._coordinates().copy()
-        self.elastic.open(self._start, self._r)
-        return self._forces_as_expected()
-
-    def _forces_as_expected(self) -> FrameForces:
-        """What acts in the frame, with pressures on open surfaces where the shape is if it moves on as it did."""
-        forces, following, elastic = self._loads.at(self._acting), self._following, self.elastic
-        if following is None or not following.rims or elastic is None:
-            return forces
-        expected = self._start + self.h / 2 * elastic.velocity
-        wrench = following.wrench(self._acting, expected, self._constants.origin)
-        force, torque = vector(wrench[:3]), vector(wrench[3:])
-        return forces._replace(force=added(forces.force, 1.0, force), torque=added(forces.torque, 1.0, torque))
-
-    def _resists(self, v: Array, at: Array) -> Array:
-        """What of f̂ is not `_matrix` v̂, less the loads that follow a body that goes with `at` (m,); exact at v (m,)."""
-        elastic = self.elastic
-        assert elastic is not None
-        elastic.at(v)
-        pull = elastic.pull if elastic.is_exact else elastic.pull + (elastic.matrix - self._matrix).dot(v)
-        if self._following is None:
-            return pull
-        return pull - self._following.force(self._acting, self._start + self.h / 2 * at)
-
-    def _take_matrix(self, v: Array) -> None:
-        """Has the slope of f̂ at v (m,) from now on, with that of the loads that follow where these are of v, too."""
-        elastic = self.elastic
-        assert elastic is not None
-        self._matrix = elastic.matrix
-        if self._following is not None and not elastic.is_exact:
-            half = self.h / 2
-            self._matrix = self._matrix - half * self._following.slope(self._acting, self._start + half * v)
-
     def _give(self, modal: Array) -> None:
         """The rows of the table that do not change within a step, under forces (m,) on the coordinates."""
         given = self._table[GIVEN]
@@ -347,37 +251,6 @@ class FrameKernel(BookedKernel):
         """The rows of the table that depend on a mid-step rate (m,)."""
         self._by_rate(rate, self._rated)
         np.add(self._bent_by_rate, self._bent, self._bent_by_rate)
-
-    def _middle_of(self, v: Array) -> Array:
-        """q (m,) in the middle of a step with v (m,), as loads that follow have it."""
-        if self.elastic is None:
-            return self._coordinates()
-        return self._start + self.h / 2 * (self._followed_at if self.elastic.is_exact else v)
-
-    def _followed_power(self, v: Array) -> float:
-        """Of the loads that follow the body, at v (m,), W."""
-        if self._following is None:
-            return 0.0
-        return float(self._following.force(self._acting, self._middle_of(v)).dot(v))
-
-    def _rubbed(self, v: Array) -> float:
-        """Power of the forces at guides, at v (m,), W."""
-        if self._found is None or not self._found.actuators.guides:
-            return 0.0
-        _, rubbed = self._found.actuators.parts(self._found.columns(self._middle_of(v)), self._reactions_found)
-        return float(rubbed.dot(v))
-
-    def _heat(self, v: Array, after: Array) -> float:
-        """Ends the step of what resists the shape, with v (m,) to q⁺ (m,); what it dissipates, J."""
-        if self.elastic is None:
-            return self.h * float(v.dot(self._damped(v)))
-        return self.elastic.close(v, after)
-
-    def _damped(self, r: Array) -> Array:
-        """D r (m,)."""
-        D = self._model.damping
-        damped: Array = D * r if D.ndim == 1 else D.dot(r)
-        return damped
 
     def _prescribed(self, forces: FrameForces, turn: Geometry, q: Array, rate: Array, h: float) -> Push | None:
         """What prescribed forces do in a step of h s from q at a mid-step rate (m,)."""
@@ -399,11 +272,6 @@ class FrameKernel(BookedKernel):
         if self._extent is not None:
             told = *told, *self._extent.messages(self.notes)
         return told if self.elastic is None else (*told, *self.elastic.messages(self.notes))
-
-    @property
-    def beyond_training(self) -> bool:
-        """As in Kernel."""
-        return self._extent is not None and bool(self._extent.messages(self.notes))
 
     @property
     def angular_velocity(self) -> Vector:
@@ -429,10 +297,6 @@ class FrameKernel(BookedKernel):
         """The first of these."""
         return self.turn_at(x)[0]
 
-    def rates(self, x: Array) -> tuple[Array, Array]:
-        """ω̂ (3,) in the frame's axes and r̂ (m,) of the velocities x that a step solves for."""
-        raise NotImplementedError
-
     def renew(self, x: Array) -> None:
         """As in FrameBody of mechanics.frame_contact; nothing where slopes are exact."""
 
@@ -445,11 +309,6 @@ class FrameKernel(BookedKernel):
     def push(self, forces: Array, turn: Geometry, arms: Array) -> Push:
         """What forces (P, 3) on the contact points do, N in world axes."""
         return self.points.push(forces, turn, arms)
-
-    @property
-    def no_progress(self) -> float:
-        """As in FrameBody of mechanics.frame_contact: more where forces are differences of energies of points."""
-        return 1e-12 if self.elastic is None or self.elastic.is_exact else 1e-11
 
     @property
     def tells_apart(self) -> bool:
@@ -465,17 +324,6 @@ class FrameKernel(BookedKernel):
 
     def maps(self, turn: Geometry, arms: Array) -> Array:
         """As in FrameBody of mechanics.frame_contact."""
-        raise NotImplementedError
-
-    def found_columns(self, x: Array) -> tuple[Array, Array, Array | None]:
-        """As in FrameBody of mechanics.frame_contact."""
-        assert self._found is not None
-        q = self._middle_of(self.rates(x)[1])
-        columns = self._found.columns(q)
-        return columns, self._spread_columns(columns), self._found.angles(q)
-
-    def _spread_columns(self, columns: Array) -> Array:
-        """What x changes by per force on the coordinates, of columns (m, n) of these."""
         raise NotImplementedError
 
     def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
@@ -548,13 +396,3 @@ class FrameKernel(BookedKernel):
 def in_frame(turn: Geometry, contact: ContactSolution | None) -> ContactSolution | None:
     """The same with forces as the frame sees them."""
     return None if contact is None else contact._replace(forces=contact.forces.dot(turn.middle))
-
-
-def check_turn(h: float, ω: Vector, body: str = "the body") -> None:
-    """A StepError where a step of h s would turn the body too far."""
-    speed = dot(ω, ω) ** 0.5
-    if not h * speed <= LARGEST_TURN:
-        raise StepError(
-            f"{body} would turn by {h * speed:.3g} rad in a step of {h:g} s: allowed are {LARGEST_TURN:g} rad, that "
-            f"is, at {speed:.3g} rad/s, a dt of at most {LARGEST_TURN / speed:.2g} s"
-        )

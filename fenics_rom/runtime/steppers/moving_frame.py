@@ -8,7 +8,7 @@ further modes feel contact, gravity, actuators and loads, but not the input of t
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -22,9 +22,10 @@ from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepperState, Ste
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.rom import Rom, diagonalized_span
+from fenics_rom.runtime.steppers.body_parts import PLAIN, parts_of
 from fenics_rom.runtime.steppers.carried_base import frame_state
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
-from fenics_rom.runtime.steppers.frame_kernel import PLAIN, BodyParts, FrameState
+from fenics_rom.runtime.steppers.frame_kernel import FrameState
 from fenics_rom.runtime.steppers.frame_loads import FrameLoads
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.actuator_forces import ActuatorForces
     from fenics_rom.mechanics.viscoelasticity import PronySeries
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
-    from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 NOTHING_LEFT = 1e-14  # of a shape: what the next contact mode need not be given
@@ -225,7 +225,7 @@ def moving_frame_stepper(
 
     def make_kernel(contact: str, model: ContactModel) -> FreeFrame | CarriedFrame:
         is_plain = rom.deformation is None and actuators is None and series is None
-        parts = PLAIN if is_plain else _parts(rom, contact, model, law, actuators, series, interface)
+        parts = PLAIN if is_plain else parts_of(rom, contact, model, law, actuators, series, interface)
         following = ([], []) if parts.following is None else parts.following.places
         loads = FrameLoads(rom, contact, model, whole, environment.environment, following)
         watch = FrameWatch(rom, model, detail)
@@ -236,50 +236,6 @@ def moving_frame_stepper(
     if why:
         reason += f", which deforms largely ({law}: {why})"
     return MovingFrameStepper(rom, dt, interface, make_kernel, reason, lambda: environment.base_at(0.0))
-
-
-def _parts(
-    rom: Rom,
-    contact: str,
-    model: ContactModel,
-    law: str,
-    actuators: "ActuatorForces | None",
-    series: "PronySeries | None",
-    interface: "ContactInterface | None",
-) -> BodyParts:
-    """What a body is made of in a contact mode; only the modules of what there is are imported."""
-    from fenics_rom.runtime.steppers.selection import maxwell_branches
-
-    found, elastic = None, cast("ElasticLaw | None", None)
-    if actuators is not None:
-        from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
-
-        found = FoundForces(rom, model, actuators)
-    if rom.deformation is None:
-        if series is not None:
-            from fenics_rom.runtime.steppers.elastic.linear import RelaxingLinear
-
-            branches = maxwell_branches(series, 1, model.order)
-            assert branches is not None
-            elastic = RelaxingLinear(model, branches)
-        return BodyParts(elastic, found=found)
-    from fenics_rom.runtime.steppers.acts.following import FollowingLoads
-    from fenics_rom.runtime.steppers.deformation_watch import DeformationWatch
-
-    body, extent = rom.deformation, DeformationWatch(rom, interface)
-    if law == "newton":
-        from fenics_rom.runtime.steppers.elastic.sampled import SampledPoints
-
-        elastic = SampledPoints(body, maxwell_branches(series, 2, 6 * len(body.weights)))
-    else:
-        from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
-
-        stiffest = float(np.sqrt(model.eigenvalues[-1]))
-        elastic = StrainsCarried(body, stiffest, maxwell_branches(series, 2, StrainsCarried.strain_count(body)))
-    width = model.inputs.shape[1]
-    extent.enter(contact, width)
-    following = FollowingLoads.of(rom, width, [] if actuators is None else FoundForces.at_guides(rom, actuators))
-    return BodyParts(elastic, following, found, extent)
 
 
 def quasi_rigid(frame: MovingFrame) -> MovingFrame:

@@ -9,6 +9,7 @@ from fenics_rom.errors import StepError, shown, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.body_parts import maxwell_branches
 from fenics_rom.runtime.steppers.kernel import Kernel
 from fenics_rom.runtime.steppers.midpoint import fastest_kernel
 from fenics_rom.runtime.steppers.stepper import FiniteStrainStepper, LinearStepper, ReducedStepper
@@ -16,7 +17,6 @@ from fenics_rom.runtime.steppers.stepper import FiniteStrainStepper, LinearStepp
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
     from fenics_rom.mechanics.contact_solver import ContactSolver
-    from fenics_rom.mechanics.viscoelasticity import MaxwellBranches, PronySeries
     from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
 
 # In a period of the slowest mode, from which on linearly implicit steps come to any error sooner than Newton's; below
@@ -100,15 +100,6 @@ def make_stepper(
         return kernel_of(model, ledger, rigid_displacement, interface, actuators, *carried)
 
     return LinearStepper(rom, dt, interface, rigid_displacement, make_booked_kernel)
-
-
-def maxwell_branches(series: "PronySeries | None", rows: int, size: int) -> "MaxwellBranches | None":
-    """The branches of a body whose material relaxes; only then they are imported."""
-    if series is None:
-        return None
-    from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
-
-    return MaxwellBranches(series, rows, size)
 
 
 def longest_linearly_implicit_step(rom: Rom) -> float:

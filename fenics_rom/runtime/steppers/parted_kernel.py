@@ -1,0 +1,175 @@
+"""A body in a frame that is made of parts: what resists its shape, what follows it, and what is found in a step."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.frame_geometry import vector
+from fenics_rom.mechanics.frame_motion import added
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.moving_frame import MovingFrame
+from fenics_rom.runtime.steppers.body_parts import BodyParts
+from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
+from fenics_rom.runtime.steppers.kernel import BookedKernel
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.acts.found_forces import FoundInStep
+    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
+
+
+class PartedKernel(BookedKernel):
+    """Arguments as in FrameKernel.
+
+    Attributes:
+        elastic: what resists the shape; None: small strains of a material that does not relax.
+        found: what is to be found in the step that is open; None where nothing is.
+    """
+
+    def __init__(
+        self,
+        model: ContactModel,
+        frame: MovingFrame,
+        loads: FrameLoads,
+        ledger: EnergyLedger | None,
+        interface: "ContactInterface | None",
+        residual: "ResidualMotion | None",
+        parts: BodyParts,
+    ):
+        super().__init__(model, ledger, np.empty(0), interface, residual=residual)
+        self._constants, self._loads = frame, loads
+        self.elastic, self._following, self._found, self._extent = parts
+        self.found: FoundInStep | None = None
+        if self._found is not None:
+            self.reactions = self._reactions_before = np.zeros(len(self._found.actuators.columns))
+        self._acting, self._reactions_found = np.empty(0), np.empty(0)  # input of the step, and what is found of it
+        self._start, self._matrix = np.empty(0), np.empty((0, 0))  # q of the step, and the slope of f̂ that is kept
+        self._followed_at = np.empty(0)  # v̂ (m,) in the middle of which loads that follow are expected to act
+
+    @property
+    def _notes_of_parts(self) -> dict[str, float]:
+        """Of a run that begins."""
+        names = () if self.elastic is None else self.elastic.NOTES
+        return dict.fromkeys((*names, *(() if self._extent is None else self._extent.notes)), 0.0)
+
+    @property
+    def model(self) -> ContactModel:
+        """Of the contact mode."""
+        return self._model
+
+    @property
+    def auxiliary(self) -> Array:
+        """As in Kernel."""
+        of_residual = super().auxiliary
+        return of_residual if self.elastic is None else np.concatenate([of_residual, self.elastic.auxiliary])
+
+    def reset_buffer(self) -> None:
+        """As in Kernel."""
+        super().reset_buffer()
+        if self.elastic is not None:
+            self.elastic.reset_buffer()
+
+    def _twice_within(self) -> float:
+        """Twice what is stored in the shape and its rate, but for the residual part, J."""
+        if self.elastic is None:
+            return float(self.state.dot(self.state))
+        return float(self._r.dot(self._r)) + 2 * self.elastic.stored
+
+    def _begin(self, u: Array) -> FrameForces:
+        """Begins a step under u (p,), with the forces that were found in the step before; what acts in the frame."""
+        self._acting = u
+        if self._found is not None:
+            self.found = self._found.begin(u, self._coordinates(), self._r, self.h)
+            self._acting, self._reactions_found = self.found.acting(self.reactions), self.reactions
+        if self.elastic is None:
+            return self._loads.at(self._acting)
+        self._start = self._coordinates().copy()
+        self.elastic.open(self._start, self._r)
+        return self._forces_as_expected()
+
+    def _forces_as_expected(self) -> FrameForces:
+        """What acts in the frame, with pressures on open surfaces where the shape is if it moves on as it did."""
+        forces, following, elastic = self._loads.at(self._acting), self._following, self.elastic
+        if following is None or not following.rims or elastic is None:
+            return forces
+        expected = self._start + self.h / 2 * elastic.velocity
+        wrench = following.wrench(self._acting, expected, self._constants.origin)
+        force, torque = vector(wrench[:3]), vector(wrench[3:])
+        return forces._replace(force=added(forces.force, 1.0, force), torque=added(forces.torque, 1.0, torque))
+
+    def _resists(self, v: Array, at: Array) -> Array:
+        """What of f̂ is not `_matrix` v̂, less the loads that follow a body that goes with `at` (m,); exact at v (m,)."""
+        elastic = self.elastic
+        assert elastic is not None
+        elastic.at(v)
+        pull = elastic.pull if elastic.is_exact else elastic.pull + (elastic.matrix - self._matrix).dot(v)
+        if self._following is None:
+            return pull
+        return pull - self._following.force(self._acting, self._start + self.h / 2 * at)
+
+    def _take_matrix(self, v: Array) -> None:
+        """Has the slope of f̂ at v (m,) from now on, with that of the loads that follow where these are of v, too."""
+        elastic = self.elastic
+        assert elastic is not None
+        self._matrix = elastic.matrix
+        if self._following is not None and not elastic.is_exact:
+            half = self.h / 2
+            self._matrix = self._matrix - half * self._following.slope(self._acting, self._start + half * v)
+
+    def _middle_of(self, v: Array) -> Array:
+        """q (m,) in the middle of a step with v (m,), as loads that follow have it."""
+        if self.elastic is None:
+            return self._coordinates()
+        return self._start + self.h / 2 * (self._followed_at if self.elastic.is_exact else v)
+
+    def _followed_power(self, v: Array) -> float:
+        """Of the loads that follow the body, at v (m,), W."""
+        if self._following is None:
+            return 0.0
+        return float(self._following.force(self._acting, self._middle_of(v)).dot(v))
+
+    def _rubbed(self, v: Array) -> float:
+        """Power of the forces at guides, at v (m,), W."""
+        if self._found is None or not self._found.actuators.guides:
+            return 0.0
+        _, rubbed = self._found.actuators.parts(self._found.columns(self._middle_of(v)), self._reactions_found)
+        return float(rubbed.dot(v))
+
+    def _heat(self, v: Array, after: Array) -> float:
+        """Ends the step of what resists the shape, with v (m,) to q⁺ (m,); what it dissipates, J."""
+        if self.elastic is None:
+            return self.h * float(v.dot(self._damped(v)))
+        return self.elastic.close(v, after)
+
+    def _damped(self, r: Array) -> Array:
+        """D r (m,)."""
+        D = self._model.damping
+        damped: Array = D * r if D.ndim == 1 else D.dot(r)
+        return damped
+
+    @property
+    def beyond_training(self) -> bool:
+        """As in Kernel."""
+        return self._extent is not None and bool(self._extent.messages(self.notes))
+
+    def rates(self, x: Array) -> tuple[Array, Array]:
+        """ω̂ (3,) in the frame's axes and r̂ (m,) of the velocities x that a step solves for."""
+        raise NotImplementedError
+
+    @property
+    def no_progress(self) -> float:
+        """As in FrameBody of mechanics.frame_contact: more where forces are differences of energies of points."""
+        return 1e-12 if self.elastic is None or self.elastic.is_exact else 1e-11
+
+    def found_columns(self, x: Array) -> tuple[Array, Array, Array | None]:
+        """As in FrameBody of mechanics.frame_contact."""
+        assert self._found is not None
+        q = self._middle_of(self.rates(x)[1])
+        columns = self._found.columns(q)
+        return columns, self._spread_columns(columns), self._found.angles(q)
+
+    def _spread_columns(self, columns: Array) -> Array:
+        """What x changes by per force on the coordinates, of columns (m, n) of these."""
+        raise NotImplementedError
