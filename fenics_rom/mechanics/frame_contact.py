@@ -255,7 +255,7 @@ def _held(body: FrameBody, x: Array, actuated: ActuatedBody | None) -> Array:
     for sweep in range(MOST_SWEEPS):
         corrected, z_before = x if sweep == 0 else body.corrected(x, None), z
         held = Held.of(body, actuated, corrected, z)
-        z = held.solve()
+        z = held.solve(z)
         actuated.act(z)
         change = corrected - x + held.spread.dot(z - z_before)
         x, size = x + change, body.size(change)
@@ -291,9 +291,9 @@ class Held(NamedTuple):
         by_z = columns.T.dot(spread[-len(columns) :])
         return cls(actuators, spread, by_z, columns.T.dot(body.rates(x)[1]) - by_z.dot(z), angles)
 
-    def solve(self) -> Array:
-        """z where nothing touches."""
-        z, _ = self._solve(lambda z, holding: (None, np.zeros(len(z))), self.rates)
+    def solve(self, before: Array) -> Array:
+        """z where nothing touches, from those before."""
+        z, _ = self._solve(before, None, self.rates)
         return z
 
     def solve_with(
@@ -319,12 +319,12 @@ class Held(NamedTuple):
             contact = solve_contact(by_z, held.delassus(holding))
             return contact, np.zeros(len(z)) if contact is None else moved.T.dot(contact.forces.ravel())
 
-        return self._solve(touch, self.rates - moved.T.dot(forces.ravel()))
+        return self._solve(z, touch, self.rates - moved.T.dot(forces.ravel()))
 
-    def _solve(self, touch: Touch, rates: Array) -> tuple[Array, ContactSolution | None]:
+    def _solve(self, before: Array, touch: Touch | None, rates: Array) -> tuple[Array, ContactSolution | None]:
         found, actuators = self.actuators, self.actuators.actuators
         W = actuators.compliance(self.compliance)
-        return actuators.solve(found.inputs, rates, W, found.targets, touch, self.angles)
+        return actuators.solve(found.inputs, rates, W, found.targets, before, touch, self.angles)
 
 
 def _passive(contact: ContactSolution, velocities: Array) -> ContactSolution:
