@@ -29,14 +29,15 @@ def simulate(
     profile: bool = False,
     rate: bool = False,
     stepper: str | None = None,
+    step_error: float | None = None,
     arc_length: bool = False,
     report: Report = silent,
 ) -> Trajectory:
     """Runs a model through a load history from rest.
 
     A scene, or the system assembled from it, is run at full order, which every MPI rank must call; a ROM is run
-    reduced, and a world with its ROMs. `scene`, `profile`, `rate` and `stepper` are for ROMs; a world has `rate`, too;
-    `arc_length` is for full order.
+    reduced, and a world with its ROMs. `scene`, `profile`, `rate`, `stepper` and `step_error` are for ROMs; a world
+    has `rate`, too; `arc_length` is for full order.
 
     Args:
         model: what to run, or the name of the file of a scene, a world or a ROM.
@@ -49,6 +50,9 @@ def simulate(
         rate: whether to run it once more to measure the wall clock of its steps, `settings["seconds"]`; a run at
             full order always measures it.
         stepper: of a body with large deformation, as in Simulator.
+        step_error: which error its steps may have, as a share of the largest displacement: the stepper is chosen that
+            costs least of those that have it, as runs with whole and half steps measure; where none has, it is told
+            which dt would do.
         arc_length: whether loads are to grow and shrink along the equilibrium path of a body that deforms largely and
             has no inertia, on beyond its limit points: from nothing to what the run has at its end, in as many steps as
             the run has, or fewer, the first with about an equal share. Beside them there is what always acts; `inputs`
@@ -73,7 +77,8 @@ def simulate(
             reader = ("scene.world_file", "read_world")
         model = load(*reader)(model)
     if isinstance(model, WorldScene):
-        refused = {"scene": scene, "signals": signals, "profile": profile, "stepper": stepper, "arc_length": arc_length}
+        refused: dict[str, Any] = {"scene": scene, "signals": signals, "profile": profile, "stepper": stepper}
+        refused |= {"step_error": step_error, "arc_length": arc_length}
         given = [name for name, value in refused.items() if value]
         if given:
             raise SceneError(f"simulate: {', '.join(given)} cannot be used with a WorldScene")
@@ -81,7 +86,8 @@ def simulate(
 
         return run_world(model, dt, every, rate, report)
     of_any: dict[str, Any] = {"dt": dt, "every": every, "signals": signals, "report": report}
-    of_roms: dict[str, Any] = {"scene": scene, "profile": profile, "rate": rate, "stepper": stepper}
+    of_roms: dict[str, Any] = {"scene": scene, "profile": profile, "rate": rate}
+    of_roms |= {"stepper": stepper, "step_error": step_error}
     if isinstance(model, Rom):
         if arc_length:
             raise SceneError("simulate: arc_length cannot be used with a Rom; allowed with a Scene or a System")

@@ -112,7 +112,8 @@ def _deformation(rom: "fr.Rom", body: ReducedDeformation) -> dict[str, str]:
     """What large deformation was trained for, and how good it is."""
     validation = "not measured" if body.validation_error is None else f"{body.validation_error:.1e}"
     longest = longest_linearly_implicit_step(rom)
-    chosen = f"linearly-implicit up to {1e3 * longest:.3g} ms, an eighth of the slowest period, and newton beyond"
+    chosen = f"linearly-implicit up to {1e3 * longest:.3g} ms, an eighth of the slowest period, and newton beyond; "
+    chosen += "or by the error that is asked of a run (--step-error)"
     return {
         "large deformation": f"{body.law.replace('_', ' ')}, {len(body.weights)} of {body.points_of} points kept",
         "error of forces": f"{body.cubature_error:.1e} on the states it was trained on",

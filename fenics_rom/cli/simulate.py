@@ -14,7 +14,7 @@ from fenics_rom.run import is_rom_file
 from fenics_rom.scene.world_file import files_of_world, is_world_file
 
 SUMMARY = "run a scene at full order (also under mpirun), a ROM or a world through its load history"
-FOR_ROMS = ("scene", "order", "profile", "rate", "stepper")  # options
+FOR_ROMS = ("scene", "order", "profile", "rate", "stepper", "step_error")  # options
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -40,6 +40,18 @@ def add_options(command: argparse.ArgumentParser) -> None:
         choices=FINITE_STRAIN_STEPPERS,
         help="of large deformation: newton for large steps, linearly-implicit for small",
     )
+    group.add_argument(
+        "--step-error",
+        type=float,
+        metavar="E",
+        help="of large deformation: take the stepper that costs least of those whose steps have at most this error, as "
+        "a share of the largest displacement, which is measured; where none has, tell which dt would do",
+    )
+
+
+def option(name: str) -> str:
+    """As it is given."""
+    return f"--{name.replace('_', '-')}"
 
 
 def run(choice: argparse.Namespace) -> None:
@@ -62,17 +74,19 @@ def run(choice: argparse.Namespace) -> None:
                 rom = fr.truncate(rom, choice.order)
             scene = fr.read_scene(choice.scene) if choice.scene else None
             check(*(scene.files if scene else ()))
-            chosen = {name: getattr(choice, name) for name in ("dt", "every", "profile", "rate", "stepper")}
+            chosen = {
+                name: getattr(choice, name) for name in ("dt", "every", "profile", "rate", "stepper", "step_error")
+            }
             trajectory = fr.simulate(rom, scene=scene, **chosen, report=report)
         elif is_world_file(choice.model):
-            given = [f"--{name}" for name in FOR_ROMS if name != "rate" and getattr(choice, name)]
+            given = [option(name) for name in FOR_ROMS if name != "rate" and getattr(choice, name)]
             if given or choice.petsc_words:
                 choice.wrong_usage(f"{', '.join([*given, *choice.petsc_words])}: not for a world, as {choice.model} is")
             world = fr.read_world(choice.model)
             check(*files_of_world(world))
             trajectory = fr.simulate(world, dt=choice.dt, every=choice.every, rate=choice.rate, report=report)
         else:
-            options = {f"--{name}": getattr(choice, name) for name in FOR_ROMS}
+            options = {option(name): getattr(choice, name) for name in FOR_ROMS}
             given = [name for name, value in options.items() if value is not None and value is not False]
             if given:
                 choice.wrong_usage(f"{', '.join(given)}: for a ROM; {choice.model} is a scene, run at full order")

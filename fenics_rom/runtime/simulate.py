@@ -35,12 +35,16 @@ def simulate(
     profile: bool = False,
     rate: bool = False,
     stepper: str | None = None,
+    step_error: float | None = None,
     report: Report = silent,
 ) -> Trajectory:
     """Runs a ROM through a load history from rest: `fenics_rom.simulate` of a ROM, where arguments and errors are."""
     check_flag("profile", profile, SceneError)
     check_flag("rate", rate, SceneError)
-    environment, history, fresh = _prepared(rom, scene, dt, every, mapping_in("signals", signals, SceneError), stepper)
+    signals, reason = mapping_in("signals", signals, SceneError), ""
+    if step_error is not None:
+        stepper, reason = _by_error(rom, scene, dt, every, signals, stepper, step_error)
+    environment, history, fresh = _prepared(rom, scene, dt, every, signals, stepper)
     body, lost = fresh()
     recorder = TrajectoryRecorder(
         rom,
@@ -63,7 +67,7 @@ def simulate(
         ),
         tendons=rom.environment.tendons,
         profile=_profile(fresh()[0], history) if profile else None,
-        stepping=f"{body.stepper}: {body.stepping}" if rom.deformation is not None else "",
+        stepping=f"{body.stepper}: {reason or body.stepping}" if rom.deformation is not None else "",
     )
 
 
@@ -138,6 +142,43 @@ def rate(
     """
     _, history, fresh = _prepared(rom, scene, dt, None, None, stepper)
     return history.steps / min(_seconds(fresh()[0], history) for _ in range(runs))
+
+
+def _by_error(
+    rom: Rom,
+    scene: HasEnvironment | None,
+    dt: float | None,
+    every: int | None,
+    signals: Mapping[str, SignalLike],
+    stepper: str | None,
+    error: float,
+) -> tuple[str, str]:
+    """The stepper whose steps have at most that error in the run, and what was measured; see step_error.py."""
+    from fenics_rom.runtime.step_error import check_step_error, stepper_by_error
+
+    error, environment = check_step_error(error), rom.environment if scene is None else given_environment(scene)
+    if rom.deformation is None or not environment.has_inertia or environment.is_moving or stepper is not None:
+        raise SceneError(
+            f"step_error = {error:g}: chooses the stepper of a body with large deformation and inertia in a frame that "
+            f"stays; {f'stepper = {stepper!r} is given' if stepper is not None else 'this is none'}"
+        )
+    _, history, _ = _prepared(rom, scene, dt, every, signals, None)
+
+    def path(kind: str, parts: int) -> Array:
+        _, finer, fresh = _prepared(rom, scene, history.dt / parts, 1, signals, kind)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FenicsRomWarning)  # the run itself tells them
+            body, _ = fresh()
+            shapes = []
+            for step, (contact, u) in enumerate(finer, start=1):
+                if not finer.automatic:
+                    body.switch(contact)
+                body.step(u)
+                if step % parts == 0:
+                    shapes.append(body.state[0])
+        return np.array(shapes)
+
+    return stepper_by_error(error, history.dt, path)
 
 
 def _prepared(

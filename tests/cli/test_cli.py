@@ -43,6 +43,7 @@ COMMANDS = {
         "--profile",
         "--rate",
         "--stepper",
+        "--step-error",
         "--arc-length",
         "--output",
     ],
@@ -339,6 +340,7 @@ def test_run_whose_clock_stood_still_is_printed(inside, say):
     [
         ([PLATE, "--order", "0", "--rate"], f"--order, --rate: for a ROM; {PLATE} is a scene, run at full order"),
         ([PLATE, "--scene", PLATE], f"--scene: for a ROM; {PLATE} is a scene, run at full order"),
+        ([PLATE, "--step-error", "1e-3"], f"--step-error: for a ROM; {PLATE} is a scene, run at full order"),
         ([PLATE, "--stepper", "newton"], f"--stepper: for a ROM; {PLATE} is a scene, run at full order"),
         (["copy", "-fenics_rom_eps_ncv", "40"], "-fenics_rom_eps_ncv is for a scene; copy is a ROM"),
     ],
