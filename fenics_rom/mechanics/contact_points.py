@@ -61,6 +61,17 @@ class ContactPoints:
         corners = zip(self._between.nodes.T, self._between.weights.T, strict=True)
         return np.hstack([columns, sum(of_nodes(nodes) * np.repeat(weights, 3) for nodes, weights in corners)])
 
+    def weights(self) -> tuple[Array, Array, Array]:
+        """What points are of nodes: numbers of points (t,), nodes (t,) and their weights (t,); a node is of itself."""
+        own = np.arange(len(self.nodes))
+        if self._between is None:
+            return own, self.nodes, np.ones(len(own))
+        corners, weights = self._between.nodes, self._between.weights
+        points = np.repeat(len(own) + np.arange(len(corners)), corners.shape[1])
+        parts = (own, points), (self.nodes, corners.ravel()), (np.ones(len(own)), weights.ravel())
+        point, node, weight = map(np.concatenate, parts)
+        return point, node, weight
+
     def on_nodes(self, pressing: Array, nodes: Array) -> Array:
         """Of forces on the points (P,), those on nodes of the body (s,), N; 0 on nodes that cannot be touched."""
         forces = np.zeros(len(nodes))

@@ -29,7 +29,11 @@ from fenics_rom.reduction.methods.static import static
 from fenics_rom.reduction.moving_frame import with_moving_frame
 from fenics_rom.reduction.problem import Method, RankedBasis, ReductionProblem, scale_inputs
 from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
-from fenics_rom.reduction.residual_compliance import contact_shapes, static_displacements, with_residual_compliance
+from fenics_rom.reduction.residual_compliance import (
+    contact_shapes,
+    may_keep_compliance,
+    with_residual_compliance,
+)
 from fenics_rom.reduction.rigid_mode_deflation import elastic_part, require_loads, with_rigid_modes
 from fenics_rom.rom.rom import Rom, check_rom
 from fenics_rom.scene.scene import (
@@ -59,6 +63,11 @@ BY_NAME: dict[str, Method] = {  # any function of a problem is a method, too
 DENSE_LIMIT = 1000  # unknowns up to which all eigenvectors are cheaper than a Krylov space
 DEFAULT_TOLERANCE = 1e-6  # share of the sum of σ that is left out where neither order nor tolerance is given
 DEFAULT_MOST = 100  # displacements kept then: of a body whose whole skin may touch, 1e-6 asks for all there are
+EIGENVECTORS_KEPT = (
+    "contact: of a body that may be touched at {points} points in one contact mode the {order} lowest eigenvectors are "
+    "kept, as neither order, tolerance nor method was given; contact forces at rest are exact at any order, and the "
+    "validation tells what else it costs"
+)
 LARGE_DEFORMATION_TOLERANCE = 3e-5  # the same for large deformation
 
 
@@ -126,6 +135,11 @@ def reduce(
     if order is None and tolerance is None:
         order, tolerance = chosen.order, chosen.tolerance
     check_order(order, system.contacts, "order")
+    switching = Text(SWITCHINGS).check(_given(switching, chosen.switching), "switching")
+    method, messages = _given(method, chosen.method), list(system.warnings)
+    if (method, order, tolerance, switching) == (None, None, None, "energy") and (touched := _most_points(system)):
+        method, order = "modal+static", min(DEFAULT_MOST, system.elastic_size)
+        messages.append(EIGENVECTORS_KEPT.format(points=touched, order=order))
     most = DEFAULT_MOST if order is None and tolerance is None and system.deformation is None else None
     if tolerance is None:
         tolerance = DEFAULT_TOLERANCE if system.deformation is None else LARGE_DEFORMATION_TOLERANCE
@@ -133,12 +147,11 @@ def reduce(
     has_share, has_cubature = share is not None, cubature is not None
     share = SHARE.check(chosen.share if share is None else share, "share")
     cubature = CUBATURE.check(chosen.cubature if cubature is None else cubature, "cubature")
-    named, method = _method(_given(_given(method, chosen.method), _default_method(system)), system)
+    named, method = _method(_given(method, _default_method(system)), system)
     if has_share and method is BY_NAME.get(named) and named != SELECTION:  # a function of the user's may want it
         raise SceneError(f"share = {exactly(share)}: goes with method = {SELECTION!r}, not with {named!r}")
     if has_cubature and system.deformation is None:
         raise SceneError(f"cubature = {exactly(cubature)}: goes with effects.large_deformation, which the body has not")
-    switching = Text(SWITCHINGS).check(_given(switching, chosen.switching), "switching")
     weighting = Text(WEIGHTINGS).check(_given(weighting, chosen.weighting), "weighting")
     lyapunov = Text(LYAPUNOV).check(_given(lyapunov, chosen.lyapunov), "lyapunov")
     solver = Text(SOLVERS).check(solver, "solver")
@@ -176,15 +189,15 @@ def reduce(
             lyapunov=lyapunov,
             share=share,
             stages=stages,
-            messages=[*system.warnings, *filter(None, [factor.notice])],
+            messages=[*messages, *filter(None, [factor.notice])],
         )
-        finished, static = Checkpoint(checkpoint, problem, named, resume), static_displacements(problem)
+        finished = Checkpoint(checkpoint, problem, named, resume)
         if method is None:
             rom = hyperreduce(problem, named, cubature, finished)
         else:
             retained = _retained_bases(problem, method, finished, named == SELECTION)
-            rom = assemble_rom(problem, retained, contact_shapes(problem, retained, static), method=named)
-        rom = with_moving_frame(problem, with_residual_compliance(problem, rom, static), whole)
+            rom = assemble_rom(problem, retained, contact_shapes(problem, retained), method=named)
+        rom = with_moving_frame(problem, with_residual_compliance(problem, rom), whole)
         rom = with_rigid_modes(rom, whole)
     rom = _with_tied_components(rom, whole.body.unknowns)
     for message in problem.messages:
@@ -247,6 +260,18 @@ def _default_method(system: System) -> str:
     if system.deformation is not None:
         return "trained"
     return "static" if system.scene is not None and system.scene.effects.inertia is None else "balanced"
+
+
+def _most_points(system: System) -> int:
+    """How many points of a contact mode keep their residual compliance, where no basis has a shape for each; else 0.
+
+    With forces everywhere balanced directions come close to eigenvectors, but not so close that they share no mass with
+    what contact points yield beyond them, which steps neglect.
+    """
+    if _default_method(system) != "balanced" or not may_keep_compliance(system):
+        return 0
+    points = max(map(len, system.contact_points.values()))
+    return points if 3 * points > DEFAULT_MOST else 0
 
 
 def _method(method: str | Method, system: System) -> tuple[str, Method | None]:

@@ -1,13 +1,21 @@
-"""Residual compliance of a ROM's contact points, from the factor of K that is there; see rom.residual_compliance."""
+"""Residual compliance of a ROM's contact points, from the factor of K that is there; see rom.residual_compliance.
 
-from collections.abc import Mapping
+There may be thousands of columns K⁻¹Sᵀ of contact points: never more than some are there at once, and of all of them
+their rows at the points and what these sum to are kept.
+"""
+
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
 from numpy import ndarray as Array
+from scipy.sparse.linalg import eigsh
 
+from fenics_rom.mechanics.readings import OfDisplacement
 from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis, joint_span
@@ -16,116 +24,213 @@ from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.residual_part import residual_part, strained_points
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.residual_motion import relaxation
+from fenics_rom.system.columns import column_dots
 from fenics_rom.system.system import System
 
 COLUMNS_AT_ONCE = 96  # of solves
 KEPT = 1e-6  # of the largest eigenvalue of the residual compliance: smaller ones are raised to it
 LEAST = 1e-12  # of the static compliance: a residual compliance that small is as good as none, and raised to it
 UNSEEN = 1e-4  # of the displacements under forces on contact points, in mass: what the shared basis may lack
+MOST_SHAPES = 300  # that the shared basis holds for it: a body whose whole skin may touch would want all its unknowns
+OVERSAMPLING = 20  # random combinations beside so many, from which the shapes with most mass are found
+UNTOLD = 1e-3  # of the same of nodes that nothing can touch, beyond which the user is told
 POINTS_COMPARED = 8  # of which the Delassus operator is compared with the full model's
 
 
 def has_residual_compliance(problem: ReductionProblem) -> bool:
-    """Whether contact points keep what the basis lacks: those of a scene with contact, unless it says otherwise."""
-    scene = problem.system.scene
-    if scene is None or not problem.system.contact_points or problem.switching == "oblique":
+    """Whether contact points keep what the basis lacks."""
+    return problem.switching != "oblique" and may_keep_compliance(problem.system)
+
+
+def may_keep_compliance(system: System) -> bool:
+    """Whether contact points of a system are to: those of a scene with contact, unless it says otherwise."""
+    scene = system.scene
+    if scene is None or not system.contact_points:
         return False
     return scene.environment.contact_law is not None and scene.environment.residual_compliance
 
 
-def static_displacements(problem: ReductionProblem) -> Array:
-    """K⁻¹Sᵀ (rows here, 3P), m/N: under unit forces on contact points; (rows here, 0) where they keep no compliance."""
-    if not has_residual_compliance(problem):
-        return np.empty((problem.system.local_size, 0))
-    with problem.stages("residual compliance"):
-        Sᵀ = problem.system.points_of_contact().columns(problem.system.at_nodes)
-        displacements = np.empty(Sᵀ.shape)
-        for columns in _blocks(Sᵀ):
-            displacements[:, columns] = problem.factor.solve(Sᵀ[:, columns])
-    return displacements
+class _PointRows:
+    """S, sparse: what contact points are of displacements, and Sᵀ of forces on them, N."""
+
+    def __init__(self, system: System):
+        points = system.points_of_contact()
+        point, node, weight = points.weights()
+        of_nodes = sp.csr_matrix((weight, (point, node)), shape=(len(points.coordinates), len(system.body.nodes)))
+        moving = system.body.unknowns.matrix[:, system.algebra.rows()]
+        self._rows = (sp.kron(of_nodes, sp.identity(3)) @ moving).tocsr()
+        self._total = system.algebra.total
+        self.count = self._rows.shape[0]  # 3P
+        self.untouched = np.asarray(abs(self._rows).sum(axis=0)).ravel() == 0  # (rows here,)
+
+    def at(self, shapes: Array) -> Array:
+        """S x of displacements (rows here, c), (3P, c)."""
+        moved: Array = self._total(self._rows @ shapes)
+        return moved
+
+    def forces(self, combined: Array) -> Array:
+        """Sᵀ f of forces (3P, c), (rows here, c)."""
+        spread: Array = self._rows.T @ combined
+        return np.ascontiguousarray(spread)
+
+    def columns(self, some: slice | Array) -> Array:
+        """Some columns of Sᵀ, (rows here, c)."""
+        return np.ascontiguousarray(self._rows[some].toarray().T)
 
 
-def contact_shapes(problem: ReductionProblem, retained: Mapping[str, RetainedBasis], static: Array) -> Array:
+class _Beyond(NamedTuple):
+    """Shapes X = (K⁻¹ - W diag(1/γ) Wᵀ) Sᵀ, in which contact points yield beyond a basis W."""
+
+    problem: ReductionProblem
+    rows: _PointRows
+    W: Array  # (rows here, k)
+    C: Array  # diag(1/γ) WᵀSᵀ (k, 3P)
+
+    def shapes(self, forces: Array) -> tuple[Array, Array]:
+        """K⁻¹Sᵀ f and X f of forces (3P, c), (rows here, c) each."""
+        static = self.problem.factor.solve(self.rows.forces(forces))
+        return static, static - self.W @ (self.C @ forces)
+
+    def pulled(self, loads: Array) -> Array:
+        """Xᵀ of loads (rows here, c), (3P, c)."""
+        within = self.C.T @ self.problem.system.algebra.inner(self.W, loads)
+        return self.rows.at(self.problem.factor.solve(loads)) - within
+
+    def mass_of(self, shapes: Array) -> float:
+        """Sum of xᵀMx over columns."""
+        return float(column_dots(self.problem.system.algebra, shapes, self.problem.system.mass @ shapes).sum())
+
+
+def contact_shapes(problem: ReductionProblem, retained: Mapping[str, RetainedBasis]) -> Array:
     """Coordinates (k, s) of the shapes with most mass in which contact points yield beyond what contact modes keep.
 
-    The shared basis is to hold them, so that a run can tell how the body yields around its contact points.
-
-    Args:
-        problem: what is reduced.
-        retained: of each contact mode.
-        static: `static_displacements`.
+    The shared basis is to hold them, so that a run can tell how the body yields around its contact points: all but
+    UNSEEN, or MOST_SHAPES of them. Of more points than that they are found by random combinations, drawn closer by the
+    operator once (Halko, Martinsson & Tropp 2011), and what outputs and readings tell is made exact at rest, by the
+    shapes under forces there (K is symmetric: what loads C move at S is what loads S move at C).
     """
-    if not static.shape[1]:
+    if not has_residual_compliance(problem):
         return np.empty((problem.space.size, 0))
-    system, space, inner = problem.system, problem.space, problem.system.algebra.inner
+    system, space = problem.system, problem.space
+    inner, M = system.algebra.inner, system.mass
     with problem.stages("residual compliance"):
-        kept = space.subspace(joint_span(problem, retained))
-        W, Sᵀ = space.basis @ kept.coordinates, system.points_of_contact().columns(system.at_nodes)
-        shapes = _Residual(static, W, inner(W, Sᵀ) / kept.eigenvalues[:, None])
-        w, E = significant_eigenpairs(shapes.gram(system, system.mass))
-        whole = sum(np.vdot(static[:, of], system.mass @ static[:, of]) for of in _blocks(static))
-        whole = float(system.algebra.total(whole))
-        missing = np.sqrt(np.append(np.cumsum(w[::-1])[::-1], 0.0) / whole)  # where so many are taken
-        return space.add(shapes.of(E[:, : int(np.argmax(missing <= UNSEEN))]))
+        kept, rows = space.subspace(joint_span(problem, retained)), _PointRows(system)
+        W = space.basis @ kept.coordinates
+        beyond = _Beyond(problem, rows, W, rows.at(W).T / kept.eigenvalues[:, None])
+        samples, forces = 1, np.eye(rows.count)
+        if rows.count > MOST_SHAPES + OVERSAMPLING:
+            samples = MOST_SHAPES + OVERSAMPLING
+            forces = np.random.default_rng(0).standard_normal((rows.count, samples))
+        static, shapes = beyond.shapes(forces)
+        whole, lacking = beyond.mass_of(static) / samples, beyond.mass_of(shapes) / samples
+        if samples > 1:
+            _, shapes = beyond.shapes(np.linalg.qr(beyond.pulled(M @ shapes))[0])
+        w, E = significant_eigenpairs(inner(shapes, M @ shapes))
+        missing = np.sqrt(np.maximum(lacking - np.cumsum(np.append(0.0, w)), 0.0) / whole)  # where so many are taken
+        suffice = missing <= UNSEEN
+        count = min(int(suffice.argmax()) if suffice.any() else len(w), MOST_SHAPES)
+        shapes = shapes @ E[:, :count]
+        if samples > 1:
+            shapes = np.hstack([shapes, problem.factor.solve(_told(system))])
+        return space.add(shapes)
 
 
-def with_residual_compliance(problem: ReductionProblem, rom: Rom, static: Array) -> Rom:
+def _told(system: System) -> Array:
+    """Columns (rows here, c) of outputs and readings that are linear; none where there are too many."""
+    operators = [reading.operator for reading in system.readings.values() if isinstance(reading, OfDisplacement)]
+    rows = system.algebra.rows()
+    columns = [*system.outputs.values(), *(np.asarray(sp.csr_matrix(A)[:, rows].toarray()).T for A in operators)]
+    told = np.hstack([np.empty((system.local_size, 0)), *columns])
+    return told if told.shape[1] <= MOST_SHAPES else told[:, :0]
+
+
+def with_residual_compliance(problem: ReductionProblem, rom: Rom) -> Rom:
     """The ROM (of the elastic part) with the residual compliance of its contact points, where its scene wants it."""
-    if not static.shape[1]:
+    if not has_residual_compliance(problem):
         return rom
     system = problem.system
     with problem.stages("residual compliance"):
-        algebra, κ = system.algebra, rom.stiffness
-        Q = rom.basis[algebra.rows()]
-        Sᵀ = system.points_of_contact().columns(system.at_nodes)
-        SQ, whole = algebra.inner(Sᵀ, Q), algebra.inner(Sᵀ, static)
-        shapes, lacking = _Residual(static, Q, (SQ / κ).T), whole - (SQ / κ) @ SQ.T
-        λ, U = np.linalg.eigh((lacking + lacking.T) / 2)
-        floor = max(KEPT * float(λ[-1]), LEAST * float(np.diag(whole).max()))
-        kept = λ > floor
+        rows, κ = _PointRows(system), rom.stiffness
+        Q = rom.basis[system.algebra.rows()]
+        SQ = rows.at(Q)
+        sums = _summed(_Beyond(problem, rows, Q, (SQ / κ).T))
+        lacking = sums.static - (SQ / κ) @ SQ.T
+        lacking = (lacking + lacking.T) / 2
+        floor = max(KEPT * _largest_eigenvalue(lacking), LEAST * float(np.diag(sums.static).max()))
+        factor, τ = _orthogonal_shapes(lacking, sums.mass, floor)
         if system.rayleigh is not None:
             β = system.rayleigh[1]
         else:  # D is not β K in the residual shapes: what dissipates as much in all of them together
-            heat = np.trace(shapes.gram(system, system.damping))
-            β = heat / (float(np.trace(lacking)) + floor * len(λ))
-        forces = U[:, kept] / np.sqrt(λ[kept])  # that make K-orthonormal shapes
-        τ2, V = np.linalg.eigh(forces.T @ shapes.gram(system, system.mass) @ forces)
-        factor, τ = (U[:, kept] * np.sqrt(λ[kept]) @ V)[:, ::-1], np.sqrt(np.maximum(τ2, 0.0))[::-1]
+            β = sums.heat / (float(np.trace(lacking)) + floor * len(lacking))
         residual = ResidualCompliance(factor, τ, floor=floor, damping=max(float(β), 0.0))
-        return replace(rom, residual_compliance=_compared(problem, rom, residual, Sᵀ, SQ, whole))
+        residual = _compared(problem, rom, residual, rows, SQ, sums.static)
+    if sums.untold > UNTOLD:
+        problem.messages.append(
+            f"contact: of the shapes in which {rows.count // 3} contact points yield the shared basis holds the "
+            f"{MOST_SHAPES} largest: where nothing can touch the body, nodes close to a force are shown to "
+            f"{sums.untold:.1g} of how far forces on single points move the body; forces, contact points and outputs "
+            "are not concerned"
+        )
+    return replace(rom, residual_compliance=residual, warnings=tuple(problem.messages))
 
 
-class _Residual(NamedTuple):
-    """Shapes X = K⁻¹Sᵀ - W C, (rows here, 3P), of which there are never more than some at once."""
+class _Sums(NamedTuple):
+    """What is kept of all shapes X beyond a basis."""
 
-    static: Array  # K⁻¹Sᵀ
-    W: Array  # (rows here, k)
-    C: Array  # (k, 3P)
-
-    def of(self, forces: Array) -> Array:
-        """X f of forces (3P, s)."""
-        shapes: Array = self.static @ forces - self.W @ (self.C @ forces)
-        return shapes
-
-    def gram(self, system: System, matrix: Any) -> Array:
-        """XᵀAX (3P, 3P) of M or D."""
-        inner, gram = system.algebra.inner, np.empty((self.static.shape[1],) * 2)
-        for columns in _blocks(gram):
-            product = matrix @ (self.static[:, columns] - self.W @ self.C[:, columns])
-            gram[:, columns] = inner(self.static, product) - self.C.T @ inner(self.W, product)
-        return gram
+    static: Array  # S K⁻¹Sᵀ (3P, 3P), m/N
+    mass: Array  # XᵀMX (3P, 3P), kg m²/N²
+    heat: float  # trace of XᵀDX
+    untold: float  # of nodes that nothing can touch, as a share of all displacements, in mass
 
 
-def _blocks(columns: Array) -> list[slice]:
+def _summed(beyond: _Beyond) -> _Sums:
+    """Block by block, with a second solve for the mass: XᵀMX is what loads M X move at the points."""
+    problem, rows, Q, C = beyond
+    system, count = problem.system, rows.count
+    static, mass, heat, hidden, whole = np.empty((count, count)), np.empty((count, count)), 0.0, 0.0, 0.0
+    for columns in _blocks(count):
+        solved = problem.factor.solve(rows.columns(columns))
+        X = solved - Q @ C[:, columns]
+        MX = system.mass @ X
+        static[:, columns], mass[:, columns] = rows.at(solved), beyond.pulled(MX)
+        if system.rayleigh is None:
+            heat += float(column_dots(system.algebra, X, system.damping @ X).sum())
+        hidden += float(column_dots(system.algebra, X[rows.untouched], MX[rows.untouched]).sum())
+        whole += beyond.mass_of(solved)
+    return _Sums(static, (mass + mass.T) / 2, heat, float(np.sqrt(max(hidden, 0.0) / whole)))
+
+
+def _blocks(count: int) -> Iterator[slice]:
     """Some columns at once."""
-    return [slice(first, first + COLUMNS_AT_ONCE) for first in range(0, columns.shape[1], COLUMNS_AT_ONCE)]
+    return (slice(first, min(first + COLUMNS_AT_ONCE, count)) for first in range(0, count, COLUMNS_AT_ONCE))
+
+
+def _largest_eigenvalue(A: Array) -> float:
+    if len(A) <= COLUMNS_AT_ONCE:
+        return float(np.linalg.eigvalsh(A)[-1])
+    return float(eigsh(A, k=1, which="LA", v0=np.ones(len(A)), return_eigenvectors=False)[0])
+
+
+def _orthogonal_shapes(R: Array, mass: Array, floor: float) -> tuple[Array, Array]:
+    """L (3P, r) with R = L Lᵀ but for a rest below a floor, of K- and M-orthogonal shapes, and τ (r,) of these.
+
+    By Cholesky's algorithm with pivoting, whose pivots are forces that suffice for all shapes.
+    """
+    factor, pivots, rank, _ = scipy.linalg.lapack.dpstrf(R, lower=True, tol=floor)
+    if not rank:
+        return np.empty((len(R), 0)), np.empty(0)
+    some, L = pivots[:rank] - 1, np.empty((len(R), rank))
+    L[pivots - 1] = np.tril(factor)[:, :rank]
+    half = scipy.linalg.solve_triangular(L[some], mass[some[:, None], some], lower=True)
+    τ2, V = np.linalg.eigh(scipy.linalg.solve_triangular(L[some], half.T, lower=True))
+    return (L @ V)[:, ::-1], np.sqrt(np.maximum(τ2, 0.0))[::-1]
 
 
 def _compared(
-    problem: ReductionProblem, rom: Rom, residual: ResidualCompliance, Sᵀ: Array, SQ: Array, static: Array
+    problem: ReductionProblem, rom: Rom, residual: ResidualCompliance, rows: _PointRows, SQ: Array, static: Array
 ) -> ResidualCompliance:
     """The same with the errors of the Delassus operators W = S A⁻¹ Sᵀ at the time step of the scene's run."""
-    run, system, points = rom.environment.run, problem.system, Sᵀ.shape[1] // 3
+    run, system, points = rom.environment.run, problem.system, rows.count // 3
     if run is None:
         return residual
     h, has_inertia, series = run.dt, rom.environment.has_inertia, rom.environment.viscoelasticity
@@ -136,7 +241,7 @@ def _compared(
         elastic: tuple[complex, Any] = h / 2 + branches, system.stiffness
         terms: list[tuple[complex, Any]] = [(2 / h, system.mass), (1.0, system.damping), elastic]
         with closing(system.algebra.factor(*terms)) as factor:
-            full = system.algebra.inner(Sᵀ, factor.solve(Sᵀ[:, columns]))
+            full = rows.at(factor.solve(rows.columns(columns)))
     else:
         full = static[:, columns] / h
     errors, H = {}, strained_points(rom.stiffness, SQ, residual)

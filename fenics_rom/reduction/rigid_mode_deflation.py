@@ -18,6 +18,7 @@ from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.readings import projected
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
+from fenics_rom.system.columns import column_dots
 from fenics_rom.system.protocols import DENSE_SHARE, NO_DOFS, Factor
 from fenics_rom.system.rigid_modes import choose_fixed_dofs, free_rows
 from fenics_rom.system.system import System
@@ -58,7 +59,7 @@ class _ElasticSystem(System):
 def require_loads(system: System) -> None:
     """Refuses (SceneError) contact modes of an elastic part whose inputs strain nothing."""
     for name in system.contacts:
-        if not np.any(system.algebra.inner(B := system.forces(name), B)):
+        if not column_dots(system.algebra, B := system.forces(name), B).any():
             raise SceneError(
                 f"contact mode {name!r}: its inputs move the body without straining it, so there is nothing that they "
                 "ask to be kept; give them to an actuator, beside a contact that strains it"
@@ -122,7 +123,7 @@ class ElasticAlgebra:
         balanced = loads
         for _ in range(2):
             balanced = balanced - self.mass_times_rigid @ self.inner(self.rigid, balanced)
-        size, given = (np.sqrt(np.diag(self.inner(columns, columns))) for columns in (balanced, loads))
+        size, given = (np.sqrt(column_dots(self, columns, columns)) for columns in (balanced, loads))
         return balanced * (size > LOAD_ROUND_OFF * given)
 
     def strained(self, shapes: Array) -> Array:

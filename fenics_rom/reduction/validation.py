@@ -15,11 +15,12 @@ from fenics_rom.reduction.common_basis import Subspace, block_starts, split_like
 from fenics_rom.reduction.frequency_response import dynamic_product, inner_products, relative_modulus, response
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.system.columns import apply_to_complex
+from fenics_rom.system.columns import apply_to_complex, column_dots
 
 MAX_INPUTS = 6  # of a contact mode at a frequency; where it has more columns, random combinations of them
 MAX_COLUMNS = 300  # of all contact modes at all frequencies, unless that is less than one
 COLUMNS_AT_ONCE = 48  # complex columns that are solved for together
+STATICS_AT_ONCE = 96  # columns whose static shapes are solved for together
 MODES_AT_ONCE = 16  # contact modes whose static shapes are solved for together
 RELATIVE_ACCURACY = 0.1  # of the error that is measured
 MAX_GMRES_STEPS = 15
@@ -187,23 +188,28 @@ def _static_errors(
     for first in range(0, len(names), MODES_AT_ONCE):
         group = names[first : first + MODES_AT_ONCE]
         inputs = [system.forces(name) for name in group]
-        statics = problem.factor.solve(np.hstack(inputs))
         projected = split_like(system.algebra.inner(problem.space.basis, np.hstack(inputs)), inputs)
         reduced = [
             bases[name] @ (bases[name].T @ XᵀB / models[name].eigenvalues[:, None])
             for name, XᵀB in zip(group, projected, strict=True)
         ]
-        error = statics - problem.space.basis @ np.hstack(reduced)
-        starts = block_starts(inputs)[:-1]
-        by_mass, by_node = (
-            np.sqrt(np.divide(*(np.add.reduceat(np.diag(system.algebra.inner(x, y)), starts) for x, y in pairs)))
-            for pairs in (
-                ((error, system.mass @ error), (statics, system.mass @ statics)),
-                ((error, error), (statics, statics)),
-            )
-        )
-        errors |= zip(group, map(StaticError, by_mass.tolist(), by_node.tolist()), strict=True)
+        squares = _static_squares(problem, np.hstack(inputs), np.hstack(reduced))
+        error_by_mass, by_mass, error_by_node, by_node = np.add.reduceat(squares, block_starts(inputs)[:-1], axis=1)
+        shares = np.sqrt(error_by_mass / by_mass), np.sqrt(error_by_node / by_node)
+        errors |= zip(group, map(StaticError, *(share.tolist() for share in shares)), strict=True)
     return errors
+
+
+def _static_squares(problem: ReductionProblem, inputs: Array, reduced: Array) -> Array:
+    """Of columns (rows here, p) at rest |error|² and |x|² by mass, then by nodes, (4, p); `reduced` (k, p) is shared."""
+    system, squares = problem.system, np.empty((4, inputs.shape[1]))
+    for first in range(0, inputs.shape[1], STATICS_AT_ONCE):
+        columns = slice(first, first + STATICS_AT_ONCE)
+        statics = problem.factor.solve(inputs[:, columns])
+        error = statics - problem.space.basis @ reduced[:, columns]
+        pairs = (error, system.mass @ error), (statics, system.mass @ statics), (error, error), (statics, statics)
+        squares[:, columns] = [column_dots(system.algebra, *pair) for pair in pairs]
+    return squares
 
 
 def _light_part_warnings(

@@ -14,6 +14,12 @@ def probe_columns(algebra: Algebra, count: int) -> Array:
     return np.random.default_rng(0).standard_normal((rows.stop, count))[rows]
 
 
+def column_dots(algebra: Algebra, left: Array, right: Array) -> Array:
+    """Of each pair of columns (rows here, c), (c,), summed over the ranks."""
+    dots: Array = algebra.total(np.einsum("ij,ij->j", left, right))
+    return dots
+
+
 def apply_to_complex(operation: Callable[[Array], Array], block: Array) -> Array:
     """A real linear operation on complex columns (any, k): one call on their real and imaginary parts side by side."""
     result, count = operation(np.hstack([block.real, block.imag])), block.shape[1]
