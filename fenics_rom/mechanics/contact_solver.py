@@ -33,7 +33,7 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.braking import Braking
 from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Frames, solve
 from fenics_rom.mechanics.complementarity.solution import ADVICE, largest
-from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion, moved_by
 from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled, SolvedPairs, passive_forces
 from fenics_rom.mechanics.contact_search import ContactSearch, TangentPlanes
 from fenics_rom.mechanics.followed_contact import Followed, LawToFollow, PairsMotion, follow_contact
@@ -198,7 +198,7 @@ class ContactSolver:
             point_forces = self._at_points(start)
             repeat = pairs.asks_less(active, forces, velocities, problem, self.law.friction)
             if len(active) < len(chosen):
-                moved = self._of_pairs(delassus.dot(point_forces.ravel()).reshape(-1, 3))
+                moved = self._of_pairs(moved_by(delassus, point_forces).reshape(-1, 3))
                 missed = ((normals * moved).dot(_ONES) + pairs.free[0] < pairs.level) > chosen
                 if largest(missed):
                     chosen |= missed
@@ -356,7 +356,7 @@ class ContactSolver:
 
     def _moved(self, delassus: Array, forces: Array) -> Array:
         """Velocities of all pairs (O P, 3), m/s, that forces of all pairs cause."""
-        return self._of_pairs(delassus.dot(self._at_points(forces).ravel()).reshape(-1, 3))
+        return self._of_pairs(moved_by(delassus, self._at_points(forces)).reshape(-1, 3))
 
     def _at_points(self, forces: Array) -> Array:
         """Forces of all pairs (O P, 3) together on the points (P, 3)."""

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.contact import ContactSolution, moved_by
 from fenics_rom.rom.residual_part import ResidualPart, residual_part, strained_points
 from fenics_rom.rom.rom import Rom
 
@@ -262,9 +262,7 @@ class ResidualMotion:
         """Sets f and R f."""
         self._f[:] = contact.forces.ravel()
         if 2 * len(contact.pairs) < len(contact.forces):
-            touched = contact.forces.any(axis=1).nonzero()[0]  # R is symmetric, and its rows lie in one piece
-            rows = self._R.reshape(-1, 3, len(self._R))[touched].reshape(-1, len(self._R))
-            contact.forces[touched].ravel().dot(rows, self._Rf)
+            self._Rf[:] = moved_by(self._R, contact.forces)
         else:
             self._R.dot(self._f, self._Rf)
 

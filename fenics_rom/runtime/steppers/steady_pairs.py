@@ -67,13 +67,15 @@ class SteadyPairs:
 
         def by_forces(moves: Array) -> Array:
             """What forces on points (..., 3P) move, of forces along these axes, (..., 3C)."""
-            each = moves.reshape(-1, P, 3).take(active, axis=1)
+            return along_axes(moves.reshape(-1, P, 3).take(active, axis=1))
+
+        def along_axes(each: Array) -> Array:
             each = each.swapaxes(1, 2) if axes is None else np.einsum("rcj,cji->ric", each, axes)
             return each.reshape(-1, 3 * C)
 
-        idle = body.delassus.reshape(P, 3, -1)[self._idle]
+        idle = body.delassus.reshape(3 * P, P, 3).take(active, axis=1).reshape(P, 3, -1)[self._idle]
         along = np.einsum("pif,pi->pf", idle, frames.normals[self._idle]) if is_flat else idle.swapaxes(0, 1)
-        moved = by_forces(along)
+        moved = along_axes(along.reshape(-1, C, 3))
         of_points = spread.reshape(3 * P, -1), by_forces(body.residual.part.compliance), by_forces(points.pushed)
         self._acts = np.concatenate([self._W, moved, *of_points])
         self.size = self._acts.size
