@@ -201,7 +201,7 @@ def _static_errors(
 
 
 def _static_squares(problem: ReductionProblem, inputs: Array, reduced: Array) -> Array:
-    """Of columns (rows here, p) at rest |error|² and |x|² by mass, then by nodes, (4, p); `reduced` (k, p) is shared."""
+    """Of columns (rows here, p) at rest |error|² and |x|² by mass, then by nodes, (4, p); `reduced` is (k, p)."""
     system, squares = problem.system, np.empty((4, inputs.shape[1]))
     for first in range(0, inputs.shape[1], STATICS_AT_ONCE):
         columns = slice(first, first + STATICS_AT_ONCE)

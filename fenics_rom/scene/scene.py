@@ -102,7 +102,7 @@ class Reduction:
         str | None,
         Text(choices=METHODS),
         'as `fr.reduce` takes it; where none is named, "balanced", without inertia "static", with large deformation '
-        '"trained"',
+        '"trained", of more than 33 contact points without an order or a tolerance "modal+static"',
     ] = None
     switching: Annotated[
         str,

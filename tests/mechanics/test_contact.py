@@ -11,7 +11,7 @@ from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics import contact_solver
 from fenics_rom.mechanics.braking import Braking
 from fenics_rom.mechanics.complementarity import solve
-from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ObstacleMotion, PointMotion, moved_by
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
@@ -614,3 +614,13 @@ def test_forces_that_are_off_by_less_than_matters_are_not_told():
     assert search == ContactResidual(1, 1e-8)
     assert search.message == ""
     assert "in 2 steps contact forces were not found exactly (the worst leave 1e-05" in search.with_step(1e-5).message
+
+
+@pytest.mark.parametrize("touched", [0, 1, 5, 20])
+def test_what_forces_on_few_points_move_is_what_the_whole_operator_says(touched):
+    """To round-off of a sum."""
+    random = np.random.default_rng(touched)
+    root, forces = random.normal(size=(60, 60)), np.zeros((20, 3))
+    W = root @ root.T
+    forces[random.permutation(20)[:touched]] = random.normal(size=(touched, 3))
+    np.testing.assert_allclose(moved_by(W, forces), W @ forces.ravel(), rtol=0, atol=1e-13 * np.abs(W).sum())

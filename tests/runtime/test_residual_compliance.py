@@ -13,8 +13,9 @@ from bodies import acted_on, box_arrays, write_arrays
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomWarning, SceneError
+from fenics_rom.reduction import reduce as reduction
 from fenics_rom.reduction import residual_compliance as offline
-from fenics_rom.rom.residual_part import residual_part, strained_points
+from fenics_rom.rom.residual_part import inverse_of_lower, residual_part, strained_points
 from fenics_rom.runtime.batch_residual import BatchResidual
 from fenics_rom.runtime.environment_inputs import fit_environment
 from fenics_rom.runtime.steppers import residual_motion
@@ -127,6 +128,87 @@ def test_compliance_and_inertia_are_those_of_dense_matrices(models, order):
         assert np.linalg.eigvalsh(part.compliance)[0] > 0
         τ2 = np.trace(np.linalg.solve(part.compliance, X.T @ matrices(models)[0] @ X)) / len(R)
         assert part.time_constant**2 == pytest.approx(τ2, rel=0.1)
+
+
+def static_inverse(models):
+    """K⁺ (n, n) of dense matrices, M-orthogonal to rigid motions."""
+    (M, _, K), R = matrices(models), models.system.rigid
+    P = np.eye(len(M)) - R @ R.T @ M
+    return P @ np.linalg.solve(K + np.abs(K).max() / np.abs(M).max() * M @ R @ R.T @ M, P.T)
+
+
+def test_of_many_points_the_largest_shapes_are_held_and_the_rest_is_exact(models, monkeypatch):
+    """Forces know all shapes, outputs are exact at rest, and no 12 other shapes would hold much more mass."""
+    monkeypatch.setattr(offline, "MOST_SHAPES", 12)
+    monkeypatch.setattr(offline, "OVERSAMPLING", 8)
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):
+        rom = fr.reduce(models.system, order=ORDER)
+    (M, _, K), inverse, S, residual = matrices(models), static_inverse(models), models.rows, rom.residual_compliance
+    κ, Q = rom.stiffness[rom.rigid :], rom.basis[:, rom.rigid :]
+    assert Q.shape[1] <= 2 * ORDER + 12 + 3 < len(S)
+    told = [text for text in rom.warnings if "the shared basis holds the 12 largest" in text]
+    assert len(told) == 1
+    assert f"{len(S) // 3} contact points" in told[0]
+
+    X = (inverse - Q / κ @ Q.T) @ S.T
+    τ2 = residual.time_constants**2
+    for told_of, exact in (
+        (residual.factor @ residual.factor.T, S @ X),
+        (residual.factor * τ2 @ residual.factor.T, X.T @ M @ X),
+    ):
+        assert np.abs(told_of - exact).max() <= 1e-5 * np.abs(exact).max()
+    for contact in rom.contact_models:
+        R = S @ shapes_lacking(models, rom, contact)
+        assert np.abs(models.part(contact, rom).compliance - R).max() <= 3 * residual.floor
+
+    C = rom.outputs["tip"][:, rom.rigid :]
+    exact = models.system.outputs["tip"].T @ inverse @ S.T
+    assert np.abs(C / κ @ (S @ Q).T - exact).max() <= 1e-9 * np.abs(exact).max()
+
+    W = np.hstack([rom.basis @ model.coordinates[:, model.rigid :] for model in rom.contact_models.values()])
+    beyond = (inverse - W @ np.linalg.lstsq(W.T @ K @ W, W.T, rcond=1e-12)[0]) @ S.T
+    best = np.linalg.svd(scipy.linalg.cholesky(M) @ beyond, compute_uv=False)[12:]
+    assert np.trace(X.T @ M @ X) <= 1.5 * np.sum(best**2)
+
+
+def test_points_between_nodes_are_of_these_as_where_columns_are_made_of_them(mesh):
+    """S, sparse, is what a matrix of all columns has, and Sᵀ of forces, too; to the last bit."""
+    points = '[effects.contact]\npoints = "surface"\n'
+    system = fr.assemble(acted_on(mesh, MOVING + points + BALLS, **PARTS))
+    assert system.body.points_between is not None
+    columns, rows = system.points_of_contact().columns(system.at_nodes), offline._PointRows(system)
+    np.testing.assert_allclose(rows.at(np.eye(system.size)), columns.T, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(rows.forces(np.eye(rows.count)), columns, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(rows.columns(slice(3, 9)), columns[:, 3:9], rtol=0, atol=1e-15)
+    assert np.array_equal(rows.untouched, ~columns.any(axis=1))
+
+
+def test_where_nothing_is_named_a_body_that_is_touched_all_over_gets_eigenvectors(held, mesh, monkeypatch):
+    """Told, and only there: with an order, a tolerance, or without residual compliance directions are balanced."""
+    monkeypatch.setattr(reduction, "DEFAULT_MOST", 20)
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):
+        rom = fr.reduce(held.system)
+        scene = acted_on(mesh, MOVING + FLOOR + "[effects.contact]\nresidual_compliance = false\n", **PARTS)
+        others = fr.reduce(held.system, order=20), fr.reduce(held.system, tolerance=1e-2), fr.reduce(fr.assemble(scene))
+    assert rom.method == "modal+static"
+    assert [other.method for other in others] == ["balanced"] * 3
+    points = max(map(len, held.system.contact_points.values()))
+    assert sum(f"touched at {points} points in one contact mode the 20 lowest" in text for text in rom.warnings) == 1
+    assert not any("lowest eigenvectors" in text for other in others for text in other.warnings)
+    M, _, K = matrices(held)
+    γ = scipy.linalg.eigh(K, M, eigvals_only=True)
+    pushed = 1 + 3  # static shapes of what acts beside contact come first
+    for model in rom.contact_models.values():
+        assert model.order == 20
+        np.testing.assert_allclose(model.eigenvalues[: 20 - pushed], γ[: 20 - pushed], rtol=1e-8)
+
+
+def test_triangular_matrices_are_inverted_by_halves():
+    """To round-off of a matrix whose condition is small."""
+    L = np.tril(np.random.default_rng(0).normal(size=(600, 600))) / 600 + np.eye(600)
+    inverse = inverse_of_lower(L)
+    assert np.array_equal(inverse, np.tril(inverse))
+    np.testing.assert_allclose(inverse @ L, np.eye(600), rtol=0, atol=1e-13)
 
 
 def test_columns_are_solved_for_in_blocks_of_any_size(held, monkeypatch):
