@@ -93,9 +93,9 @@ def reduce(
         order: number of reduced displacements, one for all contact modes or by name; the rigid motions of a body that
             is not wholly held come with them, exactly.
         tolerance: instead of an order: share of the sum of singular values that may be left out; where neither is
-            given 1e-6 (3e-5 for large deformation), but an order of at most 100, and the ROM says so. Where no method is
-            given either, and obstacles can touch more than 33 points of a contact mode that yield beyond the basis, it
-            is "modal+static" of order 100.
+            given 1e-6 (3e-5 for large deformation), but an order of at most 100, and the ROM says so. Where no method
+            is given either, and obstacles can touch more than 33 points of a contact mode that yield beyond the basis,
+            it is "modal+static" of order 100.
         method: "balanced" (by the Gramians), "eigenvector-selection" (the paper's: eigenvectors that hold a share of
             the balanced basis' covariance), "modal" (the lowest eigenvectors), "modal+static" (with the static
             shapes of the inputs; of actuators and loads alone where contact points keep their residual compliance, for
