@@ -23,6 +23,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGE, DEMOS = ROOT / "fenics_rom", ROOT / "demos"
 README = "README.md"
 MOST_WORDS = 1000  # of the first page
+MOST_OF_A_RELEASE = 900  # of its changes
 QUICK_COMMANDS = {"reduce", "simulate", "compare", "info", "plot", "export"}  # the others take minutes, or serve
 PRINTED = {  # by a page's Python
     README: "supplied=",
@@ -205,9 +206,10 @@ def test_release_has_one_number():
     assert newest[1] == cited[1] == fr.__version__
 
 
-def test_first_page_is_short():
-    text = re.sub(r"!?\[(.*?)\]\(.*?\)", r"\1", TEXTS[README])
-    assert len([word for word in text.split() if re.search(r"\w", word)]) <= MOST_WORDS
+def test_first_page_and_what_is_new_are_short():
+    for page, most in ((README, MOST_WORDS), ("CHANGELOG.md", MOST_OF_A_RELEASE)):
+        text = re.sub(r"!?\[(.*?)\]\(.*?\)", r"\1", TEXTS[page]).split("\n## 0.1.0")[0]
+        assert len([word for word in text.split() if re.search(r"\w", word)]) <= most
 
 
 def test_every_folder_has_its_page_and_every_page_is_reached():
