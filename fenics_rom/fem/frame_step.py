@@ -19,6 +19,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.fem.frame_coupling import NO_COUPLING, Coupling, Mixing
 from fenics_rom.fem.frame_loads import FrameLoads
 from fenics_rom.fem.full_order_body import FullOrderInterface
 from fenics_rom.fem.nodal_frame import Motion, NodalFrame, Rate
@@ -33,12 +34,14 @@ from fenics_rom.mechanics.frame_geometry import (
     turning_maps,
     vector,
 )
-from fenics_rom.mechanics.frame_motion import ZERO, Rotation, Vector, cayley, rotation_matrix
-from fenics_rom.mechanics.hyperelastic import VOIGT_PAIRS
+from fenics_rom.mechanics.frame_motion import ZERO, Rotation, Vector, cayley, cross_matrix, rotation_matrix
+from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS
+from fenics_rom.mechanics.largest_turn import check_turn
 
 TOLERANCE = 1e-15  # of the velocities: what is left of a step's corrections
 NO_PROGRESS = 1e-12  # of them: where corrections that shrink no more are round-off
 MOST_ITERATIONS = 100
+SLOW, RENEWED = 0.3, 8  # corrections that shrink by less ask for the coupling of now, in every so many iterations
 
 
 class FrameStep:
@@ -78,22 +81,30 @@ class FrameStep:
         """The velocities of the step without contact.
 
         Raises:
-            StepError: none were found.
+            StepError: it turns too far, or none were found.
         """
-        x, size = np.concatenate([self._now.ω[: self._free], self._now.r.ravel()]), np.inf
-        given = self._given_speed(x)
+        for ω in (self._now.ω, *([] if self._base is None else [self._ω_end])):
+            check_turn(self.h, vector(ω))
+        x = np.concatenate([self._now.ω[: self._free], self._now.r.ravel()])
+        given, size, mixing = self._given_speed(x), np.inf, Mixing(self._inner)
         scale = self._speed(x) + given
-        for _ in range(MOST_ITERATIONS):
-            change = self.corrected(x, None) - x
-            x, before, size = x + change, size, self.size(change)
+        for iteration in range(MOST_ITERATIONS):
+            change, before = self.corrected(x, None) - x, size
+            size = self.size(change)
             if not np.isfinite(size):
                 break
-            scale = max(scale, self._speed(x) + given)
+            scale = max(scale, self._speed(x + change) + given)
             if size <= TOLERANCE * scale or (size <= NO_PROGRESS * scale and size > before / 2):
-                return x
+                return x + change
+            if self._free and size > SLOW * before and iteration % RENEWED == RENEWED - 1:
+                self.renew(x)
+                mixing = Mixing(self._inner)
+                continue
+            x = mixing.next(x, change)
         raise StepError(
             f"no step of {self.h:g} s was found that turns the body by {self.h * np.linalg.norm(self._now.ω):.2g} rad "
-            "and bends it as it does; a smaller dt is the cure"
+            f"and bends it as it does: after {MOST_ITERATIONS} iterations {size / scale:.1e} of the velocities is "
+            "left; a smaller dt is the cure"
         )
 
     def rate(self, x: Array) -> Rate:
@@ -104,16 +115,9 @@ class FrameStep:
         """The body at the end, to the round-off of its momenta whatever x lacks, under contact forces that push."""
         now, h, body = self._now, self.h, self._body
         turn = self.geometry(x)
-        fields = (
-            2 * rate.r - now.r,
-            2 * rate.Mr - now.Mr,
-            now.q + h * rate.r,
-            now.Mq + h * rate.Mr,
-            now.Kq + h * rate.Kr,
-        )
+        after = self._moved(x, rate, turn)
         if self._base is not None:
-            return Motion(*fields, turn.end, self._end, self._v_end, self._ω_end)
-        after = Motion(*fields, turn.end, now.position, now.v, now.ω)
+            return after
         force, torque = self._loads.resultant(body, turn), self._loads.torque(body, turn, now, after)
         if push is not None:
             force, torque = force + push.force, torque + push.torque
@@ -176,20 +180,89 @@ class FrameStep:
 
     def corrected(self, x: Array, push: Push | None) -> Array:
         """Velocities nearer to those of the step, under contact forces that push."""
-        rate = self.rate(x)
-        after = self.after(x, rate, push)
-        lacks = self._lack(after, rate, self.geometry(x), push).reshape(-1, 1)
-        δ = self._body.inverted(lacks, self.h)[:, 0]
-        turning = (self._now.ω + after.ω)[: self._free] / 2
-        return np.concatenate([turning, x[self._free :] - δ])
+        turning, lacks = self._lacks(x, push)
+        return x - self._coupling(x).solve(turning, self._body.inverted(lacks.reshape(-1, 1), self.h)[:, 0])
+
+    def _lacks(self, x: Array, push: Push | None) -> tuple[Array, Array]:
+        """What the balances of angular momentum, (3,) of a free body, and of the displacements, (n, 3), lack."""
+        now, h, body, rate, turn = self._now, self.h, self._body, self.rate(x), self.geometry(x)
+        after = self._moved(x, rate, turn)
+        if self._base is not None:
+            return np.zeros(0), self._lack(after, rate, turn, push)
+        L, L_end = body.turning_momentum(now), body.turning_momentum(after)
+        torque = turn.middle.T @ self._loads.torque(body, turn, now, after)
+        if push is not None:
+            torque = torque + push.turning
+        return (L_end - L) / h + np.cross(x[:3], L + L_end) / 2 - torque, self._lack(after, rate, turn, push)
+
+    def _moved(self, x: Array, rate: Rate, turn: Geometry) -> Motion:
+        """The body at the end by x alone; of a free one without what the origin does."""
+        now, h = self._now, self.h
+        fields = (
+            2 * rate.r - now.r,
+            2 * rate.Mr - now.Mr,
+            now.q + h * rate.r,
+            now.Mq + h * rate.Mr,
+            now.Kq + h * rate.Kr,
+        )
+        if self._base is not None:
+            return Motion(*fields, turn.end, self._end, self._v_end, self._ω_end)
+        return Motion(*fields, turn.end, now.position, now.v, 2 * x[:3] - now.ω)
 
     def renew(self, x: Array) -> None:
-        """As in FrameBody of mechanics.frame_contact: there is one factor, that of the body at rest."""
+        """As in FrameBody of mechanics.frame_contact: how turning and bending drive each other."""
+        if self._free:
+            self._body.coupling = self._coupled_at(x)
+
+    def _coupling(self, x: Array) -> Coupling:
+        """That which is kept, or one that was found at x."""
+        if not self._free:
+            return NO_COUPLING
+        kept = self._body.coupling
+        if kept is None or kept.h != self.h:
+            self.renew(x)
+            kept = self._body.coupling
+            assert kept is not None
+        return kept
+
+    def _coupled_at(self, x: Array) -> Coupling:
+        now, h, body, rate = self._now, self.h, self._body, self.rate(x)
+        after, ω̂ = self._moved(x, rate, self.geometry(x)), x[:3]
+        ω, ω_end = now.ω, after.ω
+        My, My_end = body.mass_times_arms + now.Mq, body.mass_times_arms + after.Mq
+        My_mean = (My + My_end) / 2
+        momentum = (body.turning_momentum(now) + body.turning_momentum(after)) / 2
+        by_bending, by_turning = np.empty((2, 3, len(My), 3))  # L⁺ by r̂, and the lack of the displacements by ω̂
+        for k, e in enumerate(np.identity(3)):
+            by_bending[k] = 2 * np.cross(e, My_end) - h * np.cross(e, after.Mr)
+            by_bending[k] += h * (np.cross(np.cross(e, My_end), ω_end) + np.cross(np.cross(ω_end, My_end), e))
+            by_turning[k] = 2 / h * np.cross(e, My_end) + np.cross(e, now.Mr)
+            by_turning[k] += np.cross(ω, np.cross(e, My_mean)) + np.cross(e, np.cross(ω, My_mean))
+            if len(now.Kq) > 1:
+                rows = 1 + VOIGT_INDEX[k]
+                by_bending[k] -= 2 * h * np.tensordot(ω_end, after.Kq[rows], 1)
+                by_turning[k] += np.tensordot(ω, now.Kq[rows] + after.Kq[rows], 1)
+        carry = np.identity(3) / h + cross_matrix(ω̂) / 2
+        return Coupling.of(
+            body,
+            h,
+            2 * carry @ body.inertia(after) - cross_matrix(momentum),
+            (carry @ by_bending.reshape(3, -1)).T,
+            by_turning.reshape(3, -1).T,
+        )
 
     def spread(self, change: Push) -> Array:
         """What x changes by, where contact forces change by so much."""
-        turning = np.zeros(0) if self._base is not None else self._top @ np.array(change.turning)
-        return np.concatenate([turning, self._body.inverted(change.modal.reshape(-1, 1), self.h)[:, 0]])
+        inside = self._body.inverted(change.modal.reshape(-1, 1), self.h)[:, 0]
+        turning = np.array(change.turning)[: self._free]
+        assert self._free == 0 or self._body.coupling is not None
+        return (self._body.coupling or NO_COUPLING).solve(turning, inside) if self._free else inside
+
+    def _inner(self, a: Array, b: Array) -> float:
+        """Of two velocities, as `size` measures them."""
+        turning, r = a[: self._free], a[self._free :].reshape(-1, 3)
+        inner = self._body.dot(self._body.inert(r), b[self._free :].reshape(-1, 3))
+        return inner + float(turning @ self._inertia @ b[:3]) if len(turning) else inner
 
     def size(self, change: Array) -> float:
         """Of velocities, as √(2 J)."""
@@ -260,8 +333,10 @@ class FrameStep:
         rows = (3 * near[:, None] + np.arange(3)).ravel()
         W = turned_operator(turn.middle, self._inside[rows[:, None], rows], turn.middle)
         if self._base is None:
-            maps = turning_maps(turn, arms)
-            W += maps @ self._top @ maps.T
+            coupling, maps = self._body.coupling, turning_maps(turn, arms)
+            assert coupling is not None
+            bent, bends = (self._seen_at(near, turn, field) for field in coupling.fields(self._body))
+            W += (maps - bent) @ coupling.top @ (maps - bends).T
             for k in range(3):
                 W[k::3, k::3] += self.h / 2 / self._body.mass
         return W
@@ -274,11 +349,10 @@ class FrameStep:
     def _inertia(self) -> Array:
         return self._body.inertia(self._now)
 
-    @cached_property
-    def _top(self) -> Array:
-        """ω̂ (3, 3) per torque as the frame sees it, of a body that does not bend."""
-        top: Array = np.linalg.inv(2 / self.h * self._inertia)
-        return top
+    def _seen_at(self, near: Array, turn: Geometry, columns: Array) -> Array:
+        """Columns (rows here, 3) at those contact points (s,), in world axes, (3 s, 3)."""
+        seen = [self._touched.at_points(column.reshape(-1, 1))[near] @ turn.middle.T for column in columns.T]
+        return np.stack([each.ravel() for each in seen], axis=1)
 
     @cached_property
     def _places(self) -> Array:

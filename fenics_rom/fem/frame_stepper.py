@@ -102,6 +102,8 @@ class MovingFrameStepper(FullOrderBody):
             push = step.push(contact.forces, turn, arms)
             touched = step.velocities(turn, arms, x) + step.translation(turn, push.force, x)
         after = step.after(x, rate, push)
+        if base is None:
+            self._body.check_definite(after)
         if base is not None:
             gaps = misfit(self.pose, base, turn, vector((now.v + after.v) / 2), h, self._body.size)
             self._misfit = max(self._misfit[0], gaps[0]), max(self._misfit[1], gaps[1])

@@ -14,10 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.errors import StepError
 from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.fem.frame_coupling import Coupling
 from fenics_rom.fem.full_order_body import FullOrderInterface
 from fenics_rom.fem.moving_frame import centrifugal_stiffness
 from fenics_rom.fem.petsc_matrix import ExtendedMatrix, combination
+from fenics_rom.mechanics.frame_geometry import TOO_FAR
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.system.system import System
 
@@ -53,6 +56,7 @@ class NodalFrame:
         mass: kg.
         size: radius of gyration of the body at rest about its origin, m.
         mass_of_nodes, mass_times_arms: M 1 (n, 1) and M X (n, 3) of the nodes here.
+        coupling: of turning and bending, which steps keep here as long as it serves; None: there is none.
     """
 
     def __init__(self, system: System):
@@ -65,6 +69,7 @@ class NodalFrame:
         self._MR = system.mass @ system.rigid
         self._factored: tuple[float, PetscFactor, Array] | None = None
         self._compliance: tuple[float, Array] | None = None
+        self.coupling: Coupling | None = None
 
     def at_rest(self) -> Motion:
         """Where the frame is the world's."""
@@ -98,6 +103,10 @@ class NodalFrame:
         P = self.mass * motion.v + np.cross(motion.ω, moment) + drift
         return P, self.inertia(motion) @ motion.ω + self.turned(motion) + np.cross(moment, motion.v)
 
+    def turning_momentum(self, motion: Motion) -> Array:
+        """L (3,) of a free body about its centre of mass."""
+        return self.inertia(motion) @ motion.ω + self.turned(motion)
+
     def moment(self, motion: Motion) -> Array:
         """Σ m y (3,)."""
         return self._first + self.sum(motion.q, self.mass_of_nodes)
@@ -116,6 +125,21 @@ class NodalFrame:
             inertia -= np.array([self.dot(q, K) for K in motion.Kq[1:]])[VOIGT_INDEX]
         return inertia
 
+    def check_definite(self, motion: Motion) -> None:
+        """A StepError where the kinetic energy of a free body is not positive definite.
+
+        It is where turning is heavier than what of it the displacements do by themselves, which are without rigid
+        motions: I - Σ (e_k × M y)·(e_l × y), of which the rigid motions R stay, less qᵀ K_kl q.
+        """
+        My = self.mass_times_arms + motion.Mq
+        turning = np.stack([np.cross(e, My).ravel() for e in np.identity(3)], axis=1)
+        rigid = self.inner(self._system.rigid, turning)
+        stiffened = np.zeros((3, 3))
+        if len(motion.Kq) > 1:
+            stiffened = np.array([self.dot(motion.q, K) for K in motion.Kq[1:]])[VOIGT_INDEX]
+        if not np.linalg.eigvalsh(rigid.T @ rigid - stiffened)[0] > 0:
+            raise StepError(TOO_FAR)
+
     def speed(self, motion: Motion) -> float:
         """√(2 J) of what is stored, but for translation."""
         stored = self.dot(motion.r, motion.Mr) + self.dot(motion.q, motion.Kq[0])
@@ -125,6 +149,10 @@ class NodalFrame:
         """Over all nodes of a field (n, any), (any,)."""
         weights = np.ones((len(field), 1)) if weights is None else weights
         return self._system.algebra.inner(weights, np.ascontiguousarray(field))[0]
+
+    def inner(self, a: Array, b: Array) -> Array:
+        """aᵀb of columns (rows here, any)."""
+        return self._system.algebra.inner(a, np.ascontiguousarray(b))
 
     def dot(self, a: Array, b: Array) -> float:
         """Of two fields."""

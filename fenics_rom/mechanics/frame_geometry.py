@@ -25,6 +25,11 @@ from fenics_rom.mechanics.frame_motion import (
     rotated_back,
 )
 
+TOO_FAR = (
+    "the body is so far from its shape at rest that its kinetic energy is not positive any more: allowed is what a "
+    "body of small strains can do in its frame; less force, or large_deformation, is the cure"
+)
+
 
 @dataclass
 class Geometry:

@@ -14,10 +14,10 @@ from fenics_rom.mechanics.base_fit import NEGLIGIBLE
 from fenics_rom.mechanics.base_path import CONJUGATE, BaseState, quaternion_product, rotation_vectors
 from fenics_rom.mechanics.environment import DETAILS
 from fenics_rom.mechanics.frame_motion import rotation_of, world_displacement
+from fenics_rom.mechanics.largest_turn import LARGEST_TURN
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import checked_bases
 from fenics_rom.runtime.batch_carried_step import CarriedMode, CarriedStep, lengths, products_of, turned_by
-from fenics_rom.runtime.steppers.largest_turn import LARGEST_TURN
 from fenics_rom.runtime.steppers.moving_frame import quasi_rigid
 
 if TYPE_CHECKING:

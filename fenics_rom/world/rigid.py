@@ -33,8 +33,8 @@ from fenics_rom.mechanics.frame_motion import (
     rotation_matrix,
     turned,
 )
+from fenics_rom.mechanics.largest_turn import check_turn
 from fenics_rom.mechanics.signals import real_numbers
-from fenics_rom.runtime.steppers.largest_turn import check_turn
 from fenics_rom.world.bodies import NO_ROWS, Points, rigid_points, split_couples, torque_of
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.shapes import Shape

@@ -6,6 +6,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.frame_geometry import TOO_FAR
 from fenics_rom.mechanics.frame_motion import Vector, added, cross, dot
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 
@@ -34,10 +35,7 @@ def check_definite(inertia: Inertia, b: Array) -> None:
     """A StepError where kinetic energy is not positive definite, [[I, b], [bᵀ, 1]], with b (3, m)."""
     (xx, yy, zz, yz, xz, xy), ((bxx, bxy, bxz), (_, byy, byz), (_, _, bzz)) = inertia, b.dot(b.T).tolist()
     if not _is_definite(xx - bxx, yy - byy, zz - bzz, yz - byz, xz - bxz, xy - bxy):
-        raise StepError(
-            "the body is so far from its shape at rest that its kinetic energy is not positive any more: allowed is "
-            "what a body of small strains can do in its frame; less force, or large_deformation, is the cure"
-        )
+        raise StepError(TOO_FAR)
 
 
 def definite_up_to(inertia0: Array, inertia1: Array, inertia2: Array, coupling: Array) -> float:
