@@ -144,6 +144,14 @@ class BatchedBodies:
         self._check_contact()
         return self._bodies.through_skin
 
+    @property
+    def least_tensions(self) -> dict[str, Array]:
+        """Least tension (size,), N, that each body's tendons were given since its last reset, by name; 0 of none below.
+
+        Of tendons whose tension is given; below 0 they push, which no cable does.
+        """
+        return self._bodies.least_tensions
+
     def _check_contact(self) -> None:
         if self.rom.environment.contact_law is None:
             raise StepError(f"nothing can touch bodies of ROM {self.rom.name!r}: allowed is a scene with contact")

@@ -32,6 +32,7 @@ from fenics_rom.runtime.batch_arrays import (
 from fenics_rom.runtime.batch_step import SteppedBodies
 from fenics_rom.runtime.environment_inputs import fit_environment
 from fenics_rom.runtime.joint_state import LOST, TIME
+from fenics_rom.runtime.tension_watch import pulled_columns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -92,6 +93,8 @@ class JointBodies(SteppedBodies):
 
             assert self._environment is not None
             self._contacts = BatchContact(rom, self._environment, m, self.size)
+        self._pulled = pulled_columns(rom, self._models.contact_columns)
+        self._least_tensions = np.zeros((len(self._pulled), self.size))
         self._stepper = self._carried or self._deformation
         self.steps = 0
         self._dt = 1.0
@@ -159,7 +162,7 @@ class JointBodies(SteppedBodies):
             inside = self._contacts.inside_at_rest(bodies)
             self._contacts.reset(bodies, self._allowed_inside(bodies, inside, on_error))
         self._layout.reset(bodies)
-        self._account[:, bodies] = 0
+        self._account[:, bodies] = self._least_tensions[:, bodies] = 0
         if self._stepper is not None:
             self._stepper.begin(bodies, *np.zeros((2, len(bodies), self._models.frequencies.shape[1])))
             self._stepper.reset(bodies)
@@ -215,6 +218,8 @@ class JointBodies(SteppedBodies):
         """As of `Batch`, but for "reset"."""
         shape = self.size, self.inputs
         u, held = checked_inputs(u, shape, self.dtype, self._input_limit, self.steps, on_error)
+        for column, least in zip(self._pulled.values(), self._least_tensions, strict=True):
+            np.minimum(least, u[:, column], out=least)
         if self._environment is not None:
             u = np.hstack([u, self._loads(self._environment)])
         contacts = self._contacts

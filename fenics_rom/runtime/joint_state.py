@@ -40,6 +40,8 @@ class JointState:
     _coefficients: StepCoefficients
     _contacts: "BatchContact | None"
     _skin: "BatchSkin | None"
+    _pulled: dict[str, int]  # column of each tendon whose tension is given
+    _least_tensions: Array  # (n, size), N
     _deformation: "BatchDeformation | None"
     _carried: "BatchCarried | None"
     _stepper: "BatchCarried | BatchDeformation | None"  # of the two, that there is
@@ -104,6 +106,11 @@ class JointState:
     def through_skin(self) -> Array:
         """(size,), m."""
         return np.zeros(self.size) if self._skin is None else self._skin.depths()
+
+    @property
+    def least_tensions(self) -> dict[str, Array]:
+        """(size,), N, by name."""
+        return {name: row.copy() for name, row in zip(self._pulled, self._least_tensions, strict=True)}
 
     @property
     def beyond_training(self) -> Array:

@@ -149,6 +149,8 @@ class MovingBody(SimulatedBody):
         kernel: Any = self._stepper.kernel
         kernel.base, self._base = self._base, None
         twice: float = kernel.step(self._source.full_input(u, self._width))
+        if self._tensions is not None:
+            self._tensions.note(u)
         return twice
 
     def _advance_in_environment(self, u: Array) -> float:

@@ -18,6 +18,7 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import checked_bases, checked_inputs, stacked_state
 from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.simulator import Simulator
+from fenics_rom.runtime.tension_watch import pulled_columns
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import SignalLike
@@ -154,6 +155,12 @@ class SeparateBodies:
     def through_skin(self) -> Array:
         """(size,), m."""
         return self._each(lambda body: body.through_skin)
+
+    @property
+    def least_tensions(self) -> dict[str, Array]:
+        """(size,), N, by name."""
+        found = [body.least_tensions for body in self.bodies]
+        return {name: np.array([of.get(name, 0.0) for of in found]) for name in pulled_columns(self.rom, 0)}
 
     @property
     def beyond_training(self) -> Array:

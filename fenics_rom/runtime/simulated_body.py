@@ -17,6 +17,7 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
 from fenics_rom.runtime.switching import SwitchLoss
+from fenics_rom.runtime.tension_watch import TensionWatch, pulled_columns, push_messages
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment, ObstacleState
@@ -78,6 +79,7 @@ class SimulatedBody:
     _width: int
     _safe_frequencies: Array
     _skin: "SkinLooks | None" = None  # None where no obstacle can come through it
+    _tensions: "TensionWatch | None" = None  # None where no tendon is given a tension
     _slices: tuple[str, dict[str, slice]] | None = None  # where inputs are, of a contact mode
 
     def __repr__(self) -> str:
@@ -246,6 +248,28 @@ class SimulatedBody:
             self._slices = self.contact, starts
         return self._slices[1]
 
+    def _watch_tensions(self) -> None:
+        """Takes note of tensions below 0 that tendons are given, in the active contact mode."""
+        pulled = pulled_columns(self.rom, self.rom.contacts[self.contact])
+        if not pulled:
+            return
+        if self._tensions is None:
+            self._tensions = TensionWatch(pulled)
+        self._tensions.enter(pulled)
+        if self._stepper.kernel.holds_steps:
+            self._stepper.kernel.note_inputs = self._tensions.note_all
+
+    @property
+    def least_tensions(self) -> dict[str, float]:
+        """Least tensions, N, that tendons were given in the run so far, of those that were told to push."""
+        self._stepper.flush()
+        return {} if self._tensions is None else self._tensions.least
+
+    def note_inputs(self, inputs: Array) -> None:
+        """Takes note of tensions below 0 among inputs (steps, p) of the active contact mode."""
+        if self._tensions is not None:
+            self._tensions.note_all(inputs)
+
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3).
 
@@ -356,7 +380,8 @@ class SimulatedBody:
         if self._skin is not None:
             self._skin.look()
             through = self._skin.watch.messages
-        own = self.surface_peak.summary, self.loss.message, *self._stepper.diagnostics(), *through
+        pushed = () if self._tensions is None else push_messages(self.least_tensions)
+        own = self.surface_peak.summary, self.loss.message, *self._stepper.diagnostics(), *through, *pushed
         return tuple(filter(None, own))
 
     @property

@@ -76,6 +76,8 @@ class _MidpointKernel(Kernel):
 
     def _book(self, supplied: Array, dissipated: Array) -> None:
         """Books all that is owed, with the works of these steps, J."""
+        if self.note_inputs is not None:
+            self.note_inputs(self._inputs[self._booked : self._page])
         if self._ledger is not None:
             self._ledger.book(supplied=float(supplied.sum()), dissipated=float(dissipated.sum()))
         if len(self._rigid_displacement):

@@ -1,0 +1,57 @@
+"""Tendons that were given tensions below 0: a cable does not push, and a model of it does as it is told."""
+
+from collections.abc import Mapping
+
+from numpy import ndarray as Array
+
+from fenics_rom.rom.rom import Rom
+
+
+class TensionWatch:
+    """Keeps the least tension that each tendon was given in a run, where it is below 0.
+
+    Args:
+        columns: of the input, of tendons whose tension is given, by name.
+
+    Attributes:
+        least: N, by name; of those alone that were told to push.
+    """
+
+    def __init__(self, columns: Mapping[str, int]):
+        self.least: dict[str, float] = {}
+        self.enter(columns)
+
+    def enter(self, columns: Mapping[str, int]) -> None:
+        """Goes on with inputs of another contact mode."""
+        self._columns = tuple(columns.items())
+
+    def note(self, u: Array) -> None:
+        """Of an input (p,)."""
+        for name, column in self._columns:
+            if (tension := u.item(column)) < self.least.get(name, 0.0):
+                self.least[name] = tension
+
+    def note_all(self, inputs: Array) -> None:
+        """Of inputs (steps, p)."""
+        for name, column in self._columns:
+            if (tension := float(inputs[:, column].min(initial=0.0))) < self.least.get(name, 0.0):
+                self.least[name] = tension
+
+
+def pulled_columns(rom: Rom, start: int) -> dict[str, int]:
+    """Columns of the input, of tendons whose tension is given, by name; those of all actuators begin at start."""
+    columns: dict[str, int] = {}
+    for name, count in rom.actuators.items():
+        if rom.environment.is_pulled(name):
+            columns[name] = start
+        start += count
+    return columns
+
+
+def push_messages(least: Mapping[str, float]) -> tuple[str, ...]:
+    """What to say of tendons by the least tension, N, that each was given."""
+    return tuple(
+        f"effects.tendon.{name}: its tension was down to {tension:.3g} N: a cable does not push, and the model let it; "
+        "allowed are tensions >= 0 N"
+        for name, tension in least.items()
+    )
