@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from measuring import START, TRUTH, film, found_by, scene_of, text_of
 from ranks import run_ranks
+from test_agreement import changed, scaled
 
 import fenics_rom as fr
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import DataError, SceneError
 from fenics_rom.identification.marker_data import read_markers
 from fenics_rom.identification.parameters import directions_at, select_parameters, values_at, values_of
 from fenics_rom.identification.recording import Recording
@@ -115,6 +116,20 @@ def test_a_body_that_deforms_largely_is_identified_as_the_full_order_says(bent):
     assert result.shifts["reduction"].max() < 0.01
     for one in result.estimates:
         assert abs(TRUTH[one.parameter.name] - one.value) < one.high - one.low  # within twice the interval
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (scaled("(m", 1e3), r"its displacements measure .*e\+0[23] times .* mm are written under a heading in m\."),
+        (scaled("(m", -1.0), r"seems that the sign of .* is turned \(a factor of -1\): so read"),
+        (scaled(".z (m", -1.0), r"seems that the sign of z is turned \(a factor of -1\): so read"),
+    ],
+)
+def test_data_that_a_body_that_deforms_largely_cannot_give_are_refused(bent, tmp_path, change, message):
+    scene, file = bent
+    with pytest.raises(DataError, match=rf"film.csv: .*{message}"):
+        found_by(scene, [changed(file, tmp_path, change)], parameters=["young"])
 
 
 @pytest.mark.slow
