@@ -12,16 +12,23 @@ iterations that combination is taken that leaves least.
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy import ndarray as Array
 
-if TYPE_CHECKING:
-    from fenics_rom.fem.nodal_frame import NodalFrame
-
 MOST_MIXED = 12  # corrections
 _INDEPENDENT = 1e-10  # share of the largest singular value below which corrections say nothing new
+
+
+class Factored(Protocol):
+    """Who has the factor of A."""
+
+    def inverted(self, ρ: Array, h: float) -> Array:
+        """A⁻¹ρ (rows here, k)."""
+
+    def inner(self, a: Array, b: Array) -> Array:
+        """aᵀb over all ranks."""
 
 
 class Coupling:
@@ -43,7 +50,7 @@ class Coupling:
         self._bends: Array | None = None
 
     @classmethod
-    def of(cls, body: "NodalFrame", h: float, turning: Array, by_bending: Array, by_turning: Array) -> "Coupling":
+    def of(cls, body: Factored, h: float, turning: Array, by_bending: Array, by_turning: Array) -> "Coupling":
         """Of J (3, 3), B and C (rows here, 3)."""
         bent = body.inverted(by_turning, h)
         top = np.linalg.inv(turning - body.inner(by_bending, bent))
@@ -54,7 +61,7 @@ class Coupling:
         δω = self.top @ (a - self._project(inside.reshape(-1, 1)))
         return np.concatenate([δω, inside - self._bent @ δω])
 
-    def fields(self, body: "NodalFrame") -> tuple[Array, Array]:
+    def fields(self, body: Factored) -> tuple[Array, Array]:
         """A⁻¹ C and A⁻¹ B (rows here, 3)."""
         if self._bends is None:
             self._bends = body.inverted(self._by_bending, self.h)

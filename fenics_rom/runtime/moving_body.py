@@ -138,6 +138,7 @@ class MovingBody(SimulatedBody):
 
         Where nothing acts but inputs, it is one call, which in a fixed frame allocates nothing.
         """
+        self._watch_tensions()
         if self.environment is None:
             return self._stepper.kernel.step
         alone = self._frame is not None and self.environment.is_still
@@ -149,8 +150,7 @@ class MovingBody(SimulatedBody):
         kernel: Any = self._stepper.kernel
         kernel.base, self._base = self._base, None
         twice: float = kernel.step(self._source.full_input(u, self._width))
-        if self._tensions is not None:
-            self._tensions.note(u)
+        self._note_input(u)
         return twice
 
     def _advance_in_environment(self, u: Array) -> float:

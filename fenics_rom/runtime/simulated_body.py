@@ -17,13 +17,13 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
 from fenics_rom.runtime.switching import SwitchLoss
-from fenics_rom.runtime.tension_watch import TensionWatch, pulled_columns, push_messages
+from fenics_rom.runtime.tension_watch import push_messages
+from fenics_rom.runtime.watched_body import WatchedBody
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment, ObstacleState
     from fenics_rom.mechanics.skin_watch import Told
     from fenics_rom.runtime.environment_inputs import EnvironmentInputs
-    from fenics_rom.runtime.skin_looks import SkinLooks
 
 
 class Belongs(NamedTuple):
@@ -62,7 +62,7 @@ class SimulatorState:
     belongs: "Belongs | None" = None  # what it is a state of
 
 
-class SimulatedBody:
+class SimulatedBody(WatchedBody):
     """A body as its stepper has it, in the words of its ROM; `Simulator` moves it."""
 
     rom: Rom
@@ -78,8 +78,6 @@ class SimulatedBody:
     _order: int
     _width: int
     _safe_frequencies: Array
-    _skin: "SkinLooks | None" = None  # None where no obstacle can come through it
-    _tensions: "TensionWatch | None" = None  # None where no tendon is given a tension
     _slices: tuple[str, dict[str, slice]] | None = None  # where inputs are, of a contact mode
 
     def __repr__(self) -> str:
@@ -195,27 +193,6 @@ class SimulatedBody:
         """How far the surface turned and strained, where the stored energy was high enough for a look at it."""
         return self._monitor.peak
 
-    def look_at_skin(self) -> None:
-        """Looks at what is in the body, if something may have gone in since the last look, or after enough steps."""
-        if self._skin is not None and self.steps >= self._skin.next_check:
-            self._skin.check()
-
-    def _forget_places(self) -> None:
-        """Takes note that the body was put elsewhere."""
-        if self._skin is not None:
-            self._skin.forget()
-
-    @property
-    def _told(self) -> "tuple[Told, ...]":
-        """What went through the skin so far."""
-        return () if self._skin is None else self._skin.watch.told
-
-    def _begin_looks(self, told: "tuple[Told, ...]") -> None:
-        """Goes on from what was told of the skin."""
-        if self._skin is not None:
-            self._skin.watch.begin(told, self.steps)
-            self._skin.forget()
-
     def _by_name(self, given: Any, named: Mapping[str, Any]) -> Array:
         """An input (p,) of a mapping, or of arguments with names."""
         if not isinstance(given, Mapping):
@@ -247,28 +224,6 @@ class SimulatedBody:
                 column += columns
             self._slices = self.contact, starts
         return self._slices[1]
-
-    def _watch_tensions(self) -> None:
-        """Takes note of tensions below 0 that tendons are given, in the active contact mode."""
-        pulled = pulled_columns(self.rom, self.rom.contacts[self.contact])
-        if not pulled:
-            return
-        if self._tensions is None:
-            self._tensions = TensionWatch(pulled)
-        self._tensions.enter(pulled)
-        if self._stepper.kernel.holds_steps:
-            self._stepper.kernel.note_inputs = self._tensions.note_all
-
-    @property
-    def least_tensions(self) -> dict[str, float]:
-        """Least tensions, N, that tendons were given in the run so far, of those that were told to push."""
-        self._stepper.flush()
-        return {} if self._tensions is None else self._tensions.least
-
-    def note_inputs(self, inputs: Array) -> None:
-        """Takes note of tensions below 0 among inputs (steps, p) of the active contact mode."""
-        if self._tensions is not None:
-            self._tensions.note_all(inputs)
 
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3).

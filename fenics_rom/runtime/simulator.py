@@ -266,8 +266,7 @@ class Simulator(MovingBody):
                 self.restore(before)
             raise
         source.environment.commit(inputs, self._dt)
-        if self._tensions is not None:
-            self._tensions.note(u)
+        self._note_input(u)
         return 2 * result.energy
 
     def _step_high(self, u: Array, twice: float) -> None:
@@ -337,7 +336,6 @@ class Simulator(MovingBody):
             self.environment.reset()
         self._monitor.begin(SurfaceStrainPeak())
         self._begin_looks(())
-        self._tensions = None
         self._enter()
 
     def save(self) -> SimulatorState:
@@ -382,7 +380,6 @@ class Simulator(MovingBody):
         self._order, self._safe_frequencies = model.order, model.safe_frequencies
         self._width = model.inputs.shape[1] - sum(self.rom.loads.values())
         self._monitor_threshold = self._monitor.enter(self.contact, model)
-        self._watch_tensions()
         self._advance = self._way_to_advance()
 
 

@@ -191,8 +191,7 @@ class Soft(Simulator):
         if self._mount is not None:
             self._base = self._mount.end
         u = self._by_name((), self._given)
-        if self._tensions is not None:
-            self._tensions.note(u)
+        self._note_input(u)
         self._inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
         self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
         self._open()

@@ -43,7 +43,6 @@ class Kernel(GoneBackThrough):
     notes: dict[str, float]
     residual: "ResidualMotion | None" = None
     branches: "MaxwellBranches | None" = None
-    note_inputs: Callable[[Array], None] | None = None  # of those that hold steps: told inputs (n, p) of booked ones
     holds_steps: bool = False  # since the buffer was reset: what `passed` tells
     answers_linearly: bool = False  # contact points within a step to forces: then it has `open`, `answer` and `close`
 

@@ -29,6 +29,8 @@ from fenics_rom.rom.midpoint_map import compliance, matrices
 from fenics_rom.runtime.steppers.kernel import Kernel
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from fenics_rom.mechanics.contact import ObstacleMotion
 
 LARGEST_FUSED_ORDER = {1: 75, 2: 90}  # order up to which one product is the faster, by the dimensions of the damping
@@ -51,6 +53,7 @@ class _MidpointKernel(Kernel):
     """
 
     holds_steps = True
+    note_inputs: "Callable[[Array], None] | None" = None  # told inputs (n, p) of steps that are booked
 
     def __init__(self, model: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD):
         self._model, self._ledger, self._rigid_displacement, self.notes = model, ledger, rigid_displacement, {}
