@@ -8,8 +8,8 @@ With means of a step ^, ω⁺, r⁺ = 2 r̂ - r and q⁺ = q + h r̂ at its end,
     carried:  v⁺, ω⁺ and R⁺ are given
 
 and f, τ with contact's forces on points, Sᵀ R*ᵀ λ and Σ a × λ. The iteration has a factor of A = 2/h M + D + h/2 K, and
-of the rotation I alone, so that it takes the longer the more the body turns in a step. So have the sweeps of contact
-(`mechanics/frame_contact.py`), which W only guides: S A⁻¹ Sᵀ, turned, and that of a rigid body which is free.
+three rows that couple turning and bending (`frame_coupling`). So have the sweeps of contact
+(`mechanics/frame_contact.py`), which W only guides: S A⁻¹ Sᵀ, turned, with that coupling of a body which is free.
 """
 
 import math
