@@ -14,8 +14,8 @@ from fenics_rom.rom.deformation import ReducedTendon
 from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.rom.rom import Rom
 from fenics_rom.rom.strain_tables import StrainTables
+from fenics_rom.runtime.steppers.elastic.carried_strains import STEEPEST_FREQUENCY, TANGENT_RENEWAL
 from fenics_rom.runtime.steppers.finite_strain import TRUSTED_EXTENT, definite_inverse
-from fenics_rom.runtime.steppers.linearly_implicit import STEEPEST_FREQUENCY, TANGENT_RENEWAL
 
 TOGETHER = 128  # bodies that go through a step together, so that their arrays stay in the cache
 
@@ -233,7 +233,7 @@ class BatchDeformation:
         return expected
 
     def _slope(self, points: MaterialPoints, rest: Array, q: Array, upper: Array, stiffness: Array) -> Array:
-        """b (m, B) at q (m, B), as `LinearlyImplicit._slope`; what is in `rest` (2, B) grows where it must."""
+        """b (m, B) at q (m, B), as `StrainsCarried._slope`; what is in `rest` (2, B) grows where it must."""
         stored, b = points.energies_and_forces(q)
         linear = upper[:, 1 : len(q) + 1].T
         force = _times(stiffness, q) + linear
@@ -279,7 +279,7 @@ def _held_back(
 ) -> tuple[Array, Array]:
     """Moves strains of bodies (B,) only so far to those of their shapes as a budget (B,), J, lets them.
 
-    As `LinearlyImplicit._taken_back` says.
+    As `StrainsCarried._taken_back` says.
 
     Args:
         now, then: before the step, and after it: with the strains of the shapes, which become those that are carried.

@@ -8,7 +8,8 @@ before, and what remains is the mismatch that a run reports.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,13 @@ class Ahead(NamedTuple):
     force: Array  # there, of what is strained and damped, but for what of branches is there before the step (m,)
 
 
+class CarriedStates(NamedTuple):
+    """What is carried beside q (m,), with all strains, as functions of that."""
+
+    before: Callable[[Array], Array]
+    after: Callable[[Array], Array]
+
+
 class StrainsCarried(ElasticLaw):
     """As in ElasticLaw, of the points of a body.
 
@@ -45,20 +53,29 @@ class StrainsCarried(ElasticLaw):
         body: its points.
         stiffest: frequency of the stiffest mode, rad/s.
         branches: how their material relaxes, in the strains that are carried along; None: it does not.
+
+    Attributes:
+        strains: that are carried along.
+        points: whose energy is not that of these strains alone; None: there are none.
+        steepest: largest slope of s, 1/s.
+        ahead: f̂ (m,) of a step that is open at `velocity`.
+        expected: v̂ (m,) of the step, no longer than what was trained.
+        went_as_expected: whether the last step did, so that the tangent that it was expected with is kept.
     """
 
     is_exact = True
     NOTES = ("strained", "mismatch")  # energy of the strains at most, J; and what those that are carried along lack
 
     def __init__(self, body: ReducedDeformation, stiffest: float, branches: MaxwellBranches | None = None):
-        self._body, self.branches, self._steepest = body, branches, STEEPEST_FREQUENCY * stiffest
-        self._points = None if body.law == "st_venant_kirchhoff" else MaterialPoints(body)
-        self._strains, m = carried_strains(body), body.order
+        self._body, self.branches, self.steepest = body, branches, STEEPEST_FREQUENCY * stiffest
+        self.points = None if body.law == "st_venant_kirchhoff" else MaterialPoints(body)
+        self.strains, m = carried_strains(body), body.order
         self._next: Ahead | None = None  # None: not known
         self._next_before: Ahead | None = None
         self._tangent: Array | None = None  # that is expected ahead
         self.pull, self.matrix, self._h = np.zeros(m), np.zeros((m, m)), 0.0
         self._q = self._q_before = np.zeros(m)
+        self.went_as_expected, self.expected, self.ahead = True, self.pull, self.pull
         self.resume(self._q, self._q, np.empty(0))
         self._carried_before = self._carried
 
@@ -81,7 +98,7 @@ class StrainsCarried(ElasticLaw):
     @property
     def auxiliary(self) -> Array:
         """As in ElasticLaw."""
-        own = self._carried.in_one(self._strains.size)
+        own = self._carried.in_one(self.strains.size)
         return own if self.branches is None else np.concatenate([own, self.branches.state.ravel()])
 
     def note(self, notes: dict[str, float]) -> None:
@@ -117,17 +134,17 @@ class StrainsCarried(ElasticLaw):
         """As in ElasticLaw."""
         self._q = self._q_before = q.copy()
         self._next, self._tangent = None, None
-        own = 2 * self._strains.size + self._body.order + 4
+        own = 2 * self.strains.size + self._body.order + 4
         if self.branches is not None:
             self.branches.resume(auxiliary[own:])
         if len(auxiliary):
-            self._carried = Carried.of(auxiliary[:own], self._strains.size)
+            self._carried = Carried.of(auxiliary[:own], self.strains.size)
             return
         left, c = 0.0, 0.0
-        energy = self._strains.around(q).elastic[0]
-        if self._points is not None:
-            left = float(self._points.energies_and_forces(q)[0][0]) - energy
-            c = min(1e-4 * self._points.most + 4 * abs(left), self._points.most)
+        energy = self.strains.around(q).elastic[0]
+        if self.points is not None:
+            left = float(self.points.energies_and_forces(q)[0][0]) - energy
+            c = min(1e-4 * self.points.most + 4 * abs(left), self.points.most)
         self._carried = Carried(r.copy(), None, left, c, 0.0, energy)
 
     def rollback(self) -> None:
@@ -146,17 +163,17 @@ class StrainsCarried(ElasticLaw):
             force += now.around.pulled(self.branches.pull[1])
         if self._tangent is None:
             self._tangent = self._tangent_ahead(now, v)
-        self.matrix = self._tangent
+        self.matrix, self.ahead = self._tangent, force
         self.pull = force - self.matrix.dot(v)
 
     def _tangent_ahead(self, now: Ahead, v: Array) -> Array:
         """That of f̂ with v̂, what stresses make stiff included, unless that is not definite."""
         h, body = self._h, self._body
         matrix = now.around.stiffness(h / 2 + self._stiffening_time) + self._steady
-        σ = self._strains.stressed(now.around.damped(v, self._stiffening_time, self._points is None))
-        geometric = self._strains.geometric(σ if self.branches is None else σ + self.branches.pull[1])
-        if self._points is not None:
-            geometric = body.geometric(self._points.stress(self._points.strains(now.middle)[1])) + geometric
+        σ = self.strains.stressed(now.around.damped(v, self._stiffening_time, self.points is None))
+        geometric = self.strains.geometric(σ if self.branches is None else σ + self.branches.pull[1])
+        if self.points is not None:
+            geometric = body.geometric(self.points.stress(self.points.strains(now.middle)[1])) + geometric
         stressed: Array = matrix + h / 2 * geometric
         return stressed if is_definite(2 / h * np.eye(len(v)) + stressed) else matrix
 
@@ -168,7 +185,7 @@ class StrainsCarried(ElasticLaw):
             v = np.zeros_like(v)
         elif far > body.training_radius:
             v = v * (body.training_radius / far)
-        self._expected = v
+        self.expected = v
         middle = self._q + h / 2 * v
         around, pulled = now.shape.around(middle)
         self.matrix = around.stiffness(h / 2 + self._stiffening_time) + self._steady
@@ -178,8 +195,8 @@ class StrainsCarried(ElasticLaw):
             pulled = pulled + around.pulled(self.branches.pull[1])
         self.pull = pulled + body.springs.dot(self._q)
         left, c, s, b = was.left, was.c, 0.0, None
-        if self._points is not None:
-            b, c = self._slope(self._points, around, middle, c)
+        if self.points is not None:
+            b, c = self._slope(self.points, around, middle, c)
             s = s_of(left + c)
             self.matrix += np.multiply.outer(h / 2 * b, b)
             self.pull += s * b
@@ -188,8 +205,9 @@ class StrainsCarried(ElasticLaw):
     def close(self, v: Array, after: Array) -> float:
         """As in ElasticLaw."""
         h, body, (around, pulled, left, c, s, b) = self._h, self._body, self._begun
-        missed = v - self._expected
-        if missed.dot(missed) > TANGENT_RENEWAL**2 * v.dot(v):
+        missed = v - self.expected
+        self.went_as_expected = not missed.dot(missed) > TANGENT_RENEWAL**2 * v.dot(v)
+        if not self.went_as_expected:
             self._tangent = None
         square, viscous = around.squares(v)
         heat = h * (float(v.dot(body.external_damping.dot(v))) + viscous)
@@ -206,10 +224,21 @@ class StrainsCarried(ElasticLaw):
         self._noted = 2 * self._next.shape.energy, gap
         return heat - taken_back
 
+    @property
+    def carried_with_strains(self) -> "CarriedStates":
+        """What is carried before the last step and after it."""
+        return CarriedStates(*(partial(self._with_strains, each) for each in (self._carried_before, self._carried)))
+
+    def _with_strains(self, carried: Carried, q: Array) -> Array:
+        """What is carried beside q, with ε and C₀ε wherever ε is E(q)."""
+        if carried.strained is None:
+            carried = carried._replace(strained=self._with_stress(self.strains.at(q)))
+        return carried.in_one(self.strains.size)
+
     def _looked_ahead(self, q: Array, v: Array) -> Ahead:
         """From q, to which a step with v̂ led: what both need is found together."""
-        points, middle = self._points, q + self._h / 2 * v
-        shape, around, force = self._strains.with_next(q, middle, v, self._stiffening_time, points is None)
+        points, middle = self.points, q + self._h / 2 * v
+        shape, around, force = self.strains.with_next(q, middle, v, self._stiffening_time, points is None)
         if points is None:
             return Ahead(q, shape, 0.0, middle, around, force)
         stored, forces = points.energies_and_forces(np.array([q, middle]).T)
@@ -222,7 +251,7 @@ class StrainsCarried(ElasticLaw):
 
     def _with_stress(self, strains: Array) -> Array:
         """(2, size): some strains, and C₀ times them."""
-        return np.stack([strains, self._strains.stressed(strains)])
+        return np.stack([strains, self.strains.stressed(strains)])
 
     def _slope(
         self, points: MaterialPoints, around: MonomialsAround | PointsAround, q: Array, c: float
@@ -239,7 +268,7 @@ class StrainsCarried(ElasticLaw):
             c = min(c + 4 * abs(left), points.most)  # ½ s² - c stays what it was
         b: Array = (forces[:, 0] - force) / math.sqrt(2 * max(left + c, c / 4))
         steep = math.sqrt(b.dot(b))
-        return b if steep <= self._steepest else b * (self._steepest / steep), c
+        return b if steep <= self.steepest else b * (self.steepest / steep), c
 
     def _taken_back(
         self,
@@ -259,14 +288,14 @@ class StrainsCarried(ElasticLaw):
         """
         was, (q, after, around, v) = self._carried, moved
         s, gap_s, share, gap_square, budget = 0.0, 0.0, 1.0, 0.0, was.tank + dissipated
-        if self._points is not None:
+        if self.points is not None:
             s = s_of(left + c)
             gap_s = s_of(there.left + c) - s
         energy, strained = there.shape.energy, None
         added = energy - was.energy - strained_more + gap_s * (s + gap_s / 2)
         if self.branches is not None or added > budget:
-            aimed = self._strains.at(after)
-            went = (self._strains.at(q) if was.strained is None else was.strained[0]) + self._h * around.rates(v)
+            aimed = self.strains.at(after)
+            went = (self.strains.at(q) if was.strained is None else was.strained[0]) + self._h * around.rates(v)
             went, gap = self._with_stress(went), self._with_stress(aimed - went)
             square = gap_square = float(gap[1].dot(gap[0])) + gap_s * gap_s
             slope = float(gap[1].dot(went[0])) + gap_s * s
