@@ -31,6 +31,7 @@ UNREAD = {
     "ELCOPY": "write the elements out",
 }
 UNREAD |= dict.fromkeys(("NGEN", "NFILL", "NCOPY", "NMAP"), "write the nodes out")
+CLOSED = "PART", "INSTANCE", "ASSEMBLY", "STEP"  # which *End PART, and so on, follows
 MOST_GENERATED = 10_000_000  # numbers that a line of a set may stand for
 
 
@@ -58,10 +59,14 @@ class AbaqusFile:
         self.solids: dict[int, tuple[str, list[int]]] = {}  # kind and nodes of all, tetrahedra among them
         self._left_out: Counter[str] = Counter()  # elements that are not of a body, by their kind
         self._redefined: dict[str, list[int]] = {"node": [], "element": []}  # otherwise than before
+        self._elements: set[int] = set()  # numbers of all
         self._kind = ""  # of the elements of this block
         self._count: int | None = None  # of their nodes; None: of what is not of a body, an element a line
         self._begun: list[str] = []  # words of an element that lacks nodes
         self._instance: str | None = None  # of the part
+        self._open_parts: list[str] = []  # of those that are CLOSED
+        self._named: dict[str, list[tuple[int, str]]] = {"node": [], "element": []}  # numbers, and sets that name them
+        self._shorter = ""  # the last line, where it lacks a line end and values that the one before has
         self._is_in_assembly = False  # and not in an instance: numbers are not the part's
         self._read()
 
@@ -76,10 +81,21 @@ class AbaqusFile:
         if self._left_out:
             kinds = ", ".join(f"{count} {kind}" for kind, count in self._left_out.items())
             said.append(f"elements that are neither solids nor triangles were left out: {kinds}")
+        signs = [f"*{part.capitalize()} has no *End {part.capitalize()}" for part in self._open_parts]
+        for what, known in (("node", self.nodes), ("element", self._elements)):
+            lacking = {number: name for number, name in self._named[what] if number not in known}
+            if lacking:
+                number, name = next(iter(lacking.items()))
+                signs.append(f"sets name {len(lacking)} {what}s that are not there, e.g. {what} {number} in {name!r}")
+        if self._shorter:
+            signs.append(f"its last line, {shown(self._shorter)}, has no end and fewer values than the one before")
+        if signs:
+            there = f"{len(self.nodes)} nodes and {len(self.cells)} tetrahedra"
+            said.append(f"the file seems to be cut, as {'; '.join(signs)}: the body is of the {there} that it holds")
         return tuple(said)
 
     def _read(self) -> None:
-        keyword, options, parts, first = "", dict[str, str](), 0, 0
+        keyword, options, parts, first, line, before, last = "", dict[str, str](), 0, 0, "", "", ""
         for number, line in _lines(self.file):
             first = first if self._begun else number
             try:
@@ -92,8 +108,11 @@ class AbaqusFile:
                     self._open(keyword, options)
                 else:
                     self._take(keyword, options, _words(line), line.endswith(","))
+                before, last = last, "" if line.startswith("*") else line
             except (ValueError, IndexError) as error:
                 self._refuse(first, error)
+        if keyword == "NODE" and line.count(",") < before.count(",") and not _has_line_end(self.file):
+            self._shorter = line
         try:
             self._refuse_unfinished()
         except ValueError as error:
@@ -125,6 +144,10 @@ class AbaqusFile:
         if keyword == "ELEMENT":
             self._kind = options["TYPE"].upper()
             self._count = _node_count(self._kind)
+        if keyword in CLOSED:
+            self._open_parts.append(keyword)
+        if keyword.startswith("END ") and keyword[4:] in self._open_parts:
+            self._open_parts.remove(keyword[4:])
         if keyword == "INSTANCE":
             if self._instance is not None:
                 raise ValueError("several instances")
@@ -157,10 +180,17 @@ class AbaqusFile:
         elif keyword in ("NSET", "ELSET"):
             sets = self.node_sets if keyword == "NSET" else self.element_sets
             is_of_part = not self._is_in_assembly or "INSTANCE" in options
+            if is_of_part and "GENERATE" not in options:
+                numbers = [int(word) for word in map(self._without_instance, words) if word.isdecimal()]
+                self._named["node" if keyword == "NSET" else "element"] += [
+                    (each, options[keyword]) for each in numbers
+                ]
             self._put(sets, options[keyword], self._members(words, sets, "GENERATE" in options, is_of_part))
         elif keyword == "SURFACE" and options.get("TYPE", "ELEMENT").upper() == "ELEMENT":
             of, face = self._without_instance(words[0]), words[1].upper()
             self.surfaces.setdefault(options["NAME"], []).append((of, face))
+            if of.isdecimal():
+                self._named["element"].append((int(of), options["NAME"]))
         elif keyword == "SURFACE" and options["TYPE"].upper() == "NODE":
             members = self._members(words[:1], self.node_sets, False, not self._is_in_assembly)
             self._put(self.node_sets, options["NAME"], members)
@@ -168,6 +198,8 @@ class AbaqusFile:
             raise ValueError("an instance is moved")
 
     def _take_element(self, words: list[str], name: str | None) -> None:
+        if words[0].isdecimal():
+            self._elements.add(int(words[0]))
         if self._count is None:
             self._left_out[self._kind] += 1
             return
@@ -256,6 +288,10 @@ def _lines(file: Path) -> Iterator[tuple[int, str]]:
             heading = ""
     if heading:
         yield first, heading
+
+
+def _has_line_end(file: Path) -> bool:
+    return file.read_bytes()[-1:] in (b"\n", b"\r", b"")
 
 
 def _heading(line: str) -> tuple[str, dict[str, str]]:

@@ -1,5 +1,7 @@
 """Abaqus' input files as programs write them: commas, gaps, sets, assemblies; and what is refused by name."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -125,3 +127,28 @@ def test_what_is_not_read_is_refused_by_name(tmp_path, text, said):
     with pytest.raises(MeshError, match=said) as caught:
         read(tmp_path, text)
     assert "\n" not in str(caught.value)
+
+
+WHOLE = NODES + "*Nset, nset=low\n1, 2, 3\n" + CELLS
+PART = f"*Part, name=P\n{WHOLE}*Elset, elset=end\n2,\n*Surface, name=top\n2, S2\n*End Part\n"
+STEP = "*Step\n*Static\n*End Step\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (WHOLE, None),
+        (WHOLE[:-1], None),  # a last line without an end is whole
+        (PART + STEP, None),
+        (ASSEMBLY + STEP, None),
+        (PART.partition("2, 2, 3")[0], r"\*Part has no \*End Part: the body is of the 5 nodes and 1 tetrahedra"),
+        (PART + STEP[:-10], r"\*Step has no \*End Step"),
+        (PART.replace("2, 2, 3, 4, 5\n", ""), "sets name 1 elements that are not there, e.g. element 2 in 'top'"),
+        (WHOLE.replace("1, 2, 3\n", "1, 2, 3, 6, 7\n"), "sets name 2 nodes that are not there, e.g. node 6 in 'low'"),
+        (CELLS + NODES[:-4], r"its last line, '5, 1, 1', has no end and fewer values than the one before"),
+    ],
+)
+def test_a_file_that_is_cut_is_told_where_it_shows(tmp_path, text, said):
+    (tmp_path / "body.inp").write_text(text)
+    (note,) = AbaqusFile(tmp_path / "body.inp").notes or ("",)
+    assert re.search(said, note) if said else not note
