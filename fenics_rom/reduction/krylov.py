@@ -17,6 +17,7 @@ from fenics_rom.reduction.balancing import Balanced, balanced_in, choose_order, 
 from fenics_rom.reduction.common_basis import Subspace, orthogonal_complement, pad_rows, split_like
 from fenics_rom.reduction.frequency_response import dynamic_product, mass_norms, response
 from fenics_rom.reduction.krylov_augmentation import KrylovAugmentation
+from fenics_rom.reduction.leading_inputs import leading_inputs
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.system.columns import apply_to_complex
 
@@ -108,9 +109,9 @@ class KrylovSpaces:
     """Krylov spaces of some contact modes, all in the problem's shared space."""
 
     def __init__(self, problem: ReductionProblem, names: Sequence[str], augmentation: KrylovAugmentation):
-        system, shared = problem.system, problem.space
+        shared = problem.space
         self._problem = problem
-        self.inputs = {name: system.forces(name) for name in names}
+        self.inputs = {name: leading_inputs(problem, name) for name in names}
         V = np.eye(shared.size)[:, : shared.eigenvectors]
         self.chains = {name: Chain(V) for name in names}
         self._augmentation = Chain(V)

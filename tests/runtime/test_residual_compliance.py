@@ -13,6 +13,7 @@ from bodies import acted_on, box_arrays, write_arrays
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomWarning, SceneError
+from fenics_rom.reduction import leading_inputs
 from fenics_rom.reduction import reduce as reduction
 from fenics_rom.reduction import residual_compliance as offline
 from fenics_rom.rom.residual_part import inverse_of_lower, residual_part, strained_points
@@ -201,6 +202,25 @@ def test_where_nothing_is_named_a_body_that_is_touched_all_over_gets_eigenvector
     for model in rom.contact_models.values():
         assert model.order == 20
         np.testing.assert_allclose(model.eigenvalues[: 20 - pushed], γ[: 20 - pushed], rtol=1e-8)
+
+
+def test_of_many_inputs_the_combinations_that_move_most_suffice(free, monkeypatch):
+    """Balanced directions are those of all inputs to a part of what the order leaves out, and it is told."""
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):
+        whole = fr.reduce(free.system, order=5, lyapunov="krylov")
+        monkeypatch.setattr(leading_inputs, "FEWEST", 20)
+        monkeypatch.setattr(leading_inputs, "OVERSAMPLING", 5)
+        few = fr.reduce(free.system, order=5, lyapunov="krylov")
+    told = [text for text in few.warnings if "inputs the 20 combinations that move the body most" in text]
+    assert len(told) == len(few.contact_models)
+    assert not any("combinations that move" in text for text in whole.warnings)
+    M = matrices(free)[0]
+    for name, model in few.contact_models.items():
+        others = whole.contact_models[name]
+        np.testing.assert_allclose(model.hankel_singular_values[:5], others.hankel_singular_values[:5], rtol=0.01)
+        W, V = (rom.basis @ rom.contact_models[name].coordinates for rom in (few, whole))
+        assert np.linalg.svd(W.T @ M @ V, compute_uv=False)[-1] > 0.99
+        assert model.static_error == pytest.approx(others.static_error, rel=0.01)
 
 
 def test_triangular_matrices_are_inverted_by_halves():
