@@ -26,8 +26,8 @@ def leading_inputs(problem: ReductionProblem, name: str) -> Array:
         return B
     problem.messages.append(
         f"contact mode {name!r}: of {B.shape[1]} inputs the {count} combinations that move the body most are looked "
-        "at; singular values up to the order are known to about a percent, and more is neglected than their sum tells; the "
-        "static and frequency response errors are of all inputs"
+        "at; singular values up to the order are known to about a percent, and more is neglected than their sum tells; "
+        "the static and frequency response errors are of all inputs"
     )
     inner, M, solve = problem.system.algebra.inner, problem.system.mass, problem.factor.solve
     with problem.stages("leading inputs"):
