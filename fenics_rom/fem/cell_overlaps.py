@@ -4,6 +4,7 @@ Of two volumes that a mesher was not told to join (`addBox` of Gmsh twice, witho
 """
 
 from collections.abc import Iterator
+from functools import reduce
 
 import numpy as np
 from numpy import ndarray as Array
@@ -14,7 +15,7 @@ from fenics_rom.fem.mesh_quality import CELL_FACES, Faces, signed_volumes
 
 SAME_PLACE = 1e-6  # share of the body's size that places may differ by, as files hold few digits
 ROUND_OFF = 1e-9  # share of the smaller cell that two must have in common
-PAIRS_AT_ONCE = 20_000
+PAIRS_AT_ONCE = 4_000
 PIECES = {  # of a tetrahedron of which so many vertices are inside: its vertices, or places on edges between two
     1: [((0, 0), (0, 1), (0, 2), (0, 3))],
     2: [((0, 0), (0, 2), (0, 3), (1, 3)), ((0, 0), (0, 2), (1, 3), (1, 2)), ((0, 0), (1, 2), (1, 3), (1, 1))],
@@ -39,8 +40,9 @@ def describe_overlaps(points: Array, cells: Array, faces: Faces, source: str) ->
     is_skin[faces.owner] = True
     chosen = np.flatnonzero(is_skin | (count > 1))  # in one part, skin meets first
     low, high = corners[chosen].min(axis=1) - reach, corners[chosen].max(axis=1) + reach
-    pairs = chosen[meeting_boxes(low, high, part[chosen], is_skin[chosen])]
-    meeting, inside, touching = _look_at(pairs, corners, cells, part, reach)
+    pairs = meeting_boxes(low, high, part[chosen], is_skin[chosen])
+    pairs, inside, touching = _look_at(pairs, corners[chosen], cells[chosen], part[chosen], reach)
+    meeting = chosen[pairs]
     pieces, pair = common_pieces(corners[meeting[:, 0]], corners[meeting[:, 1]])
     common = np.bincount(pair, weights=piece_volumes(pieces), minlength=len(meeting))
     is_overlap = common > ROUND_OFF * volumes[meeting].min(axis=1)
@@ -97,19 +99,25 @@ def _look_at(pairs: Array, corners: Array, cells: Array, part: Array, reach: flo
     Cells of one part that share a node are left to `check_filling`.
     """
     meeting, inside, touching = [pairs[:0]], [cells[:0, 0]], [cells[:0, 0]]
+    normals, offsets = _planes(corners)
+    # Pairs are the last axis, as sums over a few numbers are fast along the first ones alone.
+    places, normals, nodes, offsets = (np.ascontiguousarray(each.T) for each in (corners, normals, cells, offsets))
     for start in range(0, len(pairs), PAIRS_AT_ONCE):
         some = pairs[start : start + PAIRS_AT_ONCE]
-        is_shared = cells[some[:, 0], :, None] == cells[some[:, 1], None, :]
-        are_strangers = ~is_shared.any(axis=(1, 2)) | (part[some[:, 0]] != part[some[:, 1]])
-        some, is_shared = some[are_strangers], is_shared[are_strangers]
+        first, second = some.T
+        mine, theirs = nodes[:, first], nodes[:, second]
+        are_strangers = part[first] != part[second]
+        are_strangers |= ~reduce(np.logical_or, (one == other for one in mine for other in theirs))
+        some, first, second = some[are_strangers], first[are_strangers], second[are_strangers]
+        is_shared = nodes[:, None, first] == nodes[None, :, second]
         are_apart = np.zeros(len(some), dtype=bool)
-        planes = _planes(corners[some])
-        for one, other, is_own in ((0, 1, is_shared.any(axis=1)), (1, 0, is_shared.any(axis=2))):
-            depth = np.einsum("pvi,pfi->pvf", corners[some[:, other]], planes[0][:, one]) + planes[1][:, one, None]
-            are_apart |= (depth <= reach).all(axis=1).any(axis=1)
-            depth = np.where(is_own, -np.inf, depth.min(axis=2))
-            inside.append(cells[some[:, other]][depth > reach])
-            touching.append(cells[some[:, other]][np.abs(depth) <= reach])
+        for one, other, is_own in ((first, second, is_shared.any(axis=0)), (second, first, is_shared.any(axis=1))):
+            there, along = places[..., other], normals[..., one]
+            depth = offsets[None, :, one] + sum(there[k][:, None] * along[k][None] for k in range(3))  # (4, 4, pairs)
+            are_apart |= depth.max(axis=0).min(axis=0) <= reach
+            least = np.where(is_own, -np.inf, depth.min(axis=1))
+            inside.append(nodes[:, other][least > reach])
+            touching.append(nodes[:, other][np.abs(least) <= reach])
         meeting.append(some[~are_apart])
     return np.concatenate(meeting), *(np.unique(np.concatenate(nodes)) for nodes in (inside, touching))
 

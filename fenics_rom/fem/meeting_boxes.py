@@ -70,11 +70,13 @@ def _children(pairs: Array, count: int) -> Array:
 
 
 def _may_meet(level: _Level, a: Array, b: Array) -> Array:
+    """Rows of those pairs whose boxes meet, and that are of different groups or both open."""
     of_interest = (
         (level.first[a] != level.last[a]) | (level.first[b] != level.last[b]) | (level.first[a] != level.first[b])
     )
     of_interest |= level.is_open[a] & level.is_open[b]
-    for axis in range(3):
-        of_interest &= level.low[a, axis] <= level.high[b, axis]
-        of_interest &= level.low[b, axis] <= level.high[a, axis]
-    return of_interest
+    rows = of_interest.nonzero()[0]
+    for low, high in zip(level.low.T, level.high.T, strict=True):
+        one, other = a[rows], b[rows]
+        rows = rows[(low[one] <= high[other]) & (low[other] <= high[one])]
+    return rows
