@@ -377,7 +377,7 @@ def test_guides_only_take_energy(models, model, control, h):
 def test_bodies_rub_beside_obstacles_alike_at_any_order(models, guides):
     rope = ROPE
     if guides:  # along the body, zigzag: as many guides as all but tie one another
-        points = [[x, 0.05, 0.03 + 0.01 * (-1) ** i] for i, x in enumerate(np.linspace(0, 1, guides + 2))]
+        points = [[x, 0.05, 0.03 + 0.01 * (-1) ** i] for i, x in enumerate(np.linspace(0, 1, guides + 2).tolist())]
         rope = ROPE.replace(ROPE[ROPE.index("[[") : ROPE.index("]]") + 2], str(points))
     effects = MOVING + RUBS + rope + AIR + FLOOR + FRICTION
     bodies = [body_of(models, effects, model, 2e-3) for model in ("full", "reduced")]

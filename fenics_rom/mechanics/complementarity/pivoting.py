@@ -8,7 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 SMALLEST_PIVOT = 1e-11  # of the largest number in its column
-TOGETHER = 1e-13  # numbers that get to 0 so near one another do it together
+TOGETHER = 1e-9  # numbers that get to 0 so near one another do it together
 MOST_PIVOTS = 10  # for each number
 
 
