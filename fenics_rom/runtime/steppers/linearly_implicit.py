@@ -2,7 +2,7 @@
 
 What resists is `elastic/carried_strains.py`. Here are inertia, loads, strokes and contact:
 
-    (2/h + matrix) v̂ = 2/h r - pull + G u + B z + Sᵀ f
+    matrix v̂ = 2/h r - pull + G u + B z + Sᵀ f,    2/h of the inertia in the matrix
 
 where the middle of the step is expected by one iteration of Newton's method from v̂ of the step before, under the forces
 that were found then, with a tangent that may be older.
@@ -57,7 +57,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         branches: "MaxwellBranches | None" = None,
     ):
         super().__init__(rom, ledger, interface, actuators, residual)
-        self._law = StrainsCarried(self._body, float(self._ω[-1]), branches)
+        self._law = StrainsCarried(self._body, float(self._ω[-1]), branches, has_inertia=True)
         self._is_polynomial = self._body.law == "st_venant_kirchhoff" and actuators is None
         self.resume(np.empty(0))
 
@@ -92,7 +92,6 @@ class LinearlyImplicit(FiniteStrainKernel):
         """As in Kernel."""
         super().set_time_step(h)
         self._law.set_time_step(h)
-        self._inert = 2 / h * np.eye(self._model.order)
         self.tangent, self._is_small = NONE, False
 
     def reset_buffer(self) -> None:
@@ -119,7 +118,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         expected = self._expected(dead, u, q, start)
         middle = q + h / 2 * expected.value
         pushed = self._loads_with(dead, u, middle)
-        matrix, right = self._inert + law.matrix, start - law.pull + pushed
+        matrix, right = law.matrix, start - law.pull + pushed
         contact, reactions, v = None, self.reactions, np.linalg.solve(matrix, right)
         if self._interface is not None:
             spread = np.linalg.solve(matrix, self._Sᵀ)
@@ -165,10 +164,10 @@ class LinearlyImplicit(FiniteStrainKernel):
         """
         law, v = self._law, self._law.velocity
         middle = q + self.h / 2 * v
-        residual = 2 / self.h * v + law.ahead - start - self._loads_with(dead, u, middle)
+        residual = law.ahead - start - self._loads_with(dead, u, middle)
         is_new = not len(self.tangent)
         if is_new:
-            inverse = np.linalg.inv(self._inert + law.matrix)
+            inverse = np.linalg.inv(law.matrix)
             self.tangent = (inverse + inverse.T) / 2
         if self._actuators is not None:
             residual -= self._stroke_columns(middle).dot(self.reactions)
@@ -207,7 +206,7 @@ class LinearlyImplicit(FiniteStrainKernel):
             body,
             law.strains,
             self.h,
-            self._inert + body.external_damping + self.h / 2 * body.springs,
+            law.steady,
             self._Sᵀ,
             self._ω,
             self._dead_loads,

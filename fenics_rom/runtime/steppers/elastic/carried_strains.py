@@ -53,11 +53,13 @@ class StrainsCarried(ElasticLaw):
         body: its points.
         stiffest: frequency of the stiffest mode, rad/s.
         branches: how their material relaxes, in the strains that are carried along; None: it does not.
+        has_inertia: whether f̂ and its slope have 2/h v̂, too, as of a held body; in a frame inertia is the frame's.
 
     Attributes:
         strains: that are carried along.
         points: whose energy is not that of these strains alone; None: there are none.
         steepest: largest slope of s, 1/s.
+        steady: what of the matrix does not change (m, m).
         ahead: f̂ (m,) of a step that is open at `velocity`.
         expected: v̂ (m,) of the step, no longer than what was trained.
         went_as_expected: whether the last step did, so that the tangent that it was expected with is kept.
@@ -66,10 +68,19 @@ class StrainsCarried(ElasticLaw):
     is_exact = True
     NOTES = ("strained", "mismatch")  # energy of the strains at most, J; and what those that are carried along lack
 
-    def __init__(self, body: ReducedDeformation, stiffest: float, branches: MaxwellBranches | None = None):
+    def __init__(
+        self,
+        body: ReducedDeformation,
+        stiffest: float,
+        branches: MaxwellBranches | None = None,
+        *,
+        has_inertia: bool = False,
+    ):
         self._body, self.branches, self.steepest = body, branches, STEEPEST_FREQUENCY * stiffest
         self.points = None if body.law == "st_venant_kirchhoff" else MaterialPoints(body)
         self.strains, m = carried_strains(body), body.order
+        self._has_inertia = has_inertia
+        self._springs, self._is_expected = body.springs if body.springs.any() else None, False
         self._next: Ahead | None = None  # None: not known
         self._next_before: Ahead | None = None
         self._tangent: Array | None = None  # that is expected ahead
@@ -92,7 +103,9 @@ class StrainsCarried(ElasticLaw):
     @property
     def stored(self) -> float:
         """As in ElasticLaw."""
-        stored = self._carried.energy + self._carried.left + float(self._q.dot(self._body.springs.dot(self._q))) / 2
+        stored = self._carried.energy + self._carried.left
+        if self._springs is not None:
+            stored += float(self._q.dot(self._springs.dot(self._q))) / 2
         return stored if self.branches is None else stored + self.branches.stored
 
     @property
@@ -124,7 +137,10 @@ class StrainsCarried(ElasticLaw):
         self._h, self._next, self._tangent = h, None, None
         if self.branches is not None:
             self.branches.set_time_step(h)
-        self._steady = self._body.external_damping + h / 2 * self._body.springs
+        self._inert = 2 / h * np.eye(self._body.order)
+        self.steady = self._body.external_damping + h / 2 * self._body.springs
+        if self._has_inertia:
+            self.steady += self._inert
 
     def reset_buffer(self) -> None:
         """As in ElasticLaw."""
@@ -155,27 +171,33 @@ class StrainsCarried(ElasticLaw):
 
     def open(self, q: Array, r: Array) -> None:
         """As in ElasticLaw; the tangent is kept as long as steps go as was expected."""
-        body, v = self._body, self._carried.velocity
-        self._q = q.copy()
+        v, self._q, self._is_expected = self._carried.velocity, q.copy(), False
         self._now = now = self._next or self._looked_ahead(self._q, v)
-        force = now.force + body.springs.dot(now.middle) + body.external_damping.dot(v)
+        force = self.steady.dot(v)
+        force += now.force
+        if self._springs is not None:
+            force += self._springs.dot(q)
         if self.branches is not None:
             force += now.around.pulled(self.branches.pull[1])
         if self._tangent is None:
             self._tangent = self._tangent_ahead(now, v)
         self.matrix, self.ahead = self._tangent, force
-        self.pull = force - self.matrix.dot(v)
+
+    def at(self, v: Array) -> None:
+        """As in ElasticLaw."""
+        if not self._is_expected:
+            self.pull = self.ahead - self.matrix.dot(self._carried.velocity)
 
     def _tangent_ahead(self, now: Ahead, v: Array) -> Array:
         """That of f̂ with v̂, what stresses make stiff included, unless that is not definite."""
         h, body = self._h, self._body
-        matrix = now.around.stiffness(h / 2 + self._stiffening_time) + self._steady
+        matrix = now.around.stiffness(h / 2 + self._stiffening_time) + self.steady
         σ = self.strains.stressed(now.around.damped(v, self._stiffening_time, self.points is None))
         geometric = self.strains.geometric(σ if self.branches is None else σ + self.branches.pull[1])
         if self.points is not None:
             geometric = body.geometric(self.points.stress(self.points.strains(now.middle)[1])) + geometric
         stressed: Array = matrix + h / 2 * geometric
-        return stressed if is_definite(2 / h * np.eye(len(v)) + stressed) else matrix
+        return stressed if is_definite(stressed if self._has_inertia else self._inert + stressed) else matrix
 
     def expect(self, v: Array) -> None:
         """As in ElasticLaw; it can hardly go further than it was trained."""
@@ -185,21 +207,22 @@ class StrainsCarried(ElasticLaw):
             v = np.zeros_like(v)
         elif far > body.training_radius:
             v = v * (body.training_radius / far)
-        self.expected = v
+        self.expected, self._is_expected = v, True
         middle = self._q + h / 2 * v
         around, pulled = now.shape.around(middle)
-        self.matrix = around.stiffness(h / 2 + self._stiffening_time) + self._steady
+        self.matrix = around.stiffness(h / 2 + self._stiffening_time)
+        self.matrix += self.steady
         if was.strained is not None:
             pulled = around.pulled(was.strained[1])
         if self.branches is not None:
             pulled = pulled + around.pulled(self.branches.pull[1])
-        self.pull = pulled + body.springs.dot(self._q)
+        self.pull = pulled if self._springs is None else pulled + self._springs.dot(self._q)
         left, c, s, b = was.left, was.c, 0.0, None
         if self.points is not None:
             b, c = self._slope(self.points, around, middle, c)
             s = s_of(left + c)
             self.matrix += np.multiply.outer(h / 2 * b, b)
-            self.pull += s * b
+            self.pull = self.pull + s * b
         self._begun = around, pulled, left, c, s, b
 
     def close(self, v: Array, after: Array) -> float:
