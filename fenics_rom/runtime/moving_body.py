@@ -149,8 +149,9 @@ class MovingBody(SimulatedBody):
         assert self._source is not None
         kernel: Any = self._stepper.kernel
         kernel.base, self._base = self._base, None
-        twice: float = kernel.step(self._source.full_input(u, self._width))
-        self._note_input(u)
+        full = self._source.full_input(u, self._width)
+        twice: float = kernel.step(full)
+        self._note_input(full)
         return twice
 
     def _advance_in_environment(self, u: Array) -> float:

@@ -266,7 +266,7 @@ class Simulator(MovingBody):
                 self.restore(before)
             raise
         source.environment.commit(inputs, self._dt)
-        self._note_input(u)
+        self._note_input(inputs.u)
         return 2 * result.energy
 
     def _step_high(self, u: Array, twice: float) -> None:

@@ -36,6 +36,14 @@ def steps(body, tensions, contact=3):
 
 
 @pytest.mark.parametrize("way", WAYS)
+def test_inputs_of_actuators_alone_are_told_too(roms, way):
+    """Without the columns of the contact mode."""
+    body = fr.Simulator(roms[way], 1e-3)
+    body.step([-0.5])
+    assert [text for text in body.warnings if text.startswith(TOLD)]
+
+
+@pytest.mark.parametrize("way", WAYS)
 def test_each_way_to_step_tells_it(roms, way):
     body = fr.Simulator(roms[way], 1e-3)
     steps(body, [0.3] * 3)
