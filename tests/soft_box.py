@@ -146,7 +146,7 @@ class SoftStepper:
 
     def __init__(self, body: SoftDeformation, dt: float):
         self.body, self.dt, self.time = body, dt, 0.0
-        self.contact_mode = "tip"
+        self.contact_mode, self.actuators = "tip", None
         self.x, self.v = np.zeros((2, len(body.free), 1))
 
     def set_state(self, x: Array, v: Array) -> None:

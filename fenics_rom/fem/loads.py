@@ -8,10 +8,11 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
-from fenics_rom.fem.nodes import Nodes, area_vectors, load_weights, mean_over, shape_functions
+from fenics_rom.fem.nodes import Nodes, area_vectors, load_weights, mean_over, rim_edges, shape_functions
 from fenics_rom.fem.places import patch_area, patch_nodes, patch_triangles
 from fenics_rom.mechanics.surface_points import mean_turning_maps
 from fenics_rom.mechanics.tendon import measure_segments, unit_tension_forces
+from fenics_rom.scene.effects import Pressure
 from fenics_rom.scene.places import Patch
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
@@ -29,6 +30,8 @@ def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Column
     for name, pressure in scene.effects.pressure.items():
         where = f"effects.pressure.{name}"
         columns[name] = patch_columns(nodes, pressure.patch("normal"), unknowns, where)
+        if pressure.control == "volume" and scene.environment.is_moving and not (scene.clamped or scene.held):
+            _refuse_open(nodes, pressure, where)
         units[name] = patch_area(nodes, pressure, where)
     for name, tendon in scene.effects.tendon.items():
         where, units[name] = f"effects.tendon.{name}", 1.0
@@ -73,6 +76,15 @@ def loads_of(
             columns[f"{name}-guide-{number}"] = _cable(nodes, points[: number + 1], where)
             units[f"{name}-guide-{number}"] = 1.0
     return columns, units
+
+
+def _refuse_open(nodes: Nodes, pressure: Pressure, where: str) -> None:
+    """Refuses what a free body is to sweep with an open surface: it does so by every motion as a whole."""
+    if len(rim_edges(patch_triangles(nodes, pressure, where))):
+        raise SceneError(
+            f"{where}.control = 'volume': the surface has an opening, so that a free body has no volume behind it that "
+            "its motion as a whole would leave; allowed is a closed chamber, or 'pressure'"
+        )
 
 
 def _cable(nodes: Nodes, points: Array, where: str) -> Array:

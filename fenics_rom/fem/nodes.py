@@ -94,6 +94,14 @@ def triangle_areas(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
     return np.linalg.norm(area_vectors(nodes, triangles), axis=1) / 2
 
 
+def rim_edges(triangles: np.ndarray) -> np.ndarray:
+    """Edges (r, 2) of a surface (F, 3) that one triangle alone has, in its sense; of a closed surface none."""
+    sides = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+    count = triangles.max(initial=0) + 1
+    rim: np.ndarray = sides[~np.isin(sides[:, 0] * count + sides[:, 1], sides[:, 1] * count + sides[:, 0])]
+    return rim
+
+
 def load_weights(nodes: Nodes, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Integral of each node's shape function over each flat triangle: nodes (F, 3) and weights (F, 1), m².
 

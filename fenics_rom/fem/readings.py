@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES, signed_volumes, volume_within
-from fenics_rom.fem.nodes import Nodes, cell_at, face_keys, triangle_areas
+from fenics_rom.fem.nodes import Nodes, cell_at, face_keys, rim_edges, triangle_areas
 from fenics_rom.fem.outputs import marker_reading
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.mechanics.readings import (
@@ -185,8 +185,7 @@ def enclosed_volume(nodes: Nodes, triangles: Array, unknowns: Unknowns, where: s
     count = len(nodes.coordinates)
     middle = nodes.coordinates[triangles].mean(axis=(0, 1))
     closed = [nodes.coordinates[triangles] - middle]
-    sides = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
-    rim = sides[~np.isin(sides[:, 0] * count + sides[:, 1], sides[:, 1] * count + sides[:, 0])]
+    rim = rim_edges(triangles)
     graph = scipy.sparse.coo_array((np.ones(len(rim)), rim.T), shape=(count, count))
     _, opening = connected_components(graph, directed=False)
     for one in np.unique(opening[rim[:, 0]]):

@@ -49,7 +49,7 @@ RUN = {
     "share": Entry("1", (1,)),
     "loads": Entry("1", ("l",)),
     "shapes": Entry("m", ("n", "s")),
-    "spins": Entry("rad/s", ("axes",), optional=True),
+    "seen": Entry("rad/s, then N or Pa", ("seen",), optional=True),
 }
 
 
@@ -114,7 +114,7 @@ class Checkpoint:
         self._written_columns, self._written_messages = problem.space.size, len(problem.messages)
 
     def restored_run(self, number: int, title: str, loads: Array, rows: slice) -> tuple[float, Array, Array] | None:
-        """Of a training run under such loads (l,) the share that was put on, the shapes (rows here, s) and spins (3,).
+        """Of a training run under such loads (l,) the share that was put on, shapes (rows here, s), and what was seen.
 
         None where it is not finished.
 
@@ -130,16 +130,16 @@ class Checkpoint:
             same = get_text(h5, "title") == title and len(a["loads"]) == len(loads)
             same = same and np.allclose(a["loads"], loads, rtol=0, atol=tolerance)
             self._check_same(a["probe"], same)
-            return a["share"], np.asarray(a["shapes"]), np.zeros(3) if a["spins"] is None else a["spins"]
+            return a["share"], np.asarray(a["shapes"]), np.zeros(3) if a["seen"] is None else a["seen"]
 
-        share, shapes, spins = read_file(self._folder / file, RUN_CONTENT, read_shapes)
-        return share, shapes[rows], spins
+        share, shapes, seen = read_file(self._folder / file, RUN_CONTENT, read_shapes)
+        return share, shapes[rows], seen
 
-    def keep_run(self, number: int, title: str, loads: Array, share: float, shapes: Array, spins: Array) -> None:
-        """Writes a training run that is finished: the share of its loads, shapes on all rows (n, s) and spins (3,)."""
+    def keep_run(self, number: int, title: str, loads: Array, share: float, shapes: Array, seen: Array) -> None:
+        """Writes a training run that is finished: the share of its loads, shapes on all rows (n, s), what was seen."""
         if self._keeps:
             arrays = {"probe": self._probe, "share": share, "loads": loads, "shapes": shapes}
-            arrays["spins"] = spins if spins.any() else None
+            arrays["seen"] = seen if seen.any() else None
             self._write(f"run-{number}.h5", RUN_CONTENT, RUN, arrays, title=title)
 
     def _is_there(self, file: str) -> bool:

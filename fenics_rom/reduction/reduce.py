@@ -191,7 +191,7 @@ def reduce(
         )
         finished = Checkpoint(checkpoint, problem, named, resume)
         if method is None:
-            rom = hyperreduce(problem, named, cubature, finished)
+            rom = hyperreduce(problem, whole, named, cubature, finished)
         else:
             retained = _retained_bases(problem, method, finished, named == SELECTION)
             rom = assemble_rom(problem, retained, contact_shapes(problem, retained), method=named)

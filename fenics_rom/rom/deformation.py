@@ -110,7 +110,7 @@ class ReducedRim(ByContent):
 class TrainingRange(ByContent):
     """How far loads and strains went in the full-order runs that a model was trained and validated with."""
 
-    inputs: Mapping[str, float]  # largest of each actuator and load, in units of the input
+    inputs: Mapping[str, float]  # largest of each actuator and load, in units of the input; of strokes what they took
     pushes: Mapping[str, float]  # largest resultant of the forces on each contact mode, N
     strains: Array  # (P,) largest |E| at each kept point
     smoothing_time: float  # of forces of obstacles, s: what acts for less moves the body by less

@@ -8,14 +8,17 @@ from bodies import assembled, box_arrays, dense, scene_text, write_arrays
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StructureError
+from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.reduction.common_basis import CommonBasis
 from fenics_rom.reduction.hyperreduction.frame_loads import KINDS, FrameLoads, framed
-from fenics_rom.reduction.hyperreduction.training_loads import load_extremes
+from fenics_rom.reduction.hyperreduction.training_loads import forces_at_rest, load_extremes
 from fenics_rom.reduction.moving_frame import inertia_constants
 from fenics_rom.reduction.problem import ReductionProblem
+from fenics_rom.reduction.rigid_mode_deflation import elastic_part
+from fenics_rom.rom.deformation import ReducedRim
 from fenics_rom.scene.file import parse_scene
 
 LENGTHS, BRICKS, ORDER = (0.3, 0.02, 0.02), (3, 1, 1), 6
@@ -142,7 +145,7 @@ def test_rim_of_a_pressure_says_its_wrench_however_far_it_bends(mesh, degree):
     q = 0.03 * np.random.default_rng(0).normal(size=X.size)
     for name in ("air", "skin"):
         points, pieces, shapes, piece_shapes = body.rims[name]
-        rim = fr.rom.deformation.ReducedRim(points, pieces, shapes.T, piece_shapes.T)
+        rim = ReducedRim(points, pieces, shapes.T, piece_shapes.T)
         for x in (0 * q, q):
             expected = followers(system, x)[name]
             np.testing.assert_allclose(rim.wrench(x, system.moving_frame.origin), expected, atol=1e-13)
@@ -279,7 +282,7 @@ def test_free_body_is_trained_with_the_spins_that_it_begins_with(free_rom):
 def test_basis_of_a_free_body_holds_its_run(free, free_rom):
     """Shapes in the frame of a full-order run, projected: a basis of six is off by a few per cent of the largest."""
     rom = free_rom
-    W, body = rom.basis[:, rom.rigid :], fr.fem.simulator.FullOrderSimulator(free, 0.01, free.scene.environment)
+    W, body = rom.basis[:, rom.rigid :], FullOrderSimulator(free, 0.01, free.scene.environment)
     body.stepper.place(free.scene.run.initial.pose(free.moving_frame.origin))
     missed, whole = [], []
     for step in range(20):
@@ -296,3 +299,34 @@ def test_loose_body_in_a_fixed_frame_is_told_to_take_a_moving_one(mesh):
     loose = fr.assemble(scene(mesh, supports=None, head="", run=FLOWN))
     with pytest.raises(SceneError, match="which no fixed basis follows; take frame = 'moving', or hold it by supports"):
         fr.reduce(loose, order=ORDER)
+
+
+@pytest.mark.parametrize("head", ["", 'frame = "moving"\n'])
+def test_strokes_are_trained_with_the_forces_that_they_take(mesh, head):
+    """At rest by K: what they do work along is as given; a tendon that is shortened by others is slack."""
+    pulled = EFFECTS.replace("0.018]]", '0.018]]\ncontrol = "length"').replace('"top"', '"top"\ncontrol = "volume"')
+    system = fr.assemble(scene(mesh, pulled, head=head, run=RUN.replace("[0.5]", "[1e-3]")))
+    problem = problem_of(system)
+    u = np.zeros(3 + sum(system.widths.values()))
+    u[[4, 5]] = 1e-7, 1e-3
+    x = problem.factor.solve(forces_at_rest(problem, [("tip", u)]))
+    found = [float((system.unit_forces(name).T @ x).item()) for name in ("skin", "rope")]
+    np.testing.assert_allclose(found, [1e-7, 1e-3], rtol=1e-9)
+    u[5] = -1e-3
+    slack, without = forces_at_rest(problem, [("tip", u)]), system.unit_forces("skin")
+    share = (without.T @ slack) / (without.T @ without)
+    np.testing.assert_allclose(slack, without * share, atol=1e-9 * np.abs(slack).max())
+
+
+def test_free_body_among_obstacles_is_pushed_by_its_weight(mesh):
+    """And by what stops it within a quarter of its slowest period, where it is thrown."""
+    floor = "[effects.contact.obstacles.floor]\nshape = 'half-space'\npoint = [0, 0, -0.1]\nnormal = [0, 0, 1]\n"
+    bare = "inertia = {}\nlarge_deformation = {}\ngravity = { acceleration = [0.0, 0.0, -9.81] }\n" + floor
+    system = fr.assemble(scene(mesh, bare, supports=None, run="dt = 0.01\nduration = 0.1"))
+    pushes = load_extremes(framed(problem_of(elastic_part(system))), 0.5).pushes
+    weight = 9.81 * system.moving_frame.moments[0, 0]
+    np.testing.assert_allclose(pushes["tip"], [0.0, 0.0, weight], rtol=1e-12)
+    run = "dt = 0.01\nduration = 0.1\ninitial = { velocity = [0, 0, -2] }"
+    thrown = fr.assemble(scene(mesh, bare, supports=None, run=run))
+    pushes = load_extremes(framed(problem_of(elastic_part(thrown))), 0.5).pushes
+    np.testing.assert_allclose(pushes["tip"], [0.0, 0.0, weight * (1 + 2 / 9.81 / 0.125)], rtol=1e-12)

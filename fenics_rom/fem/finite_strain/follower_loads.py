@@ -5,7 +5,7 @@ import scipy.sparse
 from numpy import ndarray as Array
 
 from fenics_rom.fem.finite_strain.quadrature import tabulate
-from fenics_rom.fem.nodes import Nodes
+from fenics_rom.fem.nodes import Nodes, rim_edges
 from fenics_rom.mechanics.readings import swept_volume
 from fenics_rom.mechanics.tendon import (
     cable_length,
@@ -60,9 +60,7 @@ class PressureLoad:
 
         It runs counter-clockwise, seen from outside; a closed surface has none.
         """
-        sides = np.concatenate([self._triangles[:, [k, (k + 1) % 3]] for k in range(3)])
-        count = len(self._rest)
-        ends = sides[~np.isin(sides[:, 0] * count + sides[:, 1], sides[:, 1] * count + sides[:, 0])]
+        ends, count = rim_edges(self._triangles), len(self._rest)
         is_bent = bool(len(self._nodes.edges))
         ξ, weights = np.polynomial.legendre.leggauss(3 if is_bent else 2)  # |y|² dy has the degree 5, or 2
         ξ, weights = (1 + ξ) / 2, weights / 2

@@ -24,6 +24,7 @@ from fenics_rom.system.system import System
 
 ACCELERATION, ANGULAR_ACCELERATION, SPINS = "base acceleration", "base angular acceleration", "products of base spins"
 KINDS = (ACCELERATION, ANGULAR_ACCELERATION, SPINS)
+STOPPED_WITHIN = 0.25  # of the slowest period, what flies at an obstacle
 STANDARD = 9.81  # m/s², what unknown motions are to put on the body
 
 
@@ -83,6 +84,8 @@ class FrameLoads:
         self.is_known = scene.environment.base_path is not None
         self._moves = scene.effects.inertia is not None
         self._initial, self._origin = None if scene.run is None else scene.run.initial, system.moving_frame.origin
+        self._mass = float(system.moving_frame.moments[0, 0])
+        self._thrown = np.zeros(3) if self._initial is None else np.array(self._initial.velocity)
         self._spin = 0.0 if self._initial is None else float(np.linalg.norm(self._initial.spin))
         self._fields = scene.environment.uniform_fields
         ends = np.cumsum([0, *active.columns.values()]).tolist()
@@ -175,6 +178,20 @@ class FrameLoads:
     def start_of_run(self) -> BaseState | None:
         """The same of the scene's own history."""
         return (self._initial or InitialState()).pose(self._origin) if self.is_free else None
+
+    def stopping(self, push: Array, period: float) -> Array:
+        """A push (c,) of obstacles on a free body: it bears its weight, and stops it within a quarter of a period."""
+        if len(push) % 3:
+            return np.ones(len(push)) * self._stopping(period) / max(len(push), 1)
+        along = sum(self._fields.values(), np.zeros(3)) + self._thrown  # which it is pushed against
+        size = float(np.linalg.norm(along))
+        towards = -along / size if size > 0 else np.zeros(3)
+        return np.tile(self._stopping(period) * towards / (len(push) // 3), len(push) // 3)
+
+    def _stopping(self, period: float) -> float:
+        """Size of that force, N."""
+        weight = float(np.linalg.norm(sum(self._fields.values(), np.zeros(3))))
+        return self._mass * (weight + float(np.linalg.norm(self._thrown)) / (STOPPED_WITHIN * period))
 
     @property
     def message(self) -> str:

@@ -7,7 +7,8 @@ random combinations of them become is what points are chosen for (Jain & Tiso, 2
 manifold).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from itertools import combinations_with_replacement, islice
 
 import numpy as np
@@ -16,7 +17,12 @@ from numpy import ndarray as Array
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.hyperreduction.training import TrainingData
-from fenics_rom.reduction.hyperreduction.training_loads import load_extremes, slowest_period, training_targets
+from fenics_rom.reduction.hyperreduction.training_loads import (
+    forces_at_rest,
+    load_extremes,
+    slowest_period,
+    training_targets,
+)
 from fenics_rom.reduction.problem import ReductionProblem
 
 DIFFERENCE_STRAIN = 1e-3  # of second differences: exact for St. Venant-Kirchhoff, whose force is a cubic
@@ -35,8 +41,8 @@ def modal_derivatives(problem: ReductionProblem, checkpoint: Checkpoint) -> Trai
     inner, M = system.algebra.inner, system.mass
     moves = system.scene is None or system.scene.effects.inertia is not None
     loads = load_extremes(problem, slowest_period(problem) if moves else 0.0)
-    forces = [system.input_matrix(name) @ loads.whole(u) for name, u in islice(training_targets(loads), STATIC_SHAPES)]
-    at_rest = problem.factor.solve(np.column_stack(forces))
+    targets = [(name, loads.whole(u)) for name, u in islice(training_targets(loads), STATIC_SHAPES)]
+    at_rest = problem.factor.solve(forces_at_rest(problem, targets))
     with problem.stages("eigenvectors"):
         count = min(EIGENVECTORS, system.size)
         _, V = system.algebra.eigenpairs(M, system.stiffness, count, problem.factor)
@@ -53,6 +59,7 @@ def modal_derivatives(problem: ReductionProblem, checkpoint: Checkpoint) -> Trai
         columns = [shapes * a, static_derivatives(problem, shapes, pairs) * weights]
         at = np.cumsum([0, *system.widths.values()])
         largest = dict(zip(system.widths, np.abs(loads.extremes).max(axis=0)[at[:-1]], strict=True))
+        largest |= forces_of_strokes(problem, largest)
         follower = [largest[name] * columns for name, columns in follower_changes(problem, shapes).items()]
         columns += [block * a for block in follower]
         random = np.random.default_rng(0).standard_normal((len(a), RANDOM_COMBINATIONS))
@@ -60,8 +67,19 @@ def modal_derivatives(problem: ReductionProblem, checkpoint: Checkpoint) -> Trai
         second = second_order(problem, first)
         for block in follower:
             second += block @ inner(shapes, M @ first)
+    loads = replace(loads, inputs=loads.inputs | forces_of_strokes(problem, loads.inputs))
     states = np.hstack([s * first + s**2 * second for s in TRAINING_LEVELS])
     return TrainingData(np.hstack(columns), states, loads, OVERSHOOT if moves else 1.0)
+
+
+def forces_of_strokes(problem: ReductionProblem, largest: Mapping[str, float]) -> dict[str, float]:
+    """Forces of strokes as large as given by name, each alone, on the body at rest, N or Pa."""
+    system, forces = problem.system, dict[str, float]()
+    scene = system.scene
+    for name in () if scene is None else scene.environment.controls:
+        C = system.unit_forces(name)
+        forces[name] = largest[name] / float(system.algebra.inner(C, problem.factor.solve(C))[0, 0])
+    return forces
 
 
 def static_derivatives(problem: ReductionProblem, shapes: Array, pairs: Iterable[tuple[int, int]]) -> Array:

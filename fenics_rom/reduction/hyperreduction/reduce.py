@@ -7,7 +7,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR
+from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.balancing import choose_order
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.common_basis import significant_eigenpairs
@@ -15,6 +17,7 @@ from fenics_rom.reduction.hyperreduction.cubature import fit_cubature
 from fenics_rom.reduction.hyperreduction.frame_loads import framed
 from fenics_rom.reduction.hyperreduction.modal_derivatives import modal_derivatives
 from fenics_rom.reduction.hyperreduction.training import Run, TrainingData, is_free, trained
+from fenics_rom.reduction.moving_frame import with_moving_frame
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
 from fenics_rom.rom.contact_model import ContactModel
@@ -27,9 +30,8 @@ from fenics_rom.rom.deformation import (
     resultant,
 )
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.body_parts import maxwell_branches
-from fenics_rom.runtime.steppers.equilibrium import Equilibrium
-from fenics_rom.runtime.steppers.newton import Newton
+from fenics_rom.runtime.steppers.moving_frame import MovingFrameStepper
+from fenics_rom.runtime.steppers.selection import make_stepper
 from fenics_rom.system.protocols import Algebra, Deformation, Operator
 from fenics_rom.system.system import System
 
@@ -41,12 +43,13 @@ BASES: dict[str, Callable[[ReductionProblem, Checkpoint], TrainingData]] = {
 }
 
 
-def hyperreduce(problem: ReductionProblem, method: str, tolerance: float, checkpoint: Checkpoint) -> Rom:
+def hyperreduce(problem: ReductionProblem, whole: System, method: str, tolerance: float, checkpoint: Checkpoint) -> Rom:
     """The ROM of a body that deforms largely; every rank must call it, every rank gets it.
 
-    The tolerance is of the forces of the points that are kept, relative; the checkpoint keeps training runs.
+    The problem is of the elastic part of the `whole` body. The tolerance is of the forces of the points that are kept,
+    relative; the checkpoint keeps training runs.
     """
-    whole = problem.system
+    given = problem.system
     problem = framed(problem, free_spins=method != "trained")
     system = problem.system
     training = BASES[method](problem, checkpoint)
@@ -64,8 +67,9 @@ def hyperreduce(problem: ReductionProblem, method: str, tolerance: float, checkp
     )
     body = _deformation(problem, W, rom.stiffness, states, tolerance)
     rom = replace(rom, deformation=body)
-    if training.held_out and not is_free(system):
+    if training.held_out:
         with problem.stages("validation"):
+            rom = with_moving_frame(problem, rom, whole) if is_free(system) else rom
             error = max(validation_error(rom, system, *run, problem.messages) for run in training.held_out)
         if error > TOLD_ERROR:
             problem.messages.append(
@@ -74,8 +78,8 @@ def hyperreduce(problem: ReductionProblem, method: str, tolerance: float, checkp
             )
         body = replace(body, validation_error=error)
     body = replace(body, trained=_training_range(body, training, np.hstack([states, *held_out])))
-    if system is not whole:
-        rom = _with_inputs(rom, whole)
+    if system is not given:
+        rom = _with_inputs(rom, given)
     return replace(rom, deformation=body, stages=problem.stages.done, warnings=tuple(problem.messages))
 
 
@@ -236,22 +240,26 @@ def validation_error(rom: Rom, system: System, run: Run, shapes: Array, messages
 
 def _reduced_states(rom: Rom, run: Run, messages: list[str]) -> Array:
     """q (m, s) of the reduced model in a run, as far as it goes and from there on the last."""
-    assert rom.deformation is not None
-    series = None if run.dt is None else rom.environment.viscoelasticity
-    branches = maxwell_branches(series, 2, Newton.strain_count(rom.deformation))
-    kernel = (Equilibrium if run.dt is None else Newton)(rom, None, None, branches=branches)
-    kernel.set_time_step(1.0 if run.dt is None else run.dt)
+    stepper = make_stepper(rom, run.dt or 1.0, _acting(rom, run), None, None if run.dt is None else "newton")
+    if isinstance(stepper, MovingFrameStepper) and run.start is not None:
+        stepper.place(run.start)
     snapshot_steps, states, m = set(run.snapshot_steps()), [], len(rom.stiffness)
     q, stuck = np.zeros(m), False
     for step, (contact, u) in enumerate(run.steps):
         try:
             if not stuck:
-                kernel.enter(rom.contact_models[contact])
-                kernel.step(u)
-                q = kernel.state[:m] / np.sqrt(rom.stiffness)
+                stepper.switch(contact)
+                stepper.step(StepInput(u))
+                q = stepper.state[:m] / np.sqrt(rom.stiffness)
         except StepError as error:
             stuck = True
             messages.append(f"the reduced model stops at step {step + 1} of {len(run.steps)} of {run.title}: {error}")
         if step in snapshot_steps:
             states.append(q)
     return np.column_stack(states)
+
+
+def _acting(rom: Rom, run: Run) -> ActiveEnvironment:
+    """What acts in a run beside its inputs: on a free body in its frame, on others where they are held."""
+    frame = "fixed" if run.start is None else "moving"
+    return ActiveEnvironment(replace(rom.environment, frame=frame, base_path=None, obstacles={}, contact_law=None))

@@ -92,14 +92,16 @@ class TrainingData:
 def trained(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
     """From full-order runs under the scene's loads, and the linear reductions of the contact modes."""
     loads, training, held_out = plan_runs(problem)
-    runs, shapes, spins = _simulated(problem, loads, [*training, *held_out], checkpoint)
-    if loads.frame is not None and spins.any():
-        loads = replace(loads, frame=replace(loads.frame, spins=spins))
+    runs, shapes, seen = _simulated(problem, loads, [*training, *held_out], checkpoint)
+    if loads.frame is not None and is_free(problem.system):
+        loads = replace(loads, frame=replace(loads.frame, spins=seen[:3]))
     trained_shapes, validated = shapes[: len(training)], zip(runs, shapes, strict=True)
     dynamic = training[0].dt is not None
     small = weighted_small_motions(problem, dict((balanced if dynamic else static)(problem)))
     columns = np.hstack([weighted_snapshots(problem, trained_shapes), small])
     reached, last = _reached(problem.system, loads, runs), tuple(validated)[len(training) :]
+    found = dict(zip(_acting_strokes(problem.system), seen[3:].tolist(), strict=False))
+    reached = replace(reached, inputs=reached.inputs | found)
     return TrainingData(columns, np.hstack(trained_shapes), reached, held_out=last)
 
 
@@ -108,12 +110,13 @@ def _simulated(
 ) -> tuple[list[Run], list[Array], Array]:
     """The runs, under loads that the full model can follow, and the shapes (rows here, s) of each.
 
-    Of free bodies these are in their frames, whose largest spins (3,), rad/s, are the last.
+    Of free bodies these are in their frames. The last is what was seen at most: spins (3,) of these frames, rad/s, and
+    forces of actuators whose strokes are given, N or Pa.
     """
     system, body = problem.system, problem.deformation
     runs: list[Run] = []
     shapes: list[Array] = []
-    spins = np.zeros(3)
+    seen = np.zeros(3 + len(_acting_strokes(system)))
     series = scene_with_run(system)[0].environment.viscoelasticity
     relaxing = f"{series}; " if series else ""
     if is_free(system):
@@ -127,10 +130,10 @@ def _simulated(
         problem.stages.report("training runs", done, len(planned))
         for number, (run, restored) in enumerate(zip(planned, earlier, strict=True)):
             name = f"training run {number + 1} of {len(planned)}"
-            share, snapshots, turned = restored or _followed(stepper, run, loads, name)
-            spins = np.maximum(spins, turned)
+            share, snapshots, most = restored or _followed(stepper, run, loads, name)
+            seen = np.maximum(seen, most) if len(most) == len(seen) else seen
             if restored is None:
-                checkpoint.keep_run(number, *keys[number], share, system.algebra.gather(snapshots), turned)
+                checkpoint.keep_run(number, *keys[number], share, system.algebra.gather(snapshots), most)
                 done += 1
                 problem.stages.report("training runs", done, len(planned))
             if share < 1:
@@ -140,11 +143,11 @@ def _simulated(
                 )
             runs.append(run.lowered(loads, share))
             shapes.append(snapshots)
-    return runs, shapes, spins
+    return runs, shapes, seen
 
 
 def _followed(stepper: Any, run: Run, loads: LoadExtremes, name: str) -> tuple[float, Array, Array]:
-    """The share of a run's loads that the full model follows, and its shapes (rows here, s) and spins (3,) then."""
+    """The share of a run's loads that the full model follows, its shapes (rows here, s) and what else is seen then."""
     share, failure = 1.0, None
     while share >= LEAST_SHARE:
         try:
@@ -192,15 +195,21 @@ def is_free(system: System) -> bool:
     return system.moving_frame is not None and not system.moving_frame.carried
 
 
+def _acting_strokes(system: System) -> list[str]:
+    """Actuators whose strokes are given, in the order of the system."""
+    controls = scene_with_run(system)[0].environment.controls
+    return [name for name in system.actuators if name in controls]
+
+
 def _acting(system: System) -> ActiveEnvironment | None:
-    """What acts in a run beside its inputs, if anything does: friction at guides, and how the material relaxes."""
+    """What acts in a run beside its inputs, if anything does: what is given as strokes, rubs, or relaxes."""
     scene, _ = scene_with_run(system)
     free = replace(scene.environment, obstacles={}, contact_law=None)
-    return ActiveEnvironment(free) if free.guides or free.viscoelasticity or free.is_moving else None
+    return ActiveEnvironment(free) if free.finds_forces or free.viscoelasticity or free.is_moving else None
 
 
 def _shapes(stepper: Any, run: Run, name: str) -> tuple[Array, Array]:
-    """The shapes (rows here, s) of a run, from rest; of a free body in its frame, whose largest spins (3,) are told."""
+    """The shapes (rows here, s) of a run, from rest, of a free body in its frame; and what was seen at most."""
     zero = np.zeros(stepper.x.size)
     stepper.set_state(zero, zero)
     if run.start is not None:
@@ -208,6 +217,7 @@ def _shapes(stepper: Any, run: Run, name: str) -> tuple[Array, Array]:
     if run.dt is not None:
         stepper.set_time_step(run.dt)
     snapshot_steps, shapes, spins = set(run.snapshot_steps()), [], np.zeros(3)
+    forces = np.zeros(0 if stepper.actuators is None else len(stepper.actuators.names))
     try:
         for step, (contact, u) in enumerate(run.steps):
             stepper.switch(contact)
@@ -217,6 +227,8 @@ def _shapes(stepper: Any, run: Run, name: str) -> tuple[Array, Array]:
                 stepper.step(StepInput(u))
             if step in snapshot_steps:
                 shapes.append((stepper.x if run.start is None else stepper.strained)[:, 0].copy())
+            if len(forces):
+                forces = np.maximum(forces, np.abs(stepper.reactions[: len(forces)]))
             if run.start is not None:
                 pose = stepper.pose
                 spins = np.maximum(spins, np.abs(pose.angular_velocity @ rotation_matrix(pose.rotation)))
@@ -225,7 +237,7 @@ def _shapes(stepper: Any, run: Run, name: str) -> tuple[Array, Array]:
             f"{name} ({run.title}) does not converge in step {step + 1} of {len(run.steps)}: {error}; its loads are as "
             f"large as in the scene's [run], and {LEAST_SHARE:g} of them is too much, too: lower those"
         ) from error
-    return np.column_stack(shapes), spins
+    return np.column_stack(shapes), np.concatenate([spins, forces])
 
 
 def plan_runs(problem: ReductionProblem) -> tuple[LoadExtremes, list[Run], list[Run]]:

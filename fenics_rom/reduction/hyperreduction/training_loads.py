@@ -1,6 +1,6 @@
 """How large the loads of a scene get, and which of them together: what a reduction is to know of."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
 
@@ -29,11 +29,14 @@ class LoadExtremes:
     resting: Array  # (c,) actuators and loads: what is always there
     extremes: Array  # (2, c) the rest, least and most
     pushes: dict[str, Array]  # (columns,) by contact mode, of its largest force
-    inputs: dict[str, float]  # of each actuator and load of the scene its largest size, however short
+    inputs: dict[
+        str, float
+    ]  # of each actuator and load of the scene its largest size, however short; forces of strokes
     smoothing_time: float  # that all but these were averaged over, s
     worst: tuple[str, Array]  # contact mode and input, less what is always there, that move the body farthest at rest
     frame_loads: FrameLoads | None = None  # of a body whose frame moves
     frame: FrameRange | None = None  # how far that moves
+    wrenches: tuple[str, ...] = ()  # contact modes that are pushed by a force and a torque
 
     @property
     def count(self) -> int:
@@ -57,7 +60,6 @@ def scene_with_run(system: System) -> tuple[Scene, Run]:
     if scene is None or scene.run is None:
         where = scene.source if scene else "a system of matrices"
         raise SceneError(f"{where}: has no [run], whose loads say how far the body is to be trained to deform")
-    scene.environment.check_forces_given("training for large deformation", may_rub=True)
     return scene, scene.run
 
 
@@ -100,11 +102,14 @@ def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
     if frame is not None:
         resting, extremes, far = frame.widened(resting, extremes, whole)
     pushes = {name: forces[np.linalg.norm(forces, axis=1).argmax()] for name, forces in pushing.items()}
+    if frame is not None and frame.is_free and scene.effects.contact is not None:
+        pushes = {name: push if push.any() else frame.stopping(push, period) for name, push in pushes.items()}
     spins = far is not None and far.spins.any()
     if not (spins or extremes.any() or any(push.any() for push in pushes.values())):
         raise SceneError(f"{scene.source}: run: nothing acts, so there is nothing to train with")
     pushes, worst = _completed(problem, extremes, pushes), _worst(problem, acting, pushing)
-    return LoadExtremes(resting, extremes, pushes, inputs, SMOOTHING_PERIODS * period, worst, frame, far)
+    wrenches = tuple(name for name, patch in scene.contacts.items() if patch.force == "wrench")
+    return LoadExtremes(resting, extremes, pushes, inputs, SMOOTHING_PERIODS * period, worst, frame, far, wrenches)
 
 
 def _largest(system: System, scene: Scene, acting: Array) -> dict[str, float]:
@@ -129,7 +134,7 @@ def _worst(problem: ReductionProblem, acting: Array, pushing: dict[str, Array]) 
     for k in moments:
         name = max(pushing, key=lambda name: float(np.linalg.norm(pushing[name][k])))
         candidates.append((name, np.concatenate([pushing[name][k], acting[k]])))
-    shapes = problem.factor.solve(np.column_stack([system.input_matrix(name) @ u for name, u in candidates]))
+    shapes = problem.factor.solve(forces_at_rest(problem, candidates))
     return candidates[int(np.diag(system.algebra.inner(shapes, system.mass @ shapes)).argmax())]
 
 
@@ -152,6 +157,36 @@ def scene_history(system: System, scene: Scene, frame: FrameLoads | None = None)
         )
 
 
+def single_inputs(extremes: Array) -> list[Array]:
+    """Inputs (c,) of which one alone is not 0: the least and the most of each (2, c)."""
+    return [np.where(np.arange(len(row)) == k, row, 0.0) for row in extremes for k in np.flatnonzero(row)]
+
+
+def forces_at_rest(problem: ReductionProblem, inputs: Sequence[tuple[str, Array]]) -> Array:
+    """Forces (rows here, any), N, of contact modes with inputs, in which strokes are what small forces lead to.
+
+    Forces t of strokes s = Cᵀx at rest, C their columns: CᵀK⁻¹C t = s - CᵀK⁻¹f, f all other forces; no tendon pushes.
+    """
+    system, inner = problem.system, problem.system.algebra.inner
+    controls = {} if system.scene is None else system.scene.environment.controls
+    ends = np.cumsum([0, *system.widths.values()]).tolist()
+    places = [end for name, end in zip(system.widths, ends, strict=False) if name in controls]
+    pulls = np.array([control == "length" for name, control in controls.items() if name in system.widths])
+    found = [np.empty((system.local_size, 0))]
+    for name, u in inputs:
+        B, first = system.input_matrix(name), len(u) - sum(system.widths.values())
+        at = first + np.array(places, dtype=int)
+        others, C = u.copy(), B[:, at]
+        others[at] = 0.0
+        force = B @ others
+        if len(at):
+            moved = problem.factor.solve(np.column_stack([C, force]))
+            t = np.linalg.lstsq(inner(C, moved[:, :-1]), u[at] - inner(C, moved[:, -1:])[:, 0], rcond=1e-12)[0]
+            force = force + C @ np.where(pulls, np.maximum(t, 0.0), t)
+        found.append(force[:, None])
+    return np.hstack(found)
+
+
 def _averages(values: Array, width: int) -> Array:
     """Means of that many values that follow one another, (any, c)."""
     sums = np.cumsum(np.vstack([np.zeros((1, values.shape[1])), values]), axis=0)
@@ -163,11 +198,10 @@ def _completed(problem: ReductionProblem, extremes: Array, pushes: dict[str, Arr
     system = problem.system
     blocks = [system.input_matrix(name)[:, : len(push)] @ push for name, push in pushes.items() if push.any()]
     first = next(iter(pushes))
-    shared = system.input_matrix(first)[:, len(pushes[first]) :]
-    blocks += [shared[:, k] * value for row in extremes for k, value in enumerate(row) if value]
-    if not blocks:
+    alone = [(first, np.concatenate([0 * pushes[first], row])) for row in single_inputs(extremes)]
+    if not blocks and not alone:
         return pushes
-    shapes = problem.factor.solve(np.column_stack(blocks))
+    shapes = problem.factor.solve(np.column_stack([*blocks, *forces_at_rest(problem, alone).T]))
     completed = {}
     for name, push in pushes.items():
         if push.any():
@@ -211,7 +245,9 @@ def training_targets(loads: LoadExtremes) -> Iterator[tuple[str, Array]]:
         push = loads.pushes[name]
         mixed = resultants(len(push))
         direction = mixed @ random.standard_normal(mixed.shape[1])
-        direction *= np.linalg.norm(push) / np.linalg.norm(direction)
+        forces = slice(0, 3 if name in loads.wrenches else None)
+        direction *= np.linalg.norm(push[forces]) / np.linalg.norm(direction[forces])
+        direction[len(push[forces]) :] = push[len(push[forces]) :]  # torques stay: thin bodies spin too fast by others
         pushed = level[-1] * (push + RANDOM_PUSH_SHARE * direction) / np.sqrt(1 + RANDOM_PUSH_SHARE**2)
         shared = least + (most - least) * level[:-1]
         if loads.frame_loads is not None:

@@ -46,10 +46,9 @@ class TrainingWatch:
 
     def __init__(self, rom: Rom, trained: TrainingRange, interface: "ContactInterface | None"):
         widths, units = {**rom.actuators, **rom.loads}, rom.environment.input_units
-        inputs = {
-            **trained.inputs,
-            **dict.fromkeys(rom.environment.guides, math.inf),
-        }  # guides rub as tensions let them
+        acting = rom.environment
+        found = dict.fromkeys((*acting.guides, *acting.controls), math.inf)  # as large as they must be: strains tell
+        inputs = {**trained.inputs, **found}
         self._pushed = trained.pushes
         self._pushers: list[str] = []
         if interface is not None:  # without obstacles the body is in a world
