@@ -182,7 +182,7 @@ class BatchContactSolver:
         pushed: Array,
     ) -> "_Approaches":
         """How fast every pair comes near, and whether it is due; see ContactSolver._all_pairs."""
-        (gaps, normals), e = distances, self._law.restitution
+        gaps, normals = distances
         approach, normal_velocity = (along(part[None], normals) for part in (motion.velocity, motion.free_velocity))
         if obstacles.velocities.any():
             moving = along(obstacles.velocities[:, :, None], normals)
@@ -192,7 +192,7 @@ class BatchContactSolver:
             half_change = half_change[:, :, None] * pushed[:, None]
             approach = approach + along(half_change, normals)
         level = gaps / -dt
-        np.maximum(level, (level + (1 - e) / 2 * approach) / (2 - e), out=level)
+        np.maximum(level, (level + approach / 2) / 2, out=level)
         return _Approaches(normal_velocity, approach, level, normal_velocity < level, half_change)
 
     def _pairs(
@@ -206,17 +206,24 @@ class BatchContactSolver:
         """What the law says of every pair; see ContactSolver._all_pairs."""
         (gaps, normals), w, e = distances, obstacles.velocities[:, :, None], self._law.restitution
         normal_velocity, approach, level, due, half_change = approaches
-        target = np.minimum((1 - e) / 2 * approach, 0.0)
+        target = (approach / 2 - gaps / dt) / 2
+        np.minimum(target, approach / 2, out=target)
+        if e > 0:
+            leaves = normal_velocity >= (1 + e) * approach if e < 1 else True
+            np.copyto(target, (1 - e) / 2 * approach, where=leaves)
+        np.minimum(target, 0.0, out=target)
         if gaps.min(initial=0.0) < 0:
             speed = np.sqrt(np.square(obstacles.velocities).sum(axis=1))[:, None]
-            np.maximum(target, -np.maximum(gaps / dt + np.abs(approach) + speed, 0.0), out=target)
+            target[-gaps / dt > np.abs(approach) + np.abs(normal_velocity) + speed] = 0.0
+        # What is far, and due by nothing but forces on others, would tell of velocities that there are not.
+        missed, target = target, np.maximum(target, -np.abs(normal_velocity).max(axis=(0, 1)))
         relative, free = (motion.velocity / 2)[None], motion.free_velocity[None]
         if len(w) > 1 or w.any():
             relative, free = relative - w / 2, free - w
         if half_change.ndim == 4:
             relative = relative + half_change / 2
         subtract_along(relative, approach / 2, normals)
-        return _Pairs(normals, free, normal_velocity, level, target, relative, due)
+        return _Pairs(normals, free, normal_velocity, level, target, missed, relative, due)
 
 
 def _of(normals: Array | None, bodies: Array) -> Array | None:
@@ -246,6 +253,7 @@ class _Pairs(NamedTuple):
     normal_velocity: Array  # its normal part, (O, P, B)
     level: Array  # normal velocities below which a pair takes part, (O, P, B)
     target: Array  # c, (O, P, B)
+    missed: Array  # the same if forces on others make it due, (O, P, B)
     tangential_target: Array  # c_t, (O, 3, P, B)
     due: Array  # whether it takes part without contact forces, (O, P, B)
 
@@ -269,25 +277,27 @@ class _Chosen(NamedTuple):
     free: Array  # (3, P, B)
     level: Array  # (P, B)
     target: Array  # (P, B)
+    missed: Array  # (P, B)
     tangential_target: Array  # (3, P, B)
 
     @staticmethod
     def of_pairs(pairs: _Pairs, friction: Array) -> "_Chosen":
         """Of every point the pair that is furthest below its level; with friction (B,)."""
-        parts = pairs.free, pairs.level, pairs.target, pairs.tangential_target, pairs.due
+        parts = pairs.free, pairs.level, pairs.target, pairs.missed, pairs.tangential_target, pairs.due
         if len(pairs.level) == 1:
             obstacle = np.zeros(pairs.level.shape[1:], np.int8)
-            free, level, target, c_t, due = (part[0] for part in parts)
+            free, level, target, missed, c_t, due = (part[0] for part in parts)
             normals = None if pairs.normals is None else pairs.normals[0]
         else:
             obstacle = (pairs.normal_velocity - pairs.level).argmin(axis=0).astype(np.int8)
-            free, level, target, c_t, due = (_picked(part, obstacle) for part in parts)
+            free, level, target, missed, c_t, due = (_picked(part, obstacle) for part in parts)
             normals = None if pairs.normals is None else _picked(pairs.normals, obstacle)
         if not friction.all():
             c_t = c_t * (friction > 0)
         q = free - c_t
         subtract_along(q, target, normals)
-        return _Chosen(Problems.whole(q, normals, due.astype(float), friction), obstacle, free, level, target, c_t)
+        problems = Problems.whole(q, normals, due.astype(float), friction)
+        return _Chosen(problems, obstacle, free, level, target, missed, c_t)
 
     def of(self, bodies: Array) -> "_Chosen":
         """Those of some of the bodies."""
@@ -312,6 +322,10 @@ class _Chosen(NamedTuple):
             return np.zeros(due.shape[1], bool)
         missed = (self.target + along(u, self.problems.normals) < self.level) & (due == 0) & settled
         due[missed] = 1.0
+        if missed.any():
+            change = (self.missed - self.target) * missed
+            subtract_along(self.problems.q, change, self.problems.normals)
+            np.add(self.target, change, out=self.target)
         return missed.any(axis=0)
 
     def make_passive(self, forces: Array, response: Response) -> Array:

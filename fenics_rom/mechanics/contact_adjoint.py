@@ -160,8 +160,8 @@ class ContactAdjoint(NamedTuple):
     def _target_slopes(self) -> tuple[Array, Array, Array]:
         """What the targets change by with gaps, 1/s, and with velocities at the start along normals and tangents."""
         pairs, active = self.found.pairs, self.found.active
-        target, approach = pairs.target.take(active), pairs.relative[0].take(active)
-        by_gap, by_approach = target_slopes(self.law, target, approach, self.found.dt, self.found.quasi_static)
+        gaps, target, approach = (part.take(active) for part in (self.found.gaps, pairs.target, pairs.relative[0]))
+        by_gap, by_approach = target_slopes(self.law, gaps, target, approach, self.found.dt, self.found.quasi_static)
         if pairs.braking is None:
             return by_gap, by_approach, np.zeros(len(active))
         return by_gap, by_approach, pairs.braking.slopes.take(active)

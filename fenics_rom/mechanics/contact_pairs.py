@@ -96,11 +96,18 @@ class SolvedPairs(NamedTuple):
 
 
 class Settled:
-    """What sweeps of one step decided: what takes part, or may not be stopped, stays so, or they never end."""
+    """What sweeps of one step decided: what takes part, leaves, or may not be stopped stays so, or they never end."""
 
     def __init__(self) -> None:
         self._chosen: Array | None = None  # (O P,)
+        self._outwards: Array | None = None  # (O P,), of the first one
         self._braking: Braking | None = None
+
+    def outwards(self, free: Array) -> Array:
+        """The normal velocities without contact (O P,) that tell what leaves, from those of this sweep, m/s."""
+        if self._outwards is None:
+            self._outwards = free
+        return self._outwards
 
     def take_part(self, chosen: Array, pairs: Pairs) -> None:
         """Adds pairs that took part before, with the c_t that they had."""
@@ -123,7 +130,8 @@ class NormalLaw(NamedTuple):
     compliance: float = 0.0  # by which they are lower per force, m/s/N
 
 
-Asked = Callable[[Array], NormalLaw]  # what the law says of all pairs, from how fast they come near (O P,), m/s
+# What the law says of all pairs, from how fast they come near and would go without contact, (O P,), m/s.
+Asked = Callable[[Array, Array], NormalLaw]
 
 
 class NormalRule:
@@ -133,37 +141,38 @@ class NormalRule:
         law: rigid, with restitution, or a spring and a dashpot.
         pairs: O P, their number.
         dt, quasi_static: as in ContactSolver.solve.
+
+    Attributes:
+        key: law, dt and quasi_static.
+        is_elastic: whether impacts of the rigid law lose nothing.
     """
 
     def __init__(self, law: ContactLaw, pairs: int, dt: float, quasi_static: bool):
         self.key = law, dt, quasi_static
         self._spring, self._quasi_static, self._compliance = law.stiffness is not None, quasi_static, 0.0
         e, rate = law.restitution, -1 / dt
+        self.is_elastic, self._bounces = e == 1.0, e > 0.0
         if law.stiffness is not None:
             damper = law.stiffness * dt / 2 + law.damping
             rate, self._compliance = -law.stiffness / damper, 1 / damper
-        self._rate, self._half, self._share = (np.full(pairs, x) for x in (rate, (1 - e) / 2, 1 / (2 - e)))
+        self._rate, self._half, self._share, self._pressed = (
+            np.full(pairs, x) for x in (rate, 0.5, (1 - e) / 2, 1 + e)
+        )
         self._zeros = np.zeros(pairs)
 
-    def linear(self, gaps: Array, approach: Array) -> tuple[Array, Array, Array]:
-        """Closing, half and later of `of`, of any pairs, from their gaps and approach, or derivatives of these."""
-        closing, half = self._rate[0] * gaps, self._half[0] * approach
-        return closing, half, self._share[0] * (closing + half)
+    def linear(self, gaps: Array, approach: Array) -> tuple[Array, Array]:
+        """-g/h and (-g/h + a/2)/2 of any rigid pairs, from their gaps and approach, or derivatives of these."""
+        closing = self._rate[0] * gaps
+        return closing, (closing + approach / 2) / 2
 
-    def target(self, gaps: Array, approach: Array) -> Array:
-        """NormalLaw.target of all rigid pairs with inertia alone, of obstacles that rest; arguments as in `asks`."""
-        half = approach * self._half
-        if gaps.item(gaps.argmin()) < 0.0:
-            np.maximum(half, gaps * self._rate - np.abs(approach), half)
-        return np.minimum(half, self._zeros, half)
-
-    def asks(self, gaps: Array, gap: float, w: Array | None, approach: Array) -> NormalLaw:
+    def asks(self, gaps: Array, gap: float, w: Array | None, approach: Array, outwards: Array) -> NormalLaw:
         """What the law says.
 
         Args:
             gaps: of all pairs, (O P,), m; `gap` is the smallest.
             w: velocities of the obstacles, (O, 3), m/s; None: they are at rest.
             approach: a = n·(v - w) of all pairs, (O P,), m/s.
+            outwards: the same in the middle of the step without contact, (O P,), m/s.
         """
         closing = gaps * self._rate
         if self._spring:
@@ -171,40 +180,38 @@ class NormalRule:
         if self._quasi_static:
             level = np.minimum(closing, self._zeros)
             return NormalLaw(level, level)
-        half = approach * self._half
-        return self.of(closing, half, (closing + half) * self._share, approach, gap, w)
+        return self.of(closing, gap, w, approach, outwards)
 
-    def of(self, closing: Array, half: Array, later: Array, approach: Array, gap: float, w: Array | None) -> NormalLaw:
-        """The same of rigid pairs with inertia, from numbers (O P,) that are linear in gaps and approach.
-
-        Args:
-            closing: -g/h, m/s.
-            half: (1 - e)/2 a, which is overwritten, m/s.
-            later: (closing + half)/(2 - e), m/s.
-            approach, gap, w: as in `asks`; of the gap only the sign is looked at.
-        """
+    def of(self, closing: Array, gap: float, w: Array | None, approach: Array, outwards: Array) -> NormalLaw:
+        """The same of rigid pairs with inertia, from `closing` = -g/h (O P,), m/s; of the gap only the sign matters."""
+        stopped = approach * self._half
+        later = (closing + stopped) * self._half
         level = np.maximum(closing, later)
-        if gap < 0.0:  # no deeper than a step's motion of the obstacle or of the body
-            shallowest = closing - np.abs(approach)
+        target = np.minimum(stopped, later, later)
+        if self._bounces:
+            leaves = True if self.is_elastic else outwards >= approach * self._pressed
+            np.copyto(target, approach * self._share, where=leaves)
+        if gap < 0.0:  # no deeper than a step's motion of the obstacle and of the body
+            deepest = np.abs(approach) + np.abs(outwards)
             if w is not None:
-                shallowest -= np.sqrt((w * w).sum(axis=1)).repeat(len(closing) // len(w))
-            np.maximum(half, shallowest, half)
-        return NormalLaw(level, np.minimum(half, self._zeros, half))
+                deepest += np.sqrt((w * w).sum(axis=1)).repeat(len(closing) // len(w))
+            np.copyto(target, 0.0, where=closing > deepest)
+        return NormalLaw(level, np.minimum(target, self._zeros, target))
 
 
 def target_slopes(
-    law: ContactLaw, target: Array, approach: Array, dt: float, quasi_static: bool = False
+    law: ContactLaw, gaps: Array, target: Array, approach: Array, dt: float, quasi_static: bool = False
 ) -> tuple[Array, Array]:
-    """∂c/∂g, 1/s, and ∂c/∂a of pairs whose c and a are these, (C,) each; see `NormalRule`."""
+    """∂c/∂g, 1/s, and ∂c/∂a of pairs whose gaps, c and a are these, (C,) each; see `NormalRule`."""
     if law.stiffness is not None:
         return np.full(len(target), -law.stiffness / (law.stiffness * dt / 2 + law.damping)), np.zeros(len(target))
     if quasi_static:
         return np.where(target < 0, -1 / dt, 0.0), np.zeros(len(target))
-    half = (1 - law.restitution) / 2
-    is_deep = target > np.minimum(half * approach, 0.0)  # of those that have sunk in
-    by_gap = np.where(is_deep & (target < 0), -1 / dt, 0.0)
-    by_approach = np.where(is_deep, by_gap * dt * np.sign(approach), half * (approach < 0))
-    return by_gap, by_approach
+    half, later = approach / 2, (gaps * (-1 / dt) + approach / 2) / 2  # to the last bit as they were asked
+    closes = (target == later) & (later < half)  # its gap, in two steps
+    shares = np.where(target == half, 0.5, (1 - law.restitution) / 2)
+    by_gap, by_approach = np.where(closes, -1 / (2 * dt), 0.0), np.where(closes, 0.25, shares)
+    return by_gap * (target < 0), by_approach * (target < 0)
 
 
 def passive_forces(f: Array, problem: PairsProblem) -> tuple[Array, Array]:

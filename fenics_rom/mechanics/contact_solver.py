@@ -6,15 +6,18 @@ Delassus operator W = S A⁻¹ Sᵀ, and the forces f do the work h Σ f·v̂ in
 a gap g and a normal n at the start of the step; with w the obstacle's velocity, a = n·(v - w) and s = n·(v̂ - w) the law
 is (Moreau's, taken at the midpoint)
 
-    0 <= λ ⟂ s - c >= 0,    c = (1 - e)/2 min(a, 0),
+    0 <= λ ⟂ s - c >= 0,    c = (1 - e)/2 min(a, 0)                 of what leaves again,
+                            c = min(a/2, (a/2 - g/h)/2, 0)          of what does not,
 
 so that an impact ends with n·(v⁺ - w) = -e a exactly, and relative to the obstacle the work h λ c <= 0 is done: contact
-never adds energy, and none is lost for e = 1. A pair takes part if without it the body would come closer than it needs
-to be stopped by the next step: g + h s + h (1 - e)/2 min(2 s - a, 0) < 0. So the body stops up to one step's motion
-before the surface. In steps of one length it does not enter an obstacle that moves at a constant speed, but where a
-point that leaves is thrown back within one step: then by at most (1 - e)/2 of a step's motion. What keeps touching an
-obstacle that accelerates has its a against the obstacle's velocity at that moment, and c is made so small that nothing
-gets deeper inside than a step's motion.
+never adds energy, and none is lost for e = 1. What does not leave ends on the surface, at rest, in two steps that press
+it: all there is with e = 0, and with 0 < e < 1 what would be back within the step, n·(free - w) < (1 + e) a. A pair
+takes part if without it the body would come closer than it needs to be stopped by the next step, whether it leaves or
+not: g + h s + h/2 min(2 s - a, 0) < 0. So an impact with e > 0 is up to 1 + e/2 times a step's motion before the
+surface, and what is pressed back while it leaves has room to be stopped. In steps of one length nothing enters an
+obstacle that moves at a constant speed, but where a point that moves freely is thrown back within one step: then by at
+most half a step's motion. What keeps touching an obstacle that accelerates has its a against the obstacle's velocity at
+that moment. What is deeper inside than the way of a step, h (|a| + |n·(free - w)| + |w|), has c = 0.
 
 Friction is Coulomb's, with s_t = v̂_t - w_t - c_t and c_t = (v_t - w_t)/2: what sticks has v_t⁺ = w_t. Where friction
 as a whole would do work on the body, having turned its motion round within the step, c_t = 0 takes its place for the
@@ -161,7 +164,7 @@ class ContactSolver:
             return None
         if not np.array_equal(points.velocity, self._begun[0]):  # else it is asked again in the same step
             self._begun = points.velocity.copy(), self.search.swung
-        pairs = self._all_pairs(*self._relative(points, obstacles, w), normals, asked, slides)
+        pairs = self._all_pairs(*self._relative(points, obstacles, w), normals, asked, slides, settled)
         self._considered = pairs
         chosen = pairs.free[0] < pairs.level
         if settled is not None:
@@ -307,19 +310,23 @@ class ContactSolver:
             relative = relative + pushed[:, None] * self._of_obstacles((w - obstacles.velocities_before) / 2)
         return free, relative
 
-    def _all_pairs(self, free: Array, relative: Array, normals: Array, asked: Asked, slides: bool) -> Pairs:
+    def _all_pairs(
+        self, free: Array, relative: Array, normals: Array, asked: Asked, slides: bool, settled: Settled | None = None
+    ) -> Pairs:
         """What the law says of every pair of a point and an obstacle.
 
         Args:
             free, relative: as `_relative` gives them.
             normals: (O P, 3).
-            asked: the normal law, of how fast pairs come near.
+            asked: the normal law.
             slides: whether what sticks is to stop within the step.
+            settled: as in `solve`.
         """
         frames = self.search.frames_along(normals)
         free, relative = frames.turned(free, relative)
+        outwards = free[0] if settled is None else settled.outwards(free[0])
         braking = Braking(relative[1:] / 2, self._begun[1]) if slides else None
-        return Pairs(frames, free, relative, *asked(relative[0]), braking)
+        return Pairs(frames, free, relative, *asked(relative[0], outwards), braking)
 
     def _asked(self, gaps: Array, gap: float, obstacles: ObstacleMotion, dt: float, quasi_static: bool) -> Asked:
         """The normal law of a step, of all pairs with these gaps (O P,), m, of which one is the smallest."""
@@ -385,8 +392,8 @@ def out_of_reach(gap: float, points: PointMotion, obstacles: ObstacleMotion, dt:
 def _reach(points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
     """The largest gap, m, with which a pair of the rigid law can be due in a step of dt, s.
 
-    A pair is due at a normal velocity below -g/h, or below (-g/h + (1 - e)/2 a)/(2 - e): nothing is that closes less
-    than a bound of both, whatever direction things move in.
+    A pair is due at a normal velocity below -g/h, or below (-g/h + a/2)/2: nothing is that closes less than a bound of
+    both, whatever direction things move in.
     """
     w = max(np.abs(obstacles.velocities(dt)).max(), np.abs(obstacles.velocities_before).max())
     fastest = 2 * np.abs(points.free_velocity).max() + np.abs(points.velocity).max() + 3 * w

@@ -56,11 +56,11 @@ class PairsMotion(NamedTuple):
         free, relative = frames.to_lasting_axes(free, relative)
         approach, outwards = (relative[0], free[0]) if n is None else (_ONES.dot(relative * n), _ONES.dot(free * n))
         if not slides:
-            return cls(frames, n, asked(approach), outwards, free, None, None)
+            return cls(frames, n, asked(approach, outwards), outwards, free, None, None)
         sliding, across = _HALF * relative, None if n is None else _HALF * approach
         if n is None:
             sliding[0] = 0.0
-        return cls(frames, n, asked(approach), outwards, free - sliding, sliding, across)
+        return cls(frames, n, asked(approach, outwards), outwards, free - sliding, sliding, across)
 
     def among(self, pairs: Array) -> "PairsMotion":
         """Of some pairs (C,), but for `outwards` and the level that is asked, which stay those of all."""

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.batch_contact import BatchContact
 
 Batch = Any  # fenics_rom.runtime.batch's, which imports this file
-BODY_STEPS = 512  # that are taken for each look, so that it costs next to nothing; no more than one body a step
+BODY_STEPS = 512  # that are taken for each look, so that it costs next to nothing,
+FEWEST_STEPS = 4  # and these of all bodies, as a look at one takes a twentieth of a step of a thousand
 
 
 class BatchSkin:
@@ -37,7 +38,7 @@ class BatchSkin:
         self._nodes = skin.nodes[skin.few_rows]
         self._rows = rom.rows_of(self._nodes).reshape(3 * len(self._nodes), -1)
         self.depth = np.zeros(batch.size)
-        self._every = max(1, BODY_STEPS // batch.size)
+        self._every = max(FEWEST_STEPS, BODY_STEPS // batch.size)
         blocks = [
             self._rows.dot(model.coordinates).reshape(len(self._nodes), 3, -1) for model in rom.contact_models.values()
         ]

@@ -143,7 +143,7 @@ class KeptContactMap:
 
         # Pairs that stay in touch have no approach but of round-off: it is to end, as where it is towards the obstacle.
         law, part = meeting.law, np.full((3, A), 0.5 if meeting.law.friction else 0.0)
-        part[0] = (1 - law.restitution) / 2
+        part[0] = 0.0 if self._rule.is_elastic else 0.5
         self._part = part.ravel()
         self._asked = np.repeat([True, law.friction > 0, law.friction > 0], A)  # tangents only where there is friction
         self._F = F = _turn(pairs.frames, A)
@@ -259,14 +259,16 @@ class KeptContactMap:
 
     def _look(self, z: Array, φ: Array) -> _Look:
         """Asks the law of steps that begin at states with inputs z = [x, u] (L, n + p)."""
-        law, chosen, A, L = self._meeting.law, self.pairs.chosen, len(self._active), len(z)
+        chosen, A, L = self.pairs.chosen, len(self._active), len(z)
         displacement, velocity, free = np.split(z @ self._motion, 3, axis=1)
         places = displacement.reshape(L, -1, 3) + self._meeting.points
         gaps, n = self._meeting.obstacle.distance(places.reshape(-1, 3))
         gaps, n = gaps.reshape(L, -1), n.reshape(L, -1)
         approach, normal = _along(n, velocity), _along(n, free)
 
-        level, asked, _ = self._rule.asks(gaps, -np.inf, None, approach)  # what is said of gaps < 0 changes no others
+        level, asked, _ = self._rule.asks(
+            gaps, -np.inf, None, approach, normal
+        )  # what is of gaps < 0 changes no others
         is_due = ((normal < level) == chosen).all(axis=1)
         if self.pairs.frames is None:
             nothing = np.zeros((L, 0))
@@ -275,7 +277,7 @@ class KeptContactMap:
         targets = velocity[:, own] @ self._F.T * self._part
         q = (free[:, own] @ self._F.T - targets) * self._asked
         Jq = q @ self._J.T
-        thrown = ((1 - law.restitution) / 2 * approach - asked)[:, self._active]
+        thrown = (self._part.item(0) * approach - asked)[:, self._active]
         q[:, :A] += thrown
         f = Jq + φ
         u, speed = f @ self._W + q, np.abs(q).max(axis=1) + _TINY

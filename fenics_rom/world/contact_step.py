@@ -7,10 +7,9 @@ bodies that would move by u(f) + W (f' - f), and goes on with these, until that 
 hold, whatever W is: the sum of the bodies' Delassus operators, and a little more, so that it is regular. It is kept
 from step to step as long as it is nearly right, and with it the law as it was linearised.
 
-Rigid bodies that rest do so on one another, at any step. A pair that takes part because it is pressed, and not because
-of how fast it comes near, has c = (-g/h + (1 - e)/2 a)/(2 - e): so it closes the gap in two steps, and rests. A rebound
-that would be over within the step, e |a| < n·(v - free v̂), is none. And bodies that rest in one another, as they turned
-far in a step, are let out, with c = (a + out)/2 > 0, in two steps, too: see `StepPairs.let_out`.
+What rests does so on one another, at any step, as in `mechanics.contact_solver`; of two rigid bodies with e = 1, too.
+Rigid bodies that rest in one another, as they turned far in a step, are let out, with c = (a + out)/2 > 0, in two
+steps: see `StepPairs.let_out`.
 """
 
 from dataclasses import dataclass
@@ -346,14 +345,15 @@ def _add(W: Array, part: Part, operator: Array) -> None:
 
 def _normal_law(pairs: Pairs, guide: Guide, free: Array, a: Array, h: float) -> tuple[Array, Array]:
     """Levels (C,) and targets (C, 3) of pairs that come apart at a (C,), and would move by free (C + J, 3)."""
-    n, e, closing = pairs.normals, pairs.restitution, pairs.gaps / -h
-    bounces = pairs.are_rigid & (e > 0) & (a < 0)
+    n, e, closing, half = pairs.normals, pairs.restitution, pairs.gaps / -h, a / 2
+    later = (closing + half) / 2
+    level, target = np.maximum(closing, later), np.minimum(half, later)
+    bounces = e > 0
     if bounces.any():
         _, free_contacts = guide.without_contact(free)
-        e = np.where(bounces & (e * -a < a - (n * free_contacts).dot(_ONES)), 0.0, e)
-    half = (1 - e) / 2 * a
-    level = np.maximum(closing, (closing + half) / (2 - e))
-    target = np.minimum(np.where((a < level) | ~pairs.are_rigid, half, level), 0.0)
+        leaves = ((n * free_contacts).dot(_ONES) >= (1 + e) * a) | ((e == 1) & ~pairs.are_rigid)
+        target = np.where(bounces & leaves, (1 - e) * half, target)
+    target = np.minimum(target, 0.0)
     if pairs.out.any():
         target = np.where(pairs.out > 0, np.minimum((a + pairs.out) / 2, closing), target)
     return level, target[:, None] * n

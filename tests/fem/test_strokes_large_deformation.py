@@ -62,7 +62,7 @@ def test_strokes_are_given_to_bodies_that_turn(beam, law, moves, touches):
     body, other = (body_of(beam, effects, h, law) for effects in (by_stroke, around))
     scale, furthest, tensions, touched, u, v = 0.0, 0.0, [], 0, body.displacement(), body.velocity()
     for step in range(1, 25):
-        given = np.array([2e-6 * np.sin(step / 6), 3e-3 * np.sin(step / 5)])
+        given = np.array([2e-6 * np.sin(step / 6), 3e-3 * np.sin(step / 5.5)])
         before = strokes_of(body)
         take(body, given)
         ledger, reactions = body.ledger, body.reactions

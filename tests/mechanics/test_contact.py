@@ -85,7 +85,7 @@ def chain(P, k):
     return np.kron(k * d.T @ d, np.eye(3))
 
 
-@pytest.mark.parametrize("e", [0.0, 0.25, 0.5, 0.9, 1.0])
+@pytest.mark.parametrize("e", [0.25, 0.5, 0.9, 1.0])
 def test_an_impact_gives_back_its_part_of_the_speed(e):
     """n·v⁺ = -e n·v to round-off, whatever the step and wherever in the step the surface is; none enters it."""
     for h in (1e-4, 3e-3, 5e-2):
@@ -94,7 +94,37 @@ def test_an_impact_gives_back_its_part_of_the_speed(e):
             while ball.resolution is None:
                 ball.step()
             np.testing.assert_allclose(ball.velocity[0], [0.3, 0.0, 2.0 * e], atol=1e-15)
-            assert -1e-15 <= ball.gap <= 2.0 * h
+            assert -1e-15 <= ball.gap <= (1 + e / 2) * 2.0 * h
+
+
+def test_an_impact_without_restitution_ends_on_the_surface():
+    """In two steps, whatever they are and wherever in the first one the surface is; no nearer than that on the way."""
+    for h in (1e-4, 3e-3, 5e-2):
+        for way in np.linspace(1.5, 4.5, 13):
+            ball = Points([0, 0, way * 2.0 * h], [FLOOR], ContactLaw(), h, v=(0.3, 0.0, -2.0))
+            while ball.resolution is None:
+                ball.step()
+            assert ball.gap >= -1e-15
+            ball.step()
+            np.testing.assert_allclose(ball.velocity[0], [0.3, 0.0, 0.0], atol=1e-14)
+            assert ball.gap == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.3, 0.7, 0.95])
+@pytest.mark.parametrize("h", [1e-3, 1e-2, 5e-2])
+def test_a_net_that_has_fallen_rests_on_the_floor(h, e):
+    """Springs press some points back within the step in which they bounce: none gets in, and forces end as they are."""
+    fallen = [[0.0, 0.0, 0.05], [0.1, 0.0, 0.051], [0.2, 0.0, 0.056]]
+    net = Points(fallen, [FLOOR], ContactLaw(restitution=e), h, K=chain(3, 300.0), D=chain(3, 3.0), force=(0, 0, -G))
+    forces = []
+    for _ in range(round(3.0 / h) + 200):
+        net.step()
+        assert net.gap >= -1e-14
+        forces.append(np.zeros((3, 3)) if net.resolution is None else net.resolution.forces)
+        assert not net.accounts or net.accounts[-1].contact >= -1e-15
+    assert np.abs(net.position[:, 2]).max() <= 1e-14
+    weights = (net.K @ net.x).reshape(3, 3) + np.array([0.0, 0.0, G])
+    np.testing.assert_allclose(forces[-5:], np.tile(weights, (5, 1, 1)), atol=1e-8 * G)
 
 
 @pytest.mark.parametrize("e", [0.3, 0.7, 1.0])
@@ -147,7 +177,7 @@ def test_rest_is_rest(h, law):
     for _ in range(600):
         body.step()
     assert np.abs(body.v).max() <= 1e-11 * G * h  # springs of 1e3: some eps of what they pull
-    assert body.gap >= -1e-16
+    assert body.gap >= -1e-15
     before = body.x.copy()
     for _ in range(20):
         body.step()
@@ -311,27 +341,23 @@ def test_a_wedge_that_closes_lets_go_of_a_point_below_the_angle_of_friction_alon
 
 
 def is_without_forces(operator, in_frames, μ):
-    """Whether there is a proof that pairs A, C and B have none, where A and B are of one point.
+    """Whether there is a proof that pairs A and B of one point have none.
 
-    With forces F on it, and e of C, u = W F + e + q. Neither A nor B alone will do: without forces both close, and all
-    forces in the cone of one press against the other. With both, n·u = 0 of each and u_A - u_B = q_A - q_B leave one
-    number open, u_A = u_0 + s t along the edge t of the wedge. It tells both directions d of slip; so F is in the cone
-    of two vectors n - μ d(s), and W F = r(s) - e with r = u_A - q_A. Where some p has p·(n - μ d) < 0 for both and
-    p·W⁻¹ (r - e) > 0, there is no F. That is so between two s if it is at both, as p·n >= 0 and d is on the arc between
-    those of both, and r on the line; and beyond the last with p = ±t. C does no work, f·u <= 0, so that e is small.
+    With forces F on it u = W F + q. Neither A nor B alone will do: without forces both close, and all forces in the
+    cone of one press against the other. With both, n·u = 0 of each and u_A - u_B = q_A - q_B leave one number open,
+    u_A = u_0 + s t along the edge t of the wedge. It tells both directions d of slip; so F is in the cone of two
+    vectors n - μ d(s), and W F = r(s) = u_A - q_A. Where some p has p·(n - μ d) < 0 for both and p·W⁻¹ r > 0, there is
+    no F. That is so between two s if it is at both, as p·n >= 0 and d is on the arc between those of both, and r on the
+    line; and beyond the last with p = ±t.
     """
-    q, (A, _, B) = operator.frames.in_space(in_frames), operator.frames.axes[:, :, 0]
-    W = operator.operator.matrix.reshape(3, 3, 3, 3).swapaxes(1, 2)
-    assert np.array_equal(W[0, 0], W[2, 2])
-    assert np.array_equal(W[0, 0], W[0, 2])
-    inverse, cos, apart = np.linalg.inv(W[0, 0]), A.dot(B), q[0] - q[2]
+    q, (A, B) = operator.frames.in_space(in_frames), operator.frames.axes[:, :, 0]
+    W = operator.operator.matrix.reshape(2, 3, 2, 3).swapaxes(1, 2)
+    assert all(np.array_equal(W[0, 0], part) for part in (W[0, 1], W[1, 1]))
+    inverse, cos, apart = np.linalg.inv(W[0, 0]), A.dot(B), q[0] - q[1]
     stiffness, sin = np.linalg.norm(inverse, 2), math.sqrt(1 - cos**2)
-    softest, across = np.linalg.eigvalsh(W[1, 1])[0], np.linalg.norm(W[0, 1], 2)
-    e = across / softest * np.linalg.norm(q[1])  # and, of |r - e|, what is left out as nothing beside it:
-    left_out = across**2 * stiffness / softest
     np.testing.assert_allclose(W[0, 0], W[0, 0, 0, 0] * np.eye(3), atol=1e-4 * W[0, 0, 0, 0])
-    alone = left_out < 1e-6 and cos + μ * sin < -0.01 and (in_frames[0, [0, 2]] < -2 * e).all()
-    slides_on_both = min(abs(B.dot(apart)), abs(A.dot(apart))) > 0.1  # whatever s
+    alone = cos + μ * sin < -0.01 and (in_frames[0] < 0).all()
+    slides_on_both = min(abs(B.dot(apart)), abs(A.dot(apart))) > 0.01 * np.linalg.norm(q[0])  # whatever s
     edge, out = np.cross(A, B) / sin, (A + B) / np.linalg.norm(A + B)
     s, φ = np.linspace(-2, 2, 81), np.linspace(-math.pi / 2, math.pi / 2, 37)
     p = np.outer(np.cos(φ), out) + np.outer(np.sin(φ), edge)
@@ -340,8 +366,7 @@ def is_without_forces(operator, in_frames, μ):
     for n, u in ((A, slips), (B, slips - apart)):
         refuted = refuted & ((n - μ * u / np.linalg.norm(u, axis=1)[:, None]) @ p.T < 0)
     r = slips - q[0]
-    size = np.linalg.norm(r, axis=1)
-    refuted &= r @ inverse @ p.T > 2 * stiffness * (e + 1e-3 * size[:, None])
+    refuted &= r @ inverse @ p.T > 2e-3 * stiffness * np.linalg.norm(r, axis=1)[:, None]
     between = (refuted[1:] & refuted[:-1]).any(axis=1).all()
     return alone and slides_on_both and between and refuted[0, 0] and refuted[-1, -1]
 
@@ -355,17 +380,16 @@ def test_coulombs_law_has_no_solution_where_a_random_scene_is_refused(monkeypatc
         return find(operator, q, *others)
 
     monkeypatch.setattr(contact_solver, "solve", noting)
-    rng = np.random.default_rng(4848)
+    rng = np.random.default_rng(9751)
     body = scene(rng, ContactLaw(friction=0.7))
     w = rng.uniform(-1, 1, body.offsets.shape) * (rng.random() < 0.5)
     for _ in range(60):
         problems.clear()
         if not goes_on(body, w):
             break
-    asked = [problem for problem in problems if problem[1].shape == (3, 3)]
-    assert len(asked) == 2
-    assert all(is_without_forces(*problem, 0.7) for problem in asked)
-    assert not is_without_forces(*asked[1], 0.3)
+    assert len(problems) == 2
+    assert all(is_without_forces(*problem, 0.7) for problem in problems)
+    assert not is_without_forces(*problems[1], 0.3)
     body.contact.law = ContactLaw(friction=0.3)
     assert goes_on(body, w)
 

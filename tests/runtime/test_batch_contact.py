@@ -156,8 +156,12 @@ def test_bodies_move_as_those_that_are_simulated_one_by_one(rom, switching, seed
     [("rom", [0.0, 0.0, 1.0]), ("rom", [0.003, 0.002, 1.0]), ("oiled", [0.0, 0.0, 1.0])],
     ids=["flat", "slope", "oiled"],
 )
-def test_on_one_plane_alone_bodies_move_as_single_ones(request, which, normal):
-    """A plane has axes of its own: forces, shapes and readings are along those of space; accounts close."""
+def test_on_one_plane_alone_bodies_move_as_single_ones(request, which, normal, monkeypatch):
+    """A plane has axes of its own: forces, shapes and readings are along those of space; accounts close.
+
+    In 60 steps what iterations leave adds up to ten times as much as is asked for, so that they leave less here.
+    """
+    monkeypatch.setattr(splitting, "TOLERANCE", splitting.TOLERANCE / 100)
     rom = request.getfixturevalue(which)
     assert all((model.damping.ndim == 2) == (which == "oiled") for model in rom.contact_models.values())
     floor, scene = replace(rom.environment.obstacles["floor"], shape=HalfSpace([0.0, 0.0, -2e-3], normal)), Scene(6)

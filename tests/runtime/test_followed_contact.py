@@ -210,15 +210,20 @@ def test_a_first_look_misses_no_point_that_forces_on_others_push_down(obstacle):
         frames, none, (key, kept) = Frames(normals), np.empty(0), solver.search.laws[0]
         n, (free,) = frames.lasting_normals, frames.to_lasting_axes(motion(speed).free_velocity)
         outwards, still_yet = free[0] if n is None else (free * n).sum(axis=0), np.zeros(3)
-        level, target, _ = solver.rule(h).asks(gaps, gaps.min(), None, still_yet)
+        level, target, _ = solver.rule(h).asks(gaps, gaps.min(), None, still_yet, outwards)
         margin, moves = outwards - level, np.vstack([free, 0 * free])
+        if n is None:
+            moves[0] += gaps / h / 2
         if n is not None:
             moves = np.vstack([n, still_yet, target, margin, moves])
-        begun = PairsBegun(frames, margin, moves, (lambda: target) if n is None else None, None)
+        begun = PairsBegun(frames, margin, moves, -gaps / h if n is None else None, None)
         model = ContactModel(none, none, np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)), none)
         residual = SimpleNamespace(part=SimpleNamespace(compliance=np.zeros((9, 9))))
         body = LinearBody(model, h, none, np.empty((9, 0)), W, residual, none, none)
-        of_points = SimpleNamespace(body=body, solver=solver, share=0.5, pushed=np.empty((0, 9)))
+        targets = target, -gaps / h / 2 - target
+        of_points = SimpleNamespace(
+            body=body, solver=solver, share=0.5, pushed=np.empty((0, 9)), flat_targets=lambda: targets
+        )
         chosen = np.frombuffer(key, dtype=bool)
         return SteadyPairs(of_points, key, *solver.operator_of(W, chosen, key), begun).step(begun, kept)
 
@@ -235,9 +240,9 @@ def test_a_first_look_misses_no_point_that_forces_on_others_push_down(obstacle):
     assert solver.solve(motion(border - 0.01), W, h, still).pairs.tolist() == [0, 1, 2]
 
 
-@pytest.mark.parametrize("case", ["floor", "corner"])
-def test_where_forces_bring_others_too_near_a_step_need_not_search(roms, case, monkeypatch):
-    """At rest, as some points rise but for forces on others: they touch by these alone, in every step."""
+@pytest.mark.parametrize(("case", "least"), [("big ball", 100), ("ball and wall", 10)])
+def test_where_forces_bring_others_too_near_a_step_need_not_search(roms, case, least, monkeypatch):
+    """As a body slides some points rise but for forces on others: they touch by these alone."""
     missed, searched, states, solve = [], [], [], contact_solver.solve
     beside = ContactSearch.beside
     monkeypatch.setattr(ContactSearch, "beside", lambda *given: missed.append(body.steps) or beside(*given))
@@ -246,13 +251,13 @@ def test_where_forces_bring_others_too_near_a_step_need_not_search(roms, case, m
         with monkeypatch.context() as changed:
             if searches:
                 search_always(changed)
-            body = fr.Simulator(roms[case], 1e-3, signals={"push": [0.0, 0.0, -40.0]})
+            body = fr.Simulator(roms[case], 1e-3, signals={"push": [20.0, 5.0, -50.0]})
             for _ in range(STEPS):
                 body.step()
             states.append(np.concatenate(body.state))
         if not searches:
-            assert len(missed) > STEPS / 2
-            assert searched[-1] < STEPS / 2
+            assert len(missed) >= least
+            assert len(set(missed) - set(searched)) >= least / 2
     np.testing.assert_allclose(*states, atol=1e-9 * np.abs(states[1]).max(), rtol=0)
 
 
@@ -315,14 +320,14 @@ def test_what_a_followed_step_found_is_told_as_that_of_a_search(roms, monkeypatc
 
 
 def test_where_a_point_leaves_or_comes_a_step_need_not_search(roms):
-    """As points that slide on a ball hop: most steps in which others take part than in the one before are followed."""
-    signals = {"push": pushes(np.random.default_rng(1), 20.0)}
-    body, before, followed = fr.Simulator(roms["ball"], 1e-3, signals=signals), b"", []
+    """As points on a ball that are shaken hop: of steps in which others take part than before many are followed."""
+    signals = {"push": shakes(np.random.default_rng(2), 60.0)}
+    body, before, followed = fr.Simulator(roms["big ball"], 1e-3, signals=signals), b"", []
     solver = body.integrator.interface.solver
     for _ in range(STEPS):
         body.step()
         key = solver.search.laws[0][0] if solver.search.laws else b""
         followed += [solver.follows] if key != before else []
         before = key
-    assert len(followed) > 6
-    assert np.mean(followed) > 0.5
+    assert len(followed) > 20
+    assert np.mean(followed) > 0.3

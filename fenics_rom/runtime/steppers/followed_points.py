@@ -6,7 +6,6 @@ where points are and their velocities, along axes that last (see Frames); where 
 law makes of them, too.
 """
 
-from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -57,7 +56,7 @@ class PairsBegun(NamedTuple):
     moves: Array  # (6, P): what forces have to stop, if an approach is to end that is away from the obstacle, too,
     #               and the velocity at the start, m/s; of what is round (12, P), after normals, approach along these,
     #               NormalLaw.target and margin
-    target: Callable[[], Array] | None  # where all normals are the first of the axes, tells NormalLaw.target (P,), m/s
+    closing: Array | None  # -g/h (P,), m/s, where all normals are the first of the axes; None elsewhere
     planes: TangentPlanes | None  # that the points are at, to go on with
 
 
@@ -72,7 +71,8 @@ class FollowedPoints:
 
     Attributes:
         body, solver, still, planes: as given.
-        share: of the velocity along normals at the start that pairs are to have in the middle.
+        share: of the velocity along normals at the start that `PairsBegun.moves` has pairs keep; where that is none,
+            and normals are the first of the axes, impacts lose nothing.
         pushed: what forces on the points (3P,) add to [e⁺, r⁺, s⁺], (2m + ρ, 3P).
         numbers: [x, y, ẏ] of the last step, which the next one overwrites.
         after_state, after_rigid: [e⁺, r⁺] (2m,) and s⁺ (ρ,) but for contact, in the same way.
@@ -103,7 +103,7 @@ class FollowedPoints:
         # What of the velocity at the start pairs are to have in the middle, along normals and tangents.
         self._shares = np.full(3, 0.5 if law.friction else 0.0)
         if self._frames is not None:
-            self._shares[0] = (1 - law.restitution) / 2
+            self._shares[0] = 0.0 if self._rule.is_elastic else 0.5
         self.share, self._share = float(self._shares[0]), self._shares[0]
         axes = np.broadcast_to(np.eye(3) if at is None else at.frames.axes, (P, 3, 3))
         places, velocities, free = np.einsum("pji,kpjn->kipn", axes, motion.reshape(3, P, 3, -1))
@@ -143,8 +143,10 @@ class FollowedPoints:
         """
         q, last = free - self._shares.reshape(3, *(1,) * (free.ndim - 1)) * velocities, places
         if self._frames is not None:
-            closing, _, later = self._rule.linear(places[0], velocities[0])
-            margins = free[0] - closing, free[0] - later
+            closing, later = self._rule.linear(places[0], velocities[0])
+            if self.share:
+                q[0] = free[0] - later
+            margins = free[0] - closing, closing
             last = np.array(margins if self.planes is None else [*margins, *places])
         return np.concatenate([q, velocities, last])
 
@@ -162,8 +164,8 @@ class FollowedPoints:
                 return None  # they turn
         moves, last = self._moves, self._last
         if self._frames is not None:
-            margin = np.minimum(last[0], last[1])
-            return PairsBegun(self._frames, margin, moves, self._flat_target, self.planes)
+            later = moves[0] if self.share else moves[0] - (last[1] + moves[3] / 2) / 2
+            return PairsBegun(self._frames, np.minimum(last[0], later), moves, last[1], self.planes)
         gaps, normals = self._obstacle.distance(last.T)
         frames, planes = self.solver.search.frames_along(normals), None
         if frames.are_alike:
@@ -171,20 +173,21 @@ class FollowedPoints:
         n, approach, margin = self._normals, self._approach, self._margin
         n[:] = frames.normals.T
         _ONES.dot(self._velocity * n, approach)
-        level, self._target[:], _ = self._rule.asks(gaps, gaps.item(gaps.argmin()), None, approach)
         _ONES.dot(self._q * n, margin)
-        margin -= level
         if self.share:
             margin += self._share * approach
+        level, self._target[:], _ = self._rule.asks(gaps, gaps.item(gaps.argmin()), None, approach, margin)
+        margin -= level
         if self.solver.search.unturned >= STEPS_UNTURNED and frames is self.solver.search.frames:
             planes = TangentPlanes(last.T.copy(), gaps, frames)
         return PairsBegun(frames, margin, self._round, None, planes)
 
-    def _flat_target(self) -> Array:
-        """PairsBegun.target at a flat obstacle in the step that was begun last."""
-        approach = self._velocity[0]
-        closing = self._q[0] + self._share * approach - self._last[0]
-        return self._rule.target(-self.body.h * closing, approach)
+    def flat_targets(self) -> tuple[Array, Array]:
+        """NormalLaw.target at a flat obstacle in the step that was begun last, and by how much `moves` has more."""
+        approach, closing = self._velocity[0], self._last[1]
+        outwards = self._last[0] + closing
+        target = self._rule.of(closing, -closing.item(closing.argmax()), None, approach, outwards).target
+        return target, outwards - self._q[0] - target
 
     def told(self, numbers: Array) -> tuple[PointMotion, Array, Array]:
         """Of a step with these `numbers`, what the points do, as ContactSolver.keep_followed asks for."""

@@ -50,11 +50,11 @@ class SteadyPairs:
     """
 
     def __init__(self, points: FollowedPoints, key: bytes, active: Array, operator: Delassus, begun: PairsBegun):
-        body, friction, self._share = points.body, points.solver.law.friction, points.share
+        body, friction, self._points = points.body, points.solver.law.friction, points
         frames, C, P = begun.frames, len(active), len(begun.margin)
         self.key, self._active, self._operator = key, active, operator
         self._friction, self._idle = friction, np.flatnonzero(~np.frombuffer(key, dtype=bool))
-        is_flat, own, rows = begun.target is not None, frames.of(active), P * np.arange(len(begun.moves))[:, None]
+        is_flat, own, rows = begun.closing is not None, frames.of(active), P * np.arange(len(begun.moves))[:, None]
         self._among, self._among_idle = (rows + active).ravel(), (rows[[0, 1, 2, 5]] + self._idle).ravel()
         self._framed = operator.framed(own) if is_flat else operator.lasting(frames)
         self._W, ρ, compliance, self._μ, self._zeros = self._framed.law_arrays(friction)
@@ -90,18 +90,20 @@ class SteadyPairs:
         """The step by a kept law; None where something else is due."""
         moves, C, n = begun.moves.ravel(), len(self._active), None
         of_active = moves.take(self._among) if len(self._idle) else moves
-        if begun.target is not None:
+        if begun.closing is not None:
             q, velocity = of_active[: 3 * C], of_active[3 * C :]
-            approach = velocity[:C]
+            approach, rest = velocity[:C], self._of(begun.closing)
         else:
-            n, approach = of_active[: 3 * C].reshape(3, C), of_active[3 * C : 4 * C]
+            n, approach, rest = of_active[: 3 * C].reshape(3, C), of_active[3 * C : 4 * C], of_active[4 * C : 5 * C]
             q, velocity = of_active[6 * C : 9 * C], of_active[9 * C :]
             if n.item(0) == n.item(C - 1) and (n == n[:, :1]).all():
                 return None  # another frame is theirs
-        target = None
-        if not self._share or not self._is_round_off(approach, q):
-            target = of_active[4 * C : 5 * C] if begun.target is None else self._of(begun.target())
-            off = self._share * approach - target
+        target, share = None, self._points.share
+        if not (self._is_round_off(approach, rest, q) if share else n is None):
+            if n is None:
+                target, off = map(self._of, self._points.flat_targets())
+            else:
+                target, off = rest, share * approach - rest
             if n is None:
                 q = q.copy()
                 q[:C] += off
@@ -139,9 +141,12 @@ class SteadyPairs:
         """Those of the pairs that take part, of values of all (P,)."""
         return values.take(self._active) if len(self._idle) else values
 
-    def _is_round_off(self, approach: Array, q: Array) -> bool:
-        """Whether pairs come near or leave by no more than what forces may lack: then that is to end, either way."""
-        length = math.sqrt(approach.dot(approach))
+    def _is_round_off(self, approach: Array, rest: Array, q: Array) -> bool:
+        """Whether pairs move and lie apart by no more than what forces may lack: then that is to end, either way.
+
+        `rest` is how fast a gap is to close, (C,), m/s.
+        """
+        length = math.sqrt(approach.dot(approach) + rest.dot(rest))
         if length <= STAGNATION_RESIDUAL * abs(q.item(self._fastest)):  # no component is larger
             return True
         if length > STAGNATION_RESIDUAL * math.sqrt(q.dot(q)):
