@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fenics_rom import errors as errors
+from fenics_rom.rom.linearizer import register_linearizer
 from fenics_rom.system.backends import register_backend
 from fenics_rom.version import VERSION
 
@@ -20,6 +21,7 @@ MODULE_OF = {
 }
 __all__ = ["errors", *MODULE_OF]
 register_backend("petsc4py", "fenics_rom.fem.user_matrices")  # which stands above `system`
+register_linearizer("fenics_rom.runtime.linearization")  # which stands above `rom`
 
 
 def __getattr__(name: str) -> Any:

@@ -23,13 +23,18 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--seconds", type=float, metavar="S", help="length of .gif and .mp4; else at most 10 s")
     command.add_argument("--dark", action="store_true", help="light on dark")
     command.add_argument("--dt", type=float, metavar="H", help="step of .npz, .mat, .c and .fmu, s")
+    command.add_argument(
+        "--at",
+        metavar="RUN.h5",
+        help="run about whose end .npz, .mat, .c and .fmu are linearised; else rest at the start",
+    )
     command.add_argument("--outputs", nargs="+", metavar="NAME", help="what .npz, .mat, .c and .fmu read; else all")
 
 
 def run(choice: argparse.Namespace) -> None:
     """Exports, and prints the name of the file."""
     with progress() as report:
-        names = ("what", "count", "time", "scale", "seconds", "dark", "dt", "outputs", "force")
+        names = ("what", "count", "time", "scale", "seconds", "dark", "dt", "outputs", "at", "force")
         chosen = {name: getattr(choice, name) for name in names}
         file = fr.export(choice.file, choice.output, **chosen, report=report)
     print(file)

@@ -1,4 +1,8 @@
-"""The linear models of a ROM as one C99 file and its header, which need nothing else."""
+"""The linear models of a ROM as one C99 file and its header, which need nothing else.
+
+Of elastic bodies with inertia, on which nothing acts but inputs and loads, they are the steps of a simulator, with
+their energy account; of all others the steps of a state space.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -6,14 +10,17 @@ from dataclasses import dataclass
 from importlib.resources import files
 from itertools import islice
 from string import Template
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.deployment.identifiers import identifiers
+from fenics_rom.deployment.linear_models import linear_models
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.rom.rom import Rom
+from fenics_rom.rom.state_space import StateSpace
 from fenics_rom.version import VERSION
 
 NUMBERS_IN_A_LINE = 4
@@ -28,6 +35,8 @@ class CSource:
         dt: time step, s.
         contact_modes: their names.
         inputs, outputs: unit of each, by name; inputs of each contact mode, then those that all share.
+        start: what inputs begin with, by name, unless it is what loads of the scene are.
+        has_account: whether steps keep the energy account, and may have any length.
         header, source: the two files.
     """
 
@@ -36,22 +45,27 @@ class CSource:
     contact_modes: tuple[str, ...]
     inputs: Mapping[str, str]
     outputs: Mapping[str, str]
+    start: Mapping[str, float]
+    has_account: bool
     header: str
     source: str
 
 
-def c_source(rom: Rom, name: str, outputs: Sequence[str] | None, dt: float) -> CSource:
-    """The code of a ROM in steps of dt, s, that reads these outputs; None: all.
+def c_source(rom: Rom, name: str, outputs: Sequence[str] | None, dt: float, at: Any = None) -> CSource:
+    """The code of a ROM in steps of dt, s, that reads these outputs; None: all. `at`: as of `Rom.state_space`.
 
     Raises:
         StepError, StructureError: as `Rom.state_space`.
         FileError: two contact modes, inputs or outputs would have one name in it.
     """
-    plants = {contact: rom.state_space(contact, outputs, dt) for contact in rom.contact_models}
+    plants = linear_models(rom, outputs, dt, at)
     inputs: dict[str, str] = {}
     for contact, plant in plants.items():
         inputs |= dict(islice(plant.inputs.items(), rom.contacts[contact]))
     inputs |= plant.inputs  # of which those that all share are new
+    acting = rom.environment
+    if rom.nonlinear_parts or acting.viscoelasticity is not None or not acting.has_inertia:
+        return _state_space_source(rom, name, plants, inputs)
     order, modes = max(model.order for model in rom.contact_models.values()), identifiers("contact mode", plants)
     dense = any(model.damping.ndim == 2 for model in rom.contact_models.values())
     columns = max(len(plant.inputs) for plant in plants.values())
@@ -73,7 +87,53 @@ def c_source(rom: Rom, name: str, outputs: Sequence[str] | None, dt: float) -> C
         "tables": "".join(_table(key, array) for key, array in _tables(rom, outputs, dt, order, dense).items()),
     }
     header, source = (filled(file, words) for file in ("plant.h", "plant.c"))
-    return CSource(name, dt, tuple(plants), inputs, plant.outputs, header, source)
+    return CSource(name, dt, tuple(plants), inputs, plant.outputs, {}, True, header, source)
+
+
+def _state_space_source(rom: Rom, name: str, plants: Mapping[str, StateSpace], inputs: Mapping[str, str]) -> CSource:
+    """The code of state spaces by contact mode, with all inputs."""
+    modes, places = identifiers("contact mode", plants), {label: k for k, label in enumerate(inputs)}
+    (*_, plant), size = plants.values(), max(1, *(len(each.states) for each in plants.values()))
+    tables: dict[str, list[Array]] = {key: [] for key in ("A", "B", "C", "STATE", "ACTING", "AFTER", "SHOWN")}
+    for each in plants.values():
+        s, columns = len(each.states), [places[label] for label in each.inputs]
+        B, acting = np.zeros((len(inputs), size)), np.zeros(len(inputs))
+        B[columns, :s] = each.B.T
+        parts = {"A": _padded(each.A.T, size, size), "B": B, "C": _padded(each.C, len(each.C), size)}
+        rest = {key: np.zeros(n) for key, n in (("STATE", size), ("AFTER", size), ("SHOWN", len(each.C)))}
+        if each.about is not None:
+            acting[columns] = each.about.input
+            rest["STATE"][:s], rest["AFTER"][:s], rest["SHOWN"][:] = (
+                each.about.state,
+                each.about.after,
+                each.about.output,
+            )
+        for key, part in (parts | rest | {"ACTING": acting}).items():
+            tables[key].append(part)
+    maps = [
+        _padded(rom.switch_map(start, end), size, size) for start in plants for end in plants if start != end
+    ]  # fmt: skip
+    about = "" if plant.about is None else "It holds near one state alone, in which it begins."
+    words = {
+        "title": re.sub(r"[^\w ,.'-]", "_", f"{rom.name!r}, {rom.method}, {size} states"),
+        "name": name,
+        "NAME": name.upper(),
+        "version": VERSION,
+        "dt": repr(plant.dt),
+        "states": size,
+        "work": size * (size + len(inputs)),
+        "about": about,
+        "last": list(modes.values())[-1].upper(),
+        "contact_modes": _enumerators(f"{name}_contact", modes),
+        "inputs": _enumerators(f"{name}_u", identifiers("input", inputs), inputs),
+        "outputs": _enumerators(f"{name}_y", identifiers("output", plant.outputs), plant.outputs),
+        "tables": "".join(_table(key, np.array(each)) for key, each in {**tables, "SWITCH_MAP": maps}.items()),
+    }
+    header, source = (filled(file, words) for file in ("state_space.h", "state_space.c"))
+    start: dict[str, float] = {}
+    if plant.about is not None:
+        start = dict(zip(plant.inputs, plant.about.input.tolist(), strict=True))
+    return CSource(name, plant.dt, tuple(plants), inputs, plant.outputs, start, False, header, source)
 
 
 def filled(template: str, words: Mapping[str, object]) -> str:

@@ -26,6 +26,7 @@ BASE_UNITS = {  # exponents of the units that inputs and outputs have
     "Pa": {"kg": 1, "m": -1, "s": -2},
     "J": {"kg": 1, "m": 2, "s": -2},
     "m": {"m": 1},
+    "m3": {"m": 3},
     "m/s2": {"m": 1, "s": -2},
     "1": {},
 }
@@ -48,6 +49,7 @@ def write_fmu(place: Path, rom: Rom, plant: CSource) -> None:
             values = acts.signal.values.tolist()
             names = [load] if len(values) == 1 else [f"{load}[{k}]" for k in range(len(values))]
             start |= dict(zip(names, values, strict=True))
+    start |= plant.start
     words = {"name": plant.name, "NAME": plant.name.upper(), "dt": repr(plant.dt)}
     words["start"] = ", ".join([*map(repr, start.values()), "0.0"])
     wrapper = filled("fmi.c", {**words, "guid": "$guid"})
@@ -93,13 +95,14 @@ def _description(rom: Rom, plant: CSource, guid: str, start: dict[str, float]) -
     root = ET.Element("fmiModelDescription", fmiVersion="2.0", modelName=plant.name, guid=guid)
     root.attrib |= {"description": f"reduced soft body {rom.name}", "generationTool": f"fenics_rom {VERSION}"}
     root.attrib |= {"variableNamingConvention": "flat"}
-    abilities = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate")
+    abilities = ["canGetAndSetFMUstate", "canSerializeFMUstate"]
+    abilities += ["canHandleVariableCommunicationStepSize"] if plant.has_account else []
     interface = ET.SubElement(root, "CoSimulation", modelIdentifier=plant.name)
     interface.attrib |= dict.fromkeys(abilities, "true")
     files = ET.SubElement(interface, "SourceFiles")
     for name in (f"{plant.name}.c", f"{plant.name}_fmi.c"):
         ET.SubElement(files, "File", name=name)
-    outputs = {**plant.outputs, **dict.fromkeys(ACCOUNT, "J")}
+    outputs = {**plant.outputs, **dict.fromkeys(ACCOUNT if plant.has_account else (), "J")}
     units = ET.SubElement(root, "UnitDefinitions")
     for unit in sorted({*plant.inputs.values(), *outputs.values()}):
         base_unit = ET.SubElement(ET.SubElement(units, "Unit", name=unit), "BaseUnit")

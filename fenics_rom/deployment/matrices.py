@@ -8,13 +8,16 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.deployment.identifiers import identifiers
+from fenics_rom.deployment.linear_models import linear_models
 from fenics_rom.errors import MissingPackageError
 from fenics_rom.io.atomic_write import write_whole
 from fenics_rom.rom.rom import Rom
 
 
-def write_matrices(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: float | None) -> None:
+def write_matrices(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: float | None, at: Any = None) -> None:
     """Writes A, B, C, D, the names and the units of every contact mode, and the maps to the others.
+
+    Of a body that is not linear those about a state (`at`, as of `Rom.state_space`), and where that is: `about`.
 
     In a .npz file under names like `tip_left/A` and `tip_left/switch_to/middle`, in a .mat file as the struct `plant`
     with fields like `plant.tip_left.A`.
@@ -25,13 +28,17 @@ def write_matrices(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: flo
         MissingPackageError: a .mat file, and SciPy is not installed.
     """
     plant: dict[str, dict[str, Any]] = {}
-    names = identifiers("contact mode", rom.contact_models)
+    models = linear_models(rom, outputs, dt, at)
+    names = identifiers("contact mode", models)
     for contact, name in names.items():
-        model = rom.state_space(contact, outputs, dt)
+        model = models[contact]
         plant[name] = dict(zip("ABCD", model, strict=True)) | {"dt": model.dt}
         for what in ("states", "inputs", "outputs"):
             labels = getattr(model, what)
             plant[name] |= {what: list(labels), f"{what[:-1]}_units": list(labels.values())}
+        if model.about is not None:
+            plant[name]["about"] = model.about._asdict()
+            continue
         plant[name]["switch_to"] = {names[other]: rom.switch_map(contact, other) for other in names if other != contact}
     stream = io.BytesIO()
     if place.suffix == ".npz":

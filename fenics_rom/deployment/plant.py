@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from fenics_rom.deployment.c_source import c_source
 from fenics_rom.deployment.fmu import write_fmu
@@ -15,7 +16,7 @@ from fenics_rom.rom.rom import Rom
 PLANT_FORMATS = (".npz", ".mat", ".c", ".fmu")
 
 
-def write_plant(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: float | None) -> None:
+def write_plant(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: float | None, at: Any = None) -> None:
     """Writes the linear models of a ROM as the file that its ending says; beside one in C a header.
 
     Args:
@@ -23,17 +24,18 @@ def write_plant(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: float 
         rom: the reduced model.
         outputs: names of those that are read; None: all.
         dt: time step, s; None: continuous time, of code that of the scene's run.
+        at: of a body that is not linear: the state about which it is linearised, as of `Rom.state_space`.
 
     Raises:
-        StepError, StructureError: as `Rom.state_space`.
+        StepError: as `Rom.state_space`.
         FileError: a file cannot be written, a name cannot be one in it, or code has no time step.
         MissingPackageError: SciPy, which .mat needs, or the C compiler, which .fmu needs, is not there.
     """
     if place.suffix in (".npz", ".mat"):
-        write_matrices(place, rom, outputs, dt)
+        write_matrices(place, rom, outputs, dt, at)
         return
     check_identifier(place.stem, str(place))
-    plant = c_source(rom, place.stem, outputs, _step_of_code(place, rom, dt))
+    plant = c_source(rom, place.stem, outputs, _step_of_code(place, rom, dt), at)
     if place.suffix == ".fmu":
         write_fmu(place, rom, plant)
         return

@@ -42,6 +42,11 @@ class PronySeries:
         """Σ g θ h/(1 + θ h/τ), s: in a step of h s branches resist v̂ by so much times K, beside the body's h/2."""
         return _Step.of(self, h).stiffening_time
 
+    def coefficients(self, h: float) -> tuple[Array, Array, Array]:
+        """Of a step of h s, (N,) each: what pulls in it of w, and what there is after it of w and of v̂ (s)."""
+        step = _Step.of(self, h)
+        return step.pull.ravel(), step.decay.ravel(), step.gain.ravel()
+
 
 class _Step(NamedTuple):
     """Coefficients of a step, (N, 1, 1) each."""

@@ -4,10 +4,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from fenics_rom.arguments import names_in
 from fenics_rom.errors import StepError, StructureError, check_known, shown
@@ -18,6 +19,7 @@ from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.contact_model import ContactModel, neglected
 from fenics_rom.rom.content import ByContent, digest_of
+from fenics_rom.rom.linearizer import linearizer
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.readings import Reading
@@ -148,46 +150,64 @@ class Rom(ByContent):
         shared = {**self.actuators, **self.loads}
         return {f"contact-{contact}" if contact in shared else contact: self.contacts[contact], **shared}
 
-    def state_space(self, contact: str, outputs: Sequence[str] | None = None, dt: float | None = None) -> "StateSpace":
+    def state_space(
+        self,
+        contact: str,
+        outputs: Sequence[str] | None = None,
+        dt: float | None = None,
+        *,
+        at: Any = None,
+        u: ArrayLike | None = None,
+    ) -> "StateSpace":
         """The linear model of a contact mode, for `control.ss(*plant, plant.dt)`, `scipy.signal.dlti(*plant, dt=dt)`.
+
+        Bodies of small strains in a fixed frame on which only inputs and loads act are linear, also where their
+        material relaxes or they have no inertia: of these it is exact everywhere. All others (contact, large
+        deformation, moving frames, strokes, friction of tendons) are linearised about a state: what the step of a
+        Simulator is nearby. Contact pairs then stay open, stick or slip as they do in the step from that state, as do
+        guides of tendons; a free body's frame is among the states, a base that carries it stays given.
 
         Args:
             contact: the contact mode.
             outputs: names of outputs, displacements in m, and of readings that are linear: lengths and volumes, as
                 what they are more than at rest, strains and markers; None: all outputs.
-            dt: None for continuous time; else, s, the map of a step, the same as the simulator's.
+            dt: None for continuous time; else, s, the map of a step, the same as the simulator's. Linearised bodies
+                have a step only; None is that of the state.
+            at: the state: a Simulator, what its `save` gave, or a run of this ROM (its last shape); None: of a body
+                that is not linear rest at the start, which is warned of.
+            u: inputs (p,) without loads in the step from there, N; None: 0, and strokes as they are.
 
         Raises:
-            StepError: there is no such contact mode or output, a reading is not linear, or dt is not a positive finite
-                number.
-            StructureError: what the body does is not linear.
+            StepError: there is no such contact mode or output, a reading is not linear, dt is not a positive finite
+                number, or none where one is needed; or the state is none of this ROM, or has no step.
         """
         from fenics_rom.rom.linear_readings import ReadRows, reading_rows
         from fenics_rom.rom.midpoint_map import checked_dt
         from fenics_rom.rom.state_space import state_space
 
-        self.check_linear()
         check_known("contact mode", contact, self.contact_models, StepError)
         model, read = self.contact_models[contact], dict[str, ReadRows]()
-        for name in self.outputs if outputs is None else names_in("outputs", outputs, StepError):
+        names = list(self.outputs if outputs is None else names_in("outputs", outputs, StepError))
+        for name in names:
             check_known("output", name, [*self.outputs, *self.readings], StepError)
+        h = None if dt is None else checked_dt(dt)
+        if self.nonlinear_parts:
+            plant: StateSpace = linearizer().linearized(self, contact, names, h, at, u)
+            return plant
+        for name in names:
             if name in self.readings:
                 read[name] = reading_rows(name, self.readings[name], model, self.input_columns(contact))
             else:
                 rows = self.outputs[name] @ model.coordinates
                 read[name] = ReadRows(self.by_point(rows.T).shape[1:], rows, "m")
-        return state_space(
-            self.contact_models[contact],
-            None if dt is None else checked_dt(dt),
-            {
-                name: (count, self.environment.input_units.get(name, "N"))
-                for name, count in self.input_columns(contact).items()
-            },
-            read,
-        )
+        columns = self.input_columns(contact).items()
+        units, acting = self.environment.input_units, self.environment
+        inputs = {name: (count, units.get(name, "N")) for name, count in columns}
+        series = acting.viscoelasticity if acting.has_inertia else None  # equilibria are relaxed
+        return state_space(model, h, inputs, read, series, acting.has_inertia)
 
     def switch_map(self, start: str, end: str) -> Array:
-        """The map (2 m_end, 2 m_start) of a state as in `state_space` from one contact mode to another.
+        """The map (s_end, s_start) of a state as in `state_space` from one contact mode to another.
 
         Raises:
             StepError: there is no such contact mode.
@@ -195,32 +215,29 @@ class Rom(ByContent):
         """
         from fenics_rom.rom.switch_maps import switch_map
 
-        self.check_linear()
         for name in (start, end):
             check_known("contact mode", name, self.contact_models, StepError)
-        return switch_map(self.stiffness, self.contact_models[start], self.contact_models[end], self.switching)
+        if self.nonlinear_parts:
+            raise StructureError(
+                f"ROM {self.name!r} has {self.nonlinear_parts[0]}: its state spaces are linearised about a state of "
+                "one contact mode each, which no map carries to another's"
+            )
+        acting, models = self.environment, (self.contact_models[start], self.contact_models[end])
+        branches = 0 if acting.viscoelasticity is None else len(acting.viscoelasticity.times)
+        return switch_map(self.stiffness, *models, self.switching, branches, acting.has_inertia)
 
-    def check_linear(self) -> None:
-        """Checks that displacements and velocities are the body's whole state, and follow linearly from forces.
-
-        Raises:
-            StructureError: it is not.
-        """
+    @property
+    def nonlinear_parts(self) -> tuple[str, ...]:
+        """What makes a body more than a linear map of its state and forces; none of one that is linear."""
         acting = self.environment
-        for there, has, cure in (
-            (self.deformation is not None, "large deformation", "leave effects.large_deformation out"),
-            (acting.is_moving, "a moving frame", 'take frame = "fixed"'),
-            (acting.contact_law is not None, "contact with obstacles", "leave effects.contact out"),
-            (not acting.has_inertia, "no inertia, so its shape follows forces at once", "name effects.inertia"),
-            (bool(acting.controls), "actuators that are given strokes", "give them forces (control)"),
-            (bool(acting.guides), "friction of tendons", "leave effects.tendon_friction out"),
-            (acting.viscoelasticity is not None, "a material that relaxes", "leave effects.viscoelasticity out"),
-        ):
-            if there:
-                raise StructureError(
-                    f"ROM {self.name!r} has {has}; a state space is linear in displacements, velocities and forces: to "
-                    f"have one, {cure} and reduce the scene again"
-                )
+        parts = {
+            "large deformation": self.deformation is not None,
+            "a moving frame": acting.is_moving,
+            "contact with obstacles": acting.contact_law is not None,
+            "actuators that are given strokes": bool(acting.controls),
+            "friction of tendons": bool(acting.guides),
+        }
+        return tuple(part for part, there in parts.items() if there)
 
     @property
     def rigid(self) -> int:

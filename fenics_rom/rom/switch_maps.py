@@ -32,11 +32,22 @@ def switch_maps(κ: Array, start: ContactModel, end: ContactModel, switching: st
     return _stack_diagonally(np.zeros((rigid, rigid)), potential), _stack_diagonally(np.eye(rigid), kinetic)
 
 
-def switch_map(κ: Array, start: ContactModel, end: ContactModel, switching: str) -> Array:
-    """The map (2 m_end, 2 m_start) of states as in StateSpace; displacements along rigid motions are carried over."""
+def switch_map(
+    κ: Array, start: ContactModel, end: ContactModel, switching: str, branches: int = 0, has_inertia: bool = True
+) -> Array:
+    """The map (s_end, s_start) of states as in StateSpace; displacements along rigid motions are carried over.
+
+    Strains of so many branches of a material are carried over as displacements are; without inertia these are all.
+    """
     potential, kinetic = switch_maps(κ, start, end, switching)
+    strains = potential.copy()
     potential[: start.rigid, : start.rigid] = np.eye(start.rigid)
-    return _stack_diagonally(potential, kinetic)
+    if not has_inertia:
+        return potential
+    whole = _stack_diagonally(potential, kinetic)
+    for _ in range(branches):
+        whole = _stack_diagonally(whole, strains)
+    return whole
 
 
 def _stack_diagonally(first: Array, second: Array) -> Array:

@@ -199,7 +199,7 @@ class SimulatedBody(WatchedBody):
             if np.size(given):
                 raise StepError(f"step {self.steps}: inputs were given by position and by name; allowed is one of both")
             given = {}
-        u, starts = np.zeros(self._width), self._input_slices()
+        u, starts = np.zeros(self._width), self.input_slices()
         for name, value in {**given, **named}.items():
             if name not in starts:
                 hint = "; switch to that contact mode first" if name in self.rom.contact_models else ""
@@ -214,7 +214,7 @@ class SimulatedBody(WatchedBody):
             u[starts[name]] = numbers
         return u
 
-    def _input_slices(self) -> dict[str, slice]:
+    def input_slices(self) -> dict[str, slice]:
         """Where each input but loads is, in the active contact mode."""
         if self._slices is None or self._slices[0] != self.contact:
             starts, column = dict[str, slice](), 0

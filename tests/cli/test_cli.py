@@ -53,7 +53,18 @@ COMMANDS = {
     "view": ["--port", "--no-browser", "--dt"],
     "compare": ["--finer"],
     "plot": ["--what", "--full", "--dark", "--output"],
-    "export": ["--what", "--count", "--time", "--scale", "--seconds", "--dark", "--dt", "--outputs", "--output"],
+    "export": [
+        "--what",
+        "--count",
+        "--time",
+        "--scale",
+        "--seconds",
+        "--dark",
+        "--dt",
+        "--at",
+        "--outputs",
+        "--output",
+    ],
 }
 
 

@@ -10,7 +10,8 @@ from linear_roms import LINEAR_BODIES, LOAD_VALUES, linear_rom, ride
 from soft_rom import soft_rom
 
 import fenics_rom as fr
-from fenics_rom.errors import FileError, StepError, StructureError
+from fenics_rom.errors import FileError, StepError
+from fenics_rom.mechanics.viscoelasticity import PronySeries
 
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O2"]
 AGREES_TO = {"double": 1e-12, "float": 1e-5}  # relative, over 1,000 steps
@@ -134,14 +135,72 @@ def test_what_is_not_finite_or_not_there_leaves_the_body_as_it_was(plate_rom, tm
     assert body.contacts == ["tip_left", "middle"]
 
 
+def linearised(kind, plate_rom):
+    """ROMs whose code is that of state spaces, and a state of some way on."""
+    if kind == "relaxing":
+        series = PronySeries((0.5,), (0.05,))
+        return replace(plate_rom, environment=replace(plate_rom.environment, viscoelasticity=series)), None
+    if kind == "still":
+        return replace(plate_rom, environment=replace(plate_rom.environment, has_inertia=False)), None
+    body = fr.Simulator(soft_rom(contact=True, order=6), 5e-3)
+    for _ in range(20):
+        body.step([0.0, 0.0, -0.02, 10.0, 0.05])
+    return body.rom, body.save()
+
+
+class StateSpaceBody:
+    """A body in C that is a state space; names as in its header."""
+
+    def __init__(self, source):
+        library = source.with_name("linear.so")
+        subprocess.run(["cc", *FLAGS, "-shared", "-fPIC", source, "-o", library], check=True)
+        states = int(source.with_suffix(".h").read_text().split("_STATES ")[1].split()[0])
+        self.code = ctypes.CDLL(library)
+
+        class State(ctypes.Structure):
+            _fields_ = (("contact", ctypes.c_int), ("x", ctypes.c_double * states))
+
+        self.state = State()
+        self.code.plant_init(ctypes.byref(self.state))
+
+    def step(self, u):
+        return self.code.plant_step(ctypes.byref(self.state), (ctypes.c_double * len(u))(*u))
+
+    def outputs(self, count):
+        y = (ctypes.c_double * count)()
+        self.code.plant_outputs(ctypes.byref(self.state), y)
+        return np.array(y)
+
+
+@pytest.mark.parametrize("kind", ["relaxing", "still", "large"])
+def test_code_of_state_spaces_takes_their_steps(kind, plate_rom, tmp_path):
+    """Through switches, where there are any; it begins where the body was linearised."""
+    rom, at = linearised(kind, plate_rom)
+    h = 5e-3 if kind == "large" else 1e-3
+    body = StateSpaceBody(fr.export(rom, tmp_path / "plant.c", dt=h, at=at))
+    contacts = list(rom.contact_models) if at is None else [at.contact]
+    plants = [rom.state_space(contact, dt=h, at=at) for contact in contacts]
+    columns = len(plants[0].inputs) if at is not None else sum(rom.contacts.values())
+    random, mode, plant = np.random.default_rng(0), 0, plants[0]
+    point = plant.about or (*(np.zeros(n) for n in (len(plant.A), columns, len(plant.A), len(plant.C))),)
+    x = np.array(point[0])
+    for step in range(30):
+        if at is None and step in (10, 20):
+            x, mode = rom.switch_map(contacts[mode], contacts[1 - mode]) @ x, 1 - mode
+            assert body.code.plant_switch(ctypes.byref(body.state), mode) == 0
+        u = 1e-3 * random.standard_normal(columns)
+        own = u if at is not None else np.split(u, len(contacts))[mode]
+        plant, acting = plants[mode], np.array(point[1]) if at is not None else 0.0
+        assert body.step(u) == 0
+        x = point[2] + plant.A @ (x - point[0]) + plant.B @ (own - acting)
+        shown = point[3] + plant.C @ (x - point[0])
+        assert np.abs(body.outputs(len(shown)) - shown).max() <= 1e-12 * np.abs(shown).max()
+    assert body.step(np.full(columns, np.nan)) == -1
+    np.testing.assert_array_equal(body.outputs(len(shown)), body.outputs(len(shown)))
+    assert body.code.plant_switch(ctypes.byref(body.state), len(contacts)) == -1
+
+
 def test_what_c_cannot_do_is_refused(plate_rom, tmp_path):
-    for rom, what in (
-        (soft_rom(order=2), "large deformation"),
-        (replace(soft_rom(order=2, contact=True), deformation=None), "contact with obstacles"),
-        (replace(plate_rom, environment=replace(plate_rom.environment, frame="moving")), "a moving frame"),
-    ):
-        with pytest.raises(StructureError, match=f"has {what}.*; a state space is linear"):
-            fr.export(rom, tmp_path / "plant.c")
     for name in ("2nd.c", "my-plant.c", "ä.c"):
         with pytest.raises(FileError, match="becomes a name in C: allowed are letters, digits and _"):
             fr.export(plate_rom, tmp_path / name)

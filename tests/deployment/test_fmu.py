@@ -8,7 +8,7 @@ import zipfile
 import numpy as np
 import pytest
 from linear_roms import LOAD_VALUES, linear_rom, ride
-from test_c_source import FLAGS, all_inputs
+from test_c_source import FLAGS, all_inputs, linearised
 
 import fenics_rom as fr
 from fenics_rom.errors import FileError, MissingPackageError
@@ -146,6 +146,26 @@ def test_communication_steps_of_any_length_are_whole_steps_and_a_shorter_one(rom
     assert_same(np.array(found), np.array(expected))
     stored, supplied, dissipated, lost = np.array(found)[:, -4:].T
     assert np.abs(stored - (supplied - dissipated - lost)).max() <= AGREES_TO * np.abs(supplied).max()
+
+
+def test_a_unit_that_is_linearised_begins_there_and_takes_whole_steps(plate_rom, tmp_path):
+    rom, at = linearised("large", plate_rom)
+    plant = rom.state_space(at.contact, dt=5e-3, at=at)
+    with zipfile.ZipFile(fr.export(rom, tmp_path / "plant.fmu", dt=5e-3, at=at)) as archive:
+        archive.extractall(tmp_path)
+    description = ET.parse(tmp_path / "modelDescription.xml").getroot()
+    assert "canHandleVariableCommunicationStepSize" not in description.find("CoSimulation").attrib
+    unit = Unit(tmp_path, description)
+    assert list(unit.reals) == [*plant.inputs, *plant.outputs]
+    about, u = plant.about, plant.about.input + np.array([0.0, 0.0, 1e-3, 1.0, 1e-3])
+    np.testing.assert_array_equal(unit.get_reals(), [*about.input, *about.output])
+    assert unit.set_reals(u) == unit.step(1e-2) == OK
+    x = about.after + plant.B @ (u - about.input)
+    x = about.after + plant.A @ (x - about.state) + plant.B @ (u - about.input)
+    expected = about.output + plant.C @ (x - about.state)
+    assert np.abs(unit.get_reals()[len(u) :] - expected).max() <= AGREES_TO * np.abs(expected).max()
+    assert unit.step(2e-3) == ERROR
+    assert unit.said == ["a communication step must be a whole number of steps of 0.005 s"]
 
 
 def test_states_are_saved_and_a_communication_step_is_many_steps(rom, folder, description):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.io
+from test_c_source import linearised
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
@@ -40,6 +41,27 @@ def test_files_hold_state_spaces_and_the_maps_between_them(plate_rom, tmp_path, 
     assert not parts
 
 
+def test_models_about_a_state_say_where(plate_rom, tmp_path, capsys):
+    """Also of a run that the command line reads."""
+    rom, at = linearised("large", plate_rom)
+    plant = rom.state_space(at.contact, dt=5e-3, at=at)
+    found = np.load(fr.export(rom, tmp_path / "plant.npz", dt=5e-3, at=at))
+    for key, expected in {**dict(zip("ABCD", plant, strict=True)), **plant.about._asdict()}.items():
+        np.testing.assert_array_equal(found[f"{at.contact}/{key if len(key) == 1 else f'about/{key}'}"], expected)
+    assert {name.split("/")[0] for name in found} == {at.contact}
+    fr.write_rom(tmp_path / "soft.h5", rom)
+    fr.write_trajectory(tmp_path / "run.h5", run := fr.simulate(rom))
+    model, again = str(tmp_path / "soft.h5"), tmp_path / "again.npz"
+    with pytest.raises(SystemExit) as ended:
+        main(["export", model, "-o", str(again), "--dt", "5e-3", "--at", str(tmp_path / "run.h5")])
+    assert ended.value.code in (0, None)
+    contact = run.contacts[run.contact[-1]]
+    np.testing.assert_array_equal(np.load(again)[f"{contact}/A"], rom.state_space(contact, dt=5e-3, at=run).A)
+    with pytest.raises(SystemExit):
+        main(["export", model, "-o", str(tmp_path / "other.npz"), "--dt", "5e-3", "--at", model])
+    assert "error: " in capsys.readouterr().err
+
+
 def test_export_says_what_it_cannot_do(plate_rom, tmp_path, capsys):
     for chosen, error, message in (
         ({"outputs": ["top"]}, StepError, "no output 'top'; there is tip"),
@@ -47,7 +69,7 @@ def test_export_says_what_it_cannot_do(plate_rom, tmp_path, capsys):
     ):
         with pytest.raises(error, match=message):
             fr.export(plate_rom, tmp_path / "plant.npz", **chosen)
-    with pytest.raises(FileError, match=r"--dt and --outputs are for models of ROMs: \.npz"):
+    with pytest.raises(FileError, match=r"--dt, --outputs and --at are for models of ROMs: \.npz"):
         fr.export(plate_rom, tmp_path / "plate.png", dt=1e-3)
     models = dict(zip(("tip-left", "tip_left"), plate_rom.contact_models.values(), strict=True))
     with pytest.raises(FileError, match="'tip-left' and 'tip_left' would both be called tip_left in code"):

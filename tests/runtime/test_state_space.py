@@ -1,16 +1,13 @@
 """Contact models as state spaces: passive, exact, and the simulator's own steps and switches."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy.signal
 from bodies import acted_on
 from linear_roms import EFFECTS, LINEAR_BODIES, LOAD_VALUES, PARTS, linear_rom, ride
-from soft_rom import soft_rom
 
 import fenics_rom as fr
-from fenics_rom.errors import StepError, StructureError
+from fenics_rom.errors import StepError
 
 EXACT = 1e-12  # relative
 
@@ -99,7 +96,7 @@ def test_names_and_units(box_file):
     assert repr(plant).startswith("StateSpace in continuous time: 4 states\n  inputs: right[0], ")
 
 
-def test_what_is_not_there_or_not_linear_is_refused(plate_rom):
+def test_what_is_not_there_is_refused(plate_rom):
     with pytest.raises(StepError, match=r"no contact mode 'tip'; there is middle, tip_left"):
         plate_rom.state_space("tip")
     with pytest.raises(StepError, match=r"no contact mode 'top'; there is middle, tip_left"):
@@ -108,17 +105,6 @@ def test_what_is_not_there_or_not_linear_is_refused(plate_rom):
         plate_rom.state_space("middle", ["tips"])
     with pytest.raises(StepError, match="dt = 0: allowed is a finite number > 0, in s"):
         plate_rom.state_space("middle", dt=0)
-    for rom, what in (
-        (soft_rom(order=2), "large deformation"),
-        (replace(soft_rom(order=2, contact=True), deformation=None), "contact with obstacles"),
-        (replace(soft_rom(order=2, inertia=False), deformation=None), "no inertia"),
-        (replace(plate_rom, environment=replace(plate_rom.environment, frame="moving")), "a moving frame"),
-        (replace(plate_rom, environment=replace(plate_rom.environment, controls={"rope": "length"})), "actuators that"),
-    ):
-        with pytest.raises(StructureError, match=f"has {what}.*; a state space is linear in"):
-            rom.state_space("middle")
-        with pytest.raises(StructureError, match=what):
-            rom.switch_map("middle", "middle")
 
 
 READINGS = {

@@ -66,6 +66,13 @@ def test_each_way_to_step_tells_it(roms, way):
     assert [text for text in world.warnings if TOLD in text]
 
 
+@pytest.mark.parametrize("way", ["contact", "springs"])
+def test_inputs_of_actuators_alone_tell_it_too(roms, way):
+    body = fr.Simulator(roms[way], 1e-3)
+    body.step(np.array([-0.5]))
+    assert [text for text in body.warnings if text.startswith(TOLD)]
+
+
 def test_pushes_at_a_contact_may_have_any_sign(roms):
     body = fr.Simulator(roms["plain"], 1e-3)
     for _ in range(3):

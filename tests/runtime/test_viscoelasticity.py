@@ -324,13 +324,8 @@ def test_run_may_relax_otherwise_or_not_at_all(mesh, rom):
 
 
 def test_what_has_no_branches_says_so(rom):
-    for ask in (
-        lambda: rom.state_space("right"),
-        lambda: rom.switch_map("bottom", "right"),
-        lambda: fr.differentiate(fr.Simulator(rom, 1e-3), np.zeros((2, 3)), lambda outputs, energies: (0.0, {}, None)),
-    ):
-        with pytest.raises(StructureError, match=r"viscoelasticity|materials that relax"):
-            ask()
+    with pytest.raises(StructureError, match="materials that relax"):
+        fr.differentiate(fr.Simulator(rom, 1e-3), np.zeros((2, 3)), lambda outputs, energies: (0.0, {}, None))
 
 
 @pytest.mark.parametrize(

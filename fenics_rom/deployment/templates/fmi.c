@@ -103,10 +103,16 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component component, fmi2Real time, fmi2Real du
     left = (long)(steps + ROUNDING);
     rest = steps - (double)left > ROUNDING ? duration - (double)left * ${NAME}_DT : 0;
     ${name}_switch(&state->body, state->contact);
+#if !${NAME}_ANY_STEP
+    if (rest > 0)
+        return refuse(instance->callbacks, "a communication step must be a whole number of steps of $dt s");
+#endif
     for (; left > 0 && !failed; --left)
         failed = ${name}_step(&state->body, state->inputs);
+#if ${NAME}_ANY_STEP
     if (rest > 0 && !failed)
         failed = ${name}_step_by(&state->body, state->inputs, rest);
+#endif
     if (failed) {
         *state = before;
         return refuse(instance->callbacks, "an input is not a finite number, or leads to none");
@@ -119,19 +125,21 @@ EXPORT fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference 
     const State *state = &((Instance *)component)->state;
     const $name *body = &state->body;
     ${name}_real read[OUTPUTS + 1];
-    double account[4];
+    double account[4] = {0};
     size_t k;
     ${name}_outputs(body, read);
+#if ${NAME}_ACCOUNT
     account[0] = ${name}_energy(body);
     account[1] = body->supplied;
     account[2] = body->dissipated;
     account[3] = body->lost_in_switching;
+#endif
     for (k = 0; k < count; ++k)
         if (which[k] < INPUTS)
             value[k] = state->inputs[which[k]];
         else if (which[k] < INPUTS + OUTPUTS)
             value[k] = read[which[k] - INPUTS];
-        else if (which[k] < INPUTS + OUTPUTS + 4)
+        else if (which[k] < INPUTS + OUTPUTS + ${NAME}_ACCOUNT)
             value[k] = account[which[k] - INPUTS - OUTPUTS];
         else
             return refuse(((Instance *)component)->callbacks, "there is no such real variable");

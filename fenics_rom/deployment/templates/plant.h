@@ -26,6 +26,8 @@ typedef double ${name}_real;
 #define ${NAME}_DT $dt /* s */
 #define ${NAME}_ORDER $order /* displacements in the model, the most of all contact modes */
 #define ${NAME}_RIGID $rigid /* how many of them, the first, are rigid motions */
+#define ${NAME}_ANY_STEP 1 /* there is ${name}_step_by */
+#define ${NAME}_ACCOUNT 4 /* sums of the energy account */
 
 enum { /* contact modes */
 $contact_modes

@@ -49,6 +49,7 @@ def export(
     dark: bool = False,
     dt: float | None = None,
     outputs: Sequence[str] | None = None,
+    at: Any = None,
     force: bool = False,
     report: Report = silent,
 ) -> Path:
@@ -74,6 +75,8 @@ def export(
         dark: light on dark instead of dark on light, in pictures.
         dt: time step of linear models, s; None: continuous time, in C that of the scene's run.
         outputs: names of those that linear models read; None: all.
+        at: of a body that is not linear: the state about which linear models hold, in whose contact mode: a Simulator,
+            what its `save` gave, or a run of the ROM (its end), or the name of its file; None: rest at the start.
         force: whether an existing file of another kind is written over.
         report: called with the stage, how much of it is done, and of how much.
 
@@ -84,7 +87,7 @@ def export(
         FileError: another ending, a file that cannot be written, is the model's own or of another kind, or a run
             without what was asked for.
         SceneError: there is no such kind of shape, no surface, or neither a ROM nor a run.
-        StepError, StructureError: as `Rom.state_space`.
+        StepError: as `Rom.state_space`.
         MissingPackageError: a package is not installed.
         FenicsRomError: PyVista was imported after dolfinx by somebody else; VTK would abort.
 
@@ -104,10 +107,12 @@ def export(
     if place.suffix in PLANT_FORMATS and isinstance(given, Rom):
         if what is not None or count is not None or time is not None:
             raise FileError(f"{place}: has neither shapes nor instants; --what, --count and --time are for other files")
-        write_plant(place, given, outputs, dt)
+        if isinstance(at, str | PathLike):
+            at = object_or_file("export: at", at, RUN_FILE)
+        write_plant(place, given, outputs, dt, at)
         return place
-    if dt is not None or outputs is not None:
-        raise FileError(f"{place}: --dt and --outputs are for models of ROMs: {', '.join(PLANT_FORMATS)}")
+    if dt is not None or outputs is not None or at is not None:
+        raise FileError(f"{place}: --dt, --outputs and --at are for models of ROMs: {', '.join(PLANT_FORMATS)}")
     pyvista_package()
     if isinstance(given, Rom):
         if time is not None:
