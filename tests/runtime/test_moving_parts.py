@@ -75,7 +75,7 @@ def test_a_carried_body_whose_base_stands_is_a_held_one(tmp_path, parts):
     assert np.abs(paths[1] - paths[0]).max() <= 1e-9 * np.abs(paths[0]).max()
 
 
-@pytest.mark.parametrize("parts", PARTS)
+@pytest.mark.parametrize("parts", [name for name in PARTS if name != "volume"])  # which a body encloses alone
 def test_a_free_body_of_parts_keeps_its_account_and_momentum(tmp_path, parts):
     """Actuators and branches act within the body: they turn nothing. Steps of different lengths, no obstacle."""
     parts_of = dict(PARTS[parts])
@@ -97,8 +97,7 @@ def test_a_free_body_of_parts_keeps_its_account_and_momentum(tmp_path, parts):
     account = body.ledger
     assert abs(body.energy - start - account.supplied + account.dissipated) <= 1e-11 * turnover
     moved = [np.abs(now - before).max() for now, before in zip(body.momentum, (P, L), strict=True)]
-    is_closed = "volume" not in parts  # an open surface under pressure pushes the body on
-    assert not is_closed or max(moved) <= 1e-12 * max(np.abs(P).max(), np.abs(L).max())
+    assert max(moved) <= 1e-12 * max(np.abs(P).max(), np.abs(L).max())
 
 
 def in_frame(rom):

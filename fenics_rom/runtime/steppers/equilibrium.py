@@ -14,7 +14,8 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.runtime.steppers.adjoint import contact_adjoint
-from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, is_definite
+from fenics_rom.runtime.steppers.definite import is_definite
+from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 from fenics_rom.runtime.steppers.newton import MAX_ITERATIONS, MAX_PARTS, Part, is_solved
 

@@ -8,8 +8,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.hyperelastic import stress_change
 from fenics_rom.runtime.steppers.adjoint import NONE
+from fenics_rom.runtime.steppers.definite import is_definite
 from fenics_rom.runtime.steppers.deformation_maps import Expected, LinearlyImplicitMaps, Material
-from fenics_rom.runtime.steppers.finite_strain import is_definite
 
 
 class Expectation(NamedTuple):

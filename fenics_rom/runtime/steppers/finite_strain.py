@@ -9,8 +9,6 @@ balances energy as the linear rule does. Both ways to f̂ take the strains' rate
     equilibrium.py          without inertia: Φ'(q⁺) = G u.
 """
 
-import math
-import warnings
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,7 +16,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.readings import swept_volume, swept_volume_slope
@@ -26,8 +23,8 @@ from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, monomial_slopes, monomials, monomials_back
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.adjoint import check_is_differentiated
+from fenics_rom.runtime.steppers.deformation_watch import DeformationWatch
 from fenics_rom.runtime.steppers.kernel import BookedKernel
-from fenics_rom.runtime.steppers.training_watch import TrainingWatch
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
@@ -35,8 +32,6 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint, BalancedPart
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
-
-TRUSTED_EXTENT = 1.5  # times as far as the states that the model was trained on
 
 
 class Follower(NamedTuple):
@@ -55,7 +50,7 @@ class FiniteStrainKernel(BookedKernel):
     Arguments and attributes as in BookedKernel, but for the whole ROM, whose contact models share a basis.
     """
 
-    NOTES: tuple[str, ...] = ("distance",)  # |q| at most
+    NOTES: tuple[str, ...] = ()
 
     @staticmethod
     def strain_count(body: ReducedDeformation) -> int:
@@ -82,11 +77,9 @@ class FiniteStrainKernel(BookedKernel):
         self._body: ReducedDeformation = rom.deformation
         self._shared = sum(rom.actuators.values()) + sum(rom.loads.values())
         self._follower_columns = follower_loads(rom)
-        self._warning_radius = TRUSTED_EXTENT * self._body.training_radius
-        trained = self._body.trained
-        self._watch = None if trained is None else TrainingWatch(rom, trained, interface)
+        self._watch = DeformationWatch(rom, interface)
         self._names = {id(model): name for name, model in rom.contact_models.items()}
-        self.notes = dict.fromkeys((*self.NOTES, *(() if self._watch is None else self._watch.notes)), 0.0)
+        self.notes = dict.fromkeys((*self.NOTES, *self._watch.notes), 0.0)
         self.enter(self._model)
 
     def enter(self, model: ContactModel) -> None:
@@ -97,32 +90,17 @@ class FiniteStrainKernel(BookedKernel):
         self._active_followers = [(first + column, follower) for column, follower in self._follower_columns]
         self._dead_loads = model.inputs.copy()  # of loads whose direction stays
         self._dead_loads[:, [column for column, _ in self._active_followers]] = 0.0
-        if self._watch is not None:
-            self._watch.enter(self._names[id(model)], first)
+        self._watch.enter(self._names[id(model)], model.inputs.shape[1])
 
     @property
     def beyond_training(self) -> bool:
         """As in Kernel."""
-        return bool(self._beyond)
+        return bool(self._watch.messages(self.notes))
 
     @property
     def messages(self) -> tuple[str, ...]:
         """As in Kernel."""
-        return self._beyond
-
-    @property
-    def _beyond(self) -> tuple[str, ...]:
-        """What is to be said of how far the body went beyond what its model was trained on."""
-        too_far = self._too_far if self.notes["distance"] > self._warning_radius else ""
-        return tuple(filter(None, [too_far, "" if self._watch is None else self._watch.message(self.notes)]))
-
-    @property
-    def _too_far(self) -> str:
-        far = self.notes["distance"] / self._body.training_radius
-        return (
-            f"the body went {far:.2g} times as far as in any state that the model was trained on; beyond "
-            f"{TRUSTED_EXTENT:g} times it is not to be trusted: reduce with larger loads"
-        )
+        return self._watch.messages(self.notes)
 
     def _loads(self, u: Array, q: Array) -> Array:
         """Generalized forces (m,) of the inputs on the body at q."""
@@ -223,31 +201,7 @@ class FiniteStrainKernel(BookedKernel):
 
     def _note(self, q: Array, E: Array | None, u: Array) -> None:
         """Notes how far a step under u has led, to q and strains E if known, and warns where it is beyond training."""
-        if self._watch is not None:
-            self._watch.look(self.notes, u, q, E, self.contact, self.h)
-        far = math.sqrt(q.dot(q))
-        before = self.notes["distance"]
-        if far > before:
-            self.notes["distance"] = far
-            if before <= self._warning_radius < far < math.inf:
-                warnings.warn(self._too_far, FenicsRomWarning, stacklevel=5)
-
-
-def is_definite(matrix: Array) -> bool:
-    """Whether a symmetric matrix (m, m) is positive definite."""
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        return False
-    return True
-
-
-def definite_inverse(*matrices: Array) -> Array:
-    """Of the first of some symmetric matrices (m, m) that is definite; not numbers where none is."""
-    for matrix in filter(is_definite, matrices):
-        inverse = np.linalg.inv(matrix)
-        return (inverse + inverse.T) / 2
-    return np.full_like(matrices[0], math.nan)
+        self._watch.look(self.notes, u, q, E, self.contact, self.h)
 
 
 def follower_loads(rom: Rom) -> list[tuple[int, Follower]]:

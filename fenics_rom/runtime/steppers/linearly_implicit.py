@@ -38,7 +38,7 @@ LARGE = 1e15  # J, N² or Pa²: up to there a step of strains of second degree i
 class LinearlyImplicit(FiniteStrainKernel):
     """One linear system a step. Arguments and attributes as in FiniteStrainKernel."""
 
-    NOTES = ("distance", *StrainsCarried.NOTES)
+    NOTES = StrainsCarried.NOTES
     _taken: Taken
     _is_small: bool = False  # whether the state is known to be such that no number of a step can overflow
 

@@ -2,7 +2,7 @@
 
 import math
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -13,13 +13,14 @@ from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.hyperelastic import (
     discrete_gradient_slopes,
     discrete_gradient_stress,
-    energy_density,
     linear_stress,
     moduli,
     strain,
 )
 from fenics_rom.runtime.steppers.adjoint import contact_adjoint
-from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse, is_definite
+from fenics_rom.runtime.steppers.definite import definite_inverse, is_definite
+from fenics_rom.runtime.steppers.elastic.sampled import SampledPoints
+from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
 from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork, symmetric
 
 if TYPE_CHECKING:
@@ -53,9 +54,14 @@ class Part(NamedTuple):
 class Newton(FiniteStrainKernel):
     """Newton's iteration in every step. Arguments and attributes as in FiniteStrainKernel."""
 
-    NOTES = ("distance", "cut")  # cut: how many steps
+    NOTES = ("cut",)  # how many steps were
     _inverse: Array | None = None  # of the last tangent
+    _law: SampledPoints
     _taken: tuple[Part, ...] = ()  # of the last step
+
+    def __init__(self, *args: Any, **named: Any):
+        super().__init__(*args, **named)
+        self._law = SampledPoints(self._body, self.branches)
 
     @property
     def energy(self) -> float:
@@ -166,33 +172,20 @@ class Newton(FiniteStrainKernel):
             h: its length, s.
             obstacles: how they move in it.
         """
-        body, ω = self._body, self._body.weights
-        E, history, relaxation = body.strains(q), 0.0, 0.0
-        W = energy_density(body.law, E, body.first_lame, body.shear)
-        if self.branches is not None:
-            history, relaxation = self.branches.pull[1].reshape(6, -1), self.branches.stiffening_time
-        v, before, fresh, reactions = r.copy(), math.inf, False, self.reactions
+        law, before, is_fresh, v, reactions = self._law, math.inf, False, r.copy(), self.reactions
+        law.set_time_step(h)
+        law.begin(q)
         if self._actuators is not None:
             targets = self._actuators.rates(given, self._strokes_at(q), r.dot(self._stroke_columns(q)), h)
-
-        def slopes() -> Array:
-            return self._load_slopes(u, reactions, middle)
-
         for _ in range(MAX_ITERATIONS):
             middle = q + h / 2 * v
-            H, after = body.displacement_gradients(middle), body.strains(q + h * v)
-            rates = (after - E) / h
-            linear = ω * linear_stress(rates, body.first_lame, body.shear)
-            S = ω * discrete_gradient_stress(body.law, E, after, body.first_lame, body.shear, W)
-            S += (body.viscosity + relaxation) * linear + history
-            elastic, force = body.resultant(H, S) + body.springs.dot(middle), self._loads(u, middle)
-            drawn = body.external_damping.dot(v)
-            residual = 2 / h * (v - r) + drawn + elastic - force
-            scale = max(np.abs(part).max() for part in (2 / h * r, 2 / h * v, drawn, elastic, force))
+            resisting, force = law.force(v), self._loads(u, middle)
+            residual = 2 / h * (v - r) + resisting - force
+            scale = max(np.abs(part).max() for part in (2 / h * r, 2 / h * v, resisting, force))
             if not math.isfinite(scale):
                 return None
             if self._inverse is None:
-                self._inverse, fresh = self._tangent_inverse(H, (E, after), S, h, slopes(), q + h * v), True
+                self._inverse, is_fresh = self._tangent_inverse(v, h, self._load_slopes(u, reactions, middle)), True
             motion = q, r, v - self._inverse.dot(residual), h, obstacles
             if self._actuators is None:
                 contact = self._solve_contact(*motion)
@@ -208,42 +201,32 @@ class Newton(FiniteStrainKernel):
                 residual -= self._pushed(contact)
             error = np.abs(residual).max()
             if is_solved(error, before, scale):
-                heat = h * (float(v.dot(drawn)) + float(body.viscosity.dot((linear * rates).sum(axis=0))))
+                heat = law.heat(v)
                 if self._actuators is not None:
                     heat -= h * float(rubbed.dot(v))
-                if self.branches is not None:
-                    heat += self.branches.step(np.stack([rates, linear]).reshape(2, -1))
                 return v, force, heat, contact, reactions
-            if error > FAST_CONTRACTION * before and not fresh:
-                self._inverse, fresh = self._tangent_inverse(H, (E, after), S, h, slopes(), q + h * v), True
+            if error > FAST_CONTRACTION * before and not is_fresh:
+                self._inverse, is_fresh = self._tangent_inverse(v, h, self._load_slopes(u, reactions, middle)), True
             else:
-                fresh = False
+                is_fresh = False
             before = error
             v = v - self._inverse.dot(residual)
         return None
 
-    def _tangent_inverse(
-        self, H: Array, strains: tuple[Array, Array], S: Array, h: float, slopes: Array, end: Array
-    ) -> Array:
-        """Of 2/h + D + h/2 ∂(f̂ - loads)/∂v̂ (m, m); without what makes it indefinite.
+    def _tangent_inverse(self, v: Array, h: float, slopes: Array) -> Array:
+        """Of 2/h + ∂f̂/∂v̂ less h/2 ∂loads/∂q (m, m) at v̂; without what makes it indefinite.
 
         It is symmetric where forces are found by operators that have to be, and near the tangent then; else it is the
         tangent itself. The Delassus operator follows it.
         """
-        body, m = self._body, self._model.order
-        A, (before, after) = body.strain_rates(H), strains
-        elasticity = body.law, (before + after) / 2, body.first_lame, body.shear
-        relaxation = 0.0 if self.branches is None else self.branches.stiffening_time
-        viscous = (body.viscosity + relaxation) * moduli("st_venant_kirchhoff", after, body.first_lame, body.shear)
-        steady = 2 / h * np.eye(m) + body.external_damping + h / 2 * body.springs
-        turned = h / 2 * (body.geometric(S) - slopes)
+        inert = 2 / h * np.eye(self._model.order)
         if self._interface is None and (self._actuators is None or len(self._actuators.columns) == 1):
-            of_end = next(discrete_gradient_slopes(body.law, before, after, body.first_lame, body.shear))
-            A_end = body.strain_rates(body.displacement_gradients(end))
-            tangent = steady + _between(A, body.weights * (h * of_end + viscous), A_end) + turned
+            strained, turned = self._law.slope(v, is_exact=True)
+            tangent = inert + strained + turned - h / 2 * slopes
             if is_definite((tangent + tangent.T) / 2):
                 return np.linalg.inv(tangent)
-        matrix = steady + _between(A, body.weights * (h / 2 * moduli(*elasticity) + viscous), A)
+        strained, turned = self._law.slope(v, is_exact=False)
+        matrix, turned = inert + strained, turned - h / 2 * slopes
         inverse = definite_inverse(matrix + (turned + turned.T) / 2, matrix)
         if self._interface is not None:
             self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ))
@@ -293,13 +276,6 @@ class Newton(FiniteStrainKernel):
         by_shape = turned + by_start + by_end
         inputs = self._input_columns(middle)
         return BalancedPart(h, 2 / h, by_velocity, by_shape, inputs, held, self._Sᵀ, contact, residual)
-
-
-def _between(left: Array, D: Array, right: Array) -> Array:
-    """Σ leftᵀ D right (m, m) over points, of strain rates (6, P, m) and moduli (6, 6, P)."""
-    m = left.shape[-1]
-    product: Array = left.reshape(-1, m).T.dot(np.einsum("cdp,dpk->cpk", D, right).reshape(-1, m))
-    return product
 
 
 def _rows(vectors: list[Array], m: int) -> Array:

@@ -19,9 +19,9 @@ from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.rom.carried_strains import MonomialsAround, MonomialShape, PointsAround, PointShape, carried_strains
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.material_points import MaterialPoints
+from fenics_rom.runtime.steppers.definite import is_definite
 from fenics_rom.runtime.steppers.deformation_maps import Carried, s_of
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
-from fenics_rom.runtime.steppers.elastic.sampled import is_definite
 
 TANGENT_RENEWAL = 0.05  # of v̂, by which a step may differ from what was expected before the tangent is made anew
 STEEPEST_FREQUENCY = 10.0  # times that of the stiffest mode

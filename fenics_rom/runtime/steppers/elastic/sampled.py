@@ -3,6 +3,8 @@
 Ŝ:(E⁺ - E) is what the points store more. f̂ depends on v̂, so that a step is Newton's method.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy import ndarray as Array
 
@@ -15,7 +17,18 @@ from fenics_rom.mechanics.hyperelastic import (
 )
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.runtime.steppers.definite import is_definite
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
+
+
+class Found(NamedTuple):
+    """Of the points in a step at a velocity."""
+
+    H: Array  # (3, 3, P) in its middle
+    after: Array  # strains (6, P) at its end
+    rates: Array  # of strains (6, P), 1/s
+    linear: Array  # their stresses of small strains, with the weights
+    S: Array  # (6, P) stresses with the weights
 
 
 class SampledPoints(ElasticLaw):
@@ -69,21 +82,21 @@ class SampledPoints(ElasticLaw):
 
     def open(self, q: Array, r: Array) -> None:
         """As in ElasticLaw."""
-        body = self._body
-        self._q, self.velocity = q.copy(), r.copy()
+        self.velocity = r.copy()
+        self.begin(q)
+        (self.at if self._has_slope else self.renew)(self.velocity)
+
+    def begin(self, q: Array) -> None:
+        """Begins a step from q (m,), without finding anything at a velocity."""
+        body, self._q = self._body, q.copy()
         self._E = body.strains(self._q)
         self._W = energy_density(body.law, self._E, body.first_lame, body.shear)
         self._history, self._relaxation = 0.0, 0.0
         if self.branches is not None:
             self._history, self._relaxation = self.branches.pull[1].reshape(6, -1), self.branches.stiffening_time
-        (self.at if self._has_slope else self.renew)(self.velocity)
 
-    def expect(self, v: Array) -> None:
-        """As in ElasticLaw."""
-        self.at(v)
-
-    def at(self, v: Array) -> None:
-        """As in ElasticLaw."""
+    def force(self, v: Array) -> Array:
+        """f̂ (m,) at v (m,)."""
         body, h, E = self._body, self._h, self._E
         middle = self._q + h / 2 * v
         H, after = body.displacement_gradients(middle), body.strains(self._q + h * v)
@@ -91,49 +104,55 @@ class SampledPoints(ElasticLaw):
         linear = body.weights * linear_stress(rates, body.first_lame, body.shear)
         S = body.weights * discrete_gradient_stress(body.law, E, after, body.first_lame, body.shear, self._W)
         S += (body.viscosity + self._relaxation) * linear + self._history
-        force = body.resultant(H, S) + body.springs.dot(middle) + body.external_damping.dot(v)
-        self._found = H, after, rates, linear, S
-        self.pull = force - self.matrix.dot(v)
+        self._found = Found(H, after, rates, linear, S)
+        return body.resultant(H, S) + body.springs.dot(middle) + body.external_damping.dot(v)
+
+    def slope(self, v: Array, *, is_exact: bool) -> tuple[Array, Array]:
+        """∂f̂/∂v̂ in two parts (m, m), at the v (m,) of the last `force`: of strains, and of their stresses that turn.
+
+        The first is symmetric, definite and near it unless it is to be exact.
+        """
+        body, h, (H, after, _, _, S) = self._body, self._h, self._found
+        steady, moduli_of = body.external_damping + h / 2 * body.springs, (body.first_lame, body.shear)
+        viscous = (body.viscosity + self._relaxation) * moduli("st_venant_kirchhoff", after, *moduli_of)
+        A = body.strain_rates(H)
+        if is_exact:
+            of_end = next(discrete_gradient_slopes(body.law, self._E, after, *moduli_of))
+            A_end = body.strain_rates(body.displacement_gradients(self._q + h * v))
+            strained = _between(A, body.weights * (h * of_end + viscous), A_end)
+        else:
+            mean = h / 2 * moduli(body.law, (self._E + after) / 2, *moduli_of)
+            strained = _between(A, body.weights * (mean + viscous), A)
+        return steady + strained, h / 2 * body.geometric(S)
+
+    def at(self, v: Array) -> None:
+        """As in ElasticLaw."""
+        self.pull = self.force(v) - self.matrix.dot(v)
 
     def renew(self, v: Array) -> None:
         """As in ElasticLaw; without what makes the step's equations indefinite."""
-        self.at(v)
-        body, h, (H, after, _, _, S) = self._body, self._h, self._found
-        force = self.pull + self.matrix.dot(v)
-        A, of_end = body.strain_rates(H), body.strain_rates(body.displacement_gradients(self._q + h * v))
-        steady = body.external_damping + h / 2 * body.springs
-        viscous = (body.viscosity + self._relaxation) * moduli(
-            "st_venant_kirchhoff", after, body.first_lame, body.shear
-        )
-        by_end = next(discrete_gradient_slopes(body.law, self._E, after, body.first_lame, body.shear))
-        self.matrix = steady + between(A, body.weights * (h * by_end + viscous), of_end) + h / 2 * body.geometric(S)
-        if not is_definite(2 / h * np.eye(len(v)) + (self.matrix + self.matrix.T) / 2):
-            D = h / 2 * moduli(body.law, (self._E + after) / 2, body.first_lame, body.shear) + viscous
-            self.matrix = steady + between(A, body.weights * D, A)
+        force, (strained, turned) = self.force(v), self.slope(v, is_exact=True)
+        self.matrix = strained + turned
+        if not is_definite(2 / self._h * np.eye(len(v)) + (self.matrix + self.matrix.T) / 2):
+            self.matrix, _ = self.slope(v, is_exact=False)
         self.pull, self._has_slope = force - self.matrix.dot(v), True
 
     def close(self, v: Array, after: Array) -> float:
         """As in ElasticLaw."""
-        body, h = self._body, self._h
-        _, _, rates, linear, _ = self._found
         self._q_before, self._q = self._q, after
         self.velocity = v
+        return self.heat(v)
+
+    def heat(self, v: Array) -> float:
+        """What a step with v (m,), that of the last `force`, dissipates, J; branches take it."""
+        body, h, (_, _, rates, linear, _) = self._body, self._h, self._found
         heat = h * float(v.dot(body.external_damping.dot(v)))
         heat += h * float(body.viscosity.dot((linear * rates).sum(axis=0)))
         return heat if self.branches is None else heat + self.branches.step(np.stack([rates, linear]).reshape(2, -1))
 
 
-def between(left: Array, D: Array, right: Array) -> Array:
+def _between(left: Array, D: Array, right: Array) -> Array:
     """Σ leftᵀ D right (m, m) over points, of strain rates (6, P, m) and moduli (6, 6, P)."""
     m = left.shape[-1]
     product: Array = left.reshape(-1, m).T.dot(np.einsum("cdp,dpk->cpk", D, right).reshape(-1, m))
     return product
-
-
-def is_definite(matrix: Array) -> bool:
-    """Whether a symmetric matrix (m, m) is positive definite."""
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        return False
-    return True
