@@ -15,20 +15,20 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.fem.frame_loads import FrameLoads
+from fenics_rom.fem.frame_readings import ReadInWorldAxes
 from fenics_rom.fem.frame_step import FrameStep
-from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.fem.nodal_frame import Motion, NodalFrame
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_fit import misfit, misfit_message
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_contact import touch
 from fenics_rom.mechanics.frame_geometry import vector
-from fenics_rom.mechanics.frame_motion import quaternion_of, rotation_matrix, world_displacement, world_velocity
+from fenics_rom.mechanics.frame_motion import quaternion_of, rotation_matrix
 from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepResult
 from fenics_rom.system.system import System
 
 
-class MovingFrameStepper(FullOrderBody):
+class MovingFrameStepper(ReadInWorldAxes):
     """Arguments and attributes as in FullOrderBody; x and v are displacement and its rate in the frame.
 
     Attributes:
@@ -125,22 +125,6 @@ class MovingFrameStepper(FullOrderBody):
         if self.ledger is not None:
             self.ledger.sums = sums
 
-    def displacement(self, output: str | None = None) -> Array:
-        """As in FullOrderBody, in world axes."""
-        rest = self._rest(output)
-        return world_displacement(self.pose, self._frame.origin, rest, super().displacement(output))
-
-    def velocity(self, output: str | None = None) -> Array:
-        """As in FullOrderBody, in world axes."""
-        fields = super().displacement(output), super().velocity(output)
-        return world_velocity(self.pose, self._frame.origin, self._rest(output), *fields)
-
-    def point_displacement(self) -> Array:
-        """As in FullOrderBody, in world axes."""
-        assert self.interface is not None
-        rest = self.interface.points.coordinates
-        return world_displacement(self.pose, self._frame.origin, rest, super().point_displacement())
-
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""
         return *super().diagnostics(), *misfit_message(*self._misfit)
@@ -148,9 +132,6 @@ class MovingFrameStepper(FullOrderBody):
     def close(self) -> None:
         """Gives the factor's memory back."""
         self._body.close()
-
-    def _rest(self, output: str | None) -> Array:
-        return self.system.body.nodes if output is None else self._frame.output_points[output]
 
     def _take(self, motion: Motion) -> None:
         self._now, self.x, self.v = motion, motion.q.reshape(-1, 1), motion.r.reshape(-1, 1)

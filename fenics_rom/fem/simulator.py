@@ -20,7 +20,7 @@ from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.system.system import System
 
-LARGE_FREE = ("large_deformation", "viscoelasticity", "strokes")  # what the steps of such a body follow
+LARGE = ("large_deformation", "viscoelasticity", "strokes", "equilibria")  # what the steps of such a body follow
 
 
 class FullOrderSimulator:
@@ -59,8 +59,11 @@ class FullOrderSimulator:
         self.system, self.environment = system, ActiveEnvironment(environment, signals=signals)
         environment.check_supports(system.rigid.shape[1])
         if system.moving_frame is not None:
-            free = not system.moving_frame.carried
-            check_followed_in_frame(environment, ("base_motion", *(LARGE_FREE if free and system.deformation else ())))
+            check_followed_in_frame(environment, ("base_motion", *(LARGE if system.deformation else ())))
+            if system.deformation is not None and system.moving_frame.carried and environment.contact_law is not None:
+                raise StepError(
+                    "contact of a body that a base carries and that deforms largely is found reduced alone; take a ROM"
+                )
             if system.deformation is None:
                 self.stepper = MovingFrameStepper(system, dt, self.environment, ledger=ledger)
             else:

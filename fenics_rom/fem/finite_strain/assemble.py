@@ -8,6 +8,8 @@ from operator import attrgetter
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.errors import StepError
+from fenics_rom.fem.finite_strain.carried_stepper import CarriedFiniteStrainStepper
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, PressureLoad, TendonPull
 from fenics_rom.fem.finite_strain.free_stepper import FreeFiniteStrainStepper
 from fenics_rom.fem.finite_strain.model import FiniteStrainModel
@@ -62,9 +64,14 @@ class FullOrderDeformation:
 
     def stepper_in_frame(
         self, dt: float, environment: ActiveEnvironment, *, ledger: bool = True, system: System | None = None
-    ) -> FreeFiniteStrainStepper:
+    ) -> FreeFiniteStrainStepper | CarriedFiniteStrainStepper:
         """As in `system.Deformation`."""
-        return FreeFiniteStrainStepper(system or self.system, self.model, dt, environment, ledger=ledger)
+        system = system or self.system
+        assert system.moving_frame is not None
+        if system.moving_frame.tie_forces is not None:
+            raise StepError("springs and dashpots to the ground: a body in a moving frame has them reduced alone")
+        of_kind = CarriedFiniteStrainStepper if system.moving_frame.carried else FreeFiniteStrainStepper
+        return of_kind(system, self.model, dt, environment, ledger=ledger)
 
     def follower(self, x: Array) -> dict[str, Array]:
         """As in `system.Deformation`."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.fem.finite_strain.model import FiniteStrainModel
-from fenics_rom.fem.finite_strain.residuals import InnerDrag
+from fenics_rom.fem.finite_strain.residuals import InFrame, InnerDrag
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.frame_loads import FrameLoads
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
@@ -86,7 +86,8 @@ class FreeFiniteStrainStepper(FiniteStrainStepper):
         """As in FiniteStrainStepper."""
         self._middle, S = self._attitude(self.x + self.dt / 2 * self.v)
         if (damping := self._model.external_damping) is not None:
-            self._drag = InnerDrag(damping, self._rigid, self._shares(self._middle, S), self._model.algebra)
+            drag = InnerDrag(damping, self._rigid, self._shares(self._middle, S), self._model.algebra)
+            self._frame_terms = InFrame(drag)
         return super().step(inputs)
 
     def _dead_force(self, u: Array) -> Array:

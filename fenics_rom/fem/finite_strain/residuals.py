@@ -9,6 +9,7 @@ Strokes s that are given as s* are to move at the rates c, Bᵀv̂ = c in motion
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -103,12 +104,62 @@ class InnerDrag:
         return force
 
 
+class CarriedTerms:
+    """What a base that moves adds to the balance of a body in its axes, see `carried_stepper.py`.
+
+    Args:
+        mass: M.
+        mass_of_nodes: M 1 (n, 1) of the nodes here.
+        My, Mr: M (X + q) and M r (n, 3) where the step begins.
+        start, end: v and ω (3,) each of the base in its axes.
+        h: s.
+
+    Attributes:
+        constant: (rows here, 1), N, what does not depend on the mid-step velocity.
+    """
+
+    def __init__(
+        self,
+        mass: PetscMatrix,
+        mass_of_nodes: Array,
+        My: Array,
+        Mr: Array,
+        start: tuple[Array, Array],
+        end: tuple[Array, Array],
+        h: float,
+    ):
+        (v, ω), (v_end, ω_end) = start, end
+        self._mass, self._ω, self._ω_end, self._h = mass, ω, ω_end, h
+        constant = np.cross(ω_end - ω, My / h + Mr / 2) + self._turned_twice(My)
+        constant = constant + mass_of_nodes * ((v_end - v) / h + (np.cross(ω, v_end) + np.cross(ω_end, v)) / 2)
+        self.constant = np.ascontiguousarray(constant).reshape(-1, 1)
+
+    def force(self, v: Array) -> Array:
+        """What is linear in a mid-step velocity (rows here, 1), (rows here, 1), N."""
+        Mr = (self._mass @ v).reshape(-1, 3)
+        force = np.cross(self._ω + self._ω_end, Mr) + self._h / 2 * self._turned_twice(Mr)
+        return np.ascontiguousarray(force).reshape(-1, 1)
+
+    def _turned_twice(self, field: Array) -> Array:
+        """½ [ω × (ω⁺ × ·) + ω⁺ × (ω × ·)] of a field (n, 3)."""
+        ω, ω_end = self._ω, self._ω_end
+        twice: Array = (np.cross(ω, np.cross(ω_end, field)) + np.cross(ω_end, np.cross(ω, field))) / 2
+        return twice
+
+
+class InFrame(NamedTuple):
+    """What a moving frame changes of the equations of a step."""
+
+    drag: InnerDrag | None = None  # in the place of D_c
+    carried: CarriedTerms | None = None  # what comes on top
+
+
 class MidpointResidual:
     """Of a step of motion of h, s; `coefficients` are those of the matrix that stands for its tangent.
 
     Branches of a material that relaxes know the length of the step, and are as they are before it.
 
-    `matrix` has what of it is linear, 2/h M + D_c + h/2 K_s; `drag` stands in the place of D_c where it is given.
+    `matrix` has what of it is linear, 2/h M + D_c + h/2 K_s, beside what a frame that moves makes of it.
     """
 
     is_quasi_static = False
@@ -121,15 +172,17 @@ class MidpointResidual:
         h: float,
         matrix: TangentMatrix,
         branches: MaxwellBranches | None = None,
-        drag: InnerDrag | None = None,
+        in_frame: "InFrame | None" = None,
     ):
         self.model, self.start, self.external, self.h, self._branches = model, start, external, h, branches
-        self._drag = drag
+        self._drag, self._carried = in_frame or InFrame()
         relaxation = 0.0 if branches is None else branches.stiffening_time
         self.coefficients = TangentCoefficients(2 / h, 1.0, stiffness=h / 2, viscosity=1.0, relaxation=relaxation)
         self._linear = matrix.linear_part(self.coefficients)
         self._momentum = 2 / h * (model.mass @ start.v)
         self._at_start = self._momentum - multiply(model.spring, start.x)
+        if self._carried is not None:
+            self._at_start = self._at_start - self._carried.constant
 
     def evaluate(self, v: Array, found: Array = NONE_FOUND) -> TrialStep:
         """The equations at a mid-step velocity (rows here, 1), with forces (n,) of actuators that are found."""
@@ -150,6 +203,8 @@ class MidpointResidual:
     def _resisted(self, v: Array, change: Array) -> Array:
         """What resists a change (rows here, 1) of the mid-step velocity v (rows here, 1), but for stresses, N."""
         linear = self._linear @ change
+        if self._carried is not None:
+            linear = linear + self._carried.force(change)
         if self._drag is None:
             return linear
         inner = self._drag.force(self.start.x + self.h / 2 * v, change)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError, StepError
+from fenics_rom.fem.finite_strain import residuals
 from fenics_rom.fem.finite_strain.account import book_equilibrium, book_motion
 from fenics_rom.fem.finite_strain.arc_length import ArcLength, PathStart
 from fenics_rom.fem.finite_strain.equilibria import FactoredTangent, solve_equilibrium, unstable_message
@@ -18,13 +19,7 @@ from fenics_rom.fem.finite_strain.kept_factor import KeptFactor
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.newton import MAX_ITERATIONS, NewtonIterate, NotConvergedError, solve_step
 from fenics_rom.fem.finite_strain.predictor import Predictor
-from fenics_rom.fem.finite_strain.residuals import (
-    InnerDrag,
-    MidpointResidual,
-    QuasiStaticResidual,
-    StepResidual,
-    StepStart,
-)
+from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepResidual, StepStart
 from fenics_rom.fem.finite_strain.step_parts import LoadParts, StepParts, parted_message
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentMatrix
@@ -90,7 +85,8 @@ class FiniteStrainStepper(FullOrderBody):
             self._found += tuple(tendons[name].up_to(guide) for name, guide in guides)
             self._rubbing = tuple(tendons[name] for name in dict.fromkeys(name for name, _ in guides))
         self._before: tuple[Any, ...] = ()
-        self._drag: InnerDrag | None = None
+        self._frame_terms = residuals.InFrame()
+        self._trial = list[residuals.TrialStep]()  # that the last part of a step came to
         here = system.algebra.rows()
         terms = model.mass, model.external_damping, model.spring
         self._matrix = TangentMatrix(model.points, model.material, model.free, here, terms)
@@ -308,7 +304,7 @@ class FiniteStrainStepper(FullOrderBody):
         if missing is None:
             if self._branches is not None:
                 self._branches.set_time_step(h)
-            equation = MidpointResidual(self._model, start, load, h, self._matrix, self._branches, self._drag)
+            equation = MidpointResidual(self._model, start, load, h, self._matrix, self._branches, self._frame_terms)
         else:
             load = load.ramped(self._following, done + share)
             equation = QuasiStaticResidual(self._model, start, load, h, (1 - done - share) * missing)
@@ -320,6 +316,7 @@ class FiniteStrainStepper(FullOrderBody):
             self._note_stability(self._tangent.negative_pivots, done, share)
         self.newton += solution.iterations
         trial, heat = solution.trial, 0.0
+        self._trial = [trial]
         if self._branches is not None and isinstance(trial.stresses, MidpointStresses):
             Ė, σ = trial.stresses.rate
             heat = self._branches.step(np.stack([self._model.points.weights * Ė, σ]).reshape(2, -1))
