@@ -131,5 +131,4 @@ def _system(scene: Scene, comm: Any) -> System:
     def cell_properties(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return material[cells, 0], material[cells, 1], damping_of_cells(scene, mesh)[cells, 1]
 
-    D, K = matrices.external_damping, matrices.spring
-    return replace(system, deformation=assemble_deformation(system, nodes, cell_properties, D, K))
+    return replace(system, deformation=assemble_deformation(system, nodes, cell_properties, *matrices.external))

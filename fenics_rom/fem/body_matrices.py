@@ -42,10 +42,11 @@ class BodyMatrices:
         node_mass: (N,) as in Body.
         weight: (N,) kg, what weighs at each node: ∫ρ of its shape function, and what is fixed to the body.
         translations: (3 N, 3) kg, M times unit translations: as the weight, but for weights on threads.
-        external_damping, spring: for large deformation, what of D and K does not strain the body; None: nothing.
+        external: for large deformation, what of D and K does not strain the body, and what of that D is within a moving
+            frame; None: nothing.
         frame_masses: for a moving frame, as `assemble_frame` takes them; None: it does not move.
-        ties: stiffness and damping of a moving frame's springs and dashpots to ground, which are in no other matrix,
-            of all nodes (N, N), N/m and N s/m; None where there are none.
+        ties: stiffness and damping of a moving frame's springs and dashpots to ground, which are in neither K nor D, of
+            all nodes (N, N), N/m and N s/m; None where there are none.
     """
 
     mass: PetscMatrix
@@ -54,8 +55,7 @@ class BodyMatrices:
     node_mass: np.ndarray
     weight: np.ndarray
     translations: np.ndarray
-    external_damping: PetscMatrix | None
-    spring: PetscMatrix | None
+    external: tuple[PetscMatrix | None, ...]
     frame_masses: tuple[np.ndarray, ...] | None
     ties: tuple[Any, Any]
 
@@ -86,20 +86,21 @@ def body_matrices(
     springs, dashpots = springs_of(scene, nodes), dashpots_of(scene, nodes)
     (fixed, weight), frame_masses, ties = attached_masses(scene, nodes), None, (None, None)
     if scene.environment.is_moving:
-        ties, springs, dashpots = (springs, _with_springs(dashpots, springs, scene)), None, None
+        ties = springs, _with_springs(dashpots, springs, scene)
         frame_masses = _frame_masses(scene, nodes, unknowns, full["mass"], translated, fixed, dolfinx_number)
     reduced = restrict_matrices(full, unknowns, dolfinx_number, nodes.coordinates)
     reduced["mass"] = with_attached(reduced["mass"], fixed, unknowns)
     springs, dashpots = of_components(springs), of_components(dashpots)
-    reduced["stiffness"] = with_attached(reduced["stiffness"], springs, unknowns)
-    damping, external_damping, spring = _dampings(scene, reduced, springs, dashpots, unknowns)
+    on_body = None if scene.environment.is_moving else springs
+    reduced["stiffness"] = with_attached(reduced["stiffness"], on_body, unknowns)
+    damping, external = _dampings(scene, reduced, springs, dashpots, unknowns)
     unit = np.eye(3)
     translations = np.kron(translated[:, None], unit)
     if fixed is not None:
         translations += fixed @ np.tile(unit, (len(translated), 1))
     whole = reduced["mass"], damping or ZeroMatrix(), reduced["stiffness"]
     loaded = node_mass, translated + weight, translations
-    return BodyMatrices(*whole, *loaded, external_damping, spring, frame_masses, ties)
+    return BodyMatrices(*whole, *loaded, external, frame_masses, ties)
 
 
 def _frame_masses(
@@ -152,9 +153,13 @@ def _with_springs(dashpots: Any, springs: Any, scene: Scene) -> Any:
 
 def _dampings(
     scene: Scene, reduced: dict[str, PetscMatrix], springs: Any, dashpots: Any, unknowns: Unknowns
-) -> tuple[PetscMatrix | None, PetscMatrix | None, PetscMatrix | None]:
-    """D = α M + β K with springs and dashpots; for large deformation also what of D and K does not strain the body."""
-    mass, stiffness = reduced["mass"], reduced["stiffness"]
+) -> tuple[PetscMatrix | None, tuple[PetscMatrix | None, ...]]:
+    """D = α M + β K with springs and dashpots; for large deformation also what of D and K does not strain the body.
+
+    That is D with springs and dashpots to the ground, their K, and of a body in a moving frame, which has these in no
+    D and K of its own, what of that D is within the frame.
+    """
+    mass, stiffness, moving = reduced["mass"], reduced["stiffness"], scene.environment.is_moving
     α, β = scene.effects.damped.alpha, scene.effects.damped.beta
     damped_springs = β * springs if β and springs is not None else None
 
@@ -167,14 +172,16 @@ def _dampings(
             return to
         return with_attached(PetscMatrix(combination((0.0, mass))) if to is None else to, surfaces, unknowns)
 
+    of_springs, of_dashpots = (None, None) if moving else (damped_springs, dashpots)
     if "damping" in reduced:  # K has the springs in it already, what is damped by material has not
-        damping = added(added(reduced["damping"], damped_springs), dashpots)
+        damping = added(added(reduced["damping"], of_springs), of_dashpots)
     else:
-        damping = added(total((α, mass), (β, stiffness)), dashpots)
+        damping = added(total((α, mass), (β, stiffness)), of_dashpots)
     if scene.effects.large_deformation is None:
-        return damping, None, None
-    external_damping = added(reduced.get("external_damping") or total((α, mass)), damped_springs)
-    return damping, added(external_damping, dashpots), added(None, springs)
+        return damping, (None, None, None)
+    external = reduced.get("external_damping") or total((α, mass))
+    within = total((1.0, external)) if moving and external is not None else None
+    return damping, (added(added(external, damped_springs), dashpots), added(None, springs), within)
 
 
 def material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:

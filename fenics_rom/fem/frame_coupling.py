@@ -17,6 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy import ndarray as Array
 
+NO_FORCE = np.zeros(3)
 MOST_MIXED = 12  # corrections
 _INDEPENDENT = 1e-10  # share of the largest singular value below which corrections say nothing new
 
@@ -36,9 +37,9 @@ class Coupling:
 
     Args:
         h: of the step, s.
-        top: (J - Bᵀ A⁻¹ C)⁻¹ (3, 3).
-        by_bending: B (rows here, 3).
-        bent: A⁻¹ C (rows here, 3).
+        top: (J - Bᵀ A⁻¹ C)⁻¹ (3, 3); of a body that is tied to the ground (6, 6), of its translation, too.
+        by_bending: B (rows here, 3 or 6).
+        bent: A⁻¹ C (rows here, 3 or 6).
         project: Bᵀ of a column (rows here, 1), over all ranks, (3,).
 
     Attributes:
@@ -47,6 +48,7 @@ class Coupling:
 
     def __init__(self, h: float, top: Array, by_bending: Array, bent: Array, project: Callable[[Array], Array]):
         self.h, self.top, self._by_bending, self._bent, self._project = h, top, by_bending, bent, project
+        self._moved = len(top) - 3
         self._bends: Array | None = None
 
     @classmethod
@@ -56,13 +58,14 @@ class Coupling:
         top = np.linalg.inv(turning - body.inner(by_bending, bent))
         return cls(h, top, by_bending, bent, lambda column: body.inner(by_bending, column)[:, 0])
 
-    def solve(self, a: Array, inside: Array) -> Array:
-        """The correction of lacks a (3,) and b, of which inside (rows here,) is A⁻¹ b."""
-        δω = self.top @ (a - self._project(inside.reshape(-1, 1)))
-        return np.concatenate([δω, inside - self._bent @ δω])
+    def solve(self, a: Array, inside: Array, force: Array = NO_FORCE) -> Array:
+        """The correction of lacks a (3,) and b, with A⁻¹ b inside (rows here,); of a tied body under a force, too."""
+        lacks = np.concatenate([force, a]) if self._moved else a
+        δ = self.top @ (lacks - self._project(inside.reshape(-1, 1)))
+        return np.concatenate([δ[self._moved :], inside - self._bent @ δ])
 
     def fields(self, body: Factored) -> tuple[Array, Array]:
-        """A⁻¹ C and A⁻¹ B (rows here, 3)."""
+        """A⁻¹ C and A⁻¹ B (rows here, 3 or 6)."""
         if self._bends is None:
             self._bends = body.inverted(self._by_bending, self.h)
         return self._bent, self._bends
@@ -74,7 +77,7 @@ class _NoCoupling(Coupling):
     def __init__(self) -> None:
         self.h = 0.0
 
-    def solve(self, a: Array, inside: Array) -> Array:
+    def solve(self, a: Array, inside: Array, force: Array = NO_FORCE) -> Array:
         """As in Coupling."""
         return inside
 

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.fem.nodal_frame import Motion, NodalFrame
+from fenics_rom.fem.nodal_frame import NodalFrame
+from fenics_rom.fem.nodal_motion import Motion
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.frame_geometry import Geometry
 from fenics_rom.system.system import System

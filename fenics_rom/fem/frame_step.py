@@ -21,8 +21,10 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.fem.frame_coupling import NO_COUPLING, Coupling, Mixing
 from fenics_rom.fem.frame_loads import FrameLoads
+from fenics_rom.fem.frame_ties import TiedStep, TieForces
 from fenics_rom.fem.full_order_body import FullOrderInterface
-from fenics_rom.fem.nodal_frame import Motion, NodalFrame, Rate
+from fenics_rom.fem.nodal_frame import NodalFrame
+from fenics_rom.fem.nodal_motion import Motion, Rate
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.frame_geometry import (
@@ -72,6 +74,7 @@ class FrameStep:
     ):
         self.h, self._body, self._now, self._loads, self._interface = h, body, now, loads, interface
         self._free, self._base = 3 * (base is None), None  # how many of x turn the frame
+        self._ties = None if body.ties is None else TiedStep(body.ties, now, h, body.mass)
         if base is not None:
             R = rotation_matrix(base.rotation)
             self._end, self._v_end, self._ω_end = np.array(base.position), base.velocity @ R, base.angular_velocity @ R
@@ -119,13 +122,22 @@ class FrameStep:
         if self._base is not None:
             return after
         force, torque = self._loads.resultant(body, turn), self._loads.torque(body, turn, now, after)
+        if (tied := self.tied(x, turn, ZERO if push is None else push.force)) is not None:
+            push = tied.push.beside(push)
         if push is not None:
             force, torque = force + push.force, torque + push.torque
         L = (now.R @ body.momenta(now)[1] + h * torque) @ turn.end
         ω = np.linalg.solve(body.inertia(after), L - body.turned(after))
         v_now = now.R @ now.v
-        v = v_now + h / body.mass * force
+        v = v_now + h / body.mass * force if tied is None else 2 * tied.velocity - v_now
         return after._replace(ω=ω, v=v @ turn.end, position=now.position + h / 2 * (v_now + v))
+
+    def tied(self, x: Array, turn: Geometry, contact: Vector) -> TieForces | None:
+        """What springs and dashpots to the ground do at velocities x, under a contact force."""
+        r̂ = x[self._free :].reshape(-1, 3)
+        if self._ties is None or self._base is not None:
+            return None if self._ties is None else self._ties.of_carried(turn, r̂, self._end)
+        return self._ties.of_free(turn, x[:3], r̂, self._loads.resultant(self._body, turn) + contact)
 
     def _lack(self, after: Motion, rate: Rate, turn: Geometry, push: Push | None) -> Array:
         """What the balance of the displacements lacks, (n, 3), N."""
@@ -146,7 +158,9 @@ class FrameStep:
         ρ -= self._loads.on_nodes(body, turn)
         return ρ if push is None else ρ - push.modal
 
-    def balances(self, turn: Geometry, after: Motion, rate: Rate, push: Push | None) -> tuple[float, Array | None]:
+    def balances(
+        self, turn: Geometry, after: Motion, rate: Rate, push: Push | None, tied: TieForces | None
+    ) -> tuple[float, Array | None]:
         """Power supplied, but for contact, W, and the wrench (2, 3) of the base in world axes; None of a free body."""
         now, h, body = self._now, self.h, self._body
         power, v̂, ω̂ = body.dot(self._loads.on_nodes(body, turn), rate.r), (now.v + after.v) / 2, (now.ω + after.ω) / 2
@@ -160,6 +174,9 @@ class FrameStep:
         if push is not None:
             force, torque = force + push.force, torque + push.torque
             power -= float(push.force @ turn.middle @ v̂ + push.turning @ ω̂)
+        if tied is not None:  # the base does the work that ties do not do on the shape
+            force, torque = force + tied.push.force, torque + tied.push.torque
+            power += body.dot(tied.push.modal, rate.r) - tied.power
         seen = np.array([inertial - force @ turn.middle, turning - torque @ turn.middle])
         return power, seen @ (turn.start + turn.end).T / 2
 
@@ -186,7 +203,9 @@ class FrameStep:
     def _lacks(self, x: Array, push: Push | None) -> tuple[Array, Array]:
         """What the balances of angular momentum, (3,) of a free body, and of the displacements, (n, 3), lack."""
         now, h, body, rate, turn = self._now, self.h, self._body, self.rate(x), self.geometry(x)
-        after = self._moved(x, rate, turn)
+        after, tied = self._moved(x, rate, turn), self.tied(x, turn, ZERO if push is None else push.force)
+        if tied is not None:
+            push = tied.push.beside(push)
         if self._base is not None:
             return np.zeros(0), self._lack(after, rate, turn, push)
         L, L_end = body.turning_momentum(now), body.turning_momentum(after)
@@ -226,9 +245,9 @@ class FrameStep:
         return kept
 
     def _coupled_at(self, x: Array) -> Coupling:
-        now, h, body, rate = self._now, self.h, self._body, self.rate(x)
-        after, ω̂ = self._moved(x, rate, self.geometry(x)), x[:3]
-        ω, ω_end = now.ω, after.ω
+        now, h, body, rate, turn = self._now, self.h, self._body, self.rate(x), self.geometry(x)
+        after = self._moved(x, rate, turn)
+        ω, ω̂, ω_end = now.ω, x[:3], after.ω
         My, My_end = body.mass_times_arms + now.Mq, body.mass_times_arms + after.Mq
         My_mean = (My + My_end) / 2
         momentum = (body.turning_momentum(now) + body.turning_momentum(after)) / 2
@@ -243,20 +262,18 @@ class FrameStep:
                 by_bending[k] -= 2 * h * np.tensordot(ω_end, after.Kq[rows], 1)
                 by_turning[k] += np.tensordot(ω, now.Kq[rows] + after.Kq[rows], 1)
         carry = np.identity(3) / h + cross_matrix(ω̂) / 2
-        return Coupling.of(
-            body,
-            h,
-            2 * carry @ body.inertia(after) - cross_matrix(momentum),
-            (carry @ by_bending.reshape(3, -1)).T,
-            by_turning.reshape(3, -1).T,
-        )
+        J = 2 * carry @ body.inertia(after) - cross_matrix(momentum)
+        B, C = (carry @ by_bending.reshape(3, -1)).T, by_turning.reshape(3, -1).T
+        if (tied := self.tied(x, turn, ZERO)) is not None and self._ties is not None:
+            J, B, C = self._ties.coupled(tied, turn, rate.r, (J, B, C))
+        return Coupling.of(body, h, J, B, C)
 
     def spread(self, change: Push) -> Array:
         """What x changes by, where contact forces change by so much."""
         inside = self._body.inverted(change.modal.reshape(-1, 1), self.h)[:, 0]
         turning = np.array(change.turning)[: self._free]
         assert self._free == 0 or self._body.coupling is not None
-        return (self._body.coupling or NO_COUPLING).solve(turning, inside) if self._free else inside
+        return (self._body.coupling or NO_COUPLING).solve(turning, inside, np.array(change.force))
 
     def _inner(self, a: Array, b: Array) -> float:
         """Of two velocities, as `size` measures them."""
@@ -289,6 +306,7 @@ class FrameStep:
         body, loads, now = self._body, self._loads, self._now
         forces = np.linalg.norm(loads.on_nodes(body, self.geometry(x)), axis=1)
         given = self.h / 2 / math.sqrt(body.mass) * float(body.sum(forces[:, None])[0])
+        given += 0.0 if self._ties is None else self._ties.speed
         if self._base is not None:
             given += math.sqrt(body.mass) * float(np.linalg.norm(now.v) + np.linalg.norm(self._v_end))
         return given
@@ -325,6 +343,8 @@ class FrameStep:
         if self._base is not None:
             along: Array = turn.middle @ (now.v + self._v_end) / 2
             return along
+        if (tied := self.tied(x, turn, contact)) is not None:
+            return tied.velocity
         force: Array = self._loads.resultant(body, turn) + contact
         return turn.start @ now.v + self.h / 2 / body.mass * force
 
@@ -336,8 +356,10 @@ class FrameStep:
             coupling, maps = self._body.coupling, turning_maps(turn, arms)
             assert coupling is not None
             bent, bends = (self._seen_at(near, turn, field) for field in coupling.fields(self._body))
+            if self._ties is not None:
+                maps = np.hstack([np.tile(np.identity(3), (len(near), 1)), maps])
             W += (maps - bent) @ coupling.top @ (maps - bends).T
-            for k in range(3):
+            for k in range(3 * (self._ties is None)):
                 W[k::3, k::3] += self.h / 2 / self._body.mass
         return W
 

@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError
 from fenics_rom.fem.frame_loads import FrameLoads
 from fenics_rom.fem.frame_readings import ReadInWorldAxes
 from fenics_rom.fem.frame_step import FrameStep
-from fenics_rom.fem.nodal_frame import Motion, NodalFrame
+from fenics_rom.fem.nodal_frame import NodalFrame
+from fenics_rom.fem.nodal_motion import Motion
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_fit import misfit, misfit_message
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_contact import touch
 from fenics_rom.mechanics.frame_geometry import vector
-from fenics_rom.mechanics.frame_motion import quaternion_of, rotation_matrix
+from fenics_rom.mechanics.frame_motion import ZERO, quaternion_of, rotation_matrix
 from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepResult
 from fenics_rom.system.system import System
 
@@ -43,8 +43,6 @@ class MovingFrameStepper(ReadInWorldAxes):
         super().__init__(system, dt, environment, ledger)
         self._body, self._environment = NodalFrame(system), environment
         self._frame = self._body.frame
-        if self._frame.tie_forces is not None:
-            raise StepError("springs and dashpots to the ground: a body in a moving frame has them reduced alone")
         self.kind = MOVING_FRAME
         self.reason = "a rigid base carries the body" if self._frame.carried else "nothing holds the body"
         self.wrench = np.zeros((2, 3)) if self._frame.carried else None
@@ -107,12 +105,14 @@ class MovingFrameStepper(ReadInWorldAxes):
         if base is not None:
             gaps = misfit(self.pose, base, turn, vector((now.v + after.v) / 2), h, self._body.size)
             self._misfit = max(self._misfit[0], gaps[0]), max(self._misfit[1], gaps[1])
-        supplied, wrench = step.balances(turn, after, rate, push)
+        tied = step.tied(x, turn, ZERO if push is None else push.force)
+        supplied, wrench = step.balances(turn, after, rate, push, tied)
         self._before = now, self.wrench, self.contact, None if self.ledger is None else self.ledger.sums
         self.wrench, self.contact, self.time = wrench, contact, self.time + h
         self._take(after)
         if self.ledger is not None:
-            self.ledger.book(supplied=h * supplied, dissipated=h * self._body.dot(rate.r, rate.Dr))
+            heat = 0.0 if tied is None or self._body.ties is None else h * self._body.ties.heat(tied.rates)
+            self.ledger.book(supplied=h * supplied, dissipated=h * self._body.dot(rate.r, rate.Dr) + heat)
             if contact is not None and touched is not None:
                 self.ledger.book_contact(*contact.work(touched, h))
         return StepResult(self.energy, contact)

@@ -9,7 +9,7 @@ K_kl is the geometric stiffness of turning. The same as reduced, without a basis
 Gerstmayr, 2021).
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -17,35 +17,15 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.frame_coupling import Coupling
+from fenics_rom.fem.frame_ties import NodalTies
 from fenics_rom.fem.full_order_body import FullOrderInterface
 from fenics_rom.fem.moving_frame import centrifugal_stiffness
-from fenics_rom.fem.petsc_matrix import ExtendedMatrix, combination
+from fenics_rom.fem.nodal_motion import Motion, Rate
+from fenics_rom.fem.petsc_matrix import ExtendedMatrix, PetscMatrix, combination
+from fenics_rom.fem.springs import of_components, with_attached
 from fenics_rom.mechanics.frame_geometry import TOO_FAR
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.system.system import System
-
-
-class Motion(NamedTuple):
-    """The body between two steps; fields are those of the nodes here, (n, 3)."""
-
-    r: Array
-    Mr: Array
-    q: Array
-    Mq: Array
-    Kq: Array  # (7, n, 3) with the stiffness, and with the six matrices of geometric stiffness
-    R: Array  # (3, 3) attitude
-    position: Array  # of the origin, m
-    v: Array  # of the origin, in the frame's axes, m/s
-    ω: Array  # in the frame's axes, rad/s
-
-
-class Rate(NamedTuple):
-    """Mid-step rate of the displacement, (n, 3), and products with it."""
-
-    r: Array
-    Mr: Array
-    Kr: Array  # (7, n, 3)
-    Dr: Array
 
 
 class NodalFrame:
@@ -56,6 +36,7 @@ class NodalFrame:
         mass: kg.
         size: radius of gyration of the body at rest about its origin, m.
         mass_of_nodes, mass_times_arms: M 1 (n, 1) and M X (n, 3) of the nodes here.
+        ties: springs and dashpots to the ground; None where there are none.
         coupling: of turning and bending, which steps keep here as long as it serves; None: there is none.
     """
 
@@ -70,6 +51,7 @@ class NodalFrame:
         self._factored: tuple[float, PetscFactor, Array] | None = None
         self._compliance: tuple[float, Array] | None = None
         self.coupling: Coupling | None = None
+        self.ties = None if self.frame.tie_forces is None else NodalTies(system)
 
     def at_rest(self) -> Motion:
         """Where the frame is the world's."""
@@ -95,7 +77,8 @@ class NodalFrame:
         P, L = self.momenta(motion)
         carried = P @ motion.v + L @ motion.ω + self.sum(motion.r, self.mass_of_nodes) @ motion.v
         turned = self.turned(motion) @ motion.ω
-        return float(carried + turned + self.dot(motion.r, motion.Mr) + self.dot(motion.q, motion.Kq[0])) / 2
+        tied = 0.0 if self.ties is None else self.ties.pull(motion)[1]
+        return float(carried + turned + self.dot(motion.r, motion.Mr) + self.dot(motion.q, motion.Kq[0])) / 2 + tied
 
     def momenta(self, motion: Motion) -> tuple[Array, Array]:
         """P and L about the origin, in the frame's axes."""
@@ -159,11 +142,14 @@ class NodalFrame:
         return float(self._system.algebra.inner(a.reshape(-1, 1), b.reshape(-1, 1))[0, 0])
 
     def inverted(self, ρ: Array, h: float) -> Array:
-        """A⁻¹ρ (rows here, k) of A = 2/h M + D + h/2 K, among displacements without rigid motions."""
+        """A⁻¹ρ (rows here, k) of A = 2/h M + D + h/2 K (and ties), among displacements without rigid motions."""
         s, inner = self._system, self._system.algebra.inner
         if self._factored is None or self._factored[0] != h:
             self.close()
-            factor = PetscFactor(combination((2 / h, s.mass), (1.0, s.damping), (h / 2, s.stiffness)), one_by_one=True)
+            A = combination((2 / h, s.mass), (1.0, s.damping), (h / 2, s.stiffness))
+            if self.ties is not None:
+                A = with_attached(PetscMatrix(A), of_components(self.ties.resistance(h)), s.body.unknowns).mat
+            factor = PetscFactor(A, one_by_one=True)
             self._factored = h, factor, factor.solve(self._MR) if self._MR.shape[1] else self._MR
         _, factor, reactions = self._factored
         x = factor.solve(ρ)

@@ -78,6 +78,13 @@ class Push(NamedTuple):
     turning: Vector  # R*ᵀ of it
     modal: Array  # on the coordinates; of a reduced body (m,), N kg^-1/2
 
+    def beside(self, other: "Push | None") -> "Push":
+        """What these and other forces do together."""
+        if other is None:
+            return self
+        force, torque = added(self.force, 1.0, other.force), added(self.torque, 1.0, other.torque)
+        return Push(force, torque, added(self.turning, 1.0, other.turning), self.modal + other.modal)
+
     @staticmethod
     def of(forces: Array, turn: Geometry, arms: Array, spread: Callable[[Array], Array]) -> "Push":
         """Of forces (P, 3) in world axes, N, at arms (P, 3), m; `spread` gives theirs on coordinates, in the frame."""

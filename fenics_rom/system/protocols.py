@@ -83,8 +83,9 @@ class Deformation(Protocol):
         weights: volumes that the quadrature points of this rank stand for, (P here,), m³.
         first_lame, shear: λ and μ there, (P here,), Pa.
         viscosity: β there, (P here,), s: of the stress β (λ tr(Ė) I + 2μ Ė).
-        spring: K_s of springs to ground, N/m; None: no springs.
-        external_damping: D_c, damping that does not strain: α M and dashpots, N s/m; None: nothing.
+        spring: K_s of springs to ground, N/m; None: no springs, or a moving frame has them.
+        external_damping: D_c, damping that does not strain: α M and dashpots, N s/m, these unless a moving frame has
+            them; None: nothing.
     """
 
     law: str

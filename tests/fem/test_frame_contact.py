@@ -20,6 +20,7 @@ damping = { beta = 1e-3 }
 gravity = { acceleration = [0.0, 0.0, -9.81] }
 friction = { coefficient = 0.5 }
 contact.obstacles.floor = { shape = "half-space", point = [0.0, 0.0, -0.02], normal = [0.0, 0.0, 1.0] }"""
+TIES = 'springs.bed = { surface = "top", stiffness = 8.0 }\n'
 SURFACES = '[contacts.bottom]\nsurface = "bottom"\n[contacts.right]\nsurface = "right"'
 CARRIED = 'clamped = ["left"]'
 
@@ -95,6 +96,32 @@ def test_reduced_in_all_modes_is_full_order(systems, supports):
         np.testing.assert_allclose(ours, others, rtol=0, atol=1e-9)
     if supports:
         np.testing.assert_allclose(reduced.base_wrench, full.base_wrench, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("supports", [None, CARRIED])
+def test_a_tied_body_that_touches_is_the_reduced_one_and_closes_its_account(mesh, supports):
+    """On springs and dashpots to the ground, which contact forces push it against."""
+    ties = FLOOR.replace("beta = 1e-3", 'beta = 1e-3, dashpots.oil = { surface = "right", coefficient = 0.05 }')
+    origin = "base_path = { origin = [0.0, 0.015, 0.01] }" if supports else ""
+    system = fr.assemble(scene_of(mesh, supports, effects=f"{ties}\n{TIES}{origin}"))
+    rom = fr.reduce(system, order=system.elastic_size, method="modal")
+    signals = {"base_path": swung} if supports else {}
+    full, reduced = begun(system, 2e-3), fr.Simulator(rom, 2e-3, signals=signals)
+    reduced.place(swung(0.0) if supports else thrown(system.moving_frame.origin))
+    start, touched, scale = full.energy, 0, full.energy
+    for _ in range(25):
+        for body in (full, reduced):
+            body.step(np.zeros(0))
+        force = full.obstacle_forces()[0]
+        touched += bool(force.any())
+        np.testing.assert_allclose(reduced.displacement(), full.displacement(), rtol=0, atol=1e-10)
+        np.testing.assert_allclose(reduced.contact_forces().sum(axis=0), force, rtol=0, atol=1e-5)
+        scale = max(scale, full.energy, abs(full.ledger.supplied))
+    account = full.ledger
+    assert touched > 5
+    assert account.contact > 1e-6
+    gap = full.energy - start - account.supplied + account.dissipated + account.lost_in_switching
+    assert abs(gap) <= LEFT * scale
 
 
 @pytest.mark.parametrize("supports", [None, CARRIED])

@@ -37,6 +37,14 @@ mass = 0.05
 center = [0.32, 0.02, 0.01]
 inertia = [2e-5, 1e-5, 2e-5]
 """
+TIES = """
+[effects.springs.bed]  # of which a base, if there is one, holds an end
+surface = "bottom"
+stiffness = 20.0
+[effects.damping.dashpots.oil]
+surface = "right"
+coefficient = 0.05
+"""
 
 
 @pytest.fixture(scope="module")
@@ -64,10 +72,11 @@ def shaken(time):
     return fr.BaseState(position, rotation, velocity, 2 * rate * np.array([0.6, 0.0, 0.8]))
 
 
+@pytest.mark.parametrize("ties", ["", TIES])
 @pytest.mark.parametrize("supports", [None, 'clamped = ["left"]'])
-def test_energy_and_momenta_balance_at_any_step(mesh, supports):
+def test_energy_and_momenta_balance_at_any_step(mesh, supports, ties):
     """The account closes to the round-off of what was stored and supplied; what nothing acts on keeps its momenta."""
-    system = fr.assemble(moving(mesh, FORCES, supports=supports))
+    system = fr.assemble(moving(mesh, FORCES + ties, supports=supports))
     signals = {} if supports is None else {"base_path": shaken}
     body = FullOrderSimulator(system, 1e-3, system.scene.environment, signals)
     if supports is None:
@@ -82,10 +91,11 @@ def test_energy_and_momenta_balance_at_any_step(mesh, supports):
     assert (body.base_wrench is None) == (supports is None)
 
 
+@pytest.mark.parametrize("ties", ["", TIES])
 @pytest.mark.parametrize("supports", [None, 'clamped = ["left"]'])
-def test_reduced_in_all_modes_is_full_order(mesh, supports):
+def test_reduced_in_all_modes_is_full_order(mesh, supports, ties):
     """Two programs of the same equations: shapes, momenta and the wrench of the base after steps under all loads."""
-    system = fr.assemble(moving(mesh, FORCES, supports=supports))
+    system = fr.assemble(moving(mesh, FORCES + ties, supports=supports))
     rom, signals = fr.reduce(system, order=system.elastic_size, method="modal"), {}
     if supports is not None:
         signals["base_path"] = shaken
@@ -108,6 +118,22 @@ def test_reduced_in_all_modes_is_full_order(mesh, supports):
         np.testing.assert_allclose(ours, others, rtol=0, atol=1e-12)
     if supports is not None:
         np.testing.assert_allclose(reduced.base_wrench, full.base_wrench, rtol=0, atol=1e-8)  # momenta over dt
+
+
+@pytest.mark.parametrize(("turn", "h"), [(1.5, 1e-3), (0.1, 1e-2)])
+def test_stiff_springs_let_no_body_explode(tmp_path, turn, h):
+    """A stiff cube on springs of ω = 300 rad/s, turned far and in steps beyond what that asks for: energy stays."""
+    mesh = write_arrays(tmp_path / "cube.msh", *box_arrays((0.1, 0.1, 0.1), (1, 1, 1)))
+    effects = 'inertia = {}\n[effects.springs.bed]\nsurface = "bottom"\nstiffness = 1e5'
+    hard = {"material": "young = 1e9\npoisson = 0.4\ndensity = 1100.0", "outputs.tip": "points = [[0.1, 0.05, 0.05]]"}
+    system = fr.assemble(moving(mesh, effects, supports=None, **hard))
+    body = FullOrderSimulator(system, h, system.scene.environment)
+    turned = np.array([np.cos(turn / 2), 0.6 * np.sin(turn / 2), 0.0, 0.8 * np.sin(turn / 2)])
+    body.stepper.place(fr.BaseState(system.moving_frame.origin, turned, np.zeros(3), np.zeros(3)))
+    start = body.energy
+    for _ in range(40):
+        body.step(np.zeros(body.stepper.input_matrix.shape[1]))
+        assert abs(body.energy - start) <= 1e-11 * start
 
 
 def test_free_body_keeps_its_momenta_and_gives_back_a_step(mesh):

@@ -18,6 +18,13 @@ acceleration = [0.0, 0.0, -9.81]
 [effects.prescribed.push]
 point = [0.3, 0.03, 0.02]
 """
+TIES = """[effects.springs.bed]
+surface = "bottom"
+stiffness = 0.05
+[effects.damping.dashpots.oil]
+surface = "right"
+coefficient = 0.003
+"""
 LARGE = "[effects.large_deformation]\n"
 
 
@@ -49,10 +56,11 @@ def run(system, dt, steps, size, signals):
     return body
 
 
-def test_small_strains_are_those_of_the_linear_body_in_its_frame(mesh):
+@pytest.mark.parametrize("ties", ["", TIES])
+def test_small_strains_are_those_of_the_linear_body_in_its_frame(mesh, ties):
     """Two ways to step: in world axes, and in the frame. Shapes differ by what small strains leave out, 1e-4."""
     found = []
-    for effects in (EFFECTS, EFFECTS + LARGE):
+    for effects in (EFFECTS + ties, EFFECTS + ties + LARGE):
         signals = {"push": np.array([0.0, 0.002, 0.001])}
         found.append(run(assembled(mesh, effects), 1e-3, 80, 0.02, signals))
     small, large = found
@@ -118,10 +126,11 @@ def test_rigid_body_that_spins_about_a_main_axis_goes_on(mesh):
     np.testing.assert_allclose(pose.angular_velocity, [0.0, 0.0, 2.0], atol=1e-3)
 
 
-def test_run_of_a_scene_has_its_frame(mesh):
+@pytest.mark.parametrize("ties", ["", TIES])
+def test_run_of_a_scene_has_its_frame(mesh, ties):
     text = 'dt = 5e-3\nduration = 0.1\ninitial = { spin = [0, 0, 3] }\n[[run.load]]\ncontact = "tip"\n'
     text += "force = [0, 0, 0.1, 0, 0, 0]"
-    system = assembled(mesh, EFFECTS.replace("push]", "push]\nforce = [0.0, 0.0, 0.0]") + LARGE, run=text)
+    system = assembled(mesh, EFFECTS.replace("push]", "push]\nforce = [0.0, 0.0, 0.0]") + ties + LARGE, run=text)
     told = fr.simulate(system)
     assert told.pose.shape == (21, 7)
     assert told.balance_error < 1e-11

@@ -37,8 +37,10 @@ class FullOrderDeformation:
     first_lame = property(attrgetter("model.material.first_lame"))
     shear = property(attrgetter("model.material.shear"))
     viscosity = property(attrgetter("model.material.viscosity"))
-    spring = property(attrgetter("model.spring"))
-    external_damping = property(attrgetter("model.external_damping"))
+    spring = property(lambda self: self.model.spring if self.system.moving_frame is None else None)
+    external_damping = property(
+        lambda self: self.model.external_damping if self.system.moving_frame is None else self.model.inner_damping
+    )
 
     def gradients(self, columns: Array) -> Array:
         """As in `system.Deformation`."""
@@ -68,8 +70,11 @@ class FullOrderDeformation:
         """As in `system.Deformation`."""
         system = system or self.system
         assert system.moving_frame is not None
-        if system.moving_frame.tie_forces is not None:
-            raise StepError("springs and dashpots to the ground: a body in a moving frame has them reduced alone")
+        if system.moving_frame.carried and system.moving_frame.tie_forces is not None:
+            raise StepError(
+                "springs and dashpots to the ground: a body that deforms largely on a base that moves has them as a "
+                "ROM alone, not at full order"
+            )
         of_kind = CarriedFiniteStrainStepper if system.moving_frame.carried else FreeFiniteStrainStepper
         return of_kind(system, self.model, dt, environment, ledger=ledger)
 
@@ -107,6 +112,7 @@ def assemble_deformation(
     cell_properties: Callable[[Array], tuple[Array, Array, Array]],
     external_damping: PetscMatrix | None,
     spring: PetscMatrix | None,
+    inner_damping: PetscMatrix | None,
 ) -> FullOrderDeformation:
     """The deformation of a system whose scene names it: λ, μ (Pa) and β (s) of cells, D_c (N s/m) and K_s (N/m)."""
     scene = system.scene
@@ -118,7 +124,8 @@ def assemble_deformation(
     material = HyperelasticMaterial(scene.effects.large_deformation.law, *points.shared_moduli(λ, μ), β)
     mass: PetscMatrix = system.mass  # type: ignore[assignment]
     matrices, followers = (mass, external_damping, spring), _follower_loads(scene, nodes)
-    model = FiniteStrainModel(*matrices, points, material, followers, system.body.free, system.algebra)
+    body = system.body.free, system.algebra
+    model = FiniteStrainModel(*matrices, points, material, followers, *body, inner_damping=inner_damping)
     return FullOrderDeformation(system, model)
 
 

@@ -85,7 +85,7 @@ class FreeFiniteStrainStepper(FiniteStrainStepper):
     def step(self, inputs: StepInput) -> StepResult:
         """As in FiniteStrainStepper."""
         self._middle, S = self._attitude(self.x + self.dt / 2 * self.v)
-        if (damping := self._model.external_damping) is not None:
+        if (damping := self._model.inner_damping) is not None:
             drag = InnerDrag(damping, self._rigid, self._shares(self._middle, S), self._model.algebra)
             self._frame_terms = InFrame(drag)
         return super().step(inputs)

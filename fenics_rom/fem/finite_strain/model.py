@@ -27,6 +27,7 @@ class FiniteStrainModel:
         followers: forces that follow the body, by name of their actuator.
         free: (n,) free components among the 3 N displacements.
         algebra: what the ranks do together.
+        inner_damping: of a body in a moving frame, what of D_c is of its motion within: α M, N s/m; None: nothing.
     """
 
     mass: PetscMatrix
@@ -37,6 +38,7 @@ class FiniteStrainModel:
     followers: Mapping[str, FollowerLoad]
     free: Array
     algebra: Algebra
+    inner_damping: PetscMatrix | None = None
 
     def nodal_field(self, x: Array) -> Array:
         """Displacements (N, 3) of all nodes from local rows (rows here, 1)."""

@@ -196,9 +196,10 @@ class MidpointResidual:
 
     def dragged(self, v: Array) -> Array:
         """Force of external damping (rows here, 1), N, at velocities (rows here, 1)."""
+        drag = multiply(self.model.external_damping, v)
         if self._drag is None:
-            return multiply(self.model.external_damping, v)
-        return self._drag.force(self.start.x + self.h / 2 * v, v)
+            return drag
+        return drag - multiply(self.model.inner_damping, v) + self._drag.force(self.start.x + self.h / 2 * v, v)
 
     def _resisted(self, v: Array, change: Array) -> Array:
         """What resists a change (rows here, 1) of the mid-step velocity v (rows here, 1), but for stresses, N."""
@@ -208,7 +209,7 @@ class MidpointResidual:
         if self._drag is None:
             return linear
         inner = self._drag.force(self.start.x + self.h / 2 * v, change)
-        return linear + inner - multiply(self.model.external_damping, change)
+        return linear + inner - multiply(self.model.inner_damping, change)
 
     def apply_tangent(self, trial: TrialStep, dv: Array) -> Array:
         """-∂r/∂v̂ dv (rows here, 1) at a trial: the product with the consistent tangent."""
