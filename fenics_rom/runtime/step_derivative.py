@@ -20,8 +20,12 @@ from fenics_rom.runtime.step_state import StepState
 from fenics_rom.runtime.steppers.adjoint import Reads, StateAdjoint
 
 SMALL = 1e-4  # of the motion: by so much are states and inputs moved for differences
-LEAST_MARGIN = 1e-4  # of the velocities that contact forces stop: round-off is less
-RESTS, LEANS = 1e-3, 1e-2  # of the velocities that contact forces stop: what rests, and how fast it is approached
+# How fast what rests is approached, of the velocities that contact forces stop: for adjoints more than round-off, for
+# differences enough to move points by a tenth of it; halved, what it does to points that slip slowly is taken out.
+LEAN_OF_ADJOINTS, LEAN_OF_DIFFERENCES, LEAST_LEAN = 1e-9, 1e-5, 1e-9
+REACH = 1e-4  # of them: by how much faster points are moved at most
+LEAST_STRAIGHT = 1e-2  # of the forces of friction: their resultant, which obstacles move along
+SLIPS = 1e-9  # of the cone: what is nearer to its border slips
 KINK, ROUND_OFF = 1e-5, 1e-10  # what differences on both sides may differ by: relative, and of what is usual
 
 
@@ -39,17 +43,36 @@ class _Room(NamedTuple):
 
     speed: float  # m/s; infinite where nothing touches, as is the next
     way: float  # m
+    push: float = np.inf  # m/s: the same in the middle of a step, by what acts in it
+    lean: float = 0.0  # of obstacles, of the velocities that contact forces stop
 
     @classmethod
-    def of(cls, speed: float, gap: float, h: float) -> "_Room":
+    def of(cls, speed: float, gap: float, h: float, push: float, lean: float = 0.0) -> "_Room":
         """With a margin of ten, of the least that a pair has to another law, in steps of h s."""
-        return cls(speed / 10, max(speed * h, gap) / 10)
+        return cls(speed / 10, max(speed * h, gap) / 10, push / 10, lean)
 
 
 def differentiate_step(state: StepState, u: Array, loads: Array) -> StepDerivative:
     """Of the step from a state under inputs (p,) and loads, N."""
-    room = _lean(state.body, state, u)
-    return _by_adjoint(state, u, loads) or _by_differences(state, u, loads, room)
+    body = state.body
+    try:
+        body.integrator.kernel.check_differentiable()
+    except StructureError:
+        return differ_steps(state, u, loads)
+    _lean(body, state, u, LEAN_OF_ADJOINTS)
+    return _by_adjoint(state, u, loads)
+
+
+def differ_steps(state: StepState, u: Array, loads: Array) -> StepDerivative:
+    """The same by steps from states nearby alone."""
+    differences = _Differences(state, u, loads)
+    by_inputs, kinks = differences.by_inputs(_lean(state.body, state, u, 0.0))
+    after, room = differences.after, _lean(state.body, state, u, LEAN_OF_DIFFERENCES)
+    by_state, others = differences.by_state(room)
+    if room.lean:
+        half, _ = differences.by_state(_lean(state.body, state, u, room.lean / 2))
+        by_state = 2 * half - by_state
+    return StepDerivative(after, by_state, by_inputs, kinks + others)
 
 
 def guides_of(body: Simulator) -> Sequence[str]:
@@ -57,7 +80,7 @@ def guides_of(body: Simulator) -> Sequence[str]:
     return () if body.environment is None else tuple(body.environment.environment.guides)
 
 
-def _lean(body: Simulator, state: StepState, u: Array) -> _Room:
+def _lean(body: Simulator, state: StepState, u: Array, lean: float) -> _Room:
     """Lets obstacles approach pairs that rest, so slowly that nothing else changes.
 
     A pair is to have -e times its approach, if it approaches, and is let go, if it leaves: at rest the law has a kink
@@ -69,38 +92,78 @@ def _lean(body: Simulator, state: StepState, u: Array) -> _Room:
         return _Room(np.inf, np.inf)
     state.put(state.x)
     body.step(u)
-    solved, environment, law = interface.solver.last_step()[1], body.environment, interface.solver.law
-    contact = body.integrator.contact
-    state.put(state.x)
-    if solved is None or contact is None:
+    found, contact = _Touch.of(body), body.integrator.contact
+    if found is None or contact is None:
         return _Room(np.inf, np.inf)
-    speed, gap = float(np.abs(solved.problem.q).max()), float(np.abs(solved.gaps[solved.active]).min())
-    if law.stiffness is not None or solved.quasi_static:
-        return _Room.of(LEANS * speed, gap, body.dt)
-    slowest = float(np.abs(solved.pairs.relative[0][solved.active]).min())
-    if slowest > RESTS * speed or law.restitution == 1.0:
-        return _Room.of(min(slowest, LEANS * speed), gap, body.dt)
+    environment, law = body.environment, interface.solver.law
     pressing = np.einsum("ca,ca->c", contact.pair_forces, contact.normals)[:, None] * contact.normals
-    rubbing, margin = contact.pair_forces - pressing, LEANS * speed
-    for k, (name, offset) in enumerate(zip(environment.obstacles, environment.state.offsets, strict=True)):
-        of_this, moved = contact.pairs // len(contact.forces) == k, np.zeros(3)
-        for forces in (pressing[of_this], rubbing[of_this]):
-            whole = forces.sum(axis=0)
-            if (size := float(np.linalg.norm(whole))) > 0:
-                moved += LEANS * speed * body.dt / size * whole
-        body.set_signal(name, offset + moved)
-    if (rubs := float(np.linalg.norm(rubbing, axis=1).sum())) > 0:
-        margin *= float(np.linalg.norm(rubbing.sum(axis=0))) / rubs
-    return _Room.of(max(margin, LEAST_MARGIN * speed), gap, body.dt)
+    rubbing, offsets = contact.pair_forces - pressing, environment.state.offsets.copy()
+    rubs = float(np.linalg.norm(rubbing, axis=1).sum())
+    straight = float(np.linalg.norm(rubbing.sum(axis=0))) / rubs if rubs else 1.0
+    state.put(state.x)
+    while True:
+        speed = lean * found.speed
+        if law.stiffness is not None or found.is_static:
+            return _Room.of(REACH * found.speed, found.gap, body.dt, REACH * found.speed)
+        approaches = found.approach < speed and law.restitution < 1
+        slides = found.sliding < speed
+        for k, (name, offset) in enumerate(zip(environment.obstacles, offsets, strict=True)):
+            of_this, moved = contact.pairs // len(contact.forces) == k, offset.copy()
+            for forces, leans in ((pressing[of_this], approaches), (rubbing[of_this], slides)):
+                size = float(np.linalg.norm(whole := forces.sum(axis=0)))
+                if leans and size > 0:
+                    moved += speed * body.dt / size * whole
+            body.set_signal(name, moved)
+        body.step(u)
+        same = found.does_as(_Touch.of(body))
+        state.put(state.x)
+        if same or lean <= LEAST_LEAN:
+            break
+        lean /= 10
+    push = max(straight, LEAST_STRAIGHT) * speed if slides else found.sliding if lean else np.inf
+    least, most = min(speed if approaches else found.approach, push), REACH * found.speed
+    used = lean if approaches or slides else 0.0
+    return _Room.of(min(least, most), found.gap, body.dt, min(push, most), used)
 
 
-def _by_adjoint(state: StepState, u: Array, loads: Array) -> StepDerivative | None:
-    """By the adjoint of the step; None where there is none."""
+class _Touch(NamedTuple):
+    """What contact pairs do in a step."""
+
+    does: tuple[bytes, bytes]  # which take part, and which of them slip
+    speed: float  # that their forces stop, m/s
+    approach: float  # of the slowest of them, m/s
+    sliding: float  # power of friction, per force, m/s; infinite where it is asked to do none
+    gap: float  # the least, m
+    is_static: bool
+
+    @classmethod
+    def of(cls, body: Simulator) -> "_Touch | None":
+        """Of the last step; None where nothing touched."""
+        interface = body.integrator.interface
+        found = None if interface is None else interface.solver.last_step()[1]
+        if interface is None or found is None:
+            return None
+        μ, f, problem = interface.solver.law.friction, found.forces, found.problem
+        rubs, power, slips = np.hypot(f[1], f[2]), np.inf, np.zeros(0, bool)
+        if μ and rubs.any():
+            slips = rubs > (1 - SLIPS) * μ * f[0]
+            sliding = found.velocities[1:] + (0.0 if problem.sliding is None else problem.sliding)
+            braking = found.pairs.braking
+            if braking is not None and braking.by_share is None:
+                power = abs(float((f[1:] * sliding).sum())) / float(rubs.sum())
+        approach = float(np.abs(found.pairs.relative[0][found.active]).min())
+        gap = float(np.abs(found.gaps[found.active]).min())
+        does = found.active.tobytes(), slips.tobytes()
+        return cls(does, float(np.abs(problem.q).max()), approach, power, gap, found.quasi_static)
+
+    def does_as(self, other: "_Touch | None") -> bool:
+        """Whether pairs do the same in another step."""
+        return other is not None and self.does == other.does
+
+
+def _by_adjoint(state: StepState, u: Array, loads: Array) -> StepDerivative:
+    """By the adjoint of the step."""
     body = state.body
-    try:
-        body.integrator.kernel.check_differentiable()
-    except StructureError:
-        return None
     state.put(state.x)
     q, r = body.state
     body.step(u)
@@ -120,34 +183,45 @@ def _by_adjoint(state: StepState, u: Array, loads: Array) -> StepDerivative | No
     return StepDerivative(after, A, B, ["a contact point"] if taken.is_kink else [])
 
 
-def _by_differences(state: StepState, u: Array, loads: Array, room: _Room) -> StepDerivative:
-    """By steps from states, and under inputs, that are nearby."""
-    body, p, columns = state.body, len(u), dict[int, tuple[str, int]]()
-    column = p
-    for name, width in body.rom.loads.items():
-        columns |= {column + k: (name, k) for k in range(width) if name not in guides_of(body)}
-        column += width
+class _Differences:
+    """Of steps from states, and under inputs, that are nearby; `after` is the state that the step leads to."""
 
-    def step(x: Array, v: Array) -> Array:
-        state.put(x)
-        for name, _ in columns.values():
-            values = [v[c] for c, (load, _) in columns.items() if load == name]
-            body.set_signal(name, np.array(values))
-        body.step(v[:p])
-        return state.read()
+    def __init__(self, state: StepState, u: Array, loads: Array):
+        self._state, self._p, self._v, column = state, len(u), np.concatenate([u, loads]), len(u)
+        self._columns: dict[int, tuple[str, int]] = {}  # of loads that act by themselves
+        for name, width in state.body.rom.loads.items():
+            if name not in guides_of(state.body):
+                self._columns |= {column + k: (name, k) for k in range(width)}
+            column += width
+        self.after = self._step(state.x, self._v)
 
-    v0 = np.concatenate([u, loads])
-    after, kinks = step(state.x, v0), list[str]()
-    sizes, by_state, by_input = _reaches(state, after, columns, room)
-    A, B = np.empty((len(after), len(after))), np.zeros((len(after), len(v0)))
-    names = list(state.names)
-    for k, δ in enumerate(by_state):
-        A[:, k], is_kink = _slope(lambda x: step(x, v0), state.x, k, δ, after, sizes)
-        kinks += [names[k]] * is_kink
-    for k, δ in by_input.items():
-        B[:, k], is_kink = _slope(lambda v: step(state.x, v), v0, k, δ, after, sizes)
-        kinks += [f"input {k}"] * is_kink
-    return StepDerivative(after, A, B, kinks)
+    def _step(self, x: Array, v: Array) -> Array:
+        self._state.put(x)
+        for name, _ in self._columns.values():
+            values = [v[c] for c, (load, _) in self._columns.items() if load == name]
+            self._state.body.set_signal(name, np.array(values))
+        self._state.body.step(v[: self._p])
+        return self._state.read()
+
+    def by_state(self, room: _Room) -> tuple[Array, list[str]]:
+        """A, and what is at a kink."""
+        x, after, kinks = self._state.x, self._step(self._state.x, self._v), list[str]()
+        sizes, reach, _ = _reaches(self._state, after, self._columns, room)
+        A = np.empty((len(after), len(after)))
+        for k, name in enumerate(self._state.names):
+            A[:, k], is_kink = _slope(lambda x: self._step(x, self._v), x, k, reach[k], after, sizes)
+            kinks += [name] * is_kink
+        return A, kinks
+
+    def by_inputs(self, room: _Room) -> tuple[Array, list[str]]:
+        """B, and what is at a kink."""
+        x, after, kinks = self._state.x, self._step(self._state.x, self._v), list[str]()
+        sizes, _, reach = _reaches(self._state, after, self._columns, room)
+        B = np.zeros((len(after), len(self._v)))
+        for k, δ in reach.items():
+            B[:, k], is_kink = _slope(lambda v: self._step(x, v), self._v, k, δ, after, sizes)
+            kinks += [f"input {k}"] * is_kink
+        return B, kinks
 
 
 def _slope(f: Any, at: Array, k: int, δ: float, there: Array, sizes: Array) -> tuple[Array, bool]:
@@ -172,7 +246,7 @@ def _reaches(
 ) -> tuple[Array, Array, dict[int, float]]:
     """How large numbers of the state are (s,), and by how much they, and inputs by their column, are moved."""
     body, places, h = state.body, state.places, state.body.dt
-    kernel, rom, (slow, near) = body.integrator.kernel, body.rom, room
+    kernel, rom, (slow, near, pushed, _) = body.integrator.kernel, body.rom, room
     moving = np.concatenate([state.x[places[part]] for part in ("e", "r") if part in places])
     gone = np.concatenate([(after - state.x)[places[part]] for part in ("e", "r") if part in places])
     mass, length = float(rom.node_mass.sum()) or 1.0, float(np.ptp(rom.nodes, axis=0).max()) if len(rom.nodes) else 1.0
@@ -209,7 +283,7 @@ def _reaches(
     strokes = _stroke_columns(body)
     for k in [*range(body.inputs), *columns]:
         push = float(pushes[k]) or 1.0
-        fast = min(motion, slow / farthest)
+        fast = min(motion, pushed / farthest)
         inputs[k] = motion * push / ω1**2 if k in strokes else fast / (h * push)
     return size / SMALL, np.minimum(size, most), inputs
 
