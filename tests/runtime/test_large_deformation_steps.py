@@ -326,7 +326,7 @@ def test_account_closes_where_contact_points_yield_beyond_the_basis(monkeypatch,
     monkeypatch.setattr(Newton, "_in_parts", lambda *given: whole(*given) if given[-1] >= parts else None)
     rom = soft_rom(contact=True, inertia=stepper is not None)
     rom = replace(rom, environment=replace(rom.environment, viscoelasticity=series))
-    body, gap = pushed_about(rom, stepper, 5, 100 if stepper else 30)
+    body, gap = pushed_about(rom, stepper, 2, 100 if stepper else 30)
     assert gap <= 1e-11
     kernel, saved, carried = body._stepper.kernel, body.save(), body._stepper.kernel.auxiliary.copy()
     with pytest.raises(StepError):

@@ -58,6 +58,7 @@ class LinearlyImplicit(FiniteStrainKernel):
     ):
         super().__init__(rom, ledger, interface, actuators, residual)
         self._law = StrainsCarried(self._body, float(self._ω[-1]), branches, has_inertia=True)
+        self.branches = branches
         self._is_polynomial = self._body.law == "st_venant_kirchhoff" and actuators is None
         self.resume(np.empty(0))
 
@@ -179,7 +180,7 @@ class LinearlyImplicit(FiniteStrainKernel):
 
     def check_differentiable(self) -> None:
         """As in Kernel."""
-        check_is_differentiated(self._actuators, self._law.branches)
+        check_is_differentiated(self._actuators, self.branches)
 
     def adjoint(self, u: Array) -> "LinearlyImplicitAdjoint":
         """As in Kernel."""

@@ -41,6 +41,7 @@ class PartedKernel(BookedKernel):
         super().__init__(model, ledger, np.empty(0), interface, residual=residual)
         self._constants, self._loads = frame, loads
         self.elastic, self._following, self._found, self._extent = parts
+        self.branches = None if self.elastic is None else self.elastic.branches
         self.found: FoundInStep | None = None
         if self._found is not None:
             self.reactions = self._reactions_before = np.zeros(len(self._found.actuators.columns))
