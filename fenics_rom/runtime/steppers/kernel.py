@@ -154,8 +154,7 @@ class BookedKernel(Kernel):
     ):
         self._model, self._ledger, self._interface, self._actuators = model, ledger, interface, actuators
         self.reactions = self._reactions_before = np.zeros(0 if actuators is None else len(actuators.columns))
-        self.residual, self.branches = residual, branches
-        self._own_branches = branches  # those of a law are its own
+        self.residual, self.branches, self._owned = residual, branches, branches  # a law owns its branches itself
         self._rigid_displacement, self._rigid_before = rigid_displacement, rigid_displacement.copy()
         self._contact_before: ContactSolution | None = None
         self._owed = list[Any]()  # StepWork of the last steps, or what that is worked out from
@@ -184,11 +183,7 @@ class BookedKernel(Kernel):
     def auxiliary(self) -> Array:
         """As in Kernel."""
         of_residual = super().auxiliary if self.residual is None else self.residual.carried
-        return (
-            of_residual
-            if self._own_branches is None
-            else np.concatenate([of_residual, self._own_branches.state.ravel()])
-        )
+        return of_residual if self._owned is None else np.concatenate([of_residual, self._owned.state.ravel()])
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
@@ -196,8 +191,8 @@ class BookedKernel(Kernel):
         self.h = h
         if self.residual is not None:
             self.residual.set_time_step(h)
-        if self._own_branches is not None:
-            self._own_branches.set_time_step(h)
+        if self._owned is not None:
+            self._owned.set_time_step(h)
 
     def point_displacement(self) -> Array:
         """As in Kernel."""
@@ -223,9 +218,9 @@ class BookedKernel(Kernel):
 
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
-        if self._own_branches is not None:
-            own = self._own_branches.state.size
-            self._own_branches.resume(auxiliary[len(auxiliary) - own :] if len(auxiliary) else auxiliary)
+        if self._owned is not None:
+            own = self._owned.state.size
+            self._owned.resume(auxiliary[len(auxiliary) - own :] if len(auxiliary) else auxiliary)
             auxiliary = auxiliary[: len(auxiliary) - own]
         if self.residual is not None:
             self.residual.resume(auxiliary)
@@ -235,8 +230,8 @@ class BookedKernel(Kernel):
         self.state[:] = self._state_before
         if self.residual is not None:
             self.residual.rollback()
-        if self._own_branches is not None:
-            self._own_branches.rollback()
+        if self._owned is not None:
+            self._owned.rollback()
         self._rigid_displacement[:] = self._rigid_before
         del self._owed[-1:]
         self.contact, self.reactions = self._contact_before, self._reactions_before
@@ -327,7 +322,7 @@ class BookedKernel(Kernel):
     def _with_carried_energy(self, energy: float) -> float:
         """An energy with what is stored in the residual part and in branches, too, J."""
         energy = energy if self.residual is None else energy + self.residual.stored
-        return energy if self._own_branches is None else energy + self._own_branches.stored
+        return energy if self._owned is None else energy + self._owned.stored
 
     def _with_residual(self, delassus: Array) -> Array:
         """The Delassus operator (3P, 3P) of the points that yield beyond the basis, too."""
