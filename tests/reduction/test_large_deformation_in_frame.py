@@ -1,5 +1,6 @@
 """Bodies that deform largely in a moving frame: what they are trained with, and the constants of their frame."""
 
+import re
 import warnings
 
 import numpy as np
@@ -330,3 +331,25 @@ def test_free_body_among_obstacles_is_pushed_by_its_weight(mesh):
     thrown = fr.assemble(scene(mesh, bare, supports=None, run=run))
     pushes = load_extremes(framed(problem_of(elastic_part(thrown))), 0.5).pushes
     np.testing.assert_allclose(pushes["tip"], [0.0, 0.0, weight * (1 + 2 / 9.81 / 0.125)], rtol=1e-12)
+
+
+def test_a_base_that_does_more_than_in_training_is_told_with_the_number(mesh):
+    """Spins, accelerations and turning of a path thrice as fast; its own path is within what it was trained with."""
+    system = fr.assemble(scene(mesh, EFFECTS + PATH, {"path.csv": swing()}))
+    rom = reduced(system, method="modal+derivatives")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)
+        told = " ".join(fr.simulate(rom).warnings)
+    assert " of the base" not in told
+    assert "spin of the frame" not in told
+    rows = swing(12.0)
+    faster = fr.BasePath(rows[:, 0], rows[:, 1:4], rows[:, 4:8], rows[:, 8:11], rows[:, 11:])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)
+        run = fr.simulate(rom, signals={"base_path": faster})
+    assert run.beyond_training
+    (told,) = (told for told in run.warnings if told.startswith("beyond what the model was trained on"))
+    assert re.search(
+        r"the spin of the frame about x reached 3\.5\d? rad/s, 2\.9\d? times the 1\.2 rad/s of training", told
+    )
+    assert "the angular acceleration of the base about z reached" in told

@@ -222,6 +222,16 @@ class CarriedFrame(CarriedBalance):
         self._now, self.frame = after, step.end
         return self._arrive(e, r)
 
+    @property
+    def _motion_felt(self) -> tuple[Vector | None, Vector | None, Vector]:
+        """As in PartedKernel."""
+        before, now, step = self._now_before, self._now, self._taken
+        assert step is not None
+        a = added(cross(step.ω̂, step.v̂), 1 / self.h, added(now.v, -1.0, before.v))
+        a = added(a, -1.0, step.turn.seen(step.forces.acceleration))
+        α = added(ZERO, 1 / self.h, added(now.ω, -1.0, before.ω))
+        return a, α, step.ω̂
+
     def _carried_points(self, step: Begun, r̂: Array, yielding: Array | None) -> tuple[Array, Array]:
         """Arms of the contact points from the origin in the middle of the step, m, and velocities, m/s, (P, 3)."""
         inside = self.points.moved(r̂)

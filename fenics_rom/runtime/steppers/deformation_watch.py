@@ -9,6 +9,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.training_watch import TrainingWatch
 
@@ -52,6 +53,11 @@ class DeformationWatch:
             notes["distance"] = far
             if before <= limit < far < math.inf:
                 warnings.warn(self._too_far(far), FenicsRomWarning, stacklevel=6)
+
+    def look_at_frame(self, notes: dict[str, float], *motion: Vector | None) -> None:
+        """Notes how a frame moved, see TrainingWatch."""
+        if self._training is not None:
+            self._training.look_at_frame(notes, *motion)
 
     def messages(self, notes: Mapping[str, float]) -> tuple[str, ...]:
         """What is to be said of how far the body went beyond what its model was trained on."""

@@ -273,11 +273,6 @@ class FrameKernel(PartedKernel):
             told = *told, *self._extent.messages(self.notes)
         return told if self.elastic is None else (*told, *self.elastic.messages(self.notes))
 
-    @property
-    def angular_velocity(self) -> Vector:
-        """In the frame's axes, rad/s."""
-        raise NotImplementedError
-
     def yielding(self, turn: Geometry, contact: ContactSolution | None) -> Array | None:
         """Mid-step velocity (P, 3) in the frame of the points in the residual part; None where there is none."""
         if self.residual is None or (contact is None and self.residual.is_at_rest):
@@ -390,6 +385,7 @@ class FrameKernel(PartedKernel):
         self._watch.look(e, self._square, self.angular_velocity, self.notes)
         if self._extent is not None:
             self._extent.look(self.notes, self._acting, e * self._inverse_ω, None, self.contact, self.h)
+            self._extent.look_at_frame(self.notes, *self._motion_felt)
         return 2 * self.energy
 
 

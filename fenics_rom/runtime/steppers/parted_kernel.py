@@ -7,7 +7,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_geometry import vector
-from fenics_rom.mechanics.frame_motion import added
+from fenics_rom.mechanics.frame_motion import Vector, added
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.body_parts import BodyParts
@@ -48,6 +48,16 @@ class PartedKernel(BookedKernel):
         self._acting, self._reactions_found = np.empty(0), np.empty(0)  # input of the step, and what is found of it
         self._start, self._matrix = np.empty(0), np.empty((0, 0))  # q of the step, and the slope of f̂ that is kept
         self._followed_at = np.empty(0)  # v̂ (m,) in the middle of which loads that follow are expected to act
+
+    @property
+    def _motion_felt(self) -> tuple[Vector | None, Vector | None, Vector]:
+        """Acceleration less gravity's, angular acceleration and spin in the last step; None of what strains nothing."""
+        return None, None, self.angular_velocity
+
+    @property
+    def angular_velocity(self) -> Vector:
+        """In the frame's axes, rad/s."""
+        raise NotImplementedError
 
     @property
     def _notes_of_parts(self) -> dict[str, float]:

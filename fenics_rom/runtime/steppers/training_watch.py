@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR
 from fenics_rom.rom.deformation import TrainingRange, resultant
 from fenics_rom.rom.material_points import MaterialPoints
@@ -26,6 +27,8 @@ Notes = dict[str, float]
 # shapes are wrong by 2 to 8 % where it was not trained (`validation_error`): what goes further is of another run.
 TRUSTED_LOAD, TRUSTED_STRAIN = 1.05, 1.1  # times what training saw
 LOCAL_STRAIN = 0.5  # of the largest strain of training, up to which any point may go: obstacles press in places
+MINOR_AXIS = 0.1  # of the largest of a frame's motions, up to which it may move along or about any axis
+HARDLY = 1e-6  # m/s², rad/s² or rad/s: of a frame that stood still
 NEVER = 1e-100  # what stands for an input that was not there
 STRAIN = "strain"  # of the kept point that went furthest beyond its own in training
 TOUCHED = "touched"  # whether an obstacle pushed
@@ -59,6 +62,9 @@ class TrainingWatch:
         self._inputs = dict(zip(self._ranges, map(slice, ends, ends[1:]), strict=True))  # of those after the pushes
         self._ranges |= {f"the push on {name!r}": (trained.pushes.get(name, 0.0), "N") for name in rom.contact_models}
         self._ranges |= {f"the force of {name}": (most, "N") for name in self._pushers}
+        self._of_frame = [_of_axes(*of) for of in _frame_ranges(trained)] if acting.is_moving else []
+        for names, largest, unit in self._of_frame:
+            self._ranges |= {name: (limit, unit) for name, limit in zip(names, largest, strict=True)}
         limits = [max(self._ranges[name][0], NEVER) for name in self._inputs]
         self._limits = np.repeat(limits, list(widths.values()))
         self._whose = np.repeat(1 + np.arange(len(widths)), list(widths.values()))
@@ -118,6 +124,16 @@ class TrainingWatch:
         if contact is not None or notes[TOUCHED]:
             self._look_at_contact(notes, contact, h)
 
+    def look_at_frame(self, notes: Notes, *motion: Vector | None) -> None:
+        """Notes how a frame moved in a step: its acceleration less gravity's, its angular acceleration, its spin.
+
+        Each along or about the axes of the frame; None of what is not looked at.
+        """
+        for (names, largest, _), moved in zip(self._of_frame, motion, strict=False):
+            for name, limit, value in zip(names, largest, moved or (), strict=False):
+                if abs(value) > TRUSTED_LOAD * limit:
+                    self._note(notes, name, abs(value))
+
     def _look_at_shape(self, notes: Notes, q: Array) -> None:
         """Looks at the strains of a shape, unless one that was looked at is so near that none can be beyond training.
 
@@ -165,3 +181,20 @@ class TrainingWatch:
         notes[what] = value
         if not before:
             warnings.warn(self.message(notes), FenicsRomWarning, stacklevel=8)
+
+
+def _frame_ranges(trained: TrainingRange) -> list[tuple[str, Array | None, str]]:
+    """What of a moving frame's motion is looked at, how far training went (3,), and its unit."""
+    return [
+        ("the acceleration of the base, less gravity's, along", trained.accelerations, "m/s2"),
+        ("the angular acceleration of the base about", trained.angular_accelerations, "rad/s2"),
+        ("the spin of the frame about", trained.spins, "rad/s"),
+    ]
+
+
+def _of_axes(what: str, largest: Array | None, unit: str) -> tuple[list[str], list[float], str]:
+    """Names of a motion along or about each axis, and how far it may go; none where it was not looked at."""
+    if largest is None:
+        return [], [], unit
+    least = max(MINOR_AXIS * float(largest.max()), HARDLY)
+    return [f"{what} {axis}" for axis in "xyz"], np.maximum(largest, least).tolist(), unit
