@@ -269,7 +269,7 @@ class SeparateBodies:
 
     def place(self, base: BaseState, bodies: Array) -> None:
         """As of `Batch`."""
-        given, refused = checked_bases(base, len(bodies), "base")
+        _, refused = checked_bases(base, len(bodies), "base")
         if len(refused):
             raise StepError(
                 f"base of body {bodies[refused[0]]}: allowed are finite numbers and a unit quaternion; all bodies "
@@ -278,7 +278,7 @@ class SeparateBodies:
         before, done = [self.bodies[body].pose for body in bodies], 0
         try:
             for k, body in enumerate(bodies):
-                self.bodies[body].place(BaseState(*(part[k] for part in given)))
+                self.bodies[body].place(_own(base, k))
                 done = k + 1
         except StepError as error:
             for pose, body in zip(before[:done], bodies, strict=False):
@@ -336,7 +336,7 @@ class SeparateBodies:
         stays = self.frozen.copy()
         stays[held] = True
         if base is not None:
-            base, refused = checked_bases(base, size, f"{where}: base")
+            _, refused = checked_bases(base, size, f"{where}: base")
             if len(refused) and on_error == "raise":
                 raise StepError(
                     f"{where}, body {refused[0]}: base: allowed are finite numbers and a unit quaternion; all bodies "
@@ -347,7 +347,7 @@ class SeparateBodies:
         for number, body in enumerate(self.bodies):
             if stays[number]:
                 continue
-            own = None if base is None else BaseState(*(part[number] for part in base))
+            own = None if base is None else _own(base, number)
             before = _Before.of(body) if on_error == "raise" else None
             try:
                 body.step(self._input_of(body, u[number], most), base=own)
@@ -367,3 +367,9 @@ class SeparateBodies:
         """What of an input is a body's, without columns that only other contact modes have."""
         own = self._widths[body.nearest_contact] if min(self._widths.values()) < most else most
         return u if own == most else np.concatenate([u[:own], u[most:]])
+
+
+def _own(base: BaseState, body: int) -> BaseState:
+    """Of bases of all bodies, or one for all, that of one, to the bit as it was given."""
+    parts = (np.asarray(part, dtype=float) for part in base)
+    return BaseState(*(part if part.ndim == 1 else part[body] for part in parts))

@@ -161,6 +161,22 @@ def test_a_batch_is_simulators_to_the_bit(rom_of, kind):
         np.testing.assert_array_equal(twin.supplied, bodies.supplied)
 
 
+def test_bases_are_given_to_the_bit(rom_of):
+    rom = rom_of(("carried", "touching"))
+    bodies, single = fr.Batch(rom, 2, DT), fr.Simulator(rom, DT)
+    for k in range(20):
+        half = 2e-4 * k
+        rotation = np.array([np.cos(half), 0.0, np.sin(half), 0.0])
+        base = fr.BaseState(np.array([0, 0, 1e-5 * k]), rotation, np.array([0, 0, 0.01]), np.array([0, 0.4, 0]))
+        bodies.step(np.zeros(bodies.inputs), base=base)
+        single.step(np.zeros(single.inputs), base=base)
+    np.testing.assert_array_equal(bodies.state()[0][1], single.state[0])
+    many = fr.BaseState(*(np.tile(part, (2, 1)) for part in base))
+    bodies.place(many)
+    single.place(base)
+    np.testing.assert_array_equal(bodies.displacement("tip")[1], single.displacement("tip"))
+
+
 @pytest.mark.parametrize("kind", KINDS, ids="-".join)
 def test_single_precision_is_of_what_is_read(rom_of, kind):
     bodies, double = fr.Batch(rom_of(kind), 2, DT, dtype=np.float32), fr.Batch(rom_of(kind), 2, DT)
