@@ -171,6 +171,7 @@ def test_bases_are_given_to_the_bit(rom_of):
         bodies.step(np.zeros(bodies.inputs), base=base)
         single.step(np.zeros(single.inputs), base=base)
     np.testing.assert_array_equal(bodies.state()[0][1], single.state[0])
+    base = base._replace(position=np.array([0, 0, 0.05]))  # off the floor
     many = fr.BaseState(*(np.tile(part, (2, 1)) for part in base))
     bodies.place(many)
     single.place(base)
