@@ -135,7 +135,8 @@ def reduce(
     check_order(order, system.contacts, "order")
     switching = Text(SWITCHINGS).check(_given(switching, chosen.switching), "switching")
     method, messages = _given(method, chosen.method), list(system.warnings)
-    if (method, order, tolerance, switching) == (None, None, None, "energy") and (touched := _most_points(system)):
+    is_open = switching == "energy" and all(choice is None for choice in (method, order, tolerance))
+    if is_open and (touched := _most_points(system)):
         method, order = "modal+static", min(DEFAULT_MOST, system.elastic_size)
         messages.append(EIGENVECTORS_KEPT.format(points=touched, order=order))
     most = DEFAULT_MOST if order is None and tolerance is None and system.deformation is None else None

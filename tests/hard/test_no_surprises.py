@@ -32,6 +32,7 @@ STARTED = {  # scripts and commands of this package, in processes of their own, 
 }
 IMPORTS = {  # modules that the package names itself, when they are asked for
     PACKAGE / "lazy_import.py",
+    PACKAGE / "rom" / "linearizer.py",
     PACKAGE / "system" / "backends.py",
     PACKAGE / "visualization" / "optional_dependencies.py",
 }
