@@ -87,4 +87,5 @@ def _strides(stride: float, before: Placement, now: Placement, start: Intruder, 
     own = end.core[1] - start.core[1]
     if len(own):
         moved = (moved[:, None] - own).reshape(-1, 3)
-    return min(max(1, math.ceil(_farthest(moved) / stride)), MOST_PLACES)
+    strides = _farthest(moved) / stride
+    return max(1, math.ceil(strides)) if strides < MOST_PLACES else MOST_PLACES  # also of what is not a number

@@ -290,7 +290,7 @@ def half_precision(patch, demo):
         def step(self, u, **more):
             found = super().step(u, **more)
             if self.dtype == np.float32:
-                self._layout.state *= 1 + 2.0**-11
+                self._bodies._layout.state *= 1 + 2.0**-11
             return found
 
     patch.setattr(fr, "Batch", Half)
