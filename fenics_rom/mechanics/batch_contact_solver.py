@@ -19,6 +19,7 @@ from fenics_rom.mechanics.complementarity.normals import NORMAL, along, subtract
 from fenics_rom.mechanics.complementarity.problems import Problems
 from fenics_rom.mechanics.complementarity.splitting import Splitting
 from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.mechanics.contact_pairs import BACK
 from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
 
 ROUND_OFF = 1e-14  # of the work that forces do at what they add: that of work, as the sum over the points has it
@@ -209,7 +210,7 @@ class BatchContactSolver:
         target = (approach / 2 - gaps / dt) / 2
         np.minimum(target, approach / 2, out=target)
         if e > 0:
-            leaves = normal_velocity >= (1 + e) * approach if e < 1 else True
+            leaves = normal_velocity >= BACK * (1 + e) * approach if e < 1 else True
             np.copyto(target, (1 - e) / 2 * approach, where=leaves)
         np.minimum(target, 0.0, out=target)
         if gaps.min(initial=0.0) < 0:

@@ -134,6 +134,9 @@ class NormalLaw(NamedTuple):
 Asked = Callable[[Array, Array], NormalLaw]
 
 
+BACK = 1 + 1e-9  # beside 1 + e: points alike, whose speeds differ by round-off, all bounce, or none of them
+
+
 class NormalRule:
     """The law in steps of dt, s, with arrays for its numbers, as in every step a number takes longer.
 
@@ -156,7 +159,7 @@ class NormalRule:
             damper = law.stiffness * dt / 2 + law.damping
             rate, self._compliance = -law.stiffness / damper, 1 / damper
         self._rate, self._half, self._share, self._pressed = (
-            np.full(pairs, x) for x in (rate, 0.5, (1 - e) / 2, 1 + e)
+            np.full(pairs, x) for x in (rate, 0.5, (1 - e) / 2, BACK * (1 + e))
         )
         self._zeros = np.zeros(pairs)
 

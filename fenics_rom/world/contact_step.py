@@ -24,6 +24,7 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.braking import WORK_ROUND_OFF, Braking
 from fenics_rom.mechanics.complementarity import Delassus, FramedDelassus, Frames, KeptLaw, response, solve
 from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGLIGIBLE_RESIDUAL, largest
+from fenics_rom.mechanics.contact_pairs import BACK
 from fenics_rom.world.bodies import Body, Points
 
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
@@ -348,10 +349,9 @@ def _normal_law(pairs: Pairs, guide: Guide, free: Array, a: Array, h: float) -> 
     n, e, closing, half = pairs.normals, pairs.restitution, pairs.gaps / -h, a / 2
     later = (closing + half) / 2
     level, target = np.maximum(closing, later), np.minimum(half, later)
-    bounces = e > 0
-    if bounces.any():
+    if (bounces := e > 0).any():
         _, free_contacts = guide.without_contact(free)
-        leaves = ((n * free_contacts).dot(_ONES) >= (1 + e) * a) | ((e == 1) & ~pairs.are_rigid)
+        leaves = ((n * free_contacts).dot(_ONES) >= BACK * (1 + e) * a) | ((e == 1) & ~pairs.are_rigid)
         target = np.where(bounces & leaves, (1 - e) * half, target)
     target = np.minimum(target, 0.0)
     if pairs.out.any():
