@@ -12,7 +12,6 @@ body's velocities at the start, and not by half of what they do then, which no v
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -33,7 +32,6 @@ SLOW, FEW_SWEEPS = 0.5, 5  # of a change to the one before, from which on slopes
 MOST_SWEEPS = 60
 PROXIMAL, SMALLEST_PROXIMAL = 1e-4, 1e-8  # of the mean compliance, beside W where that may be singular: it only guides
 LESS = 0.1  # of it in each sweep, so that they end soon, but not less than what forces were found with
-NO_MORE = np.zeros(3)  # velocity by actuators whose forces are given, m/s
 PATIENCE = 25  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
 
 
@@ -183,10 +181,10 @@ def touch(
     forces, size_before, scale = np.zeros_like(displacement), 0.0, body.scale(x)
     found_all, left = False, 0.0  # from when on the balance alone is solved, and what forces then lacked
 
-    def solved(free: Array, by_z: Array, operator: Array) -> ContactSolution | None:
+    def solved(free: Array, operator: Array) -> ContactSolution | None:
         # What touched in the step before is what obstacles push that accelerate.
         solver.search = solver.search._replace(residual=search_before.residual) if steady else search_before
-        motion = PointMotion(displacement, velocity, free + by_z)
+        motion = PointMotion(displacement, velocity, free)
         return interface.solve(motion, operator, h, obstacles, settled=settled)
 
     for sweep in range(MOST_SWEEPS):
@@ -206,13 +204,13 @@ def touch(
             W = _operator(body, turn, arms, near, proximal)
             free = moving - W.dot(forces.ravel()).reshape(forces.shape)
             if actuated is None:
-                contact = solved(free, NO_MORE, W)
+                contact = solved(free, W)
             else:
                 held = Held.of(body, actuated, corrected, z)
                 moved = np.zeros((forces.size, len(z)))
                 rows = (3 * near[:, None] + np.arange(3)).ravel()
                 moved[rows] = actuated.maps(turn, arms)[rows].dot(held.spread)
-                z, contact = held.solve_with(moved, W, forces, z, partial(solved, free))
+                z, contact = held.solve_with(moved, W, free, forces, z, solved)
             if contact is not None and len(near) < len(forces) and np.setdiff1d(contact.pairs % len(forces), near).size:
                 near, solver.search, contact, z = np.arange(len(forces)), search_before, before, z_before
                 continue  # others are reached, too
@@ -278,7 +276,7 @@ class Held(NamedTuple):
 
     actuators: ToFind
     spread: Array  # what x changes by per z (any, n)
-    compliance: Array  # rates per z (n, n)
+    compliance: Array  # rates per z (n, n), as `ActuatorForces.compliance` makes it
     rates: Array  # (n,) without z
     angles: Array | None  # (n,) by which tendons turn at guides; None: those at rest
 
@@ -289,7 +287,8 @@ class Held(NamedTuple):
         assert actuators is not None
         columns, spread, angles = actuated.found_columns(x)
         by_z = columns.T.dot(spread[-len(columns) :])
-        return cls(actuators, spread, by_z, columns.T.dot(body.rates(x)[1]) - by_z.dot(z), angles)
+        compliance = actuators.actuators.compliance(by_z)
+        return cls(actuators, spread, compliance, columns.T.dot(body.rates(x)[1]) - by_z.dot(z), angles)
 
     def solve(self, before: Array) -> Array:
         """z where nothing touches, from those before."""
@@ -300,6 +299,7 @@ class Held(NamedTuple):
         self,
         moved: Array,
         delassus: Array,
+        free: Array,
         forces: Array,
         z: Array,
         solve_contact: Callable[[Array, Array], ContactSolution | None],
@@ -309,22 +309,22 @@ class Held(NamedTuple):
         Args:
             moved: velocities (3P, n) of contact points per z.
             delassus: W (3P, 3P) of the points where z stays.
+            free: velocities of the points without contact, (P, 3), m/s, under z.
             forces, z: that x is under.
-            solve_contact: with what is added to the velocities of points without contact, (P, 3), and an operator.
+            solve_contact: with the velocities of points without contact, (P, 3), and an operator.
         """
-        held = self.actuators.actuators.holding(delassus, moved, self.actuators.actuators.compliance(self.compliance))
+        held = self.actuators.actuators.holding(delassus, moved, self.compliance)
 
         def touch(tried: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
             by_z = moved.dot(tried - z).reshape(-1, 3)
-            contact = solve_contact(by_z, held.delassus(holding))
+            contact = solve_contact(free + by_z, held.delassus(holding))
             return contact, np.zeros(len(z)) if contact is None else moved.T.dot(contact.forces.ravel())
 
         return self._solve(z, touch, self.rates - moved.T.dot(forces.ravel()))
 
     def _solve(self, before: Array, touch: Touch | None, rates: Array) -> tuple[Array, ContactSolution | None]:
-        found, actuators = self.actuators, self.actuators.actuators
-        W = actuators.compliance(self.compliance)
-        return actuators.solve(found.inputs, rates, W, found.targets, before, touch, self.angles)
+        found = self.actuators
+        return found.actuators.solve(found.inputs, rates, self.compliance, found.targets, before, touch, self.angles)
 
 
 def _passive(contact: ContactSolution, velocities: Array) -> ContactSolution:

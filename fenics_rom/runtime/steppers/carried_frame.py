@@ -41,13 +41,10 @@ from fenics_rom.mechanics.frame_motion import (
 )
 from fenics_rom.mechanics.largest_turn import check_turn
 from fenics_rom.runtime.steppers.carried_adjoint import Carried, CarriedAdjoint
-from fenics_rom.runtime.steppers.carried_balance import CarriedBalance
+from fenics_rom.runtime.steppers.carried_balance import CarriedBalance, Wrench
 from fenics_rom.runtime.steppers.carried_base import Begun, Motion, frame_state, motion_of
 from fenics_rom.runtime.steppers.carried_points import CarriedPoints, seen
 from fenics_rom.runtime.steppers.frame_kernel import FrameState, in_frame
-
-Wrench = tuple[Vector, Vector]
-NO_TURN = 1e-18  # rad: by less coordinates are not coupled, as |G| <= 1 and |I2| <= 1 beside 2/h are below the last bit
 
 
 class CarriedFrame(CarriedBalance):

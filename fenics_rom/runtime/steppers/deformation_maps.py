@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.hyperelastic import linear_stress, strain, strain_rate, stress, stress_change
 from fenics_rom.rom.carried_strains import MonomialStrains, PointStrains
 from fenics_rom.rom.deformation import ReducedDeformation
-from fenics_rom.runtime.steppers.finite_strain import Follower
+from fenics_rom.runtime.steppers.acts.followers import Follower
 from fenics_rom.runtime.steppers.residual_motion import ResidualMaps
 
 UNIT = np.eye(3)[:, :, None]

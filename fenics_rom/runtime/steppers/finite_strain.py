@@ -9,19 +9,18 @@ balances energy as the linear rule does. Both ways to f̂ take the strains' rate
     equilibrium.py          without inertia: Φ'(q⁺) = G u.
 """
 
-from collections.abc import Callable
-from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.readings import swept_volume, swept_volume_slope
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, monomial_slopes, monomials, monomials_back
+from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.acts.followers import Follower, follower_loads
+from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
 from fenics_rom.runtime.steppers.adjoint import check_is_differentiated
 from fenics_rom.runtime.steppers.deformation_watch import DeformationWatch
 from fenics_rom.runtime.steppers.kernel import BookedKernel
@@ -32,16 +31,6 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint, BalancedPart
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
-
-
-class Follower(NamedTuple):
-    """What turns with the body."""
-
-    force: Callable[[Array], Array]  # of 1 N or 1 Pa at q, (m,)
-    stroke: Callable[[Array], float]  # at q, m or m³
-    pull_back: Callable[[Array, Array], Array]  # what w·force owes to q, (m,), of q and w
-    slope: Callable[[Array], Array]  # ∂force/∂q, (m, m)
-    stroke_slope: Callable[[Array], Array]  # ∂stroke/∂q, (m,): the force, where that has a potential to the last bit
 
 
 class FiniteStrainKernel(BookedKernel):
@@ -69,11 +58,8 @@ class FiniteStrainKernel(BookedKernel):
         assert rom.deformation is not None
         model = next(iter(rom.contact_models.values()))
         super().__init__(model, ledger, np.empty(0), interface, actuators, residual, branches)
-        names, guides = ((), ()) if actuators is None else (actuators.names, actuators.guides)
-        tendons = rom.deformation.tendons
-        self._found = [follower(rom.deformation, name) for name in names]
-        self._found += [follower_of_tendon(tendons[name].up_to(guide)) for name, guide in guides]
-        self._rubbing = [tendons[name] for name in dict.fromkeys(name for name, _ in guides)]
+        self._found_forces = None if actuators is None else FoundForces(rom, model, actuators)
+        self._found = [] if self._found_forces is None else self._found_forces.followers
         self._body: ReducedDeformation = rom.deformation
         self._shared = sum(rom.actuators.values()) + sum(rom.loads.values())
         self._follower_columns = follower_loads(rom)
@@ -156,10 +142,10 @@ class FiniteStrainKernel(BookedKernel):
             return np.empty(0, dtype=int)
         return self._model.inputs.shape[1] + self._actuators.columns
 
-    def _angles(self, q: Array) -> Array:
-        """By which tendons turn at guides that rub, (n,), rad, 0 of strokes."""
-        strokes = np.zeros(0 if self._actuators is None else len(self._actuators.names))
-        return np.concatenate([strokes, *(tendon.angles(q) for tendon in self._rubbing)])
+    def _angles(self, q: Array) -> Array | None:
+        """By which tendons turn at guides, (n,), rad, where forces of actuators are found."""
+        assert self._found_forces is not None
+        return self._found_forces.angles(q)
 
     def _acting(self, u: Array) -> Array:
         """An input with the forces that were found in place of strokes."""
@@ -202,43 +188,3 @@ class FiniteStrainKernel(BookedKernel):
     def _note(self, q: Array, E: Array | None, u: Array) -> None:
         """Notes how far a step under u has led, to q and strains E if known, and warns where it is beyond training."""
         self._watch.look(self.notes, u, q, E, self.contact, self.h)
-
-
-def follower_loads(rom: Rom) -> list[tuple[int, Follower]]:
-    """The inputs whose forces turn with the body: columns, counted from behind the contact's."""
-    assert rom.deformation is not None
-    loads: list[tuple[int, Follower]] = []
-    column = 0
-    for name, columns in rom.actuators.items():
-        if name in rom.deformation.pressures or name in rom.deformation.tendons:
-            loads.append((column, follower(rom.deformation, name)))
-        column += columns
-    return loads
-
-
-def follower_of_tendon(tendon: ReducedTendon) -> Follower:
-    """That of a cable."""
-    return Follower(tendon.force, tendon.stroke, tendon.pull_back, tendon.slope, tendon.force)
-
-
-def follower(body: ReducedDeformation, name: str) -> Follower:
-    """That of a tendon or a pressure."""
-    if name in body.tendons:
-        return follower_of_tendon(body.tendons[name])
-    polynomial = body.pressures[name]
-
-    def force(q: Array) -> Array:
-        at_one: Array = polynomial.dot(monomials(q))
-        return at_one
-
-    def pull_back(q: Array, w: Array) -> Array:
-        return monomials_back(q, w @ polynomial)
-
-    def slope(q: Array) -> Array:
-        slopes: Array = polynomial @ monomial_slopes(q)
-        return slopes
-
-    def stroke_slope(q: Array) -> Array:
-        return swept_volume_slope(force, slope, q)
-
-    return Follower(force, partial(swept_volume, force), pull_back, slope, stroke_slope)

@@ -45,7 +45,6 @@ class FreeBalance(FreeMotion):
         self.newton = KeptNewton()
         self._lever: Array | None = None  # of ties, per force, as contact was told last
         self._ahead: tuple[Array, Array] | None = None  # of an expected step the slope of f̂, and the inverse Jacobian
-        self._modal = np.empty(0)  # forces on the coordinates (m,) in the step
         self._forces = self._loads.at(np.zeros(self._loads.width))  # of the step
         self._passed: tuple[float, Array] | None = None  # the last step: of h s, by ω̂ and r̂
         self.resume(np.empty(0))
@@ -81,8 +80,8 @@ class FreeBalance(FreeMotion):
 
     def _given(self, v: Array, at: Array) -> None:
         """Makes what of the balance is there at no rate exact at v, of loads that follow as they do at another."""
-        self._modal, self._followed_at = self._forces.modal - self._resists(v, at), at
-        self._give(self._modal)
+        self._followed_at = at
+        self._give(self._forces.modal - self._resists(v, at))
 
     def act(self, z: Array) -> None:
         """As in FrameBody of mechanics.frame_contact."""

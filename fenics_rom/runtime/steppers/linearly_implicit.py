@@ -188,9 +188,10 @@ class LinearlyImplicit(FiniteStrainKernel):
 
         contact, is_kink = contact_adjoint(self._interface)
         residual = None if self.residual is None else self.residual.state.reshape(4, -1).copy()
-        m, carried = self._model.order, self._law.carried_with_strains
-        before, after = (self._state_before, carried.before), (self.state, carried.after)
-        states = [part for state, own in (before, after) for part in (state.copy(), own(state[:m] * self._inverse_ω))]
+        before, after = self._state_before.copy(), self.state.copy()
+        shapes = (state[: self._model.order] * self._inverse_ω for state in (before, after))
+        carried_before, carried_after = self._law.carried_with_strains(*shapes)
+        states = [before, carried_before, after, carried_after]
         u = u if self._actuators is None else self._actuators.split(u)[0]
         return LinearlyImplicitAdjoint(self._maps, u, self._taken, states, residual, contact, is_kink)
 

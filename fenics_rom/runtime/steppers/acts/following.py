@@ -5,7 +5,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.rom.deformation import ReducedRim
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.finite_strain import Follower, follower_loads
+from fenics_rom.runtime.steppers.acts.followers import Follower, follower_loads
 
 
 class FollowingLoads:

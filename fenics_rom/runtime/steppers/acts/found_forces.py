@@ -9,7 +9,7 @@ from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import ReducedTendon
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.finite_strain import Follower, follower, follower_of_tendon
+from fenics_rom.runtime.steppers.acts.followers import Follower, follower, follower_of_tendon
 
 
 class FoundForces:
@@ -19,33 +19,36 @@ class FoundForces:
         rom: the reduced models.
         model: of the contact mode.
         actuators: what is found.
+
+    Attributes:
+        followers: what turns with the body, of each; none where strains are small.
     """
 
     def __init__(self, rom: Rom, model: ContactModel, actuators: ActuatorForces):
         self.actuators = actuators
         self._columns = model.inputs[:, actuators.columns]
-        self._followers, self._rubbing = list[Follower](), list[ReducedTendon]()
+        self.followers, self._rubbing = list[Follower](), list[ReducedTendon]()
         if rom.deformation is not None:
             tendons = rom.deformation.tendons
-            self._followers = [follower(rom.deformation, name) for name in actuators.names]
-            self._followers += [follower_of_tendon(tendons[name].up_to(guide)) for name, guide in actuators.guides]
+            self.followers = [follower(rom.deformation, name) for name in actuators.names]
+            self.followers += [follower_of_tendon(tendons[name].up_to(guide)) for name, guide in actuators.guides]
             self._rubbing = [tendons[name] for name in dict.fromkeys(name for name, _ in actuators.guides)]
 
     def columns(self, q: Array) -> Array:
         """Generalized forces (m, n) of forces of 1 on the body at q."""
-        if not self._followers:
+        if not self.followers:
             return self._columns
-        return np.array([follower.force(q) for follower in self._followers]).T
+        return np.array([follower.force(q) for follower in self.followers]).T
 
     def strokes(self, q: Array) -> Array:
         """(n,) at q, m or m³."""
-        if not self._followers:
+        if not self.followers:
             return q.dot(self._columns)
-        return np.array([follower.stroke(q) for follower in self._followers])
+        return np.array([follower.stroke(q) for follower in self.followers])
 
     def angles(self, q: Array) -> Array | None:
         """By which tendons turn at guides (n,), rad; None where those at rest will do."""
-        if not self._followers:
+        if not self.followers:
             return None
         return np.concatenate([np.zeros(len(self.actuators.names)), *(tendon.angles(q) for tendon in self._rubbing)])
 

@@ -8,8 +8,7 @@ before, and what remains is the mismatch that a run reports.
 """
 
 import math
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -37,13 +36,6 @@ class Ahead(NamedTuple):
     middle: Array  # (m,)
     around: MonomialsAround | PointsAround  # the middle
     force: Array  # there, of what is strained and damped, but for what of branches is there before the step (m,)
-
-
-class CarriedStates(NamedTuple):
-    """What is carried beside q (m,), with all strains, as functions of that."""
-
-    before: Callable[[Array], Array]
-    after: Callable[[Array], Array]
 
 
 class StrainsCarried(ElasticLaw):
@@ -247,10 +239,9 @@ class StrainsCarried(ElasticLaw):
         self._noted = 2 * self._next.shape.energy, gap
         return heat - taken_back
 
-    @property
-    def carried_with_strains(self) -> "CarriedStates":
-        """What is carried before the last step and after it."""
-        return CarriedStates(*(partial(self._with_strains, each) for each in (self._carried_before, self._carried)))
+    def carried_with_strains(self, before: Array, after: Array) -> tuple[Array, Array]:
+        """What is carried before the last step and after it, with all strains, where q (m,) was that and is this."""
+        return self._with_strains(self._carried_before, before), self._with_strains(self._carried, after)
 
     def _with_strains(self, carried: Carried, q: Array) -> Array:
         """What is carried beside q, with ε and C₀ε wherever ε is E(q)."""
