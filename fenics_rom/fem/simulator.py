@@ -13,14 +13,12 @@ from fenics_rom.fem.frame_stepper import MovingFrameStepper
 from fenics_rom.fem.linear_stepper import FullOrderStepper
 from fenics_rom.fem.readings import readable
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.environment import Environment, check_followed_in_frame
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.initial_state import InitialState, lost_messages, missing_share
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.system.system import System
-
-LARGE = ("large_deformation", "viscoelasticity", "strokes", "equilibria")  # what the steps of such a body follow
 
 
 class FullOrderSimulator:
@@ -59,14 +57,15 @@ class FullOrderSimulator:
         self.system, self.environment = system, ActiveEnvironment(environment, signals=signals)
         environment.check_supports(system.rigid.shape[1])
         if system.moving_frame is not None:
-            check_followed_in_frame(environment, ("base_motion", *(LARGE if system.deformation else ())))
-            if system.deformation is not None and system.moving_frame.carried and environment.contact_law is not None:
-                raise StepError(
-                    "contact of a body that a base carries and that deforms largely is found reduced alone; take a ROM"
-                )
             if system.deformation is None:
+                _check_followed(environment)
                 self.stepper = MovingFrameStepper(system, dt, self.environment, ledger=ledger)
             else:
+                if system.moving_frame.carried and environment.contact_law is not None:
+                    raise StepError(
+                        "contact of a body that a base carries and that deforms largely is found reduced alone; take a "
+                        "ROM"
+                    )
                 self.stepper = system.deformation.stepper_in_frame(dt, self.environment, ledger=ledger)
         elif system.deformation is None:
             self.stepper = FullOrderStepper(system, dt, self.environment, ledger=ledger)
@@ -172,3 +171,17 @@ class FullOrderSimulator:
         """Forces of the actuators whose strokes are given, in the last step: tensions in N, pressures in Pa."""
         names = self.environment.stroke_names(self.system.actuators)
         return dict(zip(names, map(float, self.stepper.reactions), strict=False))
+
+
+def _check_followed(acting: Environment) -> None:
+    """Refuses (StepError) what steps of a body of small strains do not follow in a moving frame."""
+    if "viscoelasticity" in acting.effects:
+        raise StepError(
+            "a body in a moving frame: its steps do not follow effects.viscoelasticity; take frame = 'fixed'"
+        )
+    if acting.finds_forces:
+        raise StepError(
+            "a body in a moving frame: its steps find no forces of strokes and guides; take frame = 'fixed'"
+        )
+    if not acting.has_inertia:
+        raise StepError("a body in a moving frame: its steps have inertia; name effects.inertia")

@@ -3,13 +3,13 @@
 Loads and obstacles have signals; how these drive a step is `mechanics.active_environment`.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from fenics_rom.errors import SceneError, StepError
+from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.signals import Signal
 
 if TYPE_CHECKING:
@@ -226,19 +226,6 @@ class Environment:
         if self.run is not None:
             acting.append(f"run of {self.run.duration:g} s at dt {self.run.dt:g} s")
         return "\n  ".join([*lines, *(["; ".join(acting)] if acting else [])])
-
-
-def check_followed_in_frame(acting: Environment, taken: Collection[str] = ()) -> None:
-    """Refuses (StepError) what steps in a moving frame do not follow, beside what is `taken`."""
-    for name in ("large_deformation", "viscoelasticity", "base_motion"):
-        if name in acting.effects and name not in taken:
-            raise StepError(f"a body in a moving frame: its steps do not follow effects.{name}; take frame = 'fixed'")
-    if acting.finds_forces and "strokes" not in taken:
-        raise StepError(
-            "a body in a moving frame: its steps find no forces of strokes and guides; take frame = 'fixed'"
-        )
-    if not acting.has_inertia and "equilibria" not in taken:
-        raise StepError("a body in a moving frame: its steps have inertia; name effects.inertia")
 
 
 class HasEnvironment(Protocol):

@@ -43,6 +43,16 @@ def free(mesh):
     return moving(mesh, supports=None)
 
 
+def check_constants(rom, X, M, *, carried):
+    """Those of a ROM's frame are what NumPy makes of all nodes X (N, 3) and their mass (3N, 3N)."""
+    frame, Qe = rom.moving_frame, np.zeros((X.size, len(rom.stiffness) - rom.rigid))
+    Qe[rom.free] = rom.basis[:, rom.rigid :]
+    expected = inertia_constants(X, M, Qe, carried=carried, origin=frame.origin)
+    for name in CONSTANTS:
+        scale = np.abs(getattr(expected, name)).max(initial=1.0)
+        np.testing.assert_allclose(getattr(frame, name), getattr(expected, name), atol=1e-12 * scale, err_msg=name)
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 def test_constants_of_a_scene_are_those_of_all_its_nodes(mesh, degree):
     """Of a free box and of one that its left side carries, whose nodes have mass, too: M of the whole, by NumPy."""
@@ -51,12 +61,7 @@ def test_constants_of_a_scene_are_those_of_all_its_nodes(mesh, degree):
     for supports in (None, 'clamped = ["left"]'):
         rom = fr.reduce(moving(mesh, degree=degree, supports=supports), order=6)
         frame, carried = rom.moving_frame, supports is not None
-        Qe = np.zeros((whole.size, len(rom.stiffness) - rom.rigid))
-        Qe[rom.free] = rom.basis[:, rom.rigid :]
-        expected = inertia_constants(X, M, Qe, carried=carried, origin=frame.origin)
-        for name in CONSTANTS:
-            scale = np.abs(getattr(expected, name)).max(initial=1.0)
-            np.testing.assert_allclose(getattr(frame, name), getattr(expected, name), atol=1e-12 * scale, err_msg=name)
+        check_constants(rom, X, M, carried=carried)
         np.testing.assert_allclose(frame.origin, np.zeros(3) if carried else np.array(LENGTHS) / 2, atol=1e-14)
         assert frame.mass == pytest.approx(DENSITY * np.prod(LENGTHS), rel=1e-12)
         from_origin = np.array(LENGTHS) / 2 - frame.origin
@@ -107,12 +112,7 @@ def test_what_is_fixed_to_a_body_is_in_the_inertia_of_its_frame(mesh):
     for supports in (None, 'clamped = ["left"]'):
         rom = fr.reduce(moving(mesh, effects=MASSES, supports=supports), order=6)
         frame, carried = rom.moving_frame, supports is not None
-        Qe = np.zeros((whole.size, len(rom.stiffness) - rom.rigid))
-        Qe[rom.free] = rom.basis[:, rom.rigid :]
-        expected = inertia_constants(X, M, Qe, carried=carried, origin=frame.origin)
-        for name in CONSTANTS:
-            scale = np.abs(getattr(expected, name)).max(initial=1.0)
-            np.testing.assert_allclose(getattr(frame, name), getattr(expected, name), atol=1e-12 * scale, err_msg=name)
+        check_constants(rom, X, M, carried=carried)
     middle, bare = np.array(LENGTHS) / 2, DENSITY * np.prod(LENGTHS)
     # a uniform layer at the top has the moments of its area, whose linear triangles integrate them exactly
     x, y = LENGTHS[:2]

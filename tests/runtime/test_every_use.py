@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from products import kinds, product
+from products import kinds
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
@@ -16,18 +16,6 @@ DT, STEPS = 1e-3, 50
 KINDS = kinds()
 JOINT = [("held", "contact"), ("carried", "plain")]
 SEPARATE = [kind for kind in KINDS if kind not in JOINT]
-
-
-@pytest.fixture(scope="module")
-def rom_of(tmp_path_factory):
-    made = {}
-
-    def rom(kind):
-        if kind not in made:
-            made[kind] = product(tmp_path_factory.mktemp("product"), *kind)
-        return made[kind]
-
-    return rom
 
 
 def inputs(rom, seed=0, steps=STEPS):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import acted_on
-from products import kinds, product
+from products import kinds
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, StepError, StructureError
@@ -19,18 +19,6 @@ LINEAR_NEARBY = 1e-5  # differences of steps, of the first order, on both sides:
 AT_REST = 5e-3  # differences of steps from states of pairs that hardly slip, which a lean makes slip otherwise
 TURNED = 1e-3  # outputs of a free body are of the attitude before the step
 KINDS = kinds()
-
-
-@pytest.fixture(scope="module")
-def rom_of(tmp_path_factory):
-    made = {}
-
-    def rom(kind):
-        if kind not in made:
-            made[kind] = product(tmp_path_factory.mktemp("product"), *kind)
-        return made[kind]
-
-    return rom
 
 
 def some_way_on(rom, steps=60):
