@@ -21,7 +21,7 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulate import rate
 from fenics_rom.scene.scene import Scene
 from fenics_rom.studies import reference
-from fenics_rom.studies.json_record import read_earlier, write_record
+from fenics_rom.studies.json_record import discard_record, read_earlier, write_record
 from fenics_rom.studies.study_results import Record, Timed
 from fenics_rom.trajectory.comparison import Difference, ForceErrors, compare, force_errors
 from fenics_rom.trajectory.trajectory import Trajectory
@@ -146,6 +146,7 @@ class _AmplitudeStudy:
             roms = run_on_rank_0(self._comm, lambda: {name: fr.read_rom(file) for name, file in files.items()})
             return self._earlier, roms
         roms = {name: fr.reduce(self._systems[name], report=self._report) for name in files}
+        discard_record(self._folder / RESULTS_FILE)
         for name, file in files.items():
             fr.write_rom(file, roms[name], force=True)  # or it was refused at the beginning
         deformation = roms["nonlinear"].deformation

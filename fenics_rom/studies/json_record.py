@@ -8,7 +8,8 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter
 
 from fenics_rom.errors import FileError
-from fenics_rom.io.atomic_write import make_folder, write_whole
+from fenics_rom.io.atomic_write import make_folder, system_reason, write_whole
+from fenics_rom.io.mpi_ranks import is_rank_0
 
 T = TypeVar("T")
 
@@ -32,3 +33,16 @@ def read_earlier(file: Path, kind: type[T], what: str, resume: bool) -> T | None
     """What interrupted work left, where it is to go on; makes the folder where it is missing."""
     make_folder(file.parent)
     return read_record(file, kind, what) if resume and file.exists() else None
+
+
+def discard_record(file: Path) -> None:
+    """Removes a record, if there is one, before files beside it are written anew: it tells that they belong together.
+
+    Under MPI rank 0 does. FileError where it cannot be removed.
+    """
+    if not is_rank_0():
+        return
+    try:
+        file.unlink(missing_ok=True)
+    except OSError as error:
+        raise FileError(f"{file}: cannot be removed: {system_reason(error)}") from error

@@ -17,7 +17,7 @@ from fenics_rom.mechanics.environment import Run
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.scene import TOLERANCE, Scene
 from fenics_rom.studies import benchmark, pareto, reference
-from fenics_rom.studies.json_record import read_earlier, write_record
+from fenics_rom.studies.json_record import discard_record, read_earlier, write_record
 from fenics_rom.studies.method_configs import (
     METHOD_CONFIGS,
     STUDIED_ORDERS,
@@ -184,7 +184,8 @@ class _StudyRun:
         """The model of a row; made anew where an earlier study measured it."""
         if self._last is not None and benchmark.largest_order(self._last) == row.order:
             return self._last
-        return benchmark.reduce_timed(self._system, row.method, row.order)[0]
+        frame, rigid = self._system.moving_frame, self._system.rigid.shape[1]
+        return benchmark.reduce_timed(self._system, row.method, row.order - (rigid if frame is None else 0))[0]
 
     def _resume_results(self, resume: bool, begin_if_other: bool) -> StudyResults | None:
         """What an earlier study left, and its reference; on rank 0."""
@@ -213,6 +214,7 @@ class _StudyRun:
         own = compare(coarse_run, full)
         touches = self._scene.effects.contact is not None  # then steps cost what happens in them
         of_run = coarse / coarse_run.settings["seconds"]
+        discard_record(self._folder / RESULTS_FILE)
         fr.write_trajectory(self._folder / REFERENCE_FILE, full, force=True)  # or it was refused at the beginning
         self._reference = full
         return StudyResults(

@@ -13,6 +13,7 @@ import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.studies import method_configs
+from fenics_rom.studies.benchmark import largest_order
 from fenics_rom.studies.json_record import read_record
 from fenics_rom.studies.method_configs import METHOD_CONFIGS, STUDIED_ORDERS, make_grid
 from fenics_rom.studies.pareto import describe_choice
@@ -183,6 +184,24 @@ def test_interrupted_study_goes_on(scene, tmp_path):
         fr.study(scene, tmp_path, **choices, resume=True)
 
 
+def test_study_killed_between_its_files_leaves_none_to_resume_wrongly(scene, box_file, tmp_path, monkeypatch):
+    """The first study is not resumed against the reference of the second, which was stopped before its record."""
+    choices = {"methods": ["modal"], "steps": [0.02]}
+    fr.study(scene, tmp_path, orders=[5], **choices)
+    other = box_scene(box_file, run=PUSH.replace("[1.0, 2.0, 5.0]", "[5.0, 0.0, 0.0]"))
+
+    def stop(file, record):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr("fenics_rom.studies.study.write_record", stop)
+        with pytest.raises(KeyboardInterrupt):
+            fr.study(other, tmp_path, orders=[5], **choices)
+    resumed = fr.study(scene, tmp_path, orders=[5, 10], resume=True, **choices)
+    unbroken = fr.study(scene, tmp_path / "unbroken", orders=[5, 10], **choices)
+    assert [row.error for row in resumed.rows] == pytest.approx([row.error for row in unbroken.rows], rel=1e-9)
+
+
 @pytest.mark.alone
 @pytest.mark.slow
 def test_two_ranks_find_the_same(box_file, tmp_path):
@@ -218,6 +237,15 @@ class TestForATolerance:
         assert study_for_tolerance(scene, tmp_path, tolerance, resume=True)[0] == results  # nothing was measured anew
         looser = study_for_tolerance(scene, tmp_path, 10 * tolerance, resume=True)[1]  # at another step: begun anew
         assert looser.dt > row.dt
+
+    def test_resumed_model_of_a_body_that_nothing_holds_has_the_order_of_its_row(self, box_file, tmp_path):
+        push = "dt = 0.01\nduration = 0.1\nload = [{ contact = 'right', force = [1.0, 2.0, 5.0] }]"
+        free = box_scene(box_file, run=push, supports=None)
+        _, row, rom = study_for_tolerance(free, tmp_path, 0.05)
+        _, resumed_row, resumed = study_for_tolerance(free, tmp_path, 0.05, resume=True)
+        assert resumed_row == row
+        assert largest_order(resumed) == largest_order(rom) == row.order
+        assert rom.rigid == 6
 
     def test_that_no_step_reaches(self, box_file, tmp_path):
         short = box_scene(
