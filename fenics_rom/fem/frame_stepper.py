@@ -8,6 +8,7 @@ and the energy grows by the work of forces and base less h r̂ᵀD r̂, at any h
 points go by how far their velocities say.
 """
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.fem.frame_loads import FrameLoads
 from fenics_rom.fem.frame_readings import ReadInWorldAxes
-from fenics_rom.fem.frame_step import FrameStep
+from fenics_rom.fem.frame_step import FrameStep, ToFind
 from fenics_rom.fem.nodal_frame import NodalFrame
 from fenics_rom.fem.nodal_motion import Motion
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
@@ -41,7 +42,7 @@ class MovingFrameStepper(ReadInWorldAxes):
 
     def __init__(self, system: System, dt: float, environment: ActiveEnvironment, *, ledger: bool = True):
         super().__init__(system, dt, environment, ledger)
-        self._body, self._environment = NodalFrame(system), environment
+        self._body, self._environment = NodalFrame(system, environment.environment.viscoelasticity), environment
         self._frame = self._body.frame
         self.kind = MOVING_FRAME
         self.reason = "a rigid base carries the body" if self._frame.carried else "nothing holds the body"
@@ -77,7 +78,9 @@ class MovingFrameStepper(ReadInWorldAxes):
         self._now = self._now._replace(R=R, position=np.array(pose.position), v=v, ω=ω)
 
     def set_state(self, x: Array, v: Array) -> None:
-        """Local rows of displacement (m) and its rate (m/s) in the frame, (rows here,) each."""
+        """Local rows of displacement (m) and its rate (m/s) in the frame, (rows here,) each, with relaxed branches."""
+        if self._body.branches is not None:
+            self._body.branches.resume(np.empty(0))
         self._take(self._body.with_shape(self._now, x, v))
 
     def step(self, inputs: StepInput) -> StepResult:
@@ -87,12 +90,11 @@ class MovingFrameStepper(ReadInWorldAxes):
             StepError: no step was found; none was taken.
         """
         now, h = self._now, self.dt
-        loads = FrameLoads.of(self.system, self.contact_mode, self.input_matrix, inputs.u, self._environment)
         base = self._base_at_end() if self._frame.carried else None
-        step = FrameStep(self._body, now, h, loads, base, self.interface)
+        step = self._begun(inputs.u, base)
         x, contact = step.solve(), None
-        if self.interface is not None and inputs.obstacles is not None:
-            x, contact = touch(step, self.interface, x, inputs.obstacles)
+        if step.found is not None or (self.interface is not None and inputs.obstacles is not None):
+            x, contact = touch(step, self.interface, x, inputs.obstacles, None if step.found is None else step)
         turn, rate = step.geometry(x), step.rate(x)
         push, touched = None, None
         if contact is not None:
@@ -107,20 +109,24 @@ class MovingFrameStepper(ReadInWorldAxes):
             self._misfit = max(self._misfit[0], gaps[0]), max(self._misfit[1], gaps[1])
         tied = step.tied(x, turn, ZERO if push is None else push.force)
         supplied, wrench = step.balances(turn, after, rate, push, tied)
-        self._before = now, self.wrench, self.contact, None if self.ledger is None else self.ledger.sums
-        self.wrench, self.contact, self.time = wrench, contact, self.time + h
+        sums = None if self.ledger is None else self.ledger.sums
+        self._before = now, self.wrench, self.contact, self.reactions, sums
+        self.wrench, self.contact, self.reactions, self.time = wrench, contact, step.reactions, self.time + h
         self._take(after)
+        drawn, rubbed = self._body.drawn(rate, h), h * self._body.dot(step.rubbed, rate.r)
         if self.ledger is not None:
             heat = 0.0 if tied is None or self._body.ties is None else h * self._body.ties.heat(tied.rates)
-            self.ledger.book(supplied=h * supplied, dissipated=h * self._body.dot(rate.r, rate.Dr) + heat)
+            self.ledger.book(supplied=h * supplied - rubbed, dissipated=drawn - rubbed + heat)
             if contact is not None and touched is not None:
                 self.ledger.book_contact(*contact.work(touched, h))
         return StepResult(self.energy, contact)
 
     def rollback(self) -> None:
         """See Stepper."""
-        before, self.wrench, self.contact, sums = self._before
+        before, self.wrench, self.contact, self.reactions, sums = self._before
         self._take(before)
+        if self._body.branches is not None:
+            self._body.branches.rollback()
         self.time -= self.dt
         if self.ledger is not None:
             self.ledger.sums = sums
@@ -132,6 +138,21 @@ class MovingFrameStepper(ReadInWorldAxes):
     def close(self) -> None:
         """Gives the factor's memory back."""
         self._body.close()
+
+    def _begun(self, u: Array, base: BaseState | None) -> FrameStep:
+        """A step under inputs u, with the forces that were found in the step before."""
+        of_system = self.system, self.contact_mode, self.input_matrix
+        loads_of, actuators, found = (
+            partial(FrameLoads.of, *of_system, environment=self._environment),
+            self.actuators,
+            None,
+        )
+        if actuators is not None:
+            columns, (forces, given) = self.input_matrix[:, actuators.columns], actuators.split(u)
+            strokes, rates = self._body.inner(columns, np.hstack([self.x, self.v])).T
+            found = ToFind(actuators, columns, forces, actuators.rates(given, strokes, rates, self.dt), loads_of)
+        loads = loads_of(u) if found is None else found.acting(self.reactions)
+        return FrameStep(self._body, self._now, self.dt, loads, base, self.interface, found, self.reactions)
 
     def _take(self, motion: Motion) -> None:
         self._now, self.x, self.v = motion, motion.q.reshape(-1, 1), motion.r.reshape(-1, 1)

@@ -25,11 +25,16 @@ from fenics_rom.fem.petsc_matrix import ExtendedMatrix, PetscMatrix, combination
 from fenics_rom.fem.springs import of_components, with_attached
 from fenics_rom.mechanics.frame_geometry import TOO_FAR
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
+from fenics_rom.mechanics.viscoelasticity import MaxwellBranches, PronySeries
 from fenics_rom.system.system import System
 
 
 class NodalFrame:
     """What the balances of a body are made of; every rank must make every call.
+
+    Args:
+        system: the full-order model.
+        series: how its material relaxes; None: it does not, or something else has what resists its shape.
 
     Attributes:
         frame: of the system.
@@ -38,9 +43,10 @@ class NodalFrame:
         mass_of_nodes, mass_times_arms: M 1 (n, 1) and M X (n, 3) of the nodes here.
         ties: springs and dashpots to the ground; None where there are none.
         coupling: of turning and bending, which steps keep here as long as it serves; None: there is none.
+        branches: of a material that relaxes; None: it does not.
     """
 
-    def __init__(self, system: System):
+    def __init__(self, system: System, series: PronySeries | None = None):
         assert system.moving_frame is not None
         self.frame, self._system = system.moving_frame, system
         self.mass, self._first = float(self.frame.moments[0, 0]), self.frame.moments[0, 1:]
@@ -52,6 +58,9 @@ class NodalFrame:
         self._compliance: tuple[float, Array] | None = None
         self.coupling: Coupling | None = None
         self.ties = None if self.frame.tie_forces is None else NodalTies(system)
+        self.branches: MaxwellBranches | None = None
+        if series is not None:
+            self.branches = MaxwellBranches(series, 2, self.frame.arms.size, system.algebra.total)
 
     def at_rest(self) -> Motion:
         """Where the frame is the world's."""
@@ -68,6 +77,25 @@ class NodalFrame:
         """Of a mid-step rate (n, 3)."""
         return Rate(r, self.inert(r), self._resisted(r), _times(self._system.damping, r))
 
+    def set_time_step(self, h: float) -> None:
+        """Has steps of h s from now on."""
+        if self.branches is not None:
+            self.branches.set_time_step(h)
+
+    def relaxing(self, rate: Rate) -> Array | float:
+        """Of branches, what they pull with in a step of that rate (n, 3), N."""
+        if self.branches is None:
+            return 0.0
+        pull: Array = self.branches.pull[1].reshape(-1, 3) + self.branches.stiffening_time * rate.Kr[0]
+        return pull
+
+    def drawn(self, rate: Rate, h: float) -> float:
+        """What a step of h s at a rate dissipates in the body, J; branches take it."""
+        heat = h * self.dot(rate.r, rate.Dr)
+        if self.branches is not None:
+            heat += self.branches.step(np.stack([rate.r.ravel(), rate.Kr[0].ravel()]))
+        return heat
+
     def inert(self, field: Array) -> Array:
         """M times a field (n, 3)."""
         return _times(self._system.mass, field)
@@ -78,6 +106,7 @@ class NodalFrame:
         carried = P @ motion.v + L @ motion.ω + self.sum(motion.r, self.mass_of_nodes) @ motion.v
         turned = self.turned(motion) @ motion.ω
         tied = 0.0 if self.ties is None else self.ties.pull(motion)[1]
+        tied += 0.0 if self.branches is None else self.branches.stored
         return float(carried + turned + self.dot(motion.r, motion.Mr) + self.dot(motion.q, motion.Kq[0])) / 2 + tied
 
     def momenta(self, motion: Motion) -> tuple[Array, Array]:
@@ -142,11 +171,12 @@ class NodalFrame:
         return float(self._system.algebra.inner(a.reshape(-1, 1), b.reshape(-1, 1))[0, 0])
 
     def inverted(self, ρ: Array, h: float) -> Array:
-        """A⁻¹ρ (rows here, k) of A = 2/h M + D + h/2 K (and ties), among displacements without rigid motions."""
+        """A⁻¹ρ (rows here, k) of A = 2/h M + D + (h/2 + t) K and ties, among displacements without rigid motions."""
         s, inner = self._system, self._system.algebra.inner
         if self._factored is None or self._factored[0] != h:
             self.close()
-            A = combination((2 / h, s.mass), (1.0, s.damping), (h / 2, s.stiffness))
+            elastic = h / 2 if self.branches is None else h / 2 + self.branches.stiffening_time
+            A = combination((2 / h, s.mass), (1.0, s.damping), (elastic, s.stiffness))
             if self.ties is not None:
                 A = with_attached(PetscMatrix(A), of_components(self.ties.resistance(h)), s.body.unknowns).mat
             factor = PetscFactor(A, one_by_one=True)

@@ -175,13 +175,5 @@ class FullOrderSimulator:
 
 def _check_followed(acting: Environment) -> None:
     """Refuses (StepError) what steps of a body of small strains do not follow in a moving frame."""
-    if "viscoelasticity" in acting.effects:
-        raise StepError(
-            "a body in a moving frame: its steps do not follow effects.viscoelasticity; take frame = 'fixed'"
-        )
-    if acting.finds_forces:
-        raise StepError(
-            "a body in a moving frame: its steps find no forces of strokes and guides; take frame = 'fixed'"
-        )
     if not acting.has_inertia:
         raise StepError("a body in a moving frame: its steps have inertia; name effects.inertia")

@@ -79,11 +79,14 @@ class ActuatedBody(Protocol):
     def act(self, z: Array) -> None:
         """Has the forces z (n,) from now on."""
 
-    def found_columns(self, x: Array) -> tuple[Array, Array, Array | None]:
-        """Of z near x: columns (m, n) of r̂, what x changes by (any, n), and angles (n,) at guides, unless at rest."""
+    def found_at(self, x: Array) -> tuple[Array, Array, Array, Array | None]:
+        """Near x: rates (n,), by what they and x change per z, (n, n) and (any, n); angles (n,), unless at rest."""
 
-    def maps(self, turn: Geometry, arms: Array) -> Array:
-        """Mid-step velocities (3 P, any) of the contact points per unit of x, but for what z does to the origin."""
+    def moved(self, near: Array, turn: Geometry, arms: Array, change: Array) -> Array:
+        """Mid-step velocities (3 s, n) of those contact points (s,), at arms (s, 3), by changes (any, n) of x.
+
+        But for what z does to the origin.
+        """
 
 
 class FrameBody(Protocol):
@@ -206,10 +209,10 @@ def touch(
             if actuated is None:
                 contact = solved(free, W)
             else:
-                held = Held.of(body, actuated, corrected, z)
+                held = Held.of(actuated, corrected, z)
                 moved = np.zeros((forces.size, len(z)))
                 rows = (3 * near[:, None] + np.arange(3)).ravel()
-                moved[rows] = actuated.maps(turn, arms)[rows].dot(held.spread)
+                moved[rows] = actuated.moved(near, turn, arms[near], held.spread)
                 z, contact = held.solve_with(moved, W, free, forces, z, solved)
             if contact is not None and len(near) < len(forces) and np.setdiff1d(contact.pairs % len(forces), near).size:
                 near, solver.search, contact, z = np.arange(len(forces)), search_before, before, z_before
@@ -252,7 +255,7 @@ def _held(body: FrameBody, x: Array, actuated: ActuatedBody | None) -> Array:
     size_before, scale = 0.0, body.scale(x)
     for sweep in range(MOST_SWEEPS):
         corrected, z_before = x if sweep == 0 else body.corrected(x, None), z
-        held = Held.of(body, actuated, corrected, z)
+        held = Held.of(actuated, corrected, z)
         z = held.solve(z)
         actuated.act(z)
         change = corrected - x + held.spread.dot(z - z_before)
@@ -281,14 +284,12 @@ class Held(NamedTuple):
     angles: Array | None  # (n,) by which tendons turn at guides; None: those at rest
 
     @classmethod
-    def of(cls, body: FrameBody, actuated: ActuatedBody, x: Array, z: Array) -> "Held":
+    def of(cls, actuated: ActuatedBody, x: Array, z: Array) -> "Held":
         """Near x, under z."""
         actuators = actuated.found
         assert actuators is not None
-        columns, spread, angles = actuated.found_columns(x)
-        by_z = columns.T.dot(spread[-len(columns) :])
-        compliance = actuators.actuators.compliance(by_z)
-        return cls(actuators, spread, compliance, columns.T.dot(body.rates(x)[1]) - by_z.dot(z), angles)
+        rates, by_z, spread, angles = actuated.found_at(x)
+        return cls(actuators, spread, actuators.actuators.compliance(by_z), rates - by_z.dot(z), angles)
 
     def solve(self, before: Array) -> Array:
         """z where nothing touches, from those before."""

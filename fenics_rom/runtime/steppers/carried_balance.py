@@ -169,9 +169,9 @@ class CarriedBalance(FrameKernel):
         if self.elastic is not None and not self.elastic.is_exact:
             self._newton.keep(self._slope(x))
 
-    def maps(self, turn: Geometry, arms: Array) -> Array:
+    def _maps(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
         """As in FrameKernel."""
-        return self.points.modal_maps(turn)
+        return points.modal_maps(turn)
 
     def _spread_columns(self, columns: Array) -> Array:
         """As in FrameKernel."""

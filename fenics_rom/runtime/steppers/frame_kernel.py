@@ -317,8 +317,12 @@ class FrameKernel(PartedKernel):
             return W
         return W + turned_operator(turn.start, self.residual.delassus_of(near), turn.start)
 
-    def maps(self, turn: Geometry, arms: Array) -> Array:
-        """As in FrameBody of mechanics.frame_contact."""
+    def moved(self, near: Array, turn: Geometry, arms: Array, change: Array) -> Array:
+        """As in ActuatedBody of mechanics.frame_contact."""
+        return self._maps(self.points.of(near), turn, arms).dot(change)
+
+    def _maps(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
+        """Mid-step velocities (3 s, any) of points at arms (s, 3) per unit of x."""
         raise NotImplementedError
 
     def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:

@@ -112,9 +112,9 @@ class FreeFrame(FreeBalance):
         spread: Array = self.newton.inverse.dot(pushed)
         return spread
 
-    def maps(self, turn: Geometry, arms: Array) -> Array:
+    def _maps(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
         """As in FrameKernel."""
-        return np.hstack(self.points.maps(turn, arms))
+        return np.hstack(points.maps(turn, arms))
 
     def _spread_columns(self, columns: Array) -> Array:
         """As in FrameKernel."""
@@ -125,7 +125,7 @@ class FreeFrame(FreeBalance):
     def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
         """As in FrameKernel."""
         assert self.newton.inverse is not None
-        maps = np.hstack(points.maps(turn, arms))
+        maps = self._maps(points, turn, arms)
         if self.ties is not None:
             self._lever = self.translates * self.ties.lever(turn, self._r)
             maps -= np.tile(self._lever, (len(arms), 1))

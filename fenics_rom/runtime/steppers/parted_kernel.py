@@ -174,12 +174,14 @@ class PartedKernel(BookedKernel):
         """As in FrameBody of mechanics.frame_contact: more where forces are differences of energies of points."""
         return 1e-12 if self.elastic is None or self.elastic.is_exact else 1e-11
 
-    def found_columns(self, x: Array) -> tuple[Array, Array, Array | None]:
-        """As in FrameBody of mechanics.frame_contact."""
+    def found_at(self, x: Array) -> tuple[Array, Array, Array, Array | None]:
+        """As in ActuatedBody of mechanics.frame_contact."""
         assert self._found is not None
-        q = self._middle_of(self.rates(x)[1])
+        r̂ = self.rates(x)[1]
+        q = self._middle_of(r̂)
         columns = self._found.columns(q)
-        return columns, self._spread_columns(columns), self._found.angles(q)
+        spread = self._spread_columns(columns)
+        return columns.T.dot(r̂), columns.T.dot(spread[-len(columns) :]), spread, self._found.angles(q)
 
     def _spread_columns(self, columns: Array) -> Array:
         """What x changes by per force on the coordinates, of columns (m, n) of these."""
