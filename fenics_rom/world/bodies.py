@@ -52,6 +52,14 @@ class Body(Protocol):
         """Whether it moves as it is told, whatever forces act."""
 
     @property
+    def touches(self) -> bool:
+        """Whether others can touch it; joints hold it in any case."""
+
+    @property
+    def has_inertia(self) -> bool:
+        """Whether it moves by its inertia, or as it is told; without, it goes to an equilibrium in each step."""
+
+    @property
     def yields(self) -> bool:
         """Whether each of its points yields by itself, beyond what the motions of the whole body allow."""
 

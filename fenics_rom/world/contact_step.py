@@ -64,6 +64,7 @@ class Pairs(NamedTuple):
     friction: Array  # μ (C,)
     restitution: Array  # e (C,)
     are_rigid: Array  # (C,) whether of two rigid bodies
+    yield_at_once: Array  # (C,) whether of a body without inertia
     out: Array  # (C,) speeds that those are to have at the end that are let out of one another, m/s; else 0
     halves: Array  # (C, 1): 1/2 where there is friction, else 0
     swung: Array | None = None  # (C,) in how many steps in a row friction did not stop them; None: in none
@@ -128,7 +129,7 @@ class Guide:
         self._kept = dict[bytes, _Kept]()  # of the last sets of pairs
         self._contacts = W
         if len(W) > C:
-            self._joined = _pseudo_inverse(W[C:, C:])
+            self._joined = np.linalg.pinv(W[C:, C:], rcond=REDUNDANT)  # they may hold more than there is
             self._spread = self._joined.dot(W[C:, :C])  # forces of joints per force of contact, with the other sign
             self._contacts = W[:C, :C] - W[:C, C:].dot(self._spread)
 
@@ -216,12 +217,6 @@ class Guide:
 
     def _operator_of(self, rows: Array) -> Array:
         return self._contacts.take(rows, axis=0).take(rows, axis=1) if len(rows) < self._C else self._contacts
-
-
-def _pseudo_inverse(W: Array) -> Array:
-    """Of joints: points on one axis, or on one body, hold more than there is to hold."""
-    inverse: Array = np.linalg.pinv(W, rcond=REDUNDANT)
-    return inverse
 
 
 def _scaled(W: Array, normals: Array, share: Array | None) -> Array:
@@ -354,6 +349,8 @@ def _normal_law(pairs: Pairs, guide: Guide, free: Array, a: Array, h: float) -> 
         leaves = ((n * free_contacts).dot(_ONES) >= BACK * (1 + e) * a) | ((e == 1) & ~pairs.are_rigid)
         target = np.where(bounces & leaves, (1 - e) * half, target)
     target = np.minimum(target, 0.0)
+    if pairs.yield_at_once.any():  # no impact has them in one another: they follow at once
+        target = np.where(pairs.yield_at_once, np.maximum(target, np.minimum(closing, 0.0)), target)
     if pairs.out.any():
         target = np.where(pairs.out > 0, np.minimum((a + pairs.out) / 2, closing), target)
     return level, target[:, None] * n

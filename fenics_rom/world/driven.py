@@ -30,11 +30,11 @@ class Driven:
         motion: its pose and twist at a time, s.
     """
 
-    is_driven, yields, takes_couples, energy = True, False, False, 0.0
+    is_driven, yields, takes_couples, has_inertia, energy = True, False, False, True, 0.0
     lead = np.zeros(3)
 
     def __init__(self, shape: Shape | None, motion: Callable[[float], BaseState]):
-        self.account, self.shape, self._motion = EnergyLedger(), shape, motion
+        self.account, self.shape, self._motion, self.touches = EnergyLedger(), shape, motion, shape is not None
         self.size = 0.0 if shape is None else shape.radius_around
         self.time = 0.0
         self._start = self._end = motion(0.0)

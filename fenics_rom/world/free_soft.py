@@ -32,7 +32,7 @@ class FreeSoft(Soft):
         """As in Body."""
         velocities = super().start_velocities(points, places)
         if points.follows.any():
-            off = places - self._mean(points, self._start) - self._h / 2 * velocities
+            off = places - self._carriers.mean(points, self._start) - self._h / 2 * velocities
             spin = cross_matrix(self._free_frame.world_angular_velocity)
             velocities[points.follows] += off[points.follows].dot(spin.T)
         return velocities

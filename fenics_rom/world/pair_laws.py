@@ -6,7 +6,6 @@ from itertools import combinations
 from fenics_rom.errors import SceneError, check_known
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.world.bodies import Body
-from fenics_rom.world.make_bodies import FIXED
 from fenics_rom.world.meetings import Meeting
 
 
@@ -29,14 +28,14 @@ def make_meetings(
     """
     laws, separate, names = _laws(pairs, bodies), _pairs_apart(apart, bodies), list(bodies)
     for pair in laws:
-        if pair in separate:
-            raise SceneError(
-                f"pairs: {' and '.join(sorted(pair))}: have no contact, as `apart` says: allowed is one of both"
-            )
+        why = "as `apart` says" if pair in separate else "as the scene of one of them names no effects.contact"
+        if pair in separate or not all(bodies[name].touches for name in pair):
+            raise SceneError(f"pairs: {' and '.join(sorted(pair))}: have no contact, {why}: allowed is one of both")
     meetings = []
     for a, b in combinations(range(len(names)), 2):
         both, one, other = frozenset((names[a], names[b])), bodies[names[a]], bodies[names[b]]
-        if FIXED not in both and not (one.is_driven and other.is_driven) and both not in separate:
+        touch = one.touches and other.touches and both not in separate
+        if touch and not (one.is_driven and other.is_driven):
             meetings.append(Meeting(a, b, laws.get(both, law), min(one.size, other.size)))
     return meetings
 

@@ -66,7 +66,7 @@ class Rigid:
         gravity: (3,), m/s².
     """
 
-    is_driven, yields, takes_couples = False, False, False
+    is_driven, yields, takes_couples, touches, has_inertia = False, False, False, True, True
 
     def __init__(self, shape: Shape, mass: float, inertia: Array, pose: BaseState, gravity: Array):
         self.account, self.shape, self.size = EnergyLedger(), shape, shape.radius_around

@@ -87,7 +87,7 @@ class WorldSkins:
         self._joined = {pair for pair, meeting in self._meetings.items() if not meeting.is_on}
         self._watched = dict[str, _Watched]()
         for name, body in bodies.items():
-            if not isinstance(body, Soft) or not len(body.rom.triangles):
+            if not isinstance(body, Soft) or not body.touches or not len(body.rom.triangles):
                 continue
             met = {frozenset((names[meeting.first], names[meeting.second])) for meeting in meetings}
             others = [other for other in names if other != name and {name, other} in met]

@@ -8,31 +8,33 @@ tells by itself; a try is a step that is taken back.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.complementarity.solution import largest
+from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_geometry import turned_operator
 from fenics_rom.mechanics.frame_motion import rotation_matrix
-from fenics_rom.mechanics.surface_points import mean_turning_maps
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
 from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.residual_motion import operator_of
-from fenics_rom.world.bodies import NO_ROWS, Points
+from fenics_rom.world.acting import acting_in_world
+from fenics_rom.world.bodies import NO_ROWS, Points, rigid_points
+from fenics_rom.world.carriers import Carriers
 from fenics_rom.world.collision.contacts import PlacedSurface
 from fenics_rom.world.handed_forces import Handed, HandedForces, handed
-from fenics_rom.world.surfaces import nearest_carriers, soft_points, spread_of
+from fenics_rom.world.surfaces import nearest_carriers, soft_points
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.signals import SignalLike
@@ -40,16 +42,9 @@ if TYPE_CHECKING:
 
 _ONES = np.ones(3)
 KICKED = ContactMidpoint, CarriedFrame  # steppers of what takes impulses of joints
+OTHERS = ObstacleMotion(*np.zeros((3, 1, 3)))  # all that touches it, as one obstacle
+NO_POINTS = rigid_points(np.empty((0, 3)), NO_ROWS)
 CLOSED = 1e-6  # of a body's size: so near to the point of a joint one of its own is to be
-
-
-class _Reached(NamedTuple):
-    """Contact points that forces at some points of the surface act on."""
-
-    points: Points
-    nodes: Array  # (s,)
-    are_nodes: bool  # whether each of the points is a contact point, and none is between them, or a couple
-    is_each_once: bool  # and no two are the same
 
 
 class Soft(Simulator):
@@ -79,6 +74,8 @@ class Soft(Simulator):
         is_alone: bool = False,
     ):
         acting = rom.environment
+        self.touches, self.has_inertia = acting.contact_law is not None, acting.has_inertia
+        self._said: tuple[str, ...] = ()
         self.name, self._mount, self._fixed = name, mount, not acting.is_moving
         self.carrier = None if mount is None else mount.carrier
         self._R, self._held_at = rotation_matrix(pose.rotation), pose
@@ -88,19 +85,16 @@ class Soft(Simulator):
             if not self._fixed:
                 self.place(pose)
             return
-        law = acting.contact_law
-        if law is None or not acting.has_inertia or law.stiffness is not None:
-            lacks = "inertia" if not acting.has_inertia else "effects.contact"
-            said = f"made without {lacks}: allowed is a ROM whose scene has it, as other bodies may touch it"
-            if law is not None and law.stiffness is not None:
-                said = "made with effects.contact.method = 'penalty': allowed is 'complementarity', the law of a world"
-            raise SceneError(f"body {name!r}: ROM {rom.name!r} was {said}; obstacles of its scene are left out")
         if (mount is not None) != (rom.moving_frame is not None and acting.is_moving and rom.moving_frame.carried):
             needs = (
                 "is carried: allowed is on = BODY, one that moves as it is told" if mount is None else "is not carried"
             )
             raise SceneError(f"body {name!r}: ROM {rom.name!r} {needs}")
-        super().__init__(rom, dt, scene=replace(acting, obstacles={}, run=None), signals=signals)
+        try:
+            rom, acting, self._said = acting_in_world(rom)
+        except SceneError as error:
+            raise SceneError(f"body {name!r}: {error}") from error
+        super().__init__(rom, dt, scene=acting, signals=signals)
         assert self._stepper.interface is not None
         self._handed: HandedForces = self._stepper.interface.solver  # type: ignore[assignment]
         if not self._fixed:
@@ -113,11 +107,12 @@ class Soft(Simulator):
         self._given: Mapping[str, Any] = {}
         self.keeps_contact_mode = False  # whoever is near
         self._asked: tuple[Points, Array, Array] | None = None  # points, their velocities without forces, and per force
-        self._reached = _Reached(Points(*np.empty((4, 0, 3))), np.empty(0, dtype=int), False, False)
         self._turned_operator = np.empty((0, 0)), np.empty((0, 0))  # in axes of its own, and in the world's
         self._forces = np.empty((0, 3))
-        self._turning = np.empty((0, 3, 3, 3))  # how surfaces that couples act on turn, per velocity of their points
+        self._carriers = Carriers(len(self.contact_coordinates))
         self._tried, self._is_open, self._twice = False, False, 0.0
+        self._power = self._ahead = 0.0  # of forces in the last try, W; how far points may go that nothing holds, m
+        self._went = np.zeros_like(self._handed.points)  # how points moved in the step before, that others touched
         surface = self._stepper.interface.points.nodes
         number = np.full(len(rom.nodes), -1)
         number[surface] = np.arange(len(surface))
@@ -134,6 +129,11 @@ class Soft(Simulator):
         pose = super().pose
         assert pose is not None
         return pose
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """As of a Simulator."""
+        return *self._said, *super().warnings
 
     @property
     def account(self) -> EnergyLedger:
@@ -183,7 +183,7 @@ class Soft(Simulator):
                 self.switch(nearest)
         self._h, self._tried, self._is_open = h, False, h > 0 and self._kernel.answers_linearly
         self._start = self.places()
-        self._velocity = self._turned(self._kernel.start_velocities())
+        self._velocity = self._turned(self._kernel.start_velocities()) if self.has_inertia else self._went
         self._handed.reached = np.empty(0, dtype=int)
         if h == 0:
             return
@@ -192,7 +192,8 @@ class Soft(Simulator):
             self._base = self._mount.end
         u = self._by_name((), self._given)
         self._note_input(u)
-        self._inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
+        inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
+        self._inputs = inputs._replace(obstacles=OTHERS)
         self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
         self._open()
 
@@ -205,6 +206,16 @@ class Soft(Simulator):
             self._free = self._turned(kernel.open(inputs.u))
             if not math.isfinite(self._free.sum()):
                 self._leave_finite(inputs.u)
+        elif not self.has_inertia:
+            self._look_ahead()
+
+    def _look_ahead(self) -> None:
+        """Finds how far its points go where nothing holds them, of what no inertia says where it goes."""
+        self._ahead = 0.0
+        with suppress(StepError):  # what others hold need not have a shape without them
+            self.attempt(NO_POINTS, NO_POINTS.arms, NO_POINTS.arms)
+            away = self.places() - self._start - self._h * self._velocity
+            self._ahead = math.sqrt(largest((away * away).dot(_ONES)))
 
     def note_gaps(self, points: Points, gaps: Array) -> None:
         """Takes note of how near others are to points when the step begins, (k,), m."""
@@ -212,8 +223,10 @@ class Soft(Simulator):
             nodes = points.nodes[: len(gaps)]
             np.minimum.at(self._handed.point_gaps, nodes.ravel(), np.repeat(gaps, nodes.shape[1]))
 
-    def placed(self) -> PlacedSurface:
+    def placed(self) -> PlacedSurface | None:
         """As in Body."""
+        if not self.touches:
+            return None
         return PlacedSurface(self._start + self._h / 2 * self._velocity, self.contact_triangles, self._everywhere)
 
     def travel(self) -> tuple[Array, float]:
@@ -221,7 +234,7 @@ class Soft(Simulator):
         whole = self._velocity.sum(axis=0) / len(self._velocity)
         beside = self._velocity - whole
         beside *= beside
-        return self._h * whole, 2 * self._h * math.sqrt(largest(beside.dot(_ONES)))
+        return self._h * whole, 2 * (self._h * math.sqrt(largest(beside.dot(_ONES))) + self._ahead)
 
     def swerve(self) -> tuple[Array, float]:
         """As in Body: it is not looked at."""
@@ -229,8 +242,8 @@ class Soft(Simulator):
 
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""
-        self._turn(points, self._start + self._h / 2 * self._velocity)
-        return self._mean(points, self._velocity)
+        self._carriers.turn(points, self._start + self._h / 2 * self._velocity)
+        return self._carriers.mean(points, self._velocity)
 
     def attempt(self, points: Points, places: Array, forces: Array) -> Array:
         """As in Body; places of points that answer linearly are those that were expected."""
@@ -249,55 +262,25 @@ class Soft(Simulator):
         self._tried, self._twice = True, 2 * result.energy
         if not math.isfinite(result.energy):
             self._leave_finite(self._inputs.u)
+        self._power = 0.0
         if not len(forces):
             return forces
         touched = self._turned(self._kernel.touched)
-        velocities = self._mean(points, touched)
-        self._turn(points, self._start + self._h / 2 * touched)
-        places[:] = self._mean(points, self._start) + self._h / 2 * velocities
+        velocities = self._carriers.mean(points, touched)
+        self._power = float(forces.ravel().dot(velocities.ravel()))
+        self._carriers.turn(points, self._start + self._h / 2 * touched)
+        places[:] = self._carriers.mean(points, self._start) + self._h / 2 * velocities
         return velocities
 
     def _hand(self, points: Points, forces: Array) -> Handed:
         """Forces at points, as the stepper has them of its contact points."""
-        spread, reached = np.zeros((len(self._everywhere), 3)), self._reach(points)
-        if reached.is_each_once:
-            spread[points.nodes[:, 0]] = forces
-        else:
-            shares, couples = points.weights[:, :, None] * forces[:, None, :], points.couples
-            if len(couples):
-                shares[couples] = np.matmul(forces[couples, None, None], self._turning)[:, :, 0]
-            np.add.at(spread, points.nodes, shares)
-        return handed(self._into_frame(spread), reached.nodes)
-
-    def _reach(self, points: Points) -> _Reached:
-        """Of these points; kept as long as they are the same."""
-        if self._reached.points is not points:
-            nodes = np.unique(points.nodes[points.weights != 0])
-            are_nodes = bool(points.weights.shape[1]) and bool((points.weights[:, 0] == 1.0).all())
-            are_nodes = are_nodes and not len(points.couples)
-            self._reached = _Reached(points, nodes, are_nodes, are_nodes and len(nodes) == len(points.nodes))
-        return self._reached
-
-    def _mean(self, points: Points, values: Array) -> Array:
-        """Of values (P, 3) at points."""
-        if self._reach(points).are_nodes:
-            mean: Array = values[points.nodes[:, 0]]
-            return mean
-        mean = (points.weights[:, :, None] * values[points.nodes]).sum(axis=1)
-        if len(points.couples):
-            mean[points.couples] = np.einsum("cnij,cnj->ci", self._turning, values[points.nodes[points.couples]])
-        return mean
-
-    def _turn(self, points: Points, places: Array) -> None:
-        """Takes note of how the surfaces that couples act on turn, as their points (P, 3) are."""
-        if len(points.couples):
-            held = zip(places[points.nodes[points.couples]], points.weights[points.couples], strict=True)
-            self._turning = np.array([mean_turning_maps(own - weights.dot(own), weights) for own, weights in held])
+        spread, nodes = self._carriers.spread(points, forces)
+        return handed(self._into_frame(spread), nodes)
 
     def _answer(self, points: Points) -> tuple[Array, Array]:
         """Velocities of points without forces, and per force."""
         if self._asked is None or self._asked[0] is not points:
-            self._asked = points, self._mean(points, self._free), self._operator(points, self._kernel.answer)
+            self._asked = points, self._carriers.mean(points, self._free), self._operator(points, self._kernel.answer)
         return self._asked[1:]
 
     def known_delassus(self, points: Points) -> Array | None:
@@ -312,16 +295,16 @@ class Soft(Simulator):
 
     def _operator(self, points: Points, of_nodes: Callable[[Array], Array]) -> Array:
         """Of points, (3 k, 3 k), in world axes, from that of their nodes; of nodes the same array while it is so."""
-        if self._reach(points).are_nodes:
-            known = of_nodes(points.nodes[:, 0])
+
+        def in_world(nodes: Array) -> Array:
+            known = of_nodes(nodes)
             if not self._fixed:
                 return known
             if known is not self._turned_operator[0]:
                 self._turned_operator = known, turned_operator(self._R, known, self._R)
             return self._turned_operator[1]
-        nodes, spread = spread_of(points, self._turning)
-        W = spread.dot(of_nodes(nodes)).dot(spread.T)
-        return turned_operator(self._R, W, self._R) if self._fixed else W
+
+        return self._carriers.operator(points, in_world)
 
     def close(self) -> None:
         """Takes the step that is open under the forces that were tried last."""
@@ -354,7 +337,7 @@ class Soft(Simulator):
         """As in Body."""
         kernel = self._kernel
         assert isinstance(kernel, KICKED)
-        return self._mean(points, self._turned(kernel.basis_velocities))
+        return self._carriers.mean(points, self._turned(kernel.basis_velocities))
 
     def inverse_mass(self, points: Points) -> Array | None:
         """As in Body: of a linear body that is held or carried; of others what is left at joints stays."""
@@ -374,11 +357,23 @@ class Soft(Simulator):
         """As in Body."""
         assert self._source is not None
         self._tried = False
-        self._source.environment.commit(self._inputs, self._dt)
+        self._source.environment.commit(self._inputs._replace(obstacles=None), self._dt)
+        if not self.has_inertia:
+            self._commit_rest()
         if self._twice <= self._monitor_threshold:
             self.steps += 1
         else:
             self._step_high(self._inputs.u, self._twice)
+
+    def _commit_rest(self) -> None:
+        """Books what others do by the forces that they feel, those at the end of a step, and notes how points went.
+
+        The step has booked what it knows of their work, ½ (f + f⁺)·Δx, as numerical.
+        """
+        work = self._h * self._power
+        self.account.book_contact(work, 0.0, 0.0, 0.0)
+        self.account.book(numerical=work)
+        self._went = (self.places() - self._start) / self._h * self._handed.forces.any(axis=1, keepdims=True)
 
     def undo(self) -> None:
         """As in Body."""

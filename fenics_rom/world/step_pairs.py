@@ -52,6 +52,7 @@ class StepPairs:
         self._swerve = SWERVES * min((meeting.size for meeting in meetings), default=0.0)
         both = [(bodies[meeting.first], bodies[meeting.second]) for meeting in meetings]
         self._are_rigid = np.array([not any(isinstance(body, Soft) for body in pair) for pair in both], dtype=bool)
+        self._yield_at_once = np.array([not all(body.has_inertia for body in pair) for pair in both], dtype=bool)
         self._deep = -PENETRATION_TOLERANCE * np.array([meeting.size for meeting in meetings])
         self._dissipated = np.zeros(len(meetings))  # by contact, of which what is let out may take, J
 
@@ -199,7 +200,8 @@ class StepPairs:
         everywhere = np.concatenate(places)
         self._pairs = Pairs(
             *(tuple(soft_first), everywhere, 0 * everywhere, np.concatenate(normals), self._middle_gaps, μ),
-            *(e, self._are_rigid[self._meeting_of], np.zeros(len(e)), (μ > 0)[:, None] / 2),
+            *(e, self._are_rigid[self._meeting_of], self._yield_at_once[self._meeting_of]),
+            *(np.zeros(len(e)), (μ > 0)[:, None] / 2),
         )
         forces = np.array([force for force, _ in start]).reshape(-1, 3)
         self._start = np.concatenate([forces, self._joint_forces])

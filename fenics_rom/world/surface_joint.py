@@ -19,7 +19,7 @@ def surface_points(
         surface: name of the contact mode.
         kind: "ball", "hinge" or "weld".
         axis: of a hinge.
-        whole: whether a weld may hold a rigid surface as a whole.
+        whole: whether a weld may hold it as a whole.
         where: what errors begin with.
 
     Returns:
@@ -41,7 +41,9 @@ def surface_points(
     row = np.full(len(body.contact_coordinates), -1)
     row[nodes] = np.arange(len(nodes))
     among = row[body.contact_triangles]
-    held = hold_surface(kind, axis, body.places()[nodes], among[(among >= 0).all(axis=1)], rigid and whole)
+    triangles = among[(among >= 0).all(axis=1)]
+    whole = whole and (rigid or not (body.yields or body.takes_couples))
+    held = hold_surface(kind, axis, body.places()[nodes], triangles, whole, body.yields)
     if held.gap > CLOSED * body.size:
         raise SceneError(
             f"{where}cannot be closed: its axis leaves surface {surface!r}, by {held.gap:.3g} m; allowed is one in it, "

@@ -9,11 +9,11 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.frame_geometry import crossed
-from fenics_rom.mechanics.surface_points import spread_matrix
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.world.bodies import Points
 
 FLAT = 1e-6  # of its size: a surface that reaches no farther along an axis does not reach along it
+CORNERS = np.array([[-1.0, -0.5], [1.0, -0.5], [0.0, 1.0]])  # of a triangle about a surface's middle
 RIGID = 1e-9  # of what a surface does: as much may be no rigid motion of one that is called rigid
 
 
@@ -27,11 +27,14 @@ class HeldSurface(NamedTuple):
     gap: float  # how far a point is off its place at most, m
 
 
-def hold_surface(kind: str, axis: Array | None, places: Array, triangles: Array, whole: bool) -> HeldSurface:
+def hold_surface(
+    kind: str, axis: Array | None, places: Array, triangles: Array, whole: bool, yields: bool
+) -> HeldSurface:
     """What a joint holds of a surface.
 
-    A weld holds each node, or the surface as a whole; a ball joint its mean place, a hinge two points of an axis there,
-    as far apart as the surface reaches.
+    A weld holds each node where each yields by itself, else how the surface moves, turns and stretches in the mean, as
+    the few shapes of a basis cannot leave every node where it is. A rigid surface it holds as a whole. A ball joint
+    holds its mean place, a hinge two points of an axis there, as far apart as the surface reaches.
 
     Args:
         kind: "ball", "hinge" or "weld".
@@ -39,12 +42,16 @@ def hold_surface(kind: str, axis: Array | None, places: Array, triangles: Array,
         places: of the nodes (n, 3), m.
         triangles: (t, 3) of these.
         whole: whether a weld holds it as a whole.
+        yields: whether each node yields by itself.
     """
     everyone, none = np.arange(len(places)), np.empty(0, dtype=int)
-    if kind == "weld" and not whole:
-        return HeldSurface(places, everyone[:, None], np.ones((len(places), 1)), none, 0.0)
     shares = area_shares(places, triangles)
     middle = shares @ places
+    if kind == "weld" and not whole:
+        _, reach, axes = np.linalg.svd(places - middle, full_matrices=False)
+        if yields or reach[1] <= FLAT * reach[0]:
+            return HeldSurface(places, everyone[:, None], np.ones((len(places), 1)), none, 0.0)
+        return _carried_points(places, shares, middle + reach[:2] / np.sqrt(len(places)) * CORNERS @ axes[:2])
     if kind == "weld":
         return HeldSurface(np.array([middle] * 2), np.array([everyone] * 2), np.array([shares] * 2), np.array([1]), 0.0)
     if kind == "ball":
@@ -54,9 +61,14 @@ def hold_surface(kind: str, axis: Array | None, places: Array, triangles: Array,
     size = np.abs(places - middle).max()
     reach = np.abs((places - middle) @ along).max()
     reach = reach if reach > FLAT * size else size  # of an axis across it, to which it does not reach
-    ends = middle + reach * np.array([[-1.0], [1.0]]) * along
-    weights, gaps = zip(*(carried(places, shares, end) for end in ends), strict=True)
-    return HeldSurface(ends, np.array([everyone] * 2), np.array(weights), none, max(gaps))
+    return _carried_points(places, shares, middle + reach * np.array([[-1.0], [1.0]]) * along)
+
+
+def _carried_points(places: Array, shares: Array, points: Array) -> HeldSurface:
+    """Points (j, 3) that all nodes carry."""
+    weights, gaps = zip(*(carried(places, shares, point) for point in points), strict=True)
+    nodes = np.tile(np.arange(len(places)), (len(points), 1))
+    return HeldSurface(points, nodes, np.array(weights), np.empty(0, dtype=int), max(gaps))
 
 
 def area_shares(places: Array, triangles: Array) -> Array:
@@ -109,16 +121,3 @@ def nearest_carriers(places: Array, own: Array, triangles: Array, near: float) -
 def soft_points(nodes: Array, weights: Array) -> Points:
     """Of joints at points (j, 3) of a soft body that contact points (j, c) carry."""
     return Points(nodes, weights, np.zeros((len(nodes), 3)), np.zeros(len(nodes), bool))
-
-
-def spread_of(points: Points, turning: Array) -> tuple[Array, Array]:
-    """Contact points (n,) that others depend on, and by which maps (3 (k + j), 3 n) of their velocities.
-
-    `turning`: `mean_turning_maps` of each couple.
-    """
-    nodes, spread = spread_matrix(points.nodes, points.weights)
-    for couple, own in zip(points.couples, turning, strict=False):  # which are of before, where there is no couple
-        maps = np.zeros((len(nodes), 3, 3))
-        np.add.at(maps, np.searchsorted(nodes, points.nodes[couple]), own)
-        spread[3 * couple : 3 * couple + 3] = maps.transpose(1, 0, 2).reshape(3, -1)
-    return nodes, spread

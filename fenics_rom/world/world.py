@@ -91,6 +91,7 @@ class World(ReadWorld):
         if not joined and all(isinstance(body, SoftBody) for body in self.bodies.values()) and len(self.bodies) == 1:
             del self._bodies[FIXED]  # as a soft body by itself needs no other
         self._names = list(self._bodies)
+        self._in_turn = sorted(self._names, key=lambda name: not self._bodies[name].is_driven)  # who carries is first
         self._meetings = make_meetings(self._bodies, ContactLaw(restitution, friction), pairs or {}, apart)
         self._joints = JointPlan(joints, self._bodies, self._meetings)
         made = self._joints.change(self._dt / 2)
@@ -300,7 +301,8 @@ class World(ReadWorld):
 
     def _begin(self, inputs: Mapping[str, Mapping[str, Any]]) -> tuple[Pairs, Array, Guide | None]:
         """Opens a step of all bodies; its pairs, forces to begin with, and what may guide."""
-        for name, body in self._bodies.items():
+        for name in self._in_turn:
+            body = self._bodies[name]
             try:
                 body.take(inputs.get(name, {}))
                 body.begin(self._dt)

@@ -327,21 +327,3 @@ def test_a_world_of_one_body_needs_no_contact(tmp_path):
     world.step({"beam": [0, 0, 0.1]})
     assert world.energy == pytest.approx(world.ledger.supplied - world.ledger.dissipated, rel=1e-12)
     assert world.energy > 0
-
-
-@pytest.mark.parametrize(
-    ("parts", "said"),
-    [
-        ({"effects": ""}, "was made without inertia: allowed is a ROM whose scene has it"),
-        (
-            {"effects.contact": 'method = "penalty"\nstiffness = 1e3'},
-            "with effects.contact.method = 'penalty': allowed is 'complementarity'",
-        ),
-        ({"effects.contact.obstacles.floor": None, "effects.contact": None}, r"was made without effects\.contact"),
-    ],
-)
-def test_a_world_takes_bodies_with_inertia_and_the_rigid_law(tmp_path, parts, said):
-    rom = reduced(tmp_path, frame="fixed", **CLAMPED, **(TOUCHED | parts))
-    box = fr.RigidBody(**BOX, position=(0.25, 0.015, 0.037))
-    with pytest.raises(fr.SceneError, match=f"body 'beam': ROM .* {said}"):
-        fr.World({"beam": fr.SoftBody(rom), "box": box}, 1e-3)

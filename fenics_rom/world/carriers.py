@@ -1,0 +1,80 @@
+"""Which contact points of a soft body carry the points that others push or hold, and by how much."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.surface_points import mean_turning_maps, spread_matrix
+from fenics_rom.world.bodies import Points
+
+
+class _Reached(NamedTuple):
+    """Contact points that forces at some points of the surface act on."""
+
+    points: Points
+    nodes: Array  # (s,)
+    are_nodes: bool  # whether each of the points is a contact point, and none is between them, or a couple
+    is_each_once: bool  # and no two are the same
+
+
+class Carriers:
+    """Of a body with P contact points; values and forces are (P, 3) there, and (k, 3) at points."""
+
+    def __init__(self, P: int):
+        self._count = P
+        self._reached = _Reached(Points(*np.empty((4, 0, 3))), np.empty(0, dtype=int), False, False)
+        self._turning = np.empty((0, 3, 3, 3))  # how surfaces that couples act on turn, per velocity of their points
+
+    def _reach(self, points: Points) -> _Reached:
+        """Of these points; kept as long as they are the same."""
+        if self._reached.points is not points:
+            nodes = np.unique(points.nodes[points.weights != 0])
+            are_nodes = bool(points.weights.shape[1]) and bool((points.weights[:, 0] == 1.0).all())
+            are_nodes = are_nodes and not len(points.couples)
+            self._reached = _Reached(points, nodes, are_nodes, are_nodes and len(nodes) == len(points.nodes))
+        return self._reached
+
+    def mean(self, points: Points, values: Array) -> Array:
+        """Values at points; of couples how their surfaces turn."""
+        if self._reach(points).are_nodes:
+            mean: Array = values[points.nodes[:, 0]]
+            return mean
+        mean = (points.weights[:, :, None] * values[points.nodes]).sum(axis=1)
+        if len(points.couples):
+            mean[points.couples] = np.einsum("cnij,cnj->ci", self._turning, values[points.nodes[points.couples]])
+        return mean
+
+    def turn(self, points: Points, places: Array) -> None:
+        """Takes note of how the surfaces that couples act on turn, with contact points at places."""
+        if len(points.couples):
+            held = zip(places[points.nodes[points.couples]], points.weights[points.couples], strict=True)
+            self._turning = np.array([mean_turning_maps(own - weights.dot(own), weights) for own, weights in held])
+
+    def spread(self, points: Points, forces: Array) -> tuple[Array, Array]:
+        """Forces on contact points by those at points, and which may have some (s,)."""
+        spread, reached = np.zeros((self._count, 3)), self._reach(points)
+        if reached.is_each_once:
+            spread[points.nodes[:, 0]] = forces
+        else:
+            shares, couples = points.weights[:, :, None] * forces[:, None, :], points.couples
+            if len(couples):
+                shares[couples] = np.matmul(forces[couples, None, None], self._turning)[:, :, 0]
+            np.add.at(spread, points.nodes, shares)
+        return spread, reached.nodes
+
+    def operator(self, points: Points, of_nodes: Callable[[Array], Array]) -> Array:
+        """Velocities of points per force, (3 k, 3 k), from what gives those of contact points (s,), (3 s, 3 s).
+
+        Of contact points alone it is that.
+        """
+        if self._reach(points).are_nodes:
+            return of_nodes(points.nodes[:, 0])
+        nodes, spread = spread_matrix(points.nodes, points.weights)
+        for couple, own in zip(points.couples, self._turning, strict=False):  # which are of before, where there is none
+            maps = np.zeros((len(nodes), 3, 3))
+            np.add.at(maps, np.searchsorted(nodes, points.nodes[couple]), own)
+            spread[3 * couple : 3 * couple + 3] = maps.transpose(1, 0, 2).reshape(3, -1)
+        W: Array = spread.dot(of_nodes(nodes)).dot(spread.T)
+        return W
