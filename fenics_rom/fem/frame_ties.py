@@ -24,6 +24,7 @@ class NodalTies:
     """Of a body.
 
     Attributes:
+        springs: S (N, N), N/m.
         total: Σ S (1,), N/m.
     """
 
@@ -32,18 +33,18 @@ class NodalTies:
         assert frame is not None
         N, rows = len(system.body.nodes), algebra.rows()
         nothing = scipy.sparse.csr_matrix((N, N))
-        self._springs = nothing if frame.springs is None else frame.springs
+        self.springs = nothing if frame.springs is None else frame.springs
         self._dashpots = nothing if frame.dashpots is None else frame.dashpots
         self._arms, self._origin, self._algebra = system.body.nodes - frame.origin, frame.origin, algebra
         self._moving = system.body.free[::3] // 3
         self._here = self._moving[rows.start // 3 : rows.stop // 3]
-        self.total = float(self._springs.sum())
+        self.total = float(self.springs.sum())
         self._known: tuple[float, Any] | None = None
 
     def resistance(self, h: float) -> scipy.sparse.csr_matrix:
         """T (N, N) of a step of h s."""
         if self._known is None or self._known[0] != h:
-            self._known = h, (h / 2 * self._springs + self._dashpots).tocsr()
+            self._known = h, (h / 2 * self.springs + self._dashpots).tocsr()
         resistance: scipy.sparse.csr_matrix = self._known[1]
         return resistance
 
@@ -66,7 +67,7 @@ class NodalTies:
     def pull(self, motion: Motion) -> tuple[Array, float]:
         """S d (N, 3), N, and what is stored, J."""
         d = motion.position - self._origin + self.places(motion) @ motion.R.T - self._arms
-        pull = self._springs @ d
+        pull = self.springs @ d
         return pull, float((d * pull).sum()) / 2
 
     def heat(self, rates: Array) -> float:

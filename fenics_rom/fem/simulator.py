@@ -61,11 +61,6 @@ class FullOrderSimulator:
                 _check_followed(environment)
                 self.stepper = MovingFrameStepper(system, dt, self.environment, ledger=ledger)
             else:
-                if system.moving_frame.carried and environment.contact_law is not None:
-                    raise StepError(
-                        "contact of a body that a base carries and that deforms largely is found reduced alone; take a "
-                        "ROM"
-                    )
                 self.stepper = system.deformation.stepper_in_frame(dt, self.environment, ledger=ledger)
         elif system.deformation is None:
             self.stepper = FullOrderStepper(system, dt, self.environment, ledger=ledger)

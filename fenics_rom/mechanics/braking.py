@@ -51,8 +51,19 @@ class Braking:
         self._whole = targets  # c_t of what swings, at σ = 1
         self.look_anew()
 
+    def renew(self, targets: Array) -> None:
+        """Asks for other c_t (k, n), as velocities that others are measured by change in sweeps of the same step.
+
+        What is decided stays; the share is looked for again, from that of now.
+        """
+        self.targets = self._whole = targets
+        if self.helped is not None:
+            self._whole = np.where(self.helped if self.swinging is None else self.swinging, targets, 0.0)
+            self.targets = np.where(self.helped, self.share * self._whole, targets)
+        self.look_anew()
+
     def look_anew(self) -> None:
-        """Looks for the share again, from that of now, as other sweeps of the same step do."""
+        """Looks for the share again, from that of now."""
         self._below, self._above, self._left, self._known = 0.0, 1.0, MOST_LOOKS, b""
 
     @property

@@ -95,10 +95,17 @@ class SolvedPairs(NamedTuple):
     is_loose: bool  # whether they solve the problem but for a residual
 
 
+FIRST_SWEEPS = 3  # of a step, after which what may not be stopped stays so
+
+
 class Settled:
-    """What sweeps of one step decided: what takes part, leaves, or may not be stopped stays so, or they never end."""
+    """What sweeps of one step decided: what takes part or leaves stays so, or they never end.
+
+    So does what may not be stopped, once sweeps are near the step: first ones say little of it.
+    """
 
     def __init__(self) -> None:
+        self._sweeps = 0
         self._chosen: Array | None = None  # (O P,)
         self._outwards: Array | None = None  # (O P,), of the first one
         self._braking: Braking | None = None
@@ -110,12 +117,14 @@ class Settled:
         return self._outwards
 
     def take_part(self, chosen: Array, pairs: Pairs) -> None:
-        """Adds pairs that took part before, with the c_t that they had."""
-        if self._chosen is not None:
-            chosen |= self._chosen
+        """Adds pairs that took part before, and what was decided of what friction stops."""
+        if self._chosen is None:
+            return
+        chosen |= self._chosen
+        self._sweeps += 1
+        if self._sweeps > FIRST_SWEEPS and self._braking is not None and pairs.braking is not None:
+            self._braking.renew(pairs.braking.targets)
             pairs.braking = self._braking
-            if self._braking is not None:
-                self._braking.look_anew()
 
     def keep(self, chosen: Array, pairs: Pairs) -> None:
         """Takes note of a sweep."""

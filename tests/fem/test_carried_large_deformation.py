@@ -8,7 +8,7 @@ import pytest
 from bodies import box_arrays, scene_text, write_arrays
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomWarning, StepError
+from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.scene.file import parse_scene
 
@@ -36,8 +36,16 @@ beta = 1e-3
 BARE = "inertia = {}\n[effects.large_deformation]\n[effects.gravity]\nacceleration = [0.0, 0.0, -9.81]\n"
 
 
-TOUCHING = "[effects.contact.obstacles.floor]\nshape = 'half-space'\npoint = [0, 0, -0.1]\nnormal = [0, 0, 1]\n"
-TIED = "[effects.springs.bed]\nsurface = 'right'\nstiffness = 1.0\n"
+ROPE = "[effects.tendon.rope]\npoints = [[0.0, 0.015, 0.0], [0.15, 0.015, 0.002], [0.3, 0.015, 0.0]]\n"
+TOUCHING = """[effects.friction]
+coefficient = 0.4
+[effects.contact.obstacles.floor]
+shape = "half-space"
+point = [0, 0, -0.002]
+normal = [0, 0, 1]
+"""
+OIL = '[effects.damping.dashpots.oil]\nsurface = "right"\ncoefficient = 0.05\n'
+TIED = '[effects.springs.bed]\nsurface = "top"\nstiffness = 8.0\n' + OIL
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +55,8 @@ def mesh(tmp_path_factory):
 
 def assembled(mesh, effects, head='frame = "moving"\n', **parts):
     contacts = '[contacts.tip]\nsurface = "right"\nforce = "resultant"'
+    if "floor" in effects:
+        contacts = '[contacts.sole]\nsurface = "bottom"'
     run = "dt = 2e-3\nduration = 0.04\n" + (
         '[[run.load]]\nactuator = "rope"\nforce = [0.1]' if "rope" in effects else ""
     )
@@ -85,9 +95,8 @@ def test_account_closes_at_any_step_and_a_step_is_taken_back(mesh):
         np.testing.assert_array_equal(ours, others)
 
 
-def test_reduced_in_all_modes_and_points_is_full_order(mesh):
-    """Two programs of the same equations: shapes, momenta, account and the wrench of the base, under all loads."""
-    system = assembled(mesh, FORCES)
+def every_point(system):
+    """A ROM of all modes, and of all points."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)
         rom = fr.reduce(system, order=system.size, method="modal+derivatives")
@@ -96,9 +105,15 @@ def test_reduced_in_all_modes_and_points_is_full_order(mesh):
     names = ("weights", "first_lame", "shear", "viscosity")
     points = {name: getattr(whole, name) for name in names} | {"gradients": whole.gradients(rom.basis)}
     every = replace(rom.deformation, **points, points_of=len(whole.weights), trained=None)
+    return replace(rom, deformation=every)
+
+
+def test_reduced_in_all_modes_and_points_is_full_order(mesh):
+    """Two programs of the same equations: shapes, momenta, account and the wrench of the base, under all loads."""
+    system = assembled(mesh, FORCES)
     signals = {"base_path": shaken}
     full = FullOrderSimulator(system, 2e-3, system.scene.environment, signals)
-    reduced = fr.Simulator(replace(rom, deformation=every), 2e-3, signals=signals, stepper="newton")
+    reduced = fr.Simulator(every_point(system), 2e-3, signals=signals, stepper="newton")
     for step in range(12):
         for body in (full, reduced):
             body.step(pushed(step))
@@ -152,11 +167,59 @@ def test_without_inertia_weight_turns_in_the_base(mesh):
     np.testing.assert_allclose(body.base_wrench[0], [0.0, 0.0, weight], atol=1e-9 * weight)
 
 
-@pytest.mark.parametrize(
-    ("effects", "told"),
-    [(TOUCHING, "contact of a body that a base carries and that deforms largely"), (TIED, "springs and dashpots")],
-)
-def test_what_is_found_reduced_alone_is_told(mesh, effects, told):
-    system = assembled(mesh, BARE + effects)
-    with pytest.raises(StepError, match=told):
-        FullOrderSimulator(system, 1e-3, system.scene.environment)
+def swung(time):
+    """A base that swings about an oblique axis, and moves sideways."""
+    angle, rate, axis = 0.12 * np.sin(12 * time), 1.44 * np.cos(12 * time), np.array([0.0, 0.8, 0.6])
+    rotation = np.array([np.cos(angle / 2), *(np.sin(angle / 2) * axis)])
+    return fr.BaseState(np.array([0.0, 0.02 * time, 0.0]), rotation, np.array([0.0, 0.02, 0.0]), rate * axis)
+
+
+def stepped(bodies, steps, amplitude):
+    """How far apart displacements are at most, how often the first one touches, and what its account misses."""
+    first, apart, touched = bodies[0], 0.0, 0
+    start, turnover = first.energy, 0.0
+    for step in range(steps):
+        u = amplitude * np.sin(0.4 * step) ** 2 * np.ones(len(first.system.actuators))
+        u = np.concatenate([np.zeros(3 * ("floor" not in first.environment.obstacles)), u])
+        for body in bodies:
+            body.step(u)
+        touched += bool(first.obstacle_forces().any())
+        turnover = max(turnover, abs(first.energy), abs(first.ledger.supplied))
+        apart = max(np.abs(body.displacement() - first.displacement()).max() for body in bodies)
+    account = first.ledger
+    gone = account.dissipated + account.numerical
+    return apart, touched, abs(first.energy - start - account.supplied + gone) / turnover
+
+
+@pytest.mark.parametrize("inertia", [True, False])
+@pytest.mark.parametrize("effects", [TOUCHING, TIED, TOUCHING + TIED])
+def test_what_touches_and_ties_a_body_closes_its_account(mesh, effects, inertia):
+    """On a base that moves; and on one that stands shapes are those of a body that is held."""
+    effects = BARE + ROPE + effects
+    if not inertia:
+        effects = effects.replace("inertia = {}\n", "").replace(OIL, "")
+    carried = assembled(mesh, effects, damping=None)
+    acting = carried.scene.environment
+    body = FullOrderSimulator(carried, 2e-3, acting, {"base_path": swung})
+    _, touched, missed = stepped([body], 25, 0.5)
+    assert (touched > 5) == ("floor" in effects)
+    assert missed <= 1e-11
+    held = assembled(mesh, effects, head="", damping=None)
+    bodies = FullOrderSimulator(carried, 2e-3, acting), FullOrderSimulator(held, 2e-3, held.scene.environment)
+    apart, touched, missed = stepped(bodies, 25, 0.5)
+    assert (touched > 5) == ("floor" in effects)
+    assert missed <= 1e-11
+    assert apart <= 1e-8 * np.abs(bodies[0].stepper.shape).max()
+
+
+@pytest.mark.parametrize("effects", [TOUCHING, TIED, TOUCHING + TIED])
+def test_reduced_in_all_modes_touches_and_is_tied_as_full_order(mesh, effects):
+    """Two programs of the same laws, on a base that moves: shapes, and what bears the body."""
+    system = assembled(mesh, BARE + ROPE + effects)
+    full = FullOrderSimulator(system, 2e-3, system.scene.environment, {"base_path": swung})
+    reduced = fr.Simulator(every_point(system), 2e-3, signals={"base_path": swung}, stepper="newton")
+    apart, touched, _ = stepped([full, reduced], 25, 0.5)
+    assert (touched > 5) == ("floor" in effects)
+    assert apart <= 1e-8 * np.abs(full.stepper.shape).max()
+    size = np.abs(full.base_wrench).max()
+    np.testing.assert_allclose(reduced.base_wrench, full.base_wrench, rtol=0, atol=1e-5 * size)

@@ -8,12 +8,15 @@ from fenics_rom.fem.finite_strain.newton import NewtonIterate
 from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepResidual
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
 from fenics_rom.fem.full_order_body import FullOrderBody
+from fenics_rom.fem.points_of_step import PointsOfStep
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ObstacleMotion, equilibrium_work
 from fenics_rom.mechanics.hyperelastic import strain
 
 
-def book_motion(body: FullOrderBody, equation: MidpointResidual, solution: NewtonIterate, heat: float) -> None:
+def book_motion(
+    body: FullOrderBody, equation: MidpointResidual, solution: NewtonIterate, points: PointsOfStep | None, heat: float
+) -> None:
     """Of a midpoint step, whose branches dissipate a heat, J; every rank must call it."""
     if body.ledger is None:
         return
@@ -21,8 +24,8 @@ def book_motion(body: FullOrderBody, equation: MidpointResidual, solution: Newto
     assert isinstance(trial.stresses, MidpointStresses)
     rubbed, _ = _rubbed(body.actuators, equation, trial.v, solution.found.actuators)
     supplied = h * m.dot(trial.external_force - rubbed, trial.v)
-    if contact is not None and body.interface is not None:
-        body.ledger.book_contact(*contact.work(body.interface.at_points(trial.v), h))
+    if contact is not None and points is not None:
+        body.ledger.book_contact(*contact.work(points.velocities(trial.v), h))
     heat += h * m.dot(trial.v, equation.dragged(trial.v)) + m.points.integrate(trial.stresses.heat)
     body.ledger.book(supplied=supplied, dissipated=heat)
     body.ledger.book(dissipated=-h * m.dot(rubbed, trial.v))
@@ -31,7 +34,11 @@ def book_motion(body: FullOrderBody, equation: MidpointResidual, solution: Newto
 
 
 def book_equilibrium(
-    body: FullOrderBody, equation: QuasiStaticResidual, solution: NewtonIterate, obstacles: ObstacleMotion | None
+    body: FullOrderBody,
+    equation: QuasiStaticResidual,
+    solution: NewtonIterate,
+    points: PointsOfStep | None,
+    obstacles: ObstacleMotion | None,
 ) -> None:
     """The same between equilibria, as Equilibrium of runtime/steppers does."""
     if body.ledger is None:
@@ -46,10 +53,10 @@ def book_equilibrium(
     before, _ = _rubbed(body.actuators, equation, 0 * x, body.reactions)
     after, power = _rubbed(body.actuators, equation, trial.v, solution.found.actuators)
     loads = elastic - before - after
-    if body.interface is not None and obstacles is not None:
-        loads = loads - body.interface.force(body.contact) - body.interface.force(contact)
-        at_points, law = body.interface.at_points(trial.v), body.interface.solver.law
-        body.ledger.book_contact(*equilibrium_work(body.contact, contact, at_points, h, obstacles, law))
+    if points is not None and obstacles is not None:
+        loads = loads - points.force_before(body.contact) - points.force(contact)
+        velocities, law = points.velocities(trial.v), points.interface.solver.law
+        body.ledger.book_contact(*equilibrium_work(body.contact, contact, velocities, h, obstacles, law))
     done, rubbed = h / 2 * m.dot(elastic, trial.v), h / 2 * m.dot(before + after, trial.v)
     numerical = done - stored - rubbed + h * power
     body.ledger.book(supplied=h / 2 * m.dot(loads, trial.v), dissipated=-h * power, numerical=numerical)

@@ -8,7 +8,6 @@ from operator import attrgetter
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError
 from fenics_rom.fem.finite_strain.carried_stepper import CarriedFiniteStrainStepper
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, PressureLoad, TendonPull
 from fenics_rom.fem.finite_strain.free_stepper import FreeFiniteStrainStepper
@@ -70,11 +69,6 @@ class FullOrderDeformation:
         """As in `system.Deformation`."""
         system = system or self.system
         assert system.moving_frame is not None
-        if system.moving_frame.carried and system.moving_frame.tie_forces is not None:
-            raise StepError(
-                "springs and dashpots to the ground: a body that deforms largely on a base that moves has them as a "
-                "ROM alone, not at full order"
-            )
         of_kind = CarriedFiniteStrainStepper if system.moving_frame.carried else FreeFiniteStrainStepper
         return of_kind(system, self.model, dt, environment, ledger=ledger)
 

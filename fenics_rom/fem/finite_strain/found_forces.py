@@ -4,9 +4,11 @@ The iteration knows the forces f it has and asks for those that a velocity v̂ n
 what the points would do without, and after the change of f is put through A⁻¹, S v̂ = free + W f obeys the contact law
 exactly, whatever W = S A⁻¹ Sᵀ stands for. So only the balance of momentum is left to converge. Strokes of actuators are
 met likewise, with the columns B of unit forces where v̂ leads to in place of Sᵀ. With the change of v̂ B changes; what
-strokes miss by that is of second order, and gone where momentum has converged.
+strokes miss by that is of second order, and gone where momentum has converged. Where a base turns the body, W is off by
+its turn: what points miss by that, `lag`, has to converge, too.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -16,8 +18,9 @@ from numpy import ndarray as Array
 from fenics_rom.fem.finite_strain.residuals import StepResidual
 from fenics_rom.fem.finite_strain.turned_factor import TurnedFactor
 from fenics_rom.fem.full_order_body import FullOrderInterface
+from fenics_rom.fem.points_of_step import PointsOfStep
 from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion, mean_contact
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, mean_contact
 from fenics_rom.mechanics.contact_solver import out_of_reach
 
 
@@ -46,24 +49,32 @@ class ForcesInNewton:
         self._interface, self._actuators = interface, actuators
         self._is_rigid = interface is not None and not interface.solver.law.stiffness
         self._factor: TurnedFactor | None = None
+        self._points: PointsOfStep | None = None
         self._spread: Array | None = None  # A⁻¹ Sᵀ
         self._delassus = np.empty((0, 0))
 
     def begin(
-        self, equation: StepResidual, obstacles: ObstacleMotion | None, u: Array, given: Array, is_patient: bool
+        self,
+        equation: StepResidual,
+        points: PointsOfStep | None,
+        obstacles: ObstacleMotion | None,
+        u: Array,
+        given: Array,
+        is_patient: bool,
     ) -> None:
         """Notes where a part of a step begins, its input (p,) and the strokes (n,) that are given at its end.
 
         And whether forces of contact that are hard to find are to be looked for.
         """
         self._equation, self._obstacles, self._u, self._is_patient = equation, obstacles, u, is_patient
+        self._points = points
         if self._actuators is not None:
             self._targets = equation.targets(self._actuators, given)
         if self._interface is not None and obstacles is not None:
-            start, solver = equation.start, self._interface.solver
-            self._x, self._v = self._interface.at_points(start.x), self._interface.at_points(start.v)
+            assert points is not None
+            solver = self._interface.solver
             self._before = solver.search
-            self._gap = float(solver.gaps(self._x, obstacles.start).min())
+            self._gap = float(solver.gaps(points.displacement, obstacles.start).min())
 
     def use(self, factor: TurnedFactor) -> None:
         """The factor of A, as it is now; W (3P, 3P), m/s/N, is made of it as soon as an obstacle is within reach."""
@@ -76,7 +87,7 @@ class ForcesInNewton:
     def resolve(self, v: Array, last: FoundForces) -> FoundForces:
         """Forces at a mid-step velocity (rows here, 1) that was found with the last ones of this step."""
         self.rollback()
-        free = np.empty((0, 3)) if self._interface is None else self._interface.at_points(v)
+        free, self._near = np.empty((0, 3)) if self._points is None else self._points.velocities(v), v
         if last.contact is not None:
             free = free - (self._points_operator() @ last.contact.forces.ravel()).reshape(-1, 3)
         if self._actuators is None:
@@ -85,7 +96,9 @@ class ForcesInNewton:
         columns, rates, angles = self._equation.strokes(v)
         inner, spread = self._equation.model.algebra.inner, self._factor.solve(columns)
         W = inner(columns, spread)
-        X = np.empty((0, len(W))) if self._interface is None else inner(self._interface.Sᵀ, spread)
+        X = np.empty((0, len(W)))
+        if self._points is not None:
+            X = self._points.spread(inner(self._points.interface.Sᵀ, spread))
         self._columns, rates = columns, rates - W @ last.actuators
         if last.contact is not None:
             rates = rates - X.T @ last.contact.forces.ravel()
@@ -110,21 +123,30 @@ class ForcesInNewton:
 
     def contact_force(self, contact: ContactSolution | None) -> Array:
         """(rows here, 1), N."""
-        return np.zeros_like(self._equation.start.x) if self._interface is None else self._interface.force(contact)
+        return np.zeros_like(self._equation.start.x) if self._points is None else self._points.force(contact)
+
+    def lag(self, found: FoundForces, before: FoundForces) -> float:
+        """What the law lacks of what was found after what was before, as newton.py measures residuals."""
+        if self._points is None or not self._points.turn or (found.contact is None and before.contact is None):
+            return 0.0
+        change, spread = self.force(found) - self.force(before), self.spread(found, before)
+        return self._points.turn * math.sqrt(max(self._equation.model.dot(change, spread), 0.0))
 
     def spread(self, found: FoundForces, before: FoundForces) -> Array:
         """A⁻¹ times the change (rows here, 1) of forces that were found before."""
         if self._actuators is not None:
             assert self._factor is not None
             return self._factor.solve(self.force(found) - self.force(before))
-        change = np.zeros(1)
+        change = np.zeros((1, 3))
         if found.contact is not None:
-            change = change + found.contact.forces.ravel()
+            change = change + found.contact.forces
         if before.contact is not None:
-            change = change - before.contact.forces.ravel()
+            change = change - before.contact.forces
         pushed = np.flatnonzero(change)
-        if not len(pushed):
+        if not len(pushed) or self._points is None:
             return np.zeros_like(self._equation.start.x)
+        change = self._points.seen(change).ravel()
+        pushed = np.flatnonzero(change)
         self._points_operator()
         assert self._spread is not None
         moved: Array = self._spread[:, pushed] @ change[pushed, None]
@@ -138,26 +160,28 @@ class ForcesInNewton:
     def _points_operator(self) -> Array:
         assert self._factor is not None
         assert self._interface is not None
+        assert self._points is not None
         if self._spread is None:
             self._spread = np.asfortranarray(self._factor.solve(self._interface.Sᵀ))
             self._delassus = self._interface.delassus(self._spread)
-        return self._delassus
+        return self._points.operator(self._delassus)
 
     def _touched(self, free: Array, last: ContactSolution | None, W: Array | None = None) -> ContactSolution | None:
         """Contact of points that would move at velocities (P, 3), with a Delassus operator where it is another."""
         if self._is_untouched(free, last):
             return None
         assert self._interface is not None
+        assert self._points is not None
         assert self._obstacles is not None
-        points, h = PointMotion(self._x, self._v, free), self._equation.h
+        points, h = self._points.motion(self._near, free), self._equation.h
         operator = self._points_operator() if W is None else W
         of_step = h, self._obstacles, self._equation.is_quasi_static
         return self._interface.solver.solve(points, operator, *of_step, is_patient=self._is_patient)
 
     def _is_untouched(self, v: Array, last: ContactSolution | None) -> bool:
         """Whether no pair of the rigid law can come too close at velocities v (P, 3) of the points."""
-        if self._obstacles is None or self._interface is None:
+        if self._obstacles is None or self._points is None:
             return True
         if not self._is_rigid or last is not None:
             return False
-        return out_of_reach(self._gap, PointMotion(self._x, self._v, v), self._obstacles, self._equation.h)
+        return out_of_reach(self._gap, self._points.motion(self._near, v), self._obstacles, self._equation.h)

@@ -49,7 +49,7 @@ class NewtonIterate:
         found: forces of contact and actuators that were found with it.
         residual: r, what they leave (rows here, 1), N.
         answer: A⁻¹ r (rows here, 1), m/s.
-        size: of the residual, without end where there are no numbers for it.
+        size: of the residual, and of what the law of contact lacks; without end where there are no numbers for it.
         iterations: that led to it.
     """
 
@@ -88,14 +88,14 @@ def solve_step(
         is_patient: whether to go on where it will take long under forces that are found, as convergence is linear then.
     """
 
-    def iterate_at(v: Array, found: FoundForces, iterations: int) -> NewtonIterate:
+    def iterate_at(v: Array, found: FoundForces, iterations: int, lag: float = 0.0) -> NewtonIterate:
         with np.errstate(all="ignore"):  # a shape without an energy is refused for its size
             trial = equation.evaluate(v, found.actuators)
             residual = trial.residual if forces is None else trial.residual + forces.contact_force(found.contact)
             size, answer = dot(residual, residual), residual
             if math.isfinite(size):
                 answer = factor.solve(residual)
-                size = math.sqrt(max(dot(residual, answer), 0.0))
+                size = math.hypot(math.sqrt(max(dot(residual, answer), 0.0)), lag)
         size = size if math.isfinite(size) else math.inf
         return NewtonIterate(trial, found, residual, answer, size, iterations)
 
@@ -124,12 +124,12 @@ def solve_step(
                     raise NotConvergedError
                 tangent = partial(equation.apply_tangent, previous.trial)
                 direction = gmres.solve(tangent, factor, previous.residual, forcing)
-            v, found = previous.trial.v + share * direction, previous.found
+            v, found, lag = previous.trial.v + share * direction, previous.found, 0.0
             if forces is not None:
                 found = forces.resolve(v, previous.found)
                 change = forces.spread(found, previous.found)
-                v, spread = v + change, spread_before + change
-            current = iterate_at(v, found, iteration + 1)
+                v, spread, lag = v + change, spread_before + change, forces.lag(found, previous.found)
+            current = iterate_at(v, found, iteration + 1, lag)
             if unpushed and forces is not None and found.act:  # of a body at rest it is the only force
                 pushed, unpushed = forces.force(found), False
                 scale = max(scale, math.sqrt(max(dot(pushed, factor.solve(pushed)), 0.0)))

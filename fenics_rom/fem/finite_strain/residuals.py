@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.fem.finite_strain.carried_terms import CarriedTerms
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, MidpointStresses, Stresses
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients, TangentMatrix
@@ -104,49 +105,6 @@ class InnerDrag:
         return force
 
 
-class CarriedTerms:
-    """What a base that moves adds to the balance of a body in its axes, see `carried_stepper.py`.
-
-    Args:
-        mass: M.
-        mass_of_nodes: M 1 (n, 1) of the nodes here.
-        My, Mr: M (X + q) and M r (n, 3) where the step begins.
-        start, end: v and ω (3,) each of the base in its axes.
-        h: s.
-
-    Attributes:
-        constant: (rows here, 1), N, what does not depend on the mid-step velocity.
-    """
-
-    def __init__(
-        self,
-        mass: PetscMatrix,
-        mass_of_nodes: Array,
-        My: Array,
-        Mr: Array,
-        start: tuple[Array, Array],
-        end: tuple[Array, Array],
-        h: float,
-    ):
-        (v, ω), (v_end, ω_end) = start, end
-        self._mass, self._ω, self._ω_end, self._h = mass, ω, ω_end, h
-        constant = np.cross(ω_end - ω, My / h + Mr / 2) + self._turned_twice(My)
-        constant = constant + mass_of_nodes * ((v_end - v) / h + (np.cross(ω, v_end) + np.cross(ω_end, v)) / 2)
-        self.constant = np.ascontiguousarray(constant).reshape(-1, 1)
-
-    def force(self, v: Array) -> Array:
-        """What is linear in a mid-step velocity (rows here, 1), (rows here, 1), N."""
-        Mr = (self._mass @ v).reshape(-1, 3)
-        force = np.cross(self._ω + self._ω_end, Mr) + self._h / 2 * self._turned_twice(Mr)
-        return np.ascontiguousarray(force).reshape(-1, 1)
-
-    def _turned_twice(self, field: Array) -> Array:
-        """½ [ω × (ω⁺ × ·) + ω⁺ × (ω × ·)] of a field (n, 3)."""
-        ω, ω_end = self._ω, self._ω_end
-        twice: Array = (np.cross(ω, np.cross(ω_end, field)) + np.cross(ω_end, np.cross(ω, field))) / 2
-        return twice
-
-
 class InFrame(NamedTuple):
     """What a moving frame changes of the equations of a step."""
 
@@ -195,7 +153,9 @@ class MidpointResidual:
         return TrialStep(v, residual, pushes, external, internal, stresses, u_middle)
 
     def dragged(self, v: Array) -> Array:
-        """Force of external damping (rows here, 1), N, at velocities (rows here, 1)."""
+        """Force of external damping (rows here, 1), N, at velocities (rows here, 1); but for ties of a carried body."""
+        if self._carried is not None:
+            return multiply(self.model.inner_damping, v)
         drag = multiply(self.model.external_damping, v)
         if self._drag is None:
             return drag

@@ -24,6 +24,7 @@ from fenics_rom.fem.finite_strain.step_parts import LoadParts, StepParts, parted
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentMatrix
 from fenics_rom.fem.full_order_body import FullOrderBody
+from fenics_rom.fem.points_of_step import PointsOfStep
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact import ObstacleMotion
@@ -87,9 +88,9 @@ class FiniteStrainStepper(FullOrderBody):
         self._before: tuple[Any, ...] = ()
         self._frame_terms = residuals.InFrame()
         self._trial = list[residuals.TrialStep]()  # that the last part of a step came to
-        here = system.algebra.rows()
+        self._points: PointsOfStep | None = None  # in that part
         terms = model.mass, model.external_damping, model.spring
-        self._matrix = TangentMatrix(model.points, model.material, model.free, here, terms)
+        self._matrix = TangentMatrix(model.points, model.material, model.free, system.algebra.rows(), terms)
         self._krylov = Gmres(len(self.x), system.size, model.mass.mat.comm)
         self._predictor = Predictor(model.dot)
         self._parts = StepParts(SMALLEST_PART if self._has_inertia else SMALLEST_LOAD)
@@ -158,7 +159,7 @@ class FiniteStrainStepper(FullOrderBody):
             return self._load(inputs_at(factor).u)[0]
 
         equation, solution = path.step(PathStart(self._model, self._start, load, self.dt, self._tangent))
-        book_equilibrium(self, equation, solution, None)
+        book_equilibrium(self, equation, solution, None, None)
         self.newton, self.negative_pivots = solution.iterations, self._tangent.negative_pivots
         self._following = equation.external.following
         x, v = self.x + self.dt * solution.trial.v, np.zeros_like(self.x)
@@ -284,9 +285,12 @@ class FiniteStrainStepper(FullOrderBody):
         """Force (rows here, 1), N, that a load, what was found and elasticity leave at the start of a step."""
         zero = np.zeros_like(self.x)
         rest = QuasiStaticResidual(self._model, self._start, load, self.dt, zero).evaluate(zero, self.reactions)
-        if self.interface is None:
-            return rest.residual
-        return rest.residual + self.interface.force(self.contact)
+        points = self._points_in(self.dt, at_rest=True)
+        return rest.residual if points is None else rest.residual + points.force_before(self.contact)
+
+    def _points_in(self, h: float, at_rest: bool) -> PointsOfStep | None:
+        """The contact points in a part of h, s, of motion or of equilibria; None where nothing can touch."""
+        return None if self.interface is None else PointsOfStep(self.interface, self.x, self.v)
 
     def _part(
         self,
@@ -309,8 +313,9 @@ class FiniteStrainStepper(FullOrderBody):
             load = load.ramped(self._following, done + share)
             equation = QuasiStaticResidual(self._model, start, load, h, (1 - done - share) * missing)
         motion = None if obstacles is None else obstacles.part(done, share, self.dt)
+        self._points = self._points_in(h, missing is not None)
         if self._forces_in_newton is not None:
-            self._forces_in_newton.begin(equation, motion, u, given, self._is_patient)
+            self._forces_in_newton.begin(equation, self._points, motion, u, given, self._is_patient)
         solution = self._solution(equation, done + share)
         if missing is not None and self._tangent is not None:
             self._note_stability(self._tangent.negative_pivots, done, share)
@@ -321,9 +326,9 @@ class FiniteStrainStepper(FullOrderBody):
             Ė, σ = trial.stresses.rate
             heat = self._branches.step(np.stack([self._model.points.weights * Ė, σ]).reshape(2, -1))
         if isinstance(equation, QuasiStaticResidual):
-            book_equilibrium(self, equation, solution, motion)
+            book_equilibrium(self, equation, solution, self._points, motion)
         else:
-            book_motion(self, equation, solution, heat)
+            book_motion(self, equation, solution, self._points, heat)
         x = self.x + h * trial.v
         v = np.zeros_like(x) if missing is not None else 2 * trial.v - self.v
         self._predictor.note(trial.v, h)
