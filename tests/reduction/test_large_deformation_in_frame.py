@@ -140,11 +140,12 @@ def test_rim_of_a_pressure_says_its_wrench_however_far_it_bends(mesh, degree):
             degree=degree,
             supports=None,
             effects=EFFECTS.replace("large_deformation = {}", "") + "[effects.large_deformation]\n",
+            **{"effects.pressure.closed": "near = { point = [0, 0, 0], radius = 1e3 }"},
         )
     )
     body, X = system.deformation, system.body.nodes
     q = 0.03 * np.random.default_rng(0).normal(size=X.size)
-    for name in ("air", "skin"):
+    for name in ("air", "skin", "closed"):
         points, pieces, shapes, piece_shapes = body.rims[name]
         rim = ReducedRim(points, pieces, shapes.T, piece_shapes.T)
         for x in (0 * q, q):

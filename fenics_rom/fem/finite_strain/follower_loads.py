@@ -69,7 +69,7 @@ class PressureLoad:
             on = np.hstack([ends, self._nodes.on_edges(ends)[:, None]]) if len(ends) else np.empty((0, 3), int)
             shapes = np.stack([(1 - ξ) * (1 - 2 * ξ), ξ * (2 * ξ - 1), 4 * ξ * (1 - ξ)])
             slopes = np.stack([4 * ξ - 3, 4 * ξ - 1, 4 - 8 * ξ])
-        rows = np.broadcast_to(np.arange(len(on) * len(ξ)).reshape(len(on), 1, -1), (len(on), len(shapes), len(ξ)))
+        rows = np.broadcast_to(np.arange(len(on) * len(ξ)).reshape(len(on), 1, len(ξ)), (len(on), len(shapes), len(ξ)))
         columns = np.broadcast_to(on[:, :, None], rows.shape)
 
         def matrix(values: Array) -> scipy.sparse.csr_matrix:

@@ -120,4 +120,5 @@ def follower_changes(problem: ReductionProblem, shapes: Array) -> dict[str, Arra
 def _difference_scale(problem: ReductionProblem, x: Array) -> float:
     """What a shape is to be multiplied by for a strain of DIFFERENCE_STRAIN."""
     steepest = np.abs(problem.deformation.gradients(x[:, None])).max(initial=0.0)
-    return DIFFERENCE_STRAIN / float(problem.system.algebra.maximum(steepest))
+    steepest = float(problem.system.algebra.maximum(steepest))
+    return DIFFERENCE_STRAIN / steepest if steepest else 1.0  # what strains nothing changes nothing

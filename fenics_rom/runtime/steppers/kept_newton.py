@@ -66,8 +66,9 @@ class KeptNewton:
             self.inverse = None
         scale, before = 0.0, math.inf
         for iteration in range(1, MOST_ITERATIONS + 1):
+            ρ = residual(x)  # first: the Jacobian takes of it what only the start of the step says
             inverse = self.keep(jacobian(x)) if self.inverse is None else self.inverse
-            change = inverse.dot(residual(x))
+            change = inverse.dot(ρ)
             x -= change
             size = size_of(change)
             if not math.isfinite(size):
