@@ -20,9 +20,9 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
+import pytest
 import scipy.linalg
 from bodies import dense
 from drawn_scenes import STEPS, Drawn, drawn
@@ -135,7 +135,8 @@ def in_all_modes(system: fr.System) -> fr.Rom:
         γ, V = scipy.linalg.eigh((K + K.T) / 2, (M + M.T) / 2)
         return replace(seen(problem, checkpoint), columns=V[:, len(γ) - order :])
 
-    with patch.dict(hyperreduction.BASES, {"modal+derivatives": every_mode}):
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(hyperreduction.BASES, "modal+derivatives", every_mode)
         rom = fr.reduce(system, order=order, method="modal+derivatives")
     whole = system.deformation
     names = ("weights", "first_lame", "shear", "viscosity")
