@@ -9,9 +9,10 @@ from fenics_rom.errors import StepError
 from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.fem.petsc_matrix import ExtendedMatrix, combination
+from fenics_rom.fem.points_of_step import PointsOfStep
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.actuator_forces import PointsHeldBack
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion, equilibrium_work
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.step import StepInput, StepResult
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
@@ -35,6 +36,7 @@ class FullOrderStepper(FullOrderBody):
         self._elastic = np.zeros_like(self.x)  # K x
         self._stiffness = ExtendedMatrix(system.stiffness.mat)  # type: ignore[attr-defined]
         self._factored: tuple[float, PetscFactor] | None = None
+        self._points: PointsOfStep | None = None  # in the step that is taken
         self._energy: float | None = 0.0
         self._before: tuple[Any, ...] = ()
         self._branches: MaxwellBranches | None = None
@@ -69,13 +71,18 @@ class FullOrderStepper(FullOrderBody):
 
     def step(self, inputs: StepInput) -> StepResult:
         """See Stepper."""
-        B, u = self.input_matrix, inputs.u
-        if u.shape != (B.shape[1],):
+        u = inputs.u
+        if u.shape != (self.input_matrix.shape[1],):
             raise ValueError
         if self.actuators is None:
-            return self.step_under(B @ u, inputs.obstacles)
+            return self.step_under(self._force(u), inputs.obstacles)
         u, given = self.actuators.split(u)
-        return self.step_under(B @ u, inputs.obstacles, (u, given))
+        return self.step_under(self._force(u), inputs.obstacles, (u, given))
+
+    def _force(self, u: Array) -> Array:
+        """Force (rows here,), N, of inputs (p,)."""
+        force: Array = self.input_matrix @ u
+        return force
 
     def step_under(
         self, force: Array, obstacles: ObstacleMotion | None = None, given: tuple[Array, Array] | None = None
@@ -93,7 +100,7 @@ class FullOrderStepper(FullOrderBody):
             StepError: the step overflows, or there are no contact forces; no step was taken.
         """
         h = self.dt
-        factor = self._factor(h)
+        factor, self._points = self._factor(h), self._points_in(h)
         self._renew_products()
         force = force[:, None]
         right = force + 2 / h * self._momentum - self._elastic if self._has_inertia else force - self._elastic
@@ -107,8 +114,8 @@ class FullOrderStepper(FullOrderBody):
             found, contact = self._solve_actuators(v, obstacles, *given)
             by_strokes, rubbed = (part[:, None] for part in self.actuators.parts(self._columns, found))
             force, right = force + by_strokes, right + by_strokes + rubbed
-        if contact is not None and self.interface is not None:
-            right = right + self.interface.force(contact)
+        if contact is not None and self._points is not None:
+            right = right + self._points.force(contact)
         if contact is not None or given is not None:
             v = factor.solve(right)
         if not np.isfinite(self._dot(v, v)):
@@ -124,8 +131,8 @@ class FullOrderStepper(FullOrderBody):
                 self.time_step_monitor.add(4 * self._dot(v - self.v, Mv - self._momentum), self._dot(v, Mv))
                 drawn = self._damped(v, Mv, Kv) if rubbed is None else self._damped(v, Mv, Kv) - rubbed
                 self.ledger.book(supplied=h * self._dot(force, v), dissipated=h * self._dot(v, drawn))
-                if contact is not None and self.interface is not None:
-                    self.ledger.book_contact(*contact.work(self.interface.at_points(v), h))
+                if contact is not None and self._points is not None:
+                    self.ledger.book_contact(*contact.work(self._points.velocities(v), h))
             self._momentum = 2 * Mv - self._momentum
             self._elastic = self._elastic + h * Kv
         if self._branches is not None:
@@ -155,15 +162,19 @@ class FullOrderStepper(FullOrderBody):
             self._factored[1].close()
             self._factored = None
 
+    def _points_in(self, h: float) -> PointsOfStep | None:
+        """The contact points in a step of h, s; None where nothing can touch."""
+        return None if self.interface is None else PointsOfStep(self.interface, self.x, self.v)
+
     def _solve_contact(
         self, free: Array, obstacles: ObstacleMotion | None, delassus: Array | None = None
     ) -> ContactSolution | None:
         """Contact of a step, from its mid-step velocity without (rows here, 1) and the Delassus operator."""
-        if self.interface is None or obstacles is None:
+        if self._points is None or obstacles is None:
             return None
-        points = PointMotion(*(self.interface.at_points(field) for field in (self.x, self.v, free)))
-        operator = self._delassus if delassus is None else delassus
-        return self.interface.solver.solve(points, operator, self.dt, obstacles, not self._has_inertia)
+        points = self._points.motion(free, self._points.velocities(free))
+        operator = self._points.operator(self._delassus if delassus is None else delassus)
+        return self._points.interface.solver.solve(points, operator, self.dt, obstacles, not self._has_inertia)
 
     def _solve_actuators(
         self, free: Array, obstacles: ObstacleMotion | None, u: Array, given: Array
@@ -179,7 +190,9 @@ class FullOrderStepper(FullOrderBody):
         def touch(z: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
             delassus = self._held_back.delassus(holding)
             contact = self._solve_contact(free + self._spread @ z[:, None], obstacles, delassus)
-            return contact, np.zeros(len(z)) if contact is None else self._stroke_motion.T @ contact.forces.ravel()
+            if contact is None or self._points is None:
+                return contact, np.zeros(len(z))
+            return contact, self._stroke_motion.T @ self._points.seen(contact.forces).ravel()
 
         return self.actuators.solve(
             u, freely, self._stroke_compliance, targets, self.reactions, None if self.interface is None else touch
@@ -196,10 +209,10 @@ class FullOrderStepper(FullOrderBody):
     ) -> None:
         """Books a step between equilibria, before it is taken, as QuasiStatic of runtime/steppers does."""
         h, held = self.dt, self._elastic
-        if self.interface is not None and obstacles is not None:
-            held = held - self.interface.force(self.contact)
-            at_points, law = self.interface.at_points(v), self.interface.solver.law
-            ledger.book_contact(*equilibrium_work(self.contact, contact, at_points, h, obstacles, law))
+        if self._points is not None and obstacles is not None:
+            held = held - self._points.force_before(self.contact)
+            velocities, law = self._points.velocities(v), self._points.interface.solver.law
+            ledger.book_contact(*equilibrium_work(self.contact, contact, velocities, h, obstacles, law))
         if rubbed is not None and self.actuators is not None:
             rubbed_before = self.actuators.parts(self._columns, self.reactions)[1][:, None]
             held = held - rubbed_before

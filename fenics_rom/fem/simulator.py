@@ -7,6 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
+from fenics_rom.fem.carried_at_rest import CarriedAtRest
 from fenics_rom.fem.finite_strain.arc_length import ArcLength
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.frame_stepper import MovingFrameStepper
@@ -57,11 +58,11 @@ class FullOrderSimulator:
         self.system, self.environment = system, ActiveEnvironment(environment, signals=signals)
         environment.check_supports(system.rigid.shape[1])
         if system.moving_frame is not None:
-            if system.deformation is None:
-                _check_followed(environment)
-                self.stepper = MovingFrameStepper(system, dt, self.environment, ledger=ledger)
-            else:
+            if system.deformation is not None:
                 self.stepper = system.deformation.stepper_in_frame(dt, self.environment, ledger=ledger)
+            else:
+                of_kind = MovingFrameStepper if environment.has_inertia else CarriedAtRest
+                self.stepper = of_kind(system, dt, self.environment, ledger=ledger)
         elif system.deformation is None:
             self.stepper = FullOrderStepper(system, dt, self.environment, ledger=ledger)
         else:
@@ -166,9 +167,3 @@ class FullOrderSimulator:
         """Forces of the actuators whose strokes are given, in the last step: tensions in N, pressures in Pa."""
         names = self.environment.stroke_names(self.system.actuators)
         return dict(zip(names, map(float, self.stepper.reactions), strict=False))
-
-
-def _check_followed(acting: Environment) -> None:
-    """Refuses (StepError) what steps of a body of small strains do not follow in a moving frame."""
-    if not acting.has_inertia:
-        raise StepError("a body in a moving frame: its steps have inertia; name effects.inertia")

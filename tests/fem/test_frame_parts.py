@@ -32,18 +32,20 @@ GRAVITY = {"gravity": "acceleration = [0.0, 0.0, -9.81]"}
 CARRIED = 'clamped = ["left"]'
 
 
-def system_of(folder, parts, supports):
+def system_of(folder, parts, supports, frame="moving", inertia=True):
     mesh = write_arrays(folder / "beam.msh", *box_arrays(LENGTHS, (4, 1, 1)))
     named = {f"effects.{name}": text for name, text in (GRAVITY | parts).items()}
+    how = {} if inertia else {"effects": None}
     text = scene_text(
         mesh,
+        **how,
         supports=supports,
         material="young = 5e5\npoisson = 0.4\ndensity = 1100.0",
         damping="alpha = 0.5, beta = 2e-4",
         contacts='[contacts.bottom]\nsurface = "bottom"',
         **named,
     )
-    return fr.assemble(parse_scene(f'frame = "moving"\n{text}'))
+    return fr.assemble(parse_scene(f'frame = "{frame}"\n{text}'))
 
 
 def swung(time):
@@ -97,3 +99,44 @@ def test_reduced_in_all_modes_is_full_order(tmp_path, name, supports):
     account = full.ledger
     assert account.dissipated > 1e-6
     assert abs(full.energy - before - account.supplied + account.dissipated) <= 1e-12 * turnover
+
+
+RESTING = {name: dict(parts) for name, parts in PARTS.items() if name != "relaxing"}  # an equilibrium is relaxed
+RESTING["touched"].pop("viscoelasticity")
+RESTING["tied"] = {"tendon.rope": GUIDED, "springs.bed": 'surface = "top"\nstiffness = 8.0'}
+
+
+def pulled_at_rest(bodies, name, steps=20, dt=2e-3):
+    """How far apart displacements are at most, how often it touches, and by how much the first account misses."""
+    first, apart, touched, turnover = bodies[0], 0.0, 0, 0.0
+    start = first.energy
+    columns = first.system.contacts["bottom"].shape[1] * ("floor" not in first.environment.obstacles)
+    for step in range(steps):
+        u = np.array([*np.zeros(columns), AMPLITUDE.get(name, 1.0) * np.sin((step + 1) * dt / 0.02) ** 2])
+        for body in bodies:
+            body.step(u)
+        touched += bool(first.obstacle_forces().any())
+        turnover = max(turnover, abs(first.energy), abs(first.ledger.supplied))
+        apart = max(apart, *(np.abs(body.displacement() - first.displacement()).max() for body in bodies))
+    account = first.ledger
+    missed = abs(first.energy - start - account.supplied + account.dissipated + account.numerical)
+    return apart, touched, missed / turnover
+
+
+@pytest.mark.parametrize("name", RESTING)
+def test_a_body_without_inertia_is_in_balance_wherever_its_base_is(tmp_path, name):
+    """Its account closes while the base moves, which bears all forces; on a base that stands it is one that is held."""
+    system = system_of(tmp_path, RESTING[name], CARRIED, inertia=False)
+    acting, weight = system.scene.environment, 9.81 * system.moving_frame.moments[0, 0]
+    moved = FullOrderSimulator(system, 2e-3, acting, {"base_path": swung})
+    _, touched, missed = pulled_at_rest([moved], name)
+    assert (touched > 5) == (name == "touched")
+    assert missed <= 1e-12
+    if system.moving_frame.springs is None and name != "volume":  # a pressure pushes the body as a whole
+        others = moved.obstacle_forces().sum(axis=0) - [0.0, 0.0, weight]
+        np.testing.assert_allclose(moved.base_wrench[0], -others, rtol=0, atol=1e-10 * weight)
+    held = system_of(tmp_path, RESTING[name], CARRIED, "fixed", inertia=False)
+    bodies = FullOrderSimulator(system, 2e-3, acting), FullOrderSimulator(held, 2e-3, held.scene.environment)
+    apart, _, missed = pulled_at_rest(bodies, name)
+    assert missed <= 1e-12
+    assert apart <= 1e-9 * np.abs(bodies[0].stepper.shape).max()
