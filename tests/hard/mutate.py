@@ -99,7 +99,7 @@ MUTATIONS = [
     ),
     ("runtime/steppers/elastic/sampled.py", "* linear + self._history", "* linear"),
     ("runtime/steppers/elastic/sampled.py", "heat + self.branches.step(np", "heat + 0 * self.branches.step(np"),
-    ("runtime/steppers/newton.py", "for part in (self.residual, self.branches)", "for part in (self.residual,)"),
+    ("runtime/steppers/held.py", "for part in (self.residual, self.elastic)", "for part in (self.residual,)"),
     ("runtime/steppers/elastic/carried_strains.py", "pulled = pulled + around.pulled(self.branches.pull[1])", "pass"),
     ("runtime/steppers/elastic/carried_strains.py", "pulled = around.pulled(was.strained[1])", "pass"),
     ("runtime/steppers/elastic/carried_strains.py", "force += now.around.pulled(self.branches.pull[1])", "pass"),

@@ -166,7 +166,7 @@ class CarriedFrame(CarriedBalance):
     def _begin_step(self, u: Array) -> Array:
         """r̂ (m,) of a step without contact."""
         h, now, start = self.h, self._now, self.frame
-        forces = self._begin(u)
+        forces = self._begun(u)
         end = start._replace(velocity=ZERO, turning=ZERO) if self.base is None else frame_state(self.base)
         R = rotation_of(*end.rotation)
         v_end, ω_end = rotated_back(R, end.velocity), rotated_back(R, end.turning)

@@ -23,8 +23,8 @@ from fenics_rom.errors import StructureError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator
-from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, cross_matrix, rotation_matrix
+from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator, vector
+from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, added, cross_matrix, rotation_matrix
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.body_parts import PLAIN, BodyParts
@@ -93,8 +93,8 @@ class FrameKernel(PartedKernel):
         residual: "ResidualMotion | None" = None,
         parts: BodyParts = PLAIN,
     ):
-        super().__init__(model, frame, loads, ledger, interface, residual, parts)
-        self._mass, self._watch = frame.mass, watch
+        super().__init__(model, ledger, interface, residual, parts)
+        self._constants, self._loads, self._mass, self._watch = frame, loads, frame.mass, watch
         self.notes = watch.notes | self._notes_of_parts
         m = model.order
         self._second = frame.inertia2 if frame.stiffening is None else frame.inertia2 - frame.stiffening
@@ -149,8 +149,6 @@ class FrameKernel(PartedKernel):
     def rollback(self) -> None:
         """As in Kernel."""
         super().rollback()
-        if self.elastic is not None:
-            self.elastic.rollback()
         self.frame, self._places = self._frame_before, None
         if self.ties is not None:
             self.ties.rollback()
@@ -208,14 +206,32 @@ class FrameKernel(PartedKernel):
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
         self._places = None
-        if self.elastic is None:
-            super().resume(auxiliary)
-            return
-        own = len(self.elastic.auxiliary)
-        super().resume(auxiliary[: max(len(auxiliary) - own, 0)])
-        self.elastic.resume(
-            self._coordinates(), self._r, auxiliary[len(auxiliary) - own :] if len(auxiliary) else auxiliary
-        )
+        super().resume(auxiliary)
+
+    @property
+    def _motion_felt(self) -> tuple[Vector | None, Vector | None, Vector]:
+        """Acceleration less gravity's, angular acceleration and spin in the last step; None of what strains nothing."""
+        return None, None, self.angular_velocity
+
+    @property
+    def angular_velocity(self) -> Vector:
+        """In the frame's axes, rad/s."""
+        raise NotImplementedError
+
+    def _begun(self, u: Array) -> FrameForces:
+        """Begins a step under u (p,); what acts in the frame."""
+        self._begin(u)
+        return self._loads.at(self._acting) if self.elastic is None else self._forces_as_expected()
+
+    def _forces_as_expected(self) -> FrameForces:
+        """What acts in the frame, with pressures on open surfaces where the shape is if it moves on as it did."""
+        forces, following, elastic = self._loads.at(self._acting), self._following, self.elastic
+        if following is None or not following.rims or elastic is None:
+            return forces
+        expected = self._start + self.h / 2 * elastic.velocity
+        wrench = following.wrench(self._acting, expected, self._constants.origin)
+        force, torque = vector(wrench[:3]), vector(wrench[3:])
+        return forces._replace(force=added(forces.force, 1.0, force), torque=added(forces.torque, 1.0, torque))
 
     def _shape_at(self, q: Array, r: Array) -> Shape:
         """The inertia there, which the table is of from now on."""
@@ -268,10 +284,7 @@ class FrameKernel(PartedKernel):
     @property
     def messages(self) -> tuple[str, ...]:
         """As in Kernel."""
-        told = self._watch.messages(self.notes)
-        if self._extent is not None:
-            told = *told, *self._extent.messages(self.notes)
-        return told if self.elastic is None else (*told, *self.elastic.messages(self.notes))
+        return *self._watch.messages(self.notes), *super().messages
 
     def yielding(self, turn: Geometry, contact: ContactSolution | None) -> Array | None:
         """Mid-step velocity (P, 3) in the frame of the points in the residual part; None where there is none."""

@@ -80,7 +80,7 @@ class FreeFrame(FreeBalance):
     def begin_step(self, u: Array) -> Array:
         """Expected mid-step velocities ω̂, r̂ (3 + m,) of a step under u."""
         check_turn(self.h, self._now.ω)
-        self._forces = self._begin(u)
+        self._forces = self._begun(u)
         h, x = self.h, np.empty(len(self._weights))
         x[:3], x[3:] = self._now.ω, self._r
         if self._passed is not None and h <= 2 * self._passed[0]:  # else it says too little of this step

@@ -6,6 +6,7 @@ others it holds at the v̂ that was asked for last, and near it: Newton's method
 """
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 
 from numpy import ndarray as Array
 
@@ -20,6 +21,7 @@ class ElasticLaw:
         is_exact: whether that is so for every v̂ after `expect`; else at the last one of `at` or `renew`.
         velocity: v̂ (m,) of the step before, or r: where the iteration to the next one begins.
         branches: how the material relaxes; None: it does not.
+        went_as_expected: whether the last step went as it was expected to.
         NOTES: names of what it notes of a run, numbers that begin at 0.
     """
 
@@ -28,6 +30,7 @@ class ElasticLaw:
     is_exact: bool
     velocity: Array
     branches: MaxwellBranches | None = None
+    went_as_expected: bool = True
     NOTES: tuple[str, ...] = ()
 
     @property
@@ -74,6 +77,10 @@ class ElasticLaw:
 
     def renew(self, v: Array) -> None:
         """Makes its slope that at v, too."""
+
+    def in_parts(self, parts: int) -> AbstractContextManager[None]:
+        """Steps in here are parts of a time step, which `rollback`, and an error, take back as one."""
+        raise NotImplementedError
 
     def close(self, v: Array, after: Array) -> float:
         """Ends the step with v̂ (m,), at q⁺ (m,) to round-off; what was dissipated, J."""
