@@ -1,7 +1,8 @@
 """Large deformation of the bodies of a batch: one linear system a step for each, and products for all of them at once.
 
-The step is that of `steppers/held.py` with strains that are carried along, in coordinates of monomials (`rom/carried_strains.py`). Only what a
-material stores beyond a stress that is linear in the strain is found at points. Arrays have bodies along the last axis.
+The step is that of `steppers/held.py` by `StrainsCarried`, in coordinates of monomials (`rom/carried_strains.py`). Only
+what a material stores beyond a stress that is linear in the strain is found at points.
+Arrays have bodies along the last axis.
 """
 
 import math

@@ -31,7 +31,7 @@ from fenics_rom.runtime.steppers.deformation_maps import Expected
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
 from fenics_rom.runtime.steppers.held_adjoint import HeldAdjoint, Part
-from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork, symmetric
+from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.acts.found_forces import FoundInStep
@@ -42,7 +42,18 @@ CONVERGENCE_TOLERANCE = 1e-12  # of the largest force in a step
 STAGNATION_TOLERANCE = 1e-8  # of it: from here on round-off may be what is left
 MAX_ITERATIONS = 30
 MAX_PARTS = 64  # that a step which Newton's iteration does not solve is cut into
+LARGE = 1e15  # J, N² or Pa²: up to there a step of strains of second degree is far from overflow
 FAST_CONTRACTION = 0.1  # up to which the tangent of an earlier iteration will do
+
+
+class Start(NamedTuple):
+    """Where a step, or a part of one, begins."""
+
+    q: Array  # (m,)
+    r: Array
+    h: float  # s
+    obstacles: ObstacleMotion | None
+    reactions: Array  # (n,) that the search for forces begins with
 
 
 class Solved(NamedTuple):
@@ -50,9 +61,24 @@ class Solved(NamedTuple):
 
     v: Array  # v̂ (m,)
     supplied: Array  # forces of inputs and strokes (m,)
-    rubbed: Array  # those at guides
+    rubbed: Array | None  # those at guides
     contact: ContactSolution | None
     reactions: Array  # (n,)
+
+
+class Touched(NamedTuple):
+    """What was found near a velocity."""
+
+    contact: ContactSolution | None
+    reactions: Array  # (n,)
+    held: Array | None  # forces of strokes (m,)
+    rubbed: Array | None  # those at guides
+    pushed: Array | None  # all of them, and those of contact
+
+    def solved(self, v: Array, force: Array) -> Solved:
+        """A step with v̂ under forces of inputs (m,)."""
+        held = force if self.held is None else force + self.held
+        return Solved(v, held, self.rubbed, self.contact, self.reactions)
 
 
 class Solution(NamedTuple):
@@ -77,6 +103,7 @@ class HeldBody(HeldAdjoint):
     """
 
     _slope: Array | None = None  # of f̂, that steps are found with now
+    _is_small: bool = False  # whether the state is known to be such that no number of a step can overflow
 
     def __init__(
         self,
@@ -92,6 +119,9 @@ class HeldBody(HeldAdjoint):
         self._rom, self._body = rom, rom.deformation
         self._actuators = None if self._found is None else self._found.actuators
         self._unit, self._nothing = np.eye(self._model.order), np.zeros(self._model.order)
+        self._is_polynomial = (
+            isinstance(self.elastic, StrainsCarried) and self.elastic.points is None and self._found is None
+        )
         self._names = {id(model): name for name, model in rom.contact_models.items()}
         self.notes = self._notes_of_parts
         if self.elastic is not None and not self.elastic.is_exact:
@@ -122,14 +152,15 @@ class HeldBody(HeldAdjoint):
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
         super().resume(auxiliary)
-        self._slope = None  # so that what follows does not depend on what was before
+        self._slope, self._is_small = None, False  # so that what follows does not depend on what was before
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
         super().set_time_step(h)
         if self.elastic is not None:
             self.elastic.set_time_step(h)
-        self._slope, self.tangent = None, NONE
+        self._inert = 2 / h * self._unit
+        self._slope, self.tangent, self._is_small = None, NONE, False
 
     def reset_buffer(self) -> None:
         """As in Kernel: forgets tangents, and what was found of the next step."""
@@ -138,35 +169,70 @@ class HeldBody(HeldAdjoint):
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel; a StepError also where Newton's method finds no step, however small its parts."""
-        assert self.elastic is not None
+        law = self.elastic
+        assert law is not None
         try:
+            if self._is_small and obstacles is None and u.dot(u) < LARGE:  # looking after overflow costs 5 µs
+                return self._end(u, law, self._at_once(u, None))
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # the caller looks at what comes out
-                if self.elastic.is_exact:
-                    return self._end(u, self._in_parts(u, obstacles, 1), False)
-                return self._end(u, *self._in_few_parts(u, obstacles))
+                return self._end(u, law, (self._at_once if law.is_exact else self._in_few_parts)(u, obstacles))
         except np.linalg.LinAlgError:
             return math.nan
 
-    def _end(self, u: Array, solution: "Solution", is_cut: bool) -> float:
+    def _end(self, u: Array, law: ElasticLaw, solution: Solution) -> float:
         """Takes the step under u; twice the stored energy, J."""
-        elastic, extent = self.elastic, self._extent
-        assert elastic is not None
+        extent = self._extent
         assert extent is not None
         self._leave(solution.work)
         self._e[:], self._r[:] = solution.e, solution.r
         self.contact, self.reactions, self.taken = solution.contact, solution.reactions, solution.taken
-        if not elastic.went_as_expected:
-            self.tangent = NONE
-        if is_cut:
+        if len(self.taken) > 1:
             self.notes["cut"] += 1
-        elastic.note(self.notes)
-        extent.look(
-            self.notes, self.loads.with_found(u, self.reactions), self._e * self._inverse_ω, None, self.contact, self.h
-        )
-        return 2 * self.energy
+        if not law.went_as_expected:
+            self.tangent = NONE
+        law.note(self.notes)
+        acting = u if self._found is None else self.loads.with_found(u, self.reactions)
+        extent.look(self.notes, acting, self._e * self._inverse_ω, None, self.contact, self.h)
+        energy = self.energy
+        self._is_small = self._is_polynomial and energy < LARGE
+        return 2 * energy
 
-    def _in_few_parts(self, u: Array, obstacles: ObstacleMotion | None) -> "tuple[Solution, bool]":
-        """A step in as few parts as can be solved, and whether it is cut.
+    def _at_once(self, u: Array, obstacles: ObstacleMotion | None) -> Solution:
+        """A step by a law that is exact once it knows where the step is expected."""
+        law, h, q, r, found = self.elastic, self.h, self._coordinates().copy(), self._r, None
+        assert isinstance(law, StrainsCarried)
+        law.open(q, r)
+        if self._found is not None:
+            found = self._found.begin(u, q, r, h)
+            u = found.inputs
+        dead, momentum = self.loads.dead.dot(u), 2 / h * r
+        middle = q + h / 2 * self._expected(law, dead, u, q, momentum)
+        force = self.loads.with_followers(dead, u, middle)
+        self._matrix = matrix = self._inert + law.matrix
+        v = np.linalg.solve(matrix, momentum - law.pull + force)
+        if found is None and self._interface is None:
+            e = (q + h * v) * self._ω
+            work = StepWork(h * float(force.dot(v)), law.close(v, e * self._inverse_ω), ())
+            return Solution(e, v + v - r, None, self.reactions, work, ())
+        self._answer_by(partial(np.linalg.solve, matrix))
+        touched = self._touch(found, v, middle, Start(q, r, h, obstacles, self.reactions))
+        if touched.pushed is not None:
+            v += self._solve(touched.pushed)
+        e, _, work = self._taken(law, q, h, touched.solved(v, force))
+        return Solution(e, v + v - r, touched.contact, touched.reactions, work, ())
+
+    def _taken(self, law: ElasticLaw, q: Array, h: float, solved: Solved) -> tuple[Array, Array, StepWork]:
+        """Takes a step of h s, or a part of one, from q (m,): e, and q as the next one will have it, and its work."""
+        v, force, rubbed, contact, _ = solved
+        e = (q + h * v) * self._ω
+        after = e * self._inverse_ω
+        heat = law.close(v, after) - (0.0 if rubbed is None else h * float(rubbed.dot(v)))
+        residual, of_residual = self._step_residual(contact)
+        contacts = self._contacts(v, contact, h, residual)
+        return e, after, StepWork(h * float(force.dot(v)), heat + of_residual, contacts)
+
+    def _in_few_parts(self, u: Array, obstacles: ObstacleMotion | None) -> Solution:
+        """A step by Newton's method in as few parts as can be solved.
 
         Raises:
             StepError: as in `step`; the residual part and the law are where they were.
@@ -177,35 +243,34 @@ class HeldBody(HeldAdjoint):
                 with ExitStack() as taken_back:
                     for part in carried:
                         taken_back.enter_context(part.in_parts(parts))
-                    return self._in_parts(u, obstacles, parts), parts > 1
+                    return self._in_parts(u, obstacles, parts)
             except StepError:  # where the iteration led, no forces of strokes or contact may be found, either
                 if parts == MAX_PARTS:
                     raise
             parts *= 2
 
-    def _in_parts(self, u: Array, obstacles: ObstacleMotion | None, parts: int) -> "Solution":
+    def _in_parts(self, u: Array, obstacles: ObstacleMotion | None, parts: int) -> Solution:
         """A step in so many parts."""
-        law, h, q, e, r = self.elastic, self.h / parts, self._coordinates().copy(), self._e, self._r.copy()
+        law, h, e, q, r = self.elastic, self.h / parts, self._e, self._coordinates().copy(), self._r.copy()
         assert law is not None
         strokes = None if self._found is None else self._found.strokes(q)
-        supplied, dissipated, reactions, taken = 0.0, 0.0, self.reactions, list[Part]()
-        contact: ContactSolution | None = None
-        contacts: ContactWorks = ()
+        start, taken, works = Start(q, r, h, obstacles, self.reactions), list[Part](), list[StepWork]()
         for part in range(parts):
-            goal, motion = u, obstacles
-            if parts > 1:
-                goal = self._towards(u, strokes, (part + 1) / parts)
-                motion = None if obstacles is None else obstacles.part(part / parts, 1 / parts, self.h)
-            v, force, rubbed, contact, reactions = self._solved(goal, q, r, h, motion, reactions)
+            goal = u if parts == 1 else self._towards(u, strokes, (part + 1) / parts)
+            if obstacles is not None and parts > 1:
+                start = start._replace(obstacles=obstacles.part(part / parts, 1 / parts, self.h))
+            solved = self._iterated(law, goal, start)
             maps = None if self.residual is None else self.residual.maps
-            taken.append(Part(h, q, r, v, reactions, self._contact_step, maps))
-            e = (q + h * v) * self._ω
-            q, r = e * self._inverse_ω, v + v - r  # q as the next step, or one from a saved state, will have it
-            residual, of_residual = self._step_residual(contact)
-            dissipated += law.close(v, q) - h * float(rubbed.dot(v)) + of_residual
-            supplied += h * float(force.dot(v))
-            contacts += self._contacts(v, contact, h, residual)
-        return Solution(e, r, contact, reactions, StepWork(supplied, dissipated, contacts), tuple(taken))
+            taken.append(Part(h, start.q, start.r, solved.v, solved.reactions, self._contact_step, maps))
+            e, q, work = self._taken(law, start.q, h, solved)
+            works.append(work)
+            start = start._replace(q=q, r=solved.v + solved.v - start.r, reactions=solved.reactions)
+        work = StepWork(
+            sum(work.supplied for work in works),
+            sum(work.dissipated for work in works),
+            sum((work.contacts for work in works), ()),
+        )
+        return Solution(e, start.r, solved.contact, solved.reactions, work, tuple(taken))
 
     def _towards(self, u: Array, strokes: Array | None, share: float) -> Array:
         """An input (p,) with strokes that have gone a share of the way from where they were (n,)."""
@@ -215,108 +280,94 @@ class HeldBody(HeldAdjoint):
         towards[columns] = strokes + share * (u[columns] - strokes)
         return towards
 
-    def _solved(
-        self, u: Array, q: Array, r: Array, h: float, obstacles: ObstacleMotion | None, reactions: Array
-    ) -> Solved:
-        """A step of h s from q and r (m,) under u (p,); the search for forces begins with those before (n,)."""
-        law, found, before, is_fresh, motion = self.elastic, None, math.inf, False, (q, r, h, obstacles)
-        assert law is not None
+    def _iterated(self, law: ElasticLaw, u: Array, start: Start) -> Solved:
+        """A step under u (p,) by Newton's method.
+
+        Raises:
+            StepError: it does not converge, or no forces were found on the way.
+        """
+        (q, r, h, _, reactions), found, before, is_fresh = start, None, math.inf, False
         law.open(q, r)
+        v = law.velocity
         if self._found is not None:
             found = self._found.begin(u, q, r, h)
             u = found.inputs
-        v = self._expected(law, u, q, r) if isinstance(law, StrainsCarried) else law.velocity
         for _ in range(MAX_ITERATIONS):
             middle = q + h / 2 * v
             force, resisting = self.loads.force(u, middle), law.pull + law.matrix.dot(v)
             lack = 2 / h * (v - r) + resisting - force
+            scale = max(np.abs(part).max() for part in (2 / h * r, 2 / h * v, resisting, force))
+            if not math.isfinite(scale):
+                break
             if law.matrix is not self._slope:
-                self._take_slope(law, h, u, middle, reactions)
+                self._take_slope(law, h, self.loads.slope(u, reactions, middle))
                 is_fresh = True
-            if not law.is_exact:
-                scale = max(np.abs(part).max() for part in (2 / h * r, 2 / h * v, resisting, force))
-                if not math.isfinite(scale):
-                    break
-            after = v - self._solve(lack)
-            contact, reactions, held, rubbed = self._touch(found, after, middle, motion, reactions)
-            pushed = held + rubbed if contact is None else held + rubbed + self._pushed(contact)
-            if contact is not None or found is not None:
-                lack, after = lack - pushed, after + self._solve(pushed)
-            if law.is_exact:
-                return Solved(after, force + held, rubbed, contact, reactions)
+            touched = self._touch(found, v - self._solve(lack), middle, start._replace(reactions=reactions))
+            reactions = touched.reactions
+            if touched.pushed is not None:
+                lack -= touched.pushed
             error = np.abs(lack).max()
             if is_solved(error, before, scale):
-                return Solved(v, force + held, rubbed, contact, reactions)
-            if error > FAST_CONTRACTION * before and not is_fresh:
+                return touched.solved(v, force)
+            is_slow = error > FAST_CONTRACTION * before and not is_fresh
+            if is_slow:
                 law.renew(v)
-                self._take_slope(law, h, u, middle, reactions)
-                after, is_fresh = v - self._solve(lack), True
-            else:
-                is_fresh = False
-            v, before = after, error
+                self._take_slope(law, h, self.loads.slope(u, reactions, middle))
+            is_fresh, before = is_slow, error
+            v = v - self._solve(lack)
             law.at(v)
         raise StepError(
             f"input {u.tolist()}: Newton's iteration does not converge, even in {MAX_PARTS} parts of a step of "
             f"{self.h:g} s; lower dt or the load"
         )
 
-    def _take_slope(self, law: ElasticLaw, h: float, u: Array, middle: Array, reactions: Array) -> None:
-        """Has the slope of what is out of balance from now on; of loads that follow, too, where steps iterate."""
-        self._slope, matrix = law.matrix, 2 / h * self._unit + law.matrix
-        if law.is_exact:
-            self._solve: Callable[[Array], Array] = partial(np.linalg.solve, matrix)
-        else:
-            followed = matrix - h / 2 * self.loads.slope(u, reactions, middle)
-            matrix = followed if is_definite((followed + followed.T) / 2) else matrix
-            self._solve = np.linalg.inv(matrix).dot
-        self._matrix = matrix
-        if self._interface is not None:
-            self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ self._solve(self._Sᵀ)))
+    def _take_slope(self, law: ElasticLaw, h: float, of_loads: Array) -> None:
+        """Has the slope of what is out of balance from now on, of the loads (m, m), too, unless that is indefinite.
 
-    def _touch(
-        self,
-        found: "FoundInStep | None",
-        free: Array,
-        middle: Array,
-        motion: "tuple[Array, Array, float, ObstacleMotion | None]",
-        reactions: Array,
-    ) -> "tuple[ContactSolution | None, Array, Array, Array]":
-        """Contact, reactions (n,), and forces of strokes and at guides (m,), where v̂ without them is `free` (m,).
-
-        Args:
-            found: what is to be found.
-            free, middle: v̂, and q in the middle of the step, (m,).
-            motion: q, r, the step in s, and how obstacles move.
-            reactions: with which the search begins (n,).
+        It is symmetric where forces are found by operators that have to be: else they were not those of their motion.
         """
-        q, r, h, obstacles = motion
-        if found is None or self._found is None:
-            return self._solve_contact(q, r, free, h, obstacles), reactions, self._nothing, self._nothing
-        columns, angles = self._found.columns(middle), self._found.angles(middle)
-        z, contact = self._solve_actuators(
-            found.inputs,
-            columns,
-            self._solve(columns),
-            found.targets,
-            *(q, r, free, h, obstacles),
-            angles=angles,
-            before=reactions,
-        )
-        return contact, z, *found.actuators.parts(columns, z)
+        self._slope, matrix = law.matrix, 2 / h * self._unit + law.matrix
+        followed = symmetric(matrix - h / 2 * of_loads)
+        if not is_definite(followed):
+            followed, of_loads = symmetric(matrix), 0 * of_loads
+        if self._interface is not None or (self._found is not None and len(self.reactions) > 1):
+            inverse = symmetric(np.linalg.inv(followed))
+        else:
+            inverse = np.linalg.inv(matrix - h / 2 * of_loads)
+        self._answer_by(inverse.dot)
 
-    def _expected(self, law: StrainsCarried, u: Array, q: Array, r: Array) -> Array:
+    def _answer_by(self, solve: Callable[[Array], Array]) -> None:
+        """Velocities follow forces (m,) or columns so from now on, those of contact points, too."""
+        self._solve = solve
+        if self._interface is not None:
+            self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ solve(self._Sᵀ)))
+
+    def _touch(self, found: "FoundInStep | None", free: Array, middle: Array, start: Start) -> Touched:
+        """What touches and what is found, where v̂ without them is `free` and the middle of the step is there, (m,)."""
+        q, r, h, obstacles, reactions = start
+        if found is None or self._found is None:
+            contact = self._solve_contact(q, r, free, h, obstacles)
+            return Touched(contact, reactions, None, None, None if contact is None else self._pushed(contact))
+        columns, angles = self._found.columns(middle), self._found.angles(middle)
+        motion = found.targets, q, r, free, h, obstacles
+        spread = self._solve(columns)
+        z, contact = self._solve_actuators(found.inputs, columns, spread, *motion, angles=angles, before=reactions)
+        held, rubbed = found.actuators.parts(columns, z)
+        pushed = held + rubbed if contact is None else held + rubbed + self._pushed(contact)
+        return Touched(contact, z, held, rubbed, pushed)
+
+    def _expected(self, law: StrainsCarried, dead: Array, u: Array, q: Array, momentum: Array) -> Array:
         """v̂ of this step, from that of the step before by one iteration of Newton's, with a tangent that may be older.
 
         Any strain rates balance energy, but where stresses make a motion stiff, those that are not of this step would
-        let it grow.
+        let it grow. `dead` are forces of u whose direction stays, `momentum` is 2/h r, (m,) each.
         """
         v, h = law.velocity, self.h
         middle = q + h / 2 * v
-        residual = law.ahead + 2 / h * (v - r) - self.loads.force(u, middle)
+        residual = law.ahead + 2 / h * v - momentum - self.loads.with_followers(dead, u, middle)
         is_new = not len(self.tangent)
         if is_new:
-            inverse = np.linalg.inv(2 / h * self._unit + law.matrix)
-            self.tangent = symmetric(inverse)
+            self.tangent = symmetric(np.linalg.inv(self._inert + law.matrix))
         if self._found is not None:
             residual -= self._found.columns(middle).dot(self.reactions)
         if self.contact is not None:

@@ -1,4 +1,4 @@
-"""Back through a linearly implicit step of large deformation; see held.py and carried_strains.py, whose symbols these are.
+"""Back through a linearly implicit step of large deformation; see held.py, carried_strains.py, whose symbols these are.
 
 The step is one linear system M v̂ = R around the shape that was expected; with strokes that are held M v̂ = R + B z and
 Bᵀv̂ = c. With y = M⁻¹ (what J owes to v̂), J owes y to R and -y v̂ᵀ to M, contact or not. Strains are of second degree

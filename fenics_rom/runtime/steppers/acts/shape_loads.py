@@ -20,6 +20,7 @@ class ShapeLoads:
 
     Attributes:
         found: the same.
+        followers: what inputs follow, with their places.
         dead: forces of inputs of 1 whose direction stays, (m, p); 0 of others.
         strokes: what those follow that are found, (n,).
         places: of strokes that are given, in the input (k,).
@@ -27,21 +28,23 @@ class ShapeLoads:
 
     def __init__(self, rom: Rom, model: ContactModel, found: FoundForces | None):
         width = model.inputs.shape[1]
-        self.found, self._following, self.dead = found, FollowingLoads.of(rom, width, []), model.inputs.copy()
+        self.found, following, self.dead = found, FollowingLoads.of(rom, width, []), model.inputs.copy()
+        self.followers: list[tuple[int, Follower]] = [] if following is None else following.followers
         self.strokes: list[Follower] = [] if found is None else found.followers
         self.places = np.empty(0, dtype=int) if found is None else width + found.actuators.columns
-        if self._following is not None:
-            self.dead[:, self._following.places[0]] = 0.0
-
-    @property
-    def followers(self) -> list[tuple[int, Follower]]:
-        """What inputs follow, with their places."""
-        return [] if self._following is None else self._following.followers
+        self.dead[:, [column for column, _ in self.followers]] = 0.0
 
     def force(self, u: Array, q: Array) -> Array:
         """Generalized forces (m,) of the inputs u (p,) on the body at q."""
-        force: Array = self.dead.dot(u)
-        return force if self._following is None else force + self._following.force(u, q)
+        return self.with_followers(self.dead.dot(u), u, q)
+
+    def with_followers(self, dead: Array, u: Array, q: Array) -> Array:
+        """The same, where those of loads whose direction stays (m,) are known."""
+        force = dead
+        for column, follower in self.followers:
+            if size := u.item(column):
+                force = force + size * follower.force(q)
+        return force
 
     def columns(self, q: Array) -> Array:
         """Those of inputs of 1, (m, p)."""
@@ -52,7 +55,10 @@ class ShapeLoads:
 
     def slope(self, u: Array, reactions: Array, q: Array) -> Array:
         """∂/∂q (m, m) of the forces of the inputs, and of what is found, (n,)."""
-        slope = np.zeros((len(q), len(q))) if self._following is None else self._following.slope(u, q)
+        slope = np.zeros((len(q), len(q)))
+        for column, follower in self.followers:
+            if size := u.item(column):
+                slope += size * follower.slope(q)
         for reaction, stroke in zip(reactions, self.strokes, strict=True):
             if reaction:
                 slope += reaction * stroke.slope(q)
