@@ -44,7 +44,7 @@ from fenics_rom.runtime.steppers.carried_adjoint import Carried, CarriedAdjoint
 from fenics_rom.runtime.steppers.carried_balance import CarriedBalance, Wrench
 from fenics_rom.runtime.steppers.carried_base import Begun, Motion, frame_state, motion_of
 from fenics_rom.runtime.steppers.carried_points import CarriedPoints, seen
-from fenics_rom.runtime.steppers.frame_kernel import FrameState, in_frame
+from fenics_rom.runtime.steppers.frame_state import FrameState, in_frame
 
 
 class CarriedFrame(CarriedBalance):

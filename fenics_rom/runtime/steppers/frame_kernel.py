@@ -14,7 +14,7 @@ factors with the table is what the coordinates balance, and the products of its 
 """
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -30,33 +30,15 @@ from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.body_parts import PLAIN, BodyParts
 from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
 from fenics_rom.runtime.steppers.frame_points import FramePoints
+from fenics_rom.runtime.steppers.frame_state import FrameState, Shape, in_frame
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.ground_ties import GroundTies
-from fenics_rom.runtime.steppers.inertia import Inertia
 from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork
 from fenics_rom.runtime.steppers.parted_kernel import PartedKernel
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
-
-
-class FrameState(NamedTuple):
-    """Where a frame is and how it moves, in world axes."""
-
-    position: Vector  # of its origin, m
-    rotation: Quaternion  # from its axes to the world's, a unit quaternion w x y z
-    velocity: Vector  # of its origin, m/s
-    turning: Vector  # of a free body its angular momentum, kg m²/s; of a base its angular velocity, rad/s
-
-
-class Shape(NamedTuple):
-    """The inertia of the body at q, moving with r."""
-
-    inertia: Inertia  # I(q)
-    moved: Vector  # b r
-    moment: Vector  # x̄ + c q
-    drift: Vector  # c r
 
 
 # Rows of the table: ½ I1 and c; at the start of a step S, b, f0 = ω e - 2/h r - f, and T; at a mid-step rate S in the
@@ -404,8 +386,3 @@ class FrameKernel(PartedKernel):
             self._extent.look(self.notes, self._acting, e * self._inverse_ω, None, self.contact, self.h)
             self._extent.look_at_frame(self.notes, *self._motion_felt)
         return 2 * self.energy
-
-
-def in_frame(turn: Geometry, contact: ContactSolution | None) -> ContactSolution | None:
-    """The same with forces as the frame sees them."""
-    return None if contact is None else contact._replace(forces=contact.forces.dot(turn.middle))

@@ -25,8 +25,8 @@ from fenics_rom.mechanics.frame_contact import touch
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
 from fenics_rom.mechanics.frame_motion import ZERO, added, dot, rotation_of
 from fenics_rom.mechanics.largest_turn import check_turn
-from fenics_rom.runtime.steppers.frame_kernel import FrameState, Shape, in_frame
 from fenics_rom.runtime.steppers.frame_points import FramePoints
+from fenics_rom.runtime.steppers.frame_state import FrameState, Shape, in_frame
 from fenics_rom.runtime.steppers.free_balance import FreeBalance
 
 

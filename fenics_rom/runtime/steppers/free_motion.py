@@ -17,7 +17,8 @@ from fenics_rom.mechanics.frame_motion import (
     rotation_of,
     turned,
 )
-from fenics_rom.runtime.steppers.frame_kernel import COUPLED, FrameKernel, FrameState, Shape
+from fenics_rom.runtime.steppers.frame_kernel import COUPLED, FrameKernel
+from fenics_rom.runtime.steppers.frame_state import FrameState, Shape
 from fenics_rom.runtime.steppers.inertia import check_definite, solved_inertia, times_inertia
 
 
