@@ -51,9 +51,9 @@ MUTATIONS = [
     ("runtime/steppers/balance_adjoint.py", "self.contact.through(W).pull_back", "self.contact.pull_back"),
     ("runtime/steppers/balance_adjoint.py", "- held.by_shape.T @ η", "+ held.by_shape.T @ η"),
     ("runtime/steppers/balance_adjoint.py", "+= (1 - share) * by_goal", "+= share * by_goal"),
-    ("runtime/steppers/carried_adjoint.py", "- spun / h", "+ spun / h"),
-    ("runtime/steppers/carried_adjoint.py", "np.cross(v, ω) @ drift", "np.cross(ω, v) @ drift"),
-    ("runtime/steppers/carried_adjoint.py", "np.linalg.solve(self.A.T, to_v)", "np.linalg.solve(self.A, to_v)"),
+    ("runtime/steppers/frame_slopes.py", "sign / h * spin - spun", "sign / h * spin + spun"),
+    ("runtime/steppers/frame_slopes.py", "np.cross(at.v, at.ω)", "np.cross(at.ω, at.v)"),
+    ("runtime/steppers/frame_adjoint.py", "np.linalg.solve(K.T, x_[own])", "np.linalg.solve(K, x_[own])"),
     ("mechanics/surface_points.py", "np.linalg.solve(J, ", "np.linalg.solve(J.T + J, "),
     ("world/surfaces.py", "shares * (moments @", "(moments @"),
     (

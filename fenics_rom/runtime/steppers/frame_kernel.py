@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StructureError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
@@ -134,18 +133,6 @@ class FrameKernel(PartedKernel):
         self.frame, self._places = self._frame_before, None
         if self.ties is not None:
             self.ties.rollback()
-
-    def check_differentiable(self) -> None:
-        """As in Kernel."""
-        refused = {
-            "a free body in a moving frame": not self._constants.carried,
-            "contact in a moving frame": self._interface is not None,
-            "a moving frame of a body whose strains are large or relax": self.elastic is not None,
-            "strokes in a moving frame": self._found is not None,
-        }
-        for what, there in refused.items():
-            if there:
-                raise StructureError(f"{what}: its steps are not differentiated")
 
     def _with_carried_energy(self, energy: float) -> float:
         """As in BookedKernel; with what springs to the ground store."""

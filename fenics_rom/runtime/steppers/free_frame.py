@@ -25,9 +25,12 @@ from fenics_rom.mechanics.frame_contact import touch
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
 from fenics_rom.mechanics.frame_motion import ZERO, added, dot, rotation_of
 from fenics_rom.mechanics.largest_turn import check_turn
+from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_points import FramePoints
+from fenics_rom.runtime.steppers.frame_slopes import StepTurn
 from fenics_rom.runtime.steppers.frame_state import FrameState, Shape, in_frame
 from fenics_rom.runtime.steppers.free_balance import FreeBalance
+from fenics_rom.runtime.steppers.free_motion import Motion
 
 
 class FreeFrame(FreeBalance):
@@ -90,6 +93,23 @@ class FreeFrame(FreeBalance):
         else:
             self._expect(x)
         return x
+
+    @property
+    def _turned_by(self) -> StepTurn:
+        """As in FrameKernel."""
+        assert self._passed is not None
+        h, x = self._passed
+        a, b, c = (h * x[:3]).tolist()
+        return StepTurn(Geometry(self._now_before.R, self._now.R, (a, b, c)), h, x[:3].copy())
+
+    def _motion_of(self, frame: FrameState, motion: Motion) -> tuple[Array, Array, Array]:
+        """As in FrameKernel."""
+        return np.array(frame.position), np.array(frame.velocity), np.array(motion.ω)
+
+    @property
+    def _acting_forces(self) -> FrameForces:
+        """As in FrameKernel."""
+        return self._forces
 
     # What contact asks for; see frame_contact.
 

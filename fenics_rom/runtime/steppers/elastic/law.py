@@ -7,6 +7,7 @@ others it holds at the v̂ that was asked for last, and near it: Newton's method
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
+from typing import Any, NamedTuple, Protocol
 
 from numpy import ndarray as Array
 
@@ -85,3 +86,37 @@ class ElasticLaw:
     def close(self, v: Array, after: Array) -> float:
         """Ends the step with v̂ (m,), at q⁺ (m,) to round-off; what was dissipated, J."""
         raise NotImplementedError
+
+    def adjoint(self) -> "LawAdjoint":
+        """The last step, to go back through."""
+        raise NotImplementedError
+
+
+class LawOwed(NamedTuple):
+    """What is owed to a step's motion by what a law carries along and stores after it, (m,) each."""
+
+    end: Array  # q⁺
+    start: Array  # q
+    velocity: Array  # v̂
+    kept: Any = None  # what the law wants to know of it later
+
+
+class LawAdjoint(Protocol):
+    """A step of a law, to go back through: f̂(v̂, q, what is carried along)."""
+
+    @property
+    def by_velocity(self) -> Array:
+        """∂f̂/∂v̂ (m, m)."""
+
+    @property
+    def by_shape(self) -> Array:
+        """∂f̂/∂q (m, m), of q at the start."""
+
+    def after(self, carried: Array, energy: float) -> LawOwed:
+        """What is owed to the motion, from derivatives with what is carried along after the step and stored then."""
+
+    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
+        """What is owed to what was carried along, and besides to q (m,), where f̂ is owed -y (m,)."""
+
+    def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
+        """Derivatives with ω (m,) and D of the contact model; nothing where neither plays a part."""
