@@ -141,13 +141,12 @@ class StepState:
         if self.has_inertia:
             state[m:] = x[self.places["r"]]
         if kernel.residual is not None:
-            rows = auxiliary[: kernel.residual.state.size].reshape(4, -1)
+            rows = auxiliary[kernel.carried_places[0]].reshape(4, -1)
             rows[0] = self.points_of(x, "g")
             if self.has_inertia:
                 rows[2] = self.points_of(x, "g rate")
         if "b" in self.places:
-            b = x[self.places["b"]]
-            auxiliary[len(auxiliary) - len(b) :] = b
+            auxiliary[kernel.carried_places[1]] = x[self.places["b"]]
         if self._is_free and body.pose is not None:
             frame = _frame_owed(body.pose, self.read()[self.places["pose"]][3:6], x[self.places["pose"]])
         return StateAdjoint(state, rigid, auxiliary, frame=frame)
@@ -166,15 +165,14 @@ class StepState:
         x[self.places["e"]] = q / ω
         if self.has_inertia:
             x[self.places["r"]] = r
-        residual, auxiliary = body.integrator.kernel.residual, before.auxiliary
-        if residual is not None:
-            R, rows = residual.part.compliance, auxiliary[: residual.state.size].reshape(4, -1)
+        kernel = body.integrator.kernel
+        if kernel.residual is not None:
+            R, rows = kernel.residual.part.compliance, before.auxiliary[kernel.carried_places[0]].reshape(4, -1)
             x[self.places["g"]] = (rows[0] + R @ rows[1])[self._points]
             if self.has_inertia:
                 x[self.places["g rate"]] = (rows[2] + R @ rows[3])[self._points]
         if "b" in self.places:
-            size = self.places["b"].stop - self.places["b"].start
-            x[self.places["b"]] = auxiliary[len(auxiliary) - size :]
+            x[self.places["b"]] = before.auxiliary[kernel.carried_places[1]]
         if len(before.frame) and self._at_start is not None:
             x[self.places["pose"]] = np.concatenate(list(pose_pulled_back(self._at_start, before.frame).values()))
         return x

@@ -53,7 +53,7 @@ class TouchedPoints(NamedTuple):
 
 
 class FrameAdjoint(NamedTuple):
-    """A step of a FrameKernel. Carried: the residual's rows [g, y, ġ, ẏ] (4, 3P), and what the law carries."""
+    """A step of a FrameKernel. Carried: what the law carries, and the residual's rows [g, y, ġ, ẏ] (4, 3P)."""
 
     parts: FrameParts
     step: StepTurn
@@ -79,8 +79,9 @@ class FrameAdjoint(NamedTuple):
             place_, velocity_ = place_ + energy * stored[0], velocity_ + energy * stored[1]
             if parts.ties is not None:
                 place_ += energy * parts.ties.stored_slopes(end, step.turn.end)
-        rows_, seen_ = self._through_residual(after.auxiliary, reads)
-        owed = self.law.after(after.auxiliary[rows_.size :], energy)
+        own_, rows_ = np.split(after.auxiliary, [len(after.auxiliary) - self.rows])
+        rows_, seen_ = self._through_residual(rows_, reads)
+        owed = self.law.after(own_, energy)
         place_[6:] += owed.end
         place_, velocity_, x_ = step.back(place_, velocity_)
         place_[6:], x_[6:] = place_[6:] + owed.start, x_[6:] + owed.velocity
@@ -106,7 +107,7 @@ class FrameAdjoint(NamedTuple):
         before = StateAdjoint(
             np.concatenate([place_[6:] / ω, velocity_[6:]]),
             after.rigid,
-            np.concatenate([rows_.ravel(), own_]),
+            np.concatenate([own_, rows_.ravel()]),
             frame=np.concatenate([place_[:6], velocity_[:6]]) if len(after.frame) else NONE,
         )
         return StepSlopes(before, y @ by_input, along_ω, damping)
@@ -123,14 +124,17 @@ class FrameAdjoint(NamedTuple):
         balance.place[6:, 6:] += self.law.by_shape
         return balance, by_input
 
-    def _through_residual(self, auxiliary: Array, reads: Reads) -> tuple[Array, Array]:
+    @property
+    def rows(self) -> int:
+        """How many numbers of the residual part are carried along, the last ones of all."""
+        return 0 if self.residual_after is None else self.residual_after.size
+
+    def _through_residual(self, rows_: Array, reads: Reads) -> tuple[Array, Array]:
         """Derivatives with the residual's rows before, (4, 3P), and with forces as the frame sees them, (3P,)."""
         residual = self.parts.residual
         if residual is None or self.residual_after is None:
             return np.empty((4, 0)), NONE
-        rows_ = auxiliary[: self.residual_after.size].reshape(4, -1) + reads.energy * residual.of_energy(
-            self.residual_after
-        )
+        rows_ = rows_.reshape(4, -1) + reads.energy * residual.of_energy(self.residual_after)
         rows_[0] += strained_back(residual.part, reads.beyond)
         return residual.pull_back(rows_)
 

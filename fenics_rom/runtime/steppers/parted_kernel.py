@@ -62,6 +62,15 @@ class PartedKernel(BookedKernel):
         of_residual = super().auxiliary
         return of_residual if self.elastic is None else np.concatenate([self.elastic.auxiliary, of_residual])
 
+    @property
+    def carried_places(self) -> tuple[slice, slice]:
+        """As in BookedKernel."""
+        rows, branches = super().carried_places
+        if self.elastic is None:
+            return rows, branches
+        own, of_branches = len(self.elastic.auxiliary), 0 if self.branches is None else self.branches.state.size
+        return slice(own, own + rows.stop), slice(own - of_branches, own)
+
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
         if self.elastic is None:
