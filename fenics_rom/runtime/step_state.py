@@ -130,6 +130,23 @@ class StepState:
                 rows += [w, R @ w]
         return np.concatenate(rows)
 
+    @property
+    def _rows(self) -> slice:
+        """Where `Kernel.auxiliary` has the rows of the residual part."""
+        kernel = self.body.integrator.kernel
+        if kernel.residual is None:
+            return slice(0, 0)
+        start = 0 if kernel.rows_first else len(kernel.auxiliary) - len(kernel.residual.carried)
+        return slice(start, start + kernel.residual.state.size)
+
+    @property
+    def _branches(self) -> slice:
+        """Where it has the branches of the material: the last numbers of what is not the residual part's."""
+        kernel = self.body.integrator.kernel
+        size, whole = self.places["b"].stop - self.places["b"].start, len(kernel.auxiliary)
+        end = whole if kernel.rows_first or kernel.residual is None else whole - len(kernel.residual.carried)
+        return slice(end - size, end)
+
     def owed(self, x: Array) -> StateAdjoint:
         """Derivatives with all that a step leads to, where the body is now, from those with the numbers x (s,)."""
         body, m = self.body, self.places["e"].stop
@@ -141,12 +158,12 @@ class StepState:
         if self.has_inertia:
             state[m:] = x[self.places["r"]]
         if kernel.residual is not None:
-            rows = auxiliary[kernel.carried_places[0]].reshape(4, -1)
+            rows = auxiliary[self._rows].reshape(4, -1)
             rows[0] = self.points_of(x, "g")
             if self.has_inertia:
                 rows[2] = self.points_of(x, "g rate")
         if "b" in self.places:
-            auxiliary[kernel.carried_places[1]] = x[self.places["b"]]
+            auxiliary[self._branches] = x[self.places["b"]]
         if self._is_free and body.pose is not None:
             frame = _frame_owed(body.pose, self.read()[self.places["pose"]][3:6], x[self.places["pose"]])
         return StateAdjoint(state, rigid, auxiliary, frame=frame)
@@ -167,12 +184,12 @@ class StepState:
             x[self.places["r"]] = r
         kernel = body.integrator.kernel
         if kernel.residual is not None:
-            R, rows = kernel.residual.part.compliance, before.auxiliary[kernel.carried_places[0]].reshape(4, -1)
+            R, rows = kernel.residual.part.compliance, before.auxiliary[self._rows].reshape(4, -1)
             x[self.places["g"]] = (rows[0] + R @ rows[1])[self._points]
             if self.has_inertia:
                 x[self.places["g rate"]] = (rows[2] + R @ rows[3])[self._points]
         if "b" in self.places:
-            x[self.places["b"]] = before.auxiliary[kernel.carried_places[1]]
+            x[self.places["b"]] = before.auxiliary[self._branches]
         if len(before.frame) and self._at_start is not None:
             x[self.places["pose"]] = np.concatenate(list(pose_pulled_back(self._at_start, before.frame).values()))
         return x

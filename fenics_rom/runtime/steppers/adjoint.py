@@ -85,9 +85,11 @@ class GoneBackThrough:
 
     Attributes:
         tangent: a matrix that steps carry along, made in an earlier one; empty where there is none.
+        rows_first: whether `Kernel.auxiliary` has what contact points yield before what the material carries, or after.
     """
 
     tangent: Array = NONE
+    rows_first: bool = True
 
     def check_differentiable(self) -> None:
         """A StructureError where `adjoint` does not know the steps."""

@@ -62,11 +62,6 @@ class Kernel(GoneBackThrough):
         return ()
 
     @property
-    def carried_places(self) -> tuple[slice, slice]:
-        """Where `auxiliary` has the rows of the residual part, and the branches of the material."""
-        return slice(0, 0), slice(0, 0)
-
-    @property
     def beyond_training(self) -> bool:
         """Whether the body went further than its model was trained to follow."""
         return False
@@ -189,13 +184,6 @@ class BookedKernel(Kernel):
         """As in Kernel."""
         of_residual = super().auxiliary if self.residual is None else self.residual.carried
         return of_residual if self._owned is None else np.concatenate([of_residual, self._owned.state.ravel()])
-
-    @property
-    def carried_places(self) -> tuple[slice, slice]:
-        """As in Kernel."""
-        size = 0 if self.residual is None else self.residual.state.size
-        whole = size if self.residual is None else len(self.residual.carried)
-        return slice(0, size), slice(whole, whole + (0 if self._owned is None else self._owned.state.size))
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""

@@ -27,6 +27,8 @@ class PartedKernel(BookedKernel):
         found: what is to be found in the step that is open; None where nothing is.
     """
 
+    rows_first = False
+
     def __init__(
         self,
         model: ContactModel,
@@ -61,15 +63,6 @@ class PartedKernel(BookedKernel):
         """As in Kernel."""
         of_residual = super().auxiliary
         return of_residual if self.elastic is None else np.concatenate([self.elastic.auxiliary, of_residual])
-
-    @property
-    def carried_places(self) -> tuple[slice, slice]:
-        """As in BookedKernel."""
-        rows, branches = super().carried_places
-        if self.elastic is None:
-            return rows, branches
-        own, of_branches = len(self.elastic.auxiliary), 0 if self.branches is None else self.branches.state.size
-        return slice(own, own + rows.stop), slice(own - of_branches, own)
 
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
