@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
-from soft_box import soft_box
+from bodies import box_arrays
+from soft_box import scalar_mass, soft_box
 
 import fenics_rom as fr
-from fenics_rom.errors import StepError
+from fenics_rom.reduction.moving_frame import inertia_constants
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, monomials
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.held import HeldBody
 from fenics_rom.scene.file import parse_scene
 
 CONTACT = """
@@ -111,6 +111,18 @@ def soft_rom(
     )
 
 
+def in_frame(rom: Rom) -> Rom:
+    """A soft box of large deformation in the frame of a base that carries it."""
+    cells = box_arrays(*SOFT_BOX[:2])
+    M = np.kron(scalar_mass(*cells, 1100.0).toarray(), np.eye(3))
+    Q = np.zeros((rom.nodes.size, rom.basis.shape[1]))
+    Q[rom.free] = rom.basis
+    frame = inertia_constants(rom.nodes, M, Q, carried=True, origin=np.zeros(3))
+    p = {name: model.inputs.shape[1] for name, model in rom.contact_models.items()}
+    frame = replace(frame, wrenches={name: np.zeros((6, width)) for name, width in p.items()})
+    return replace(rom, moving_frame=frame, environment=replace(rom.environment, frame="moving"))
+
+
 def yielding(system, W, γ, touched, beta) -> ResidualCompliance:
     """What the basis lacks at nodes that are touched, by dense solves."""
     Sᵀ = np.zeros((system.size, 3 * len(touched)))
@@ -141,17 +153,3 @@ def swing(rom: Rom, h: float, stepper: str | None, *, force: float = 0.2, durati
     for step in range(round(duration / h)):
         simulator.step([0.0, 0.0, force * (step * h < duration / 2), 0.0, 0.0])
     return simulator
-
-
-def refuse_few_parts(monkeypatch, fewest: int, longer_than: float = 0.0) -> list[int]:
-    """Has Newton's steps that are longer fail in fewer parts; those that did."""
-    in_parts, refused = HeldBody._in_parts, []
-
-    def failing(kernel, u, obstacles, parts):
-        if kernel.elastic.is_exact or parts >= fewest or kernel.h <= longer_than:
-            return in_parts(kernel, u, obstacles, parts)
-        refused.append(parts)
-        raise StepError("in too few parts")
-
-    monkeypatch.setattr(HeldBody, "_in_parts", failing)
-    return refused

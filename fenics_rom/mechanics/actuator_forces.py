@@ -222,6 +222,10 @@ class ActuatorForces:
         k = len(self.names)
         return np.flatnonzero((self._least[:k] < 0) | (z[:k] > 0))
 
+    def within(self, u: Array, z: Array, angles: Array | None = None) -> Array:
+        """Which of the forces (h,) are within their bounds, so that strokes go as they are to; see `solve`."""
+        return np.flatnonzero(self._sides(u, z, self._friction * (self._angles if angles is None else angles)) == 0)
+
     def parts(self, columns: Array, z: Array) -> tuple[Array, Array]:
         """Generalized forces (m,) of the strokes that are given, and of guides, of columns (m, n) and forces (n,)."""
         k = len(self.names)

@@ -175,7 +175,7 @@ def touch(
         StepError: no forces were found.
     """
     if interface is None or obstacles is None:
-        return _held(body, x, actuated), None
+        return (x if actuated is None else hold(body, x, actuated, actuated.reactions)), None
     solver, h, z = interface.solver, body.h, np.empty(0) if actuated is None else actuated.reactions
     search_before, settled = solver.search, Settled()
     steady = np.array_equal(obstacles.velocities(h), obstacles.velocities_before)
@@ -201,7 +201,7 @@ def touch(
         if sweep == 0:
             near = solver.within_reach(PointMotion(displacement, velocity, moving), h, obstacles)
             if not len(near):
-                return _held(body, x, actuated), None
+                return (x if actuated is None else hold(body, x, actuated, z)), None
         found, before, z_before, by_actuators = forces, contact, z, 0.0
         if not found_all:
             W = _operator(body, turn, arms, near, proximal)
@@ -247,14 +247,17 @@ def touch(
     )
 
 
-def _held(body: FrameBody, x: Array, actuated: ActuatedBody | None) -> Array:
-    """The same where nothing touches."""
-    if actuated is None:
-        return x
-    z = actuated.reactions
+def hold(
+    body: FrameBody, x: Array, actuated: ActuatedBody, z: Array, push_at: Callable[[Array], Push] | None = None
+) -> Array:
+    """Velocities of a step that goes by x under the forces z (n,) of actuators, under those that it needs.
+
+    `push_at`: what other forces do at such velocities; None: nothing.
+    """
     size_before, scale = 0.0, body.scale(x)
     for sweep in range(MOST_SWEEPS):
-        corrected, z_before = x if sweep == 0 else body.corrected(x, None), z
+        push = None if push_at is None else push_at(x)
+        corrected, z_before = x if sweep == 0 else body.corrected(x, push), z
         held = Held.of(actuated, corrected, z)
         z = held.solve(z)
         actuated.act(z)

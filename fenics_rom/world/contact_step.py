@@ -32,6 +32,7 @@ ROUND_OFF = 1e-13  # of them: a change that is none
 STAGNATION = 1e-11  # of them: as near as round-off lets some come
 MOST_SWEEPS = 200
 MOST_SETS = 2  # of pairs, of which the law is kept as it was linearised: some take part in every step, but not at once
+SLOW, FEW_SWEEPS = 0.5, 5  # of a change to the one before, from which on W is found anew, after so many sweeps
 PATIENCE = 150  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
 PROXIMAL, LARGEST_PROXIMAL = 1e-6, 1e-2  # of each pair's own compliance, added to W where no point yields by itself
 STEADIER = 30.0  # times as much, where sweeps lead away: it only guides them
@@ -280,6 +281,8 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
         if size > size_before > 0 and proximal < LARGEST_PROXIMAL and not guide.yields.all():
             proximal *= STEADIER
             guide.is_right = False
+        elif sweep >= FEW_SWEEPS and size > SLOW * size_before:
+            guide.is_right = False  # what bodies answer has changed since then, as where a cable has become slack
         f, u, size_before = found, u_found, size
     raise StepError(
         f"contact of {C} pairs of points: after {MOST_SWEEPS} sweeps forces still change by {size / scale:.1e} of the "

@@ -330,8 +330,8 @@ class Soft(Simulator):
 
     @property
     def takes_impulses(self) -> bool:
-        """Whether joints stop it by impulses: a linear body that is held or carried."""
-        return isinstance(self._kernel, KICKED)
+        """Whether joints stop it by impulses: by those of a held or carried body that no stroke or guide holds."""
+        return isinstance(self._kernel, KICKED) and not len(self._kernel.reactions)
 
     def end_velocities(self, points: Points) -> Array:
         """As in Body."""
@@ -340,9 +340,12 @@ class Soft(Simulator):
         return self._carriers.mean(points, self._turned(kernel.basis_velocities))
 
     def inverse_mass(self, points: Points) -> Array | None:
-        """As in Body: of a linear body that is held or carried; of others what is left at joints stays."""
+        """As in Body: of others than those that take impulses what is left at joints stays."""
+        if not self.takes_impulses:
+            return None
         kernel = self._kernel
-        return self._operator(points, partial(operator_of, kernel.inverse_mass)) if isinstance(kernel, KICKED) else None
+        assert isinstance(kernel, KICKED)
+        return self._operator(points, partial(operator_of, kernel.inverse_mass))
 
     def kick(self, points: Points, impulses: Array) -> None:
         """As in Body; what a base takes of it is supplied."""

@@ -251,16 +251,22 @@ class StepPairs:
             self._guide = None
 
     def stop_joints(self) -> float:
-        """Stops by impulses what joints still move by when a step ends; what that takes, J."""
-        parts = self._parts_of_joints()
+        """Stops by impulses what joints still move by when a step ends; what that takes, J.
+
+        Joints of a body that takes none go on as they move.
+        """
         size = len(self._joint_forces)
         u, left, W = np.zeros((size, 3)), np.zeros((size, 3)), np.zeros((size, 3, size, 3))
-        for body, rows, signs, points in parts:
+        stopped, parts = np.ones(size, dtype=bool), list[tuple[Body, Array, Array, Points]]()
+        for body, rows, signs, points in self._parts_of_joints():
             own = body.inverse_mass(points)
             if own is None:
-                return 0.0
+                stopped[rows] = False
+                continue
+            parts.append((body, rows, signs, points))
             u[rows] += signs * body.end_velocities(points)
             W[_block(rows)] += signs[:, :, None, None] * own.reshape(len(rows), 3, len(rows), 3) * signs[:, 0][:, None]
+        u[~stopped] = W[~stopped] = W[:, :, ~stopped] = 0.0
         if not u.any():
             return 0.0
         W = W.reshape(3 * size, 3 * size)

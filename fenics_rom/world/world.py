@@ -123,7 +123,7 @@ class World(ReadWorld):
             points = self._joints.points[name]
             speed = float(np.abs(self._step_pairs.of_joint(points, pairs.before)).max())
             both = [self._bodies[self._names[number]] for number in (points.first, points.second)]
-            swings = [body.name for body in both if isinstance(body, Soft) and not body.takes_impulses]
+            swings = [body.name for body in both if isinstance(body, Soft) and body.has_inertia > body.takes_impulses]
             if speed > MOVES and swings:
                 self._joints.warnings.append(
                     f"{name}: what it joins moved at {speed:.2g} m/s relative to one another, and {swings[0]} takes no "

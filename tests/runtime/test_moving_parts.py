@@ -6,15 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import box_arrays, scene_text, write_arrays
-from soft_box import scalar_mass
-from soft_rom import SOFT_BOX, soft_rom
+from soft_rom import in_frame, soft_rom
 
 import fenics_rom as fr
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.mechanics.viscoelasticity import PronySeries
-from fenics_rom.reduction.moving_frame import inertia_constants
 from fenics_rom.scene.file import parse_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -98,18 +96,6 @@ def test_a_free_body_of_parts_keeps_its_account_and_momentum(tmp_path, parts):
     assert abs(body.energy - start - account.supplied + account.dissipated) <= 1e-11 * turnover
     moved = [np.abs(now - before).max() for now, before in zip(body.momentum, (P, L), strict=True)]
     assert max(moved) <= 1e-12 * max(np.abs(P).max(), np.abs(L).max())
-
-
-def in_frame(rom):
-    """A soft box of large deformation in the frame of a base that carries it."""
-    cells = box_arrays(*SOFT_BOX[:2])
-    M = np.kron(scalar_mass(*cells, 1100.0).toarray(), np.eye(3))
-    Q = np.zeros((rom.nodes.size, rom.basis.shape[1]))
-    Q[rom.free] = rom.basis
-    frame = inertia_constants(rom.nodes, M, Q, carried=True, origin=np.zeros(3))
-    p = {name: model.inputs.shape[1] for name, model in rom.contact_models.items()}
-    frame = replace(frame, wrenches={name: np.zeros((6, width)) for name, width in p.items()})
-    return replace(rom, moving_frame=frame, environment=replace(rom.environment, frame="moving"))
 
 
 def relaxing(rom):

@@ -16,8 +16,7 @@ from fenics_rom.mechanics.frame_geometry import Geometry, Push
 from fenics_rom.mechanics.frame_motion import ZERO, Vector, added, cross, dot
 from fenics_rom.runtime.steppers.carried_base import Begun, Motion
 from fenics_rom.runtime.steppers.carried_points import CarriedPoints
-from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame
-from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED
+from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED, FrameKernel
 from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.inertia import MOST_ITERATIONS, pairs
 from fenics_rom.runtime.steppers.kept_newton import KeptNewton
@@ -26,7 +25,7 @@ Wrench = tuple[Vector, Vector]
 NO_TURN = 1e-18  # rad: by less coordinates are not coupled, as |G| <= 1 and |I2| <= 1 beside 2/h are below the last bit
 
 
-class CarriedBalance(DifferentiableFrame):
+class CarriedBalance(FrameKernel):
     """Arguments and attributes as in FrameKernel."""
 
     _now: Motion
@@ -116,7 +115,7 @@ class CarriedBalance(DifferentiableFrame):
         assert self.found is not None
         step = self._taken if self.elastic is None else self._bare
         assert step is not None
-        self._acting, self._reactions_found = self.found.acting(z), z
+        self._acting, self.reactions_found = self.found.acting(z), z
         forces = self._forces_as_expected()
         modal = self._loads.modal(forces, step.turn, self._constants)
         step = step._replace(forces=forces, modal=modal, right=step.right + modal - step.modal)

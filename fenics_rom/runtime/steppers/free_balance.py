@@ -86,7 +86,7 @@ class FreeBalance(FreeMotion):
     def act(self, z: Array) -> None:
         """As in FrameBody of mechanics.frame_contact."""
         assert self.found is not None
-        self._acting, self._reactions_found = self.found.acting(z), z
+        self._acting, self.reactions_found = self.found.acting(z), z
         self._forces = self._forces_as_expected()
         if self.elastic is None:
             self._give(self._forces.modal)

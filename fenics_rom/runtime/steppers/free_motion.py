@@ -17,9 +17,7 @@ from fenics_rom.mechanics.frame_motion import (
     rotation_of,
     turned,
 )
-from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame
-from fenics_rom.runtime.steppers.frame_kernel import COUPLED
-from fenics_rom.runtime.steppers.frame_state import FrameState, Shape
+from fenics_rom.runtime.steppers.frame_kernel import COUPLED, FrameKernel, FrameState, Shape
 from fenics_rom.runtime.steppers.inertia import check_definite, solved_inertia, times_inertia
 
 
@@ -34,7 +32,7 @@ class Motion(NamedTuple):
     spin: float  # ω·I ω + 2 ω·b r, J
 
 
-class FreeMotion(DifferentiableFrame):
+class FreeMotion(FrameKernel):
     """Arguments and attributes as in FrameKernel; `frame.turning` is the angular momentum."""
 
     _now: Motion

@@ -1,4 +1,4 @@
-"""A body that is made of parts: what resists its shape, what follows it, and what is found in a step."""
+"""A body in a frame that is made of parts: what resists its shape, what follows it, and what is found in a step."""
 
 from typing import TYPE_CHECKING
 
@@ -6,8 +6,12 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.frame_geometry import vector
+from fenics_rom.mechanics.frame_motion import Vector, added
 from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.body_parts import BodyParts
+from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 
 if TYPE_CHECKING:
@@ -17,35 +21,44 @@ if TYPE_CHECKING:
 
 
 class PartedKernel(BookedKernel):
-    """Arguments as in BookedKernel.
-
-    Args:
-        parts: what the body is made of.
+    """Arguments as in FrameKernel.
 
     Attributes:
         elastic: what resists the shape; None: small strains of a material that does not relax.
         found: what is to be found in the step that is open; None where nothing is.
+        reactions_found: (n,) forces that were found so far in this step.
     """
-
-    rows_first = False
 
     def __init__(
         self,
         model: ContactModel,
+        frame: MovingFrame,
+        loads: FrameLoads,
         ledger: EnergyLedger | None,
         interface: "ContactInterface | None",
         residual: "ResidualMotion | None",
         parts: BodyParts,
     ):
         super().__init__(model, ledger, np.empty(0), interface, residual=residual)
+        self._constants, self._loads = frame, loads
         self.elastic, self._following, self._found, self._extent = parts
         self.branches = None if self.elastic is None else self.elastic.branches
         self.found: FoundInStep | None = None
         if self._found is not None:
             self.reactions = self._reactions_before = np.zeros(len(self._found.actuators.columns))
-        self._acting, self._reactions_found = np.empty(0), np.empty(0)  # input of the step, and what is found of it
+        self._acting, self.reactions_found = np.empty(0), np.empty(0)  # input of the step, and what is found of it
         self._start, self._matrix = np.empty(0), np.empty((0, 0))  # q of the step, and the slope of f̂ that is kept
         self._followed_at = np.empty(0)  # v̂ (m,) in the middle of which loads that follow are expected to act
+
+    @property
+    def _motion_felt(self) -> tuple[Vector | None, Vector | None, Vector]:
+        """Acceleration less gravity's, angular acceleration and spin in the last step; None of what strains nothing."""
+        return None, None, self.angular_velocity
+
+    @property
+    def angular_velocity(self) -> Vector:
+        """In the frame's axes, rad/s."""
+        raise NotImplementedError
 
     @property
     def _notes_of_parts(self) -> dict[str, float]:
@@ -62,22 +75,7 @@ class PartedKernel(BookedKernel):
     def auxiliary(self) -> Array:
         """As in Kernel."""
         of_residual = super().auxiliary
-        return of_residual if self.elastic is None else np.concatenate([self.elastic.auxiliary, of_residual])
-
-    def resume(self, auxiliary: Array) -> None:
-        """As in Kernel."""
-        if self.elastic is None:
-            super().resume(auxiliary)
-            return
-        own = len(self.elastic.auxiliary)
-        super().resume(auxiliary[own:])
-        self.elastic.resume(self._coordinates(), self._r, auxiliary[:own])
-
-    def rollback(self) -> None:
-        """As in Kernel."""
-        super().rollback()
-        if self.elastic is not None:
-            self.elastic.rollback()
+        return of_residual if self.elastic is None else np.concatenate([of_residual, self.elastic.auxiliary])
 
     def reset_buffer(self) -> None:
         """As in Kernel."""
@@ -91,15 +89,27 @@ class PartedKernel(BookedKernel):
             return float(self.state.dot(self.state))
         return float(self._r.dot(self._r)) + 2 * self.elastic.stored
 
-    def _begin(self, u: Array) -> None:
-        """Begins a step under u (p,), with the forces that were found in the step before."""
+    def _begin(self, u: Array) -> FrameForces:
+        """Begins a step under u (p,), with the forces that were found in the step before; what acts in the frame."""
         self._acting = u
         if self._found is not None:
             self.found = self._found.begin(u, self._coordinates(), self._r, self.h)
-            self._acting, self._reactions_found = self.found.acting(self.reactions), self.reactions
-        if self.elastic is not None:
-            self._start = self._coordinates().copy()
-            self.elastic.open(self._start, self._r)
+            self._acting, self.reactions_found = self.found.acting(self.reactions), self.reactions
+        if self.elastic is None:
+            return self._loads.at(self._acting)
+        self._start = self._coordinates().copy()
+        self.elastic.open(self._start, self._r)
+        return self._forces_as_expected()
+
+    def _forces_as_expected(self) -> FrameForces:
+        """What acts in the frame, with pressures on open surfaces where the shape is if it moves on as it did."""
+        forces, following, elastic = self._loads.at(self._acting), self._following, self.elastic
+        if following is None or not following.rims or elastic is None:
+            return forces
+        expected = self._start + self.h / 2 * elastic.velocity
+        wrench = following.wrench(self._acting, expected, self._constants.origin)
+        force, torque = vector(wrench[:3]), vector(wrench[3:])
+        return forces._replace(force=added(forces.force, 1.0, force), torque=added(forces.torque, 1.0, torque))
 
     def _resists(self, v: Array, at: Array) -> Array:
         """What of f̂ is not `_matrix` v̂, less the loads that follow a body that goes with `at` (m,); exact at v (m,)."""
@@ -136,7 +146,7 @@ class PartedKernel(BookedKernel):
         """Power of the forces at guides, at v (m,), W."""
         if self._found is None or not self._found.actuators.guides:
             return 0.0
-        _, rubbed = self._found.actuators.parts(self._found.columns(self._middle_of(v)), self._reactions_found)
+        _, rubbed = self._found.actuators.parts(self._found.columns(self._middle_of(v)), self.reactions_found)
         return float(rubbed.dot(v))
 
     def _heat(self, v: Array, after: Array) -> float:
@@ -156,12 +166,6 @@ class PartedKernel(BookedKernel):
         """As in Kernel."""
         return self._extent is not None and bool(self._extent.messages(self.notes))
 
-    @property
-    def messages(self) -> tuple[str, ...]:
-        """As in Kernel."""
-        told = () if self._extent is None else self._extent.messages(self.notes)
-        return told if self.elastic is None else (*told, *self.elastic.messages(self.notes))
-
     def rates(self, x: Array) -> tuple[Array, Array]:
         """ω̂ (3,) in the frame's axes and r̂ (m,) of the velocities x that a step solves for."""
         raise NotImplementedError
@@ -179,6 +183,17 @@ class PartedKernel(BookedKernel):
         columns = self._found.columns(q)
         spread = self._spread_columns(columns)
         return columns.T.dot(r̂), columns.T.dot(spread[-len(columns) :]), spread, self._found.angles(q)
+
+    def held_back(self, x: Array, spread: Array) -> Array:
+        """What of `spread`, by which x changes with other forces, the forces that are found near x take back."""
+        assert self._found is not None
+        assert self.found is not None
+        columns = self._found.columns(self._middle_of(self.rates(x)[1]))
+        _, by_z, of_z, angles = self.found_at(x)
+        held = self._found.actuators.within(self.found.inputs, self.reactions_found, angles)
+        rates = columns[:, held].T.dot(spread[-len(columns) :])
+        back: Array = of_z[:, held].dot(np.linalg.pinv(by_z[np.ix_(held, held)]).dot(rates))
+        return back
 
     def _spread_columns(self, columns: Array) -> Array:
         """What x changes by per force on the coordinates, of columns (m, n) of these."""

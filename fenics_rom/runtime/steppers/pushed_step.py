@@ -18,6 +18,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.frame_contact import hold
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, crossed, vector
 from fenics_rom.mechanics.frame_motion import cross_matrix
 from fenics_rom.mechanics.surface_points import spread_matrix
@@ -88,7 +89,10 @@ class PushedStep:
             StepError: no step was found.
         """
         body, self._forces, self._places = self._body, forces, places
-        body.iterate(self._x, self._push_at if len(forces) else None, float(np.abs(forces).sum()))
+        push_at = self._push_at if len(forces) else None
+        body.iterate(self._x, push_at, float(np.abs(forces).sum()))
+        if body.found is not None:
+            self._x = hold(body, self._x, body, body.reactions_found, push_at)
         if not len(forces):
             return forces
         assert self._points is not None
@@ -147,7 +151,10 @@ class PushedStep:
             J[:3] += middle.T.dot(followed.dot(by_velocity))
             levers -= np.tile(per_force * body.ties.lever(now.turn, x[3:]).T, k)
             by_x = by_x + np.matmul(by_translation, by_velocity)
-        W: Array = by_x.reshape(3 * k, -1).dot(body.newton.keep(J).dot(levers)) + by_force.reshape(3 * k, 3 * k)
+        spread, by_x = body.newton.keep(J).dot(levers), by_x.reshape(3 * k, -1)
+        W: Array = by_x.dot(spread) + by_force.reshape(3 * k, 3 * k)
+        if body.found is not None:
+            W -= by_x.dot(body.held_back(x, spread))
         W += np.tile(per_force * by_translation.reshape(3 * k, 3), k)
         return W
 
