@@ -12,7 +12,7 @@ from fenics_rom.fem.assembly_warnings import obstacles_inside, obstacles_too_sma
 from fenics_rom.fem.body_matrices import body_matrices, damping_of_cells, material_of_cells
 from fenics_rom.fem.contact_points import contact_points_of, points_between
 from fenics_rom.fem.finite_strain.assemble import assemble_deformation
-from fenics_rom.fem.loads import actuators_of, loads_of, patch_columns
+from fenics_rom.fem.loads import actuators_of, contact_columns, loads_of
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.mesh_quality import radius_ratios
 from fenics_rom.fem.moving_frame import assemble_frame
@@ -88,8 +88,7 @@ def _system(scene: Scene, comm: Any) -> System:
         damping=matrices.damping,
         stiffness=matrices.stiffness,
         contacts={
-            name: unknowns.restrict(patch_columns(nodes, patch, unknowns, f"contacts.{name}"))[rows]
-            for name, patch in scene.contacts.items()
+            name: unknowns.restrict(contact_columns(scene, nodes, unknowns, name))[rows] for name in scene.contacts
         },
         actuators={name: unknowns.restrict(columns)[rows] for name, columns in actuators.items()},
         loads={name: unknowns.restrict(columns)[rows] for name, columns in loads.items()},

@@ -101,6 +101,12 @@ def _refuse_nothing(columns: Array, unknowns: Unknowns, where: str) -> None:
         raise SceneError(f"{where}: acts on nothing that can move")
 
 
+def contact_columns(scene: Scene, nodes: Nodes, unknowns: Unknowns, contact: str) -> Array:
+    """Columns of the input matrix of a contact mode, on the components of all nodes, (3 N, columns)."""
+    parts = scene.contacts[contact].together or (contact,)
+    return np.hstack([patch_columns(nodes, scene.contacts[name], unknowns, f"contacts.{name}") for name in parts])
+
+
 def patch_columns(nodes: Nodes, patch: Patch, unknowns: Unknowns, where: str) -> Array:
     """Columns of the input matrix of a patch, on the components of all nodes, (3 N, columns).
 

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
-from fenics_rom.fem.loads import patch_columns
+from fenics_rom.fem.loads import contact_columns
 from fenics_rom.fem.nodes import Nodes
 from fenics_rom.fem.outputs import output_rows
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, linear_stress, small_strain
@@ -83,8 +83,8 @@ def _forces_on(
 ) -> dict[str, np.ndarray]:
     """Of the inputs of each contact mode on nodes that a base holds, (H, 3, p): the base bears them, nothing else."""
     components, found = components_of(held), {}
-    for name, patch in scene.contacts.items():
-        parts = patch_columns(nodes, patch, unknowns, f"contacts.{name}"), *shared.values()
+    for name in scene.contacts:
+        parts = contact_columns(scene, nodes, unknowns, name), *shared.values()
         columns = np.hstack([part[components] for part in parts])
         found[name] = columns.reshape(len(held), 3, columns.shape[1])
     return found

@@ -185,6 +185,12 @@ class Environment:
         details: dict[str, Any] = json.loads(self.built_in.get(place, "{}"))
         return details
 
+    @property
+    def together(self) -> dict[str, tuple[str, ...]]:
+        """Contact modes that are made of others, and of which: they have all their inputs, one after another."""
+        parts = {name: tuple(patch.get("together") or ()) for name, patch in self.details("contacts").items()}
+        return {name: of for name, of in parts.items() if of}
+
     def is_pulled(self, actuator: str) -> bool:
         """Whether it is a tendon whose tension is given."""
         return actuator in self.tendons and actuator not in self.controls

@@ -2,7 +2,7 @@
 
 import math
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import repeat
 
 import numpy as np
@@ -60,6 +60,12 @@ def ending_elsewhere(duration: float, dt: float) -> tuple[str, ...]:
     )
 
 
+def _parts_of(names: Iterable[str], columns: Mapping[str, int]) -> dict[str, slice]:
+    """Where the inputs of contact modes are, one after another."""
+    ends = np.cumsum([0, *(columns[name] for name in names)]).tolist()
+    return {name: slice(*ends[k : k + 2]) for k, name in enumerate(names)}
+
+
 class LoadHistory:
     """The inputs of a run, sampled at the middle of each step (as the midpoint rule wants them).
 
@@ -100,6 +106,9 @@ class LoadHistory:
         self.warnings = ending_elsewhere(run.duration, self.dt)
         self.automatic = environment.switches_itself
         self._loads, self._contact_columns = run.loads, dict(contact_columns)
+        self._parts = {name: _parts_of((name,), contact_columns) for name in contact_columns}
+        for name, parts in environment.together.items():
+            self._parts[name] = _parts_of(parts, contact_columns) | self._parts[name]
         starts = dict(zip(actuator_columns, np.cumsum([0, *actuator_columns.values()]), strict=False))
         self._actuator_slice = {name: slice(a, a + actuator_columns[name]) for name, a in starts.items()}
         self._actuator_total = sum(actuator_columns.values())
@@ -127,8 +136,16 @@ class LoadHistory:
 
     def first_contact(self) -> str:
         """Contact mode that the run begins in."""
-        pushes = (load.contact for load in self._loads if load.contact is not None)
-        return next(pushes, next(iter(self._contact_columns)))
+        pushes = [load for load in self._loads if load.contact is not None]
+        first = {str(load.contact) for load in pushes if load.start == pushes[0].start}
+        return self._holding(first, "") if first else next(iter(self._contact_columns))
+
+    def _holding(self, pushed: set[str], last: str) -> str:
+        """The contact mode in which all of some are pushed: the last one if that has them all, else the smallest."""
+        if pushed <= self._parts.get(last, {}).keys():
+            return last
+        holding = (name for name, parts in self._parts.items() if pushed <= parts.keys())
+        return min(holding, key=self._contact_columns.__getitem__)
 
     def __iter__(self) -> Iterator[tuple[str, np.ndarray]]:
         """Contact mode and input (contact columns, then actuator columns; N, or m and m³ of strokes) of each step.
@@ -156,12 +173,12 @@ class LoadHistory:
         Forces are those of the middle of a step, strokes those of its end, which is later by `to_end`.
         """
         active = [load for load in self._loads if load.start <= time < load.stop]
-        contact = next((load.contact for load in active if load.contact is not None), contact)
+        contact = self._holding({load.contact for load in active if load.contact is not None}, contact)
         columns = 0 if self.automatic else self._contact_columns[contact]
         u = np.zeros(columns + self._actuator_total)
         for load in active:
             if load.contact is not None:
-                u[:columns] += load.signal(time)
+                u[:columns][self._parts[contact][load.contact]] += load.signal(time)
             else:
                 late = to_end if load.actuator in self._strokes else 0.0
                 u[columns:][self._actuator_slice[str(load.actuator)]] += load.signal(time + late)

@@ -145,10 +145,12 @@ class Rom(ByContent):
     def input_columns(self, contact: str) -> dict[str, int]:
         """Number of columns of each input of a contact mode: its own, the actuators', the loads'.
 
-        The contact mode's are called contact-NAME, where an actuator or a load has its name.
+        The contact mode's are called contact-NAME, where an actuator or a load has its name. One that is made of others
+        has theirs.
         """
-        shared = {**self.actuators, **self.loads}
-        return {f"contact-{contact}" if contact in shared else contact: self.contacts[contact], **shared}
+        shared, columns = {**self.actuators, **self.loads}, self.contacts
+        parts = self.environment.together.get(contact, (contact,))
+        return {f"contact-{name}" if name in shared else name: columns[name] for name in parts} | shared
 
     def state_space(
         self,

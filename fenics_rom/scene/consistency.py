@@ -1,6 +1,5 @@
 """What holds for several keys of a scene, or for several effects, together."""
 
-import itertools
 from collections.abc import Collection, Mapping
 from dataclasses import is_dataclass
 from typing import Any
@@ -13,7 +12,7 @@ from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import Contact, Effects, Viscoelasticity
 from fenics_rom.scene.environment import guides_of, obstacle_of
 from fenics_rom.scene.file_format import LoadEntry, SceneFile
-from fenics_rom.scene.places import given_piece
+from fenics_rom.scene.places import Patch, given_piece
 from fenics_rom.scene.scene import ReadingEntry, Reduction, check_order
 
 ROUND_OFF = 1e-9  # of moments of inertia
@@ -24,6 +23,7 @@ def check_consistency(file: SceneFile) -> None:
     check_choices(file, "")
     if not file.contacts:
         raise SceneError("contacts: at least one contact mode is needed, as [contacts.NAME]")
+    _check_together(file)
     _check_effects(file.effects, file.actuators)
     _check_frame(file)
     for k, held in enumerate(file.supports.held):
@@ -50,6 +50,23 @@ def check_consistency(file: SceneFile) -> None:
             )
     for name, reading in file.readings.items():
         _check_reading(reading, file, f"readings.{name}")
+
+
+def _check_together(file: SceneFile) -> None:
+    """Checks contact modes that are made of others."""
+    for name, patch in file.contacts.items():
+        parts, where = patch.together or (), f"contacts.{name}"
+        for part in parts:
+            check_known("contact mode", part, file.contacts, SceneError, f"{where}.together: ")
+            if file.contacts[part].together is not None:
+                raise SceneError(f"{where}.together: {part!r} is made of others; allowed are those that have a place")
+        if len(set(parts)) < len(parts):
+            raise SceneError(f"{where}.together: allowed is every contact mode once")
+        if parts and patch.force != Patch.force:
+            raise SceneError(f"{where}.force: is that of each of {', '.join(parts)}; leave it out")
+    for name, patch in file.actuators.items():
+        if patch.together is not None:
+            raise SceneError(f"actuators.{name}.together: goes with contacts; actuators can always be pushed together")
 
 
 def _check_selective(file: SceneFile) -> None:
@@ -273,14 +290,19 @@ def check_load(
         raise SceneError(f"{where}.stop = {exactly(stop)}: allowed is more than start, {exactly(load.start)} s")
 
 
-def check_pushes(loads: Collection[AppliedLoad], effects: Effects) -> None:
-    """Checks that a run's loads leave one contact mode active at a time, where obstacles do not say which it is."""
+def check_pushes(loads: Collection[AppliedLoad], effects: Effects, together: Mapping[str, tuple[str, ...]]) -> None:
+    """Checks that a run's loads leave one contact mode active at a time, where obstacles do not say which it is.
+
+    `together`: contact modes that are made of others.
+    """
     pushes = sorted((load for load in loads if load.contact), key=lambda load: load.start)
-    for first, second in itertools.combinations(pushes, 2):
-        if second.start < first.stop and second.contact != first.contact:
+    for last in pushes:
+        active = {str(load.contact): load for load in pushes if load.start <= last.start < load.stop}
+        if len(active) > 1 and not any({name, *parts} >= set(active) for name, parts in together.items()):
+            names = ", ".join(f'"{name}"' for name in sorted(active))
             raise SceneError(
-                f"run.load: {first.contact!r} acts until {first.stop:g} s and {second.contact!r} from "
-                f"{second.start:g} s, but one contact mode acts at a time; make a contact mode of both surfaces"
+                f"run.load: at {last.start:g} s {' and '.join(map(repr, active))} are pushed at the same time, but one "
+                f"contact mode acts at a time; make one of them: [contacts.NAME] with together = [{names}]"
             )
     if pushes and effects.contact is not None and effects.contact.switching == "automatic":
         raise SceneError(

@@ -132,7 +132,7 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
         clamped=file.supports.clamped,
         held=file.supports.held,
         rigid=file.supports.rigid,
-        contacts=file.contacts,
+        contacts={name: patch.joined(file.contacts) for name, patch in file.contacts.items()},
         actuators=file.actuators,
         outputs=file.outputs,
         readings=file.readings,
@@ -172,7 +172,8 @@ def _run(file: SceneFile, folder: Path | None) -> Run | None:
             check_pull(load.signal, f"run.load[{k}]: actuator {load.actuator!r}")
         stop = run.duration if load.stop is None else load.stop
         loads.append(AppliedLoad(load.contact, load.actuator, load.start, stop, load.signal))
-    check_pushes(loads, file.effects)
+    together = {name: patch.together for name, patch in file.contacts.items() if patch.together is not None}
+    check_pushes(loads, file.effects, together)
     loads.sort(key=lambda load: load.start)
     initial = None if run.initial is None else _initial(run.initial, file.effects, folder)
     return Run(run.dt, run.duration, run.snapshots, tuple(loads), initial, run.every, run.detail)

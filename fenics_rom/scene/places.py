@@ -1,6 +1,7 @@
 """Where on a body something acts or is read: one record for surfaces and nodes, one for cells."""
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, ClassVar
 
 from fenics_rom.scene.values import Direction, Flag, Items, NameOrTable, Number, Point, Text
@@ -91,6 +92,20 @@ class Patch(Place):
         ' about its centre, in N m), "normal" (1 column: a uniform pressure along inward normals, scaled so that 1 N'
         ' is pressure times area) or "nodal" (3 columns a node)',
     ] = "resultant"
+    together: Annotated[
+        tuple[Annotated[str, Text()], ...] | None,
+        Items(at_least=2),
+        "contact modes that are to be pushed at the same time: this one has the inputs of them all; instead of a place",
+    ] = None
+
+    ONE_OF = ((*PIECES, "together"),)
+
+    def joined(self, contacts: Mapping[str, "Patch"]) -> "Patch":
+        """The same with the place that it has together with other contact modes, by name, if it is made of them."""
+        if self.together is None:
+            return self
+        places = (contacts[name] for name in self.together)
+        return replace(self, any=tuple(Place(**{piece: getattr(place, piece) for piece in PIECES}) for place in places))
 
 
 @dataclass(frozen=True)
