@@ -71,9 +71,9 @@ class Robot:
 
         return motion
 
-    def step(self) -> None:
-        """Advances by the model's time step, to where positions and velocities are those of the end."""
-        mujoco.mj_step(self.model, self.data)
+    def step(self, times: int = 1) -> None:
+        """Advances by so many of the model's time steps, to where positions and velocities are those of the end."""
+        mujoco.mj_step(self.model, self.data, times)
         mujoco.mj_forward(self.model, self.data)
 
 
@@ -86,12 +86,14 @@ class Bridge:
         mounts: names of soft bodies of the world, and of the robot's body that carries each.
 
     Raises:
-        ValueError: the steps of both differ.
+        ValueError: a step of the world is not a whole number of the robot's.
     """
 
     def __init__(self, robot: Robot, world: fr.World, mounts: Mapping[str, str]):
-        if abs(robot.model.opt.timestep - world.dt) > 1e-12:
-            raise ValueError(f"steps of {robot.model.opt.timestep:g} s and of {world.dt:g} s: allowed is one for both")
+        dt = robot.model.opt.timestep
+        self._steps = round(world.dt / dt)  # of the robot, in one of the world
+        if abs(self._steps * dt - world.dt) > 1e-12:
+            raise ValueError(f"{world.dt:g} s are not a whole number of the robot's steps of {dt:g} s")
         self.robot, self.world, self.account = robot, world, CouplingAccount()
         self._mounts = {soft: robot.model.body(body).id for soft, body in mounts.items()}
         self._wrenches = {soft: (np.zeros(3), np.zeros(3)) for soft in mounts}
@@ -105,7 +107,7 @@ class Bridge:
             arm = self.world.pose(soft).position - data.xipos[body]
             data.xfrc_applied[body] -= *force, *(torque + np.cross(arm, force))
         before = {soft: self.world.pose(soft) for soft in self._mounts}
-        self.robot.step()
+        self.robot.step(self._steps)
         self.world.step(inputs)
         for soft, last in self._wrenches.items():
             self._wrenches[soft] = wrench = self.world.simulator(soft).base_wrench

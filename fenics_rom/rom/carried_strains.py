@@ -102,7 +102,9 @@ class MonomialStrains:
 
     def _stiffnesses(self, products: Array) -> tuple[Array, Array]:
         """The upper triangles of ½ K(x), from products (2, 1 + r), and what they have of q (2, m, m)."""
-        upper = products.dot(self._tables.stiffness.T)
+        upper, table = np.empty(products.shape), self._tables.stiffness
+        table.dot(products[0], upper[0])
+        table.dot(products[1], upper[1])  # one by one, which takes half the time of a product with both
         return upper, upper.take(self._two_places)
 
 

@@ -18,6 +18,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
         "gripper/full_order",
         "gripper/ball",
         "robot/robot",
+        "robot/whip",
         "hold/hold",
         "account/account",
         "weld/weld",

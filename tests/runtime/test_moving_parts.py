@@ -13,6 +13,7 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.mechanics.viscoelasticity import PronySeries
+from fenics_rom.runtime.steppers.kept_newton import KeptNewton
 from fenics_rom.scene.file import parse_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -198,3 +199,25 @@ def test_a_saved_state_of_parts_goes_on_to_the_bit(kind, stepper):
     saved, after = body.save(), go(20)
     body.restore(saved)
     np.testing.assert_array_equal(go(20), after)
+
+
+def test_newton_ends_at_the_round_off_of_forces_and_not_before():
+    """What is left beside velocities is 1e-9 here, as of a bent body that all but rests; a poor Jacobian is no such."""
+    noise = np.random.default_rng(0)
+
+    def solved(slope, size):
+        x = np.array([2.0])
+        left = KeptNewton().solve(
+            x,
+            lambda x: x**3 - 1 + size * noise.standard_normal(1),
+            lambda x: slope(x).reshape(1, 1),
+            lambda change: abs(float(change[0])),
+            lambda x: abs(float(x[0])),
+        )
+        return left, abs(x[0] - 1)
+
+    left, error = solved(lambda x: 3 * x**2, 3e-9)
+    assert left == 0
+    assert error < 1e-8
+    assert solved(lambda x: 3 * x**2, 1e-6)[0] > 0  # which is no round-off
+    assert solved(lambda x: 9 * x**2, 0.0)[1] < 1e-9  # shrinks by a third of what is left

@@ -14,6 +14,7 @@ from fenics_rom.errors import StepError
 from fenics_rom.runtime.steppers.inertia import MOST_ITERATIONS, ROUND_OFF, SLOW, TOLERANCE
 
 STAGNATION = 1e-11  # of the velocities: a correction that may be round-off, where the next is hardly smaller
+GROWING = 1e-8  # of them: one that is round-off, where it grows though the Jacobian was found in this step
 JACOBIAN = 4  # iterations that it takes the time of to find one
 
 
@@ -64,9 +65,10 @@ class KeptNewton:
         """
         if self._last * self._steps > self._iterations:
             self.inverse = None
-        scale, before = 0.0, math.inf
+        scale, before, is_new = 0.0, math.inf, False
         for iteration in range(1, MOST_ITERATIONS + 1):
             ρ = residual(x)  # first: the Jacobian takes of it what only the start of the step says
+            is_new = is_new or self.inverse is None
             inverse = self.keep(jacobian(x)) if self.inverse is None else self.inverse
             change = inverse.dot(ρ)
             x -= change
@@ -76,10 +78,10 @@ class KeptNewton:
                     return math.inf
                 raise StepError("the inputs are so large that the step overflows; the state was left as it was")
             scale, ratio = scale or scale_at(x), size / before
-            if (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale:
-                self._last, self._iterations, self._steps = iteration, self._iterations + iteration, self._steps + 1
-                return 0.0
-            if size <= STAGNATION * scale and ratio > 0.5:  # round-off of what forces are a difference of
+            ends = (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale
+            # or by the round-off of what forces are a difference of
+            ends = ends or (ratio > 0.5 and size <= STAGNATION * scale)
+            if ends or (is_new and ratio > 1 and size <= GROWING * scale):
                 self._last, self._iterations, self._steps = iteration, self._iterations + iteration, self._steps + 1
                 return 0.0
             before = size

@@ -255,8 +255,8 @@ class StrainsCarried(ElasticLaw):
         shape, around, force = self.strains.with_next(q, middle, v, self._stiffening_time, points is None)
         if points is None:
             return Ahead(q, shape, 0.0, middle, around, force)
-        stored, forces = points.energies_and_forces(np.array([q, middle]).T)
-        return Ahead(q, shape, float(stored[0]) - shape.energy, middle, around, force + forces[:, 1])
+        stored, pulled = points.energy_and_force(q, middle)
+        return Ahead(q, shape, stored - shape.energy, middle, around, force + pulled)
 
     @property
     def _stiffening_time(self) -> float:
