@@ -18,14 +18,17 @@ def squares(outputs, energies):
 
 
 def check_gradient(
-    at: Callable[[Array, Array], fr.Simulator], u: Array, start: tuple[Array, Array], directions: list[Array], ε=1e-4
+    at: Callable[..., fr.Simulator], u: Array, start: tuple[Array, ...], directions: list[Array], ε=1e-4
 ) -> fr.RolloutGradient:
-    """That of `squares` with inputs u (steps, p), q and r, of a body that `at` puts there, along directions of each."""
+    """That of `squares` with inputs u (steps, p) and the start: q and r, and of free bodies what moves their pose.
+
+    Of a body that `at` puts there, along directions of each.
+    """
     parts = (u, *start)
 
     def value(ε, directions):
-        u, q, r = (part + ε * δ for part, δ in zip(parts, directions, strict=True))
-        body, read, energies = at(q, r), [], []
+        u, *start = (part + ε * δ for part, δ in zip(parts, directions, strict=True))
+        body, read, energies = at(*start), [], []
         for row in u:
             body.step(row)
             read.append(body.displacement("tip"))
@@ -35,7 +38,8 @@ def check_gradient(
     gradient = fr.differentiate(at(*start), u, squares)
     assert gradient.kinks == ()
     assert gradient.value == pytest.approx(value(0.0, directions), rel=1e-12)
-    owed = [(slope * δ).sum() for slope, δ in zip((gradient.inputs, *gradient.state), directions, strict=True)]
+    slopes = gradient.inputs, *gradient.state, *gradient.pose.values()
+    owed = [(slope * δ).sum() for slope, δ in zip(slopes, directions, strict=True)]
     for place, slope in enumerate(owed):
         along = [δ * (number == place) for number, δ in enumerate(directions)]
         difference = (value(ε, along) - value(-ε, along)) / (2 * ε)

@@ -8,11 +8,13 @@ from bodies import box_arrays
 from soft_box import scalar_mass, soft_box
 
 import fenics_rom as fr
+from fenics_rom.errors import StepError
 from fenics_rom.reduction.moving_frame import inertia_constants
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, monomials
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.held import HeldBody
 from fenics_rom.scene.file import parse_scene
 
 CONTACT = """
@@ -153,3 +155,17 @@ def swing(rom: Rom, h: float, stepper: str | None, *, force: float = 0.2, durati
     for step in range(round(duration / h)):
         simulator.step([0.0, 0.0, force * (step * h < duration / 2), 0.0, 0.0])
     return simulator
+
+
+def refuse_few_parts(monkeypatch, fewest: int, longer_than: float = 0.0) -> list[int]:
+    """Has Newton's steps that are longer fail in fewer parts; those that did."""
+    in_parts, refused = HeldBody._in_parts, []
+
+    def failing(kernel, u, obstacles, parts):
+        if kernel.elastic.is_exact or parts >= fewest or kernel.h <= longer_than:
+            return in_parts(kernel, u, obstacles, parts)
+        refused.append(parts)
+        raise StepError("in too few parts")
+
+    monkeypatch.setattr(HeldBody, "_in_parts", failing)
+    return refused

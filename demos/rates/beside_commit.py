@@ -5,12 +5,13 @@
     python demos/rates/beside_commit.py COMMIT pad --own 44     # the commit reduces the pads itself, to this order
     python demos/rates/beside_commit.py COMMIT --quick          # two short turns of small models, to see that it works
 
-Cases are pads in contact and batches of them (../contact_rates), and an arm and a finger that bend far (here and in
-../bending). "Now" is the package beside this file, with changes that are not committed. Today's code reduces a scene,
-and the commit reads that file, or reduces the scene itself where it cannot. Both step it on one thread, each in a
-process of its own (steps_of_a_version.py), in many short turns from where the body has settled. The table has the best
-and the median of the rates in steps of a body per second of processor time, how many times as many are made now, and
-the largest difference of displacements on the way of a turn, as a share of the largest; where each has a model of its
+Cases are pads in contact and batches of them (../contact_rates), an arm and a finger that bend far (here and in
+../bending), the plate by steps, rollouts and a batch, the finger of ../swing, the bar of ../spin, and ../gripper.
+"Now" is the package beside this file, with changes that are not committed. Today's code reduces a scene, and the
+commit reads that file, or reduces the scene itself where it cannot. Both step it on one thread, each in a process of
+its own (steps_of_a_version.py), in many short turns from where the body has settled. The table has the best and the
+median of the rates in steps of a body per second of processor time, how many times as many are made now, and the
+largest difference of displacements on the way of a turn, as a share of the largest; where each has a model of its
 own, that is how far these two are apart. Cases whose rates change while others are at work are better measured again.
 """
 
@@ -163,7 +164,7 @@ def git(*arguments: str, otherwise: str = "") -> bytes:
 
 
 def cases(folder: Path, quick: bool) -> Iterator[Case]:
-    """Pads, batches of them, and bodies that bend far; their meshes are written to the folder."""
+    """Pads, batches of them, bodies that bend far, plain ones, moving ones, and a gripper."""
     file, (settle, steps) = folder / "pad.msh", (20, 10) if quick else (700, 100)
     pads.mesh(file, pads.BRICKS)
     given = {"dt": pads.STEP, "settle": settle, "steps": steps}
@@ -193,6 +194,34 @@ def cases(folder: Path, quick: bool) -> Iterator[Case]:
             pulled = {"dt": arm.STEP, "settle": settle, "steps": steps, "pulls": PULLS[name], "push": push}
             for order in arm.COARSE_ORDERS if quick else arm.ORDERS:
                 yield Case(f"{name}, {law}, order {order}", scene, order, "pulled", pulled)
+
+    given = {"settle": settle // 2, "steps": steps}
+    plate, spin = (
+        of_demo("plate/plate.toml"),
+        of_demo("spin/spin.toml", "gravity = .*?\n", r"\[effects.friction.*?(?=\[red)"),
+    )
+    for order in (10,) if quick else (20, 60):
+        for name, at_once in (("steps", False), ("rollout", True)):
+            own = {"dt": 1e-3, "largest": 0.5, "at_once": at_once, "settle": settle, "steps": 10 * steps}
+            yield Case(f"plate, {name}, order {order}", plate, order, "pushed", own)
+    pushes = given | {"dt": 1e-3, "size": size, "every": 1, "largest": 0.5}
+    yield Case("plate, batch", plate, 10 if quick else 40, "batch", pushes, size)
+    yield Case(
+        "swing", of_demo("swing/swing.toml"), 20, "moving", {"dt": 2e-3, "spin": None, "settle": 200, "steps": steps}
+    )
+    yield Case("spin", spin, 20, "moving", given | {"dt": 1e-3, "spin": [1.0, 6.0, 0.5]})
+    held = of_demo("gripper/finger.toml", "gravity = .*?\n", 'frame = "moving"')
+    yield Case("gripper", held, 10 if quick else 40, "Holding", given | {"dt": 2e-3, "tension": 2.0})
+
+
+def of_demo(file: str, *without: str) -> str:
+    """A demo's scene, by files that are named from anywhere, without some of its entries."""
+    path = PROJECT / "demos" / file
+    text = path.read_text()
+    for entry in without:
+        text = re.sub(entry, "", text, flags=re.DOTALL)
+    text = text.replace("../../meshes", str(PROJECT / "meshes"))
+    return re.sub(r'table = "(\w+)', rf'table = "{path.parent}/\1', text)
 
 
 def finger(law: str, poisson: float) -> str:

@@ -16,6 +16,9 @@ import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError
+from fenics_rom.world.records import RigidBody, SoftBody
+from fenics_rom.world.shapes import Box
+from fenics_rom.world.world import World
 
 Array = np.ndarray
 
@@ -56,6 +59,63 @@ class Turns:
         return time.process_time() - started
 
 
+class Rollouts(Turns):
+    """The same, all steps of a turn at once."""
+
+    def seconds(self) -> float:
+        """As in Turns."""
+        self.begin()
+        started = time.process_time()
+        self.body.rollout(np.array(self.inputs))
+        self.body.ledger.supplied  # noqa: B018
+        return time.process_time() - started
+
+
+class Holding:
+    """Two fingers that hold a box between them, without weight; a turn goes on from the one before."""
+
+    def __init__(self, rom: Any, dt: float, settle: int, steps: int, tension: float):
+        edge, aside, height = 0.03, 0.0251, 0.108  # m: of the box, and where the fingers' roots are
+        bodies: dict[str, Any] = {"box": RigidBody(Box((edge,) * 3), density=400.0, position=(0, 0, edge / 2))}
+        hanging = {"left": (0.0, 0.5**0.5, 0.0, -(0.5**0.5)), "right": (0.5**0.5, 0.0, 0.5**0.5, 0.0)}
+        for (name, turned), sign in zip(hanging.items(), (-1.0, 1.0), strict=True):
+            bodies[name] = SoftBody(rom, position=(sign * aside, 0, height), rotation=turned)
+        self.world, self.steps = World(bodies, dt, friction=0.8, apart=[["left", "right"]]), steps
+        self.pull = {name: {"flexor": [tension]} for name in ("left", "right")}
+        for _ in range(settle):
+            self.world.step(self.pull)
+
+    def path(self) -> Array:
+        """Where the box is on the way, m."""
+        places = []
+        for _ in range(self.steps):
+            self.world.step(self.pull)
+            places.append(self.world.pose("box").position)
+        return np.array(places)
+
+    def seconds(self) -> float:
+        """Processor time of a turn."""
+        started = time.process_time()
+        for _ in range(self.steps):
+            self.world.step(self.pull)
+        return time.process_time() - started
+
+
+def pushed(rom: Any, dt: float, settle: int, steps: int, largest: float, at_once: bool) -> Turns:
+    """A body that is pushed at random, up to the largest, N; a rollout, where steps are taken at once."""
+    body = fr.Simulator(rom, dt)
+    pushes = np.random.default_rng(0).uniform(-largest, largest, (settle + steps, body.inputs))
+    return (Rollouts if at_once else Turns)(body, pushes, settle)
+
+
+def moving(rom: Any, dt: float, settle: int, steps: int, spin: list[float] | None) -> Turns:
+    """A body that its base moves, or that flies and begins to turn, rad/s."""
+    body = fr.Simulator(rom, dt)
+    if spin is not None:
+        body.place(body.pose._replace(angular_velocity=np.array(spin)))
+    return Turns(body, np.zeros((settle + steps, body.inputs)), settle)
+
+
 def pad(rom: Any, dt: float, settle: int, steps: int) -> Turns:
     """A pad under the loads of its scene."""
     return Turns(fr.Simulator(rom, dt), np.empty((settle + steps, 0)), settle)
@@ -86,7 +146,7 @@ def pulled(rom: Any, dt: float, settle: int, steps: int, pulls: dict[str, float]
     return Turns(body, np.hstack(inputs), settle)
 
 
-DRIVES = {drive.__name__: drive for drive in (pad, pad_under_random_loads, batch, pulled)}
+DRIVES = {drive.__name__: drive for drive in (pad, pad_under_random_loads, batch, pulled, pushed, moving, Holding)}
 
 
 def model(scene: str, file: Path, order: int, own: int | None) -> Any:

@@ -1,7 +1,7 @@
 """Steps and equilibria of bodies that deform largely, on one basis.
 
 Their materials and dampings differ little. Steps are those of the midpoint rule with a potential
-(`runtime.steppers.newton`), for all bodies at once: their differences are derivatives.
+(`runtime.steppers.held`), for all bodies at once: their differences are derivatives.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from fenics_rom.mechanics.hyperelastic import (
     stress,
 )
 from fenics_rom.rom.deformation import ReducedDeformation
-from fenics_rom.runtime.steppers.newton import FAST_CONTRACTION, MAX_ITERATIONS, is_solved
+from fenics_rom.runtime.steppers.held import FAST_CONTRACTION, MAX_ITERATIONS, is_solved
 
 
 class DeformablePoints(NamedTuple):

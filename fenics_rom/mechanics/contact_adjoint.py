@@ -61,6 +61,8 @@ class ContactAdjoint(NamedTuple):
     law: ContactLaw
     found: SolvedPairs
     curvature: Array | None  # of the distance, of pairs that took part, (C, 3, 3), 1/m; None: their obstacles are flat
+    moved: Array  # W (3C, 3C) of these pairs
+    asked: Delassus  # the same less what the targets change by with forces
 
     @staticmethod
     def of(solver: ContactSolver, found: SolvedPairs | None) -> "ContactAdjoint | None":
@@ -73,14 +75,23 @@ class ContactAdjoint(NamedTuple):
         for number, shape in enumerate(solver.obstacles):
             of_this = obstacle == number
             curvature[of_this] = shape.curvature(places[of_this])
-        return ContactAdjoint(solver.law, found, curvature if curvature.any() else None)
+        moved = _of_pairs(found, found.operator)
+        return ContactAdjoint(solver.law, found, curvature if curvature.any() else None, moved, Delassus(moved))
 
-    def through(self, operator: Array) -> "ContactAdjoint":
-        """The same of points that another Delassus operator (3P, 3P) moves than the one that forces were found with."""
-        found, P = self.found, len(operator) // 3
-        rows = (3 * (found.active % P)[:, None] + np.arange(3)).ravel()
-        framed = Delassus(operator[rows[:, None], rows]).framed(found.problem.frames, found.pairs.compliance)
-        return self._replace(found=found._replace(operator=operator, problem=found.problem._replace(operator=framed)))
+    def through(self, operator: Array, by_start: Array | None = None) -> "ContactAdjoint":
+        """The same of points that another Delassus operator (3P, 3P) moves than the one that forces were found with.
+
+        `by_start`: what forces do to the velocities that the points have at the start, as the law is told, (3P, 3P).
+        """
+        moved = asked = _of_pairs(self.found, operator)
+        if by_start is not None:
+            _, by_approach, by_slide = self._target_slopes()
+            n = np.broadcast_to(self.found.problem.frames.axes[:, :, 0], (len(self.found.active), 3))
+            along = (by_approach - by_slide)[:, None, None] * n[:, :, None] * n[:, None]
+            along += by_slide[:, None, None] * np.eye(3)
+            told = _of_pairs(self.found, by_start).reshape(len(n), 3, -1)
+            asked = moved - (along @ told).reshape(moved.shape)
+        return self._replace(moved=moved, asked=Delassus(asked))
 
     def pull_back(self, φ: Array) -> PointMotion:
         """Derivatives with what the points do, (P, 3) each, from those with the forces on them, φ (P, 3), 1/N."""
@@ -114,23 +125,17 @@ class ContactAdjoint(NamedTuple):
         f[0] = u[0] = 0.0
         u[1:] += problem.sliding
         F, v̂ = frames.in_space(f), frames.in_space(u)
-        γ = v̂ + self._moved(F)
+        γ = v̂ + _transposed(self.moved, F)
         by_share = braking.by_share.take(active, axis=1)
         own, of_work = (float((self._law_pulled_back(frames.turned(part)[0])[1:] * by_share).sum()) for part in (φ, γ))
         κ = -own / of_work
         return φ + κ * γ, _AtShare(κ * F, -κ * (closing[:, None] * F + pressure[:, None] * v̂))
 
-    def _moved(self, forces: Array) -> Array:
-        """Velocities of pairs that took part (C, 3), m/s, by forces on them (C, 3), by the operator transposed."""
-        moved = self.found.operator.T @ self._at_points(forces).ravel()
-        of_pairs: Array = moved.reshape(-1, 3)[self.found.active % (len(self.found.operator) // 3)]
-        return of_pairs
-
     def _at_points(self, values: Array) -> Array:
         """Of pairs that took part (C, 3), together at the points (P, 3)."""
         of_pairs = np.zeros((len(self.found.gaps), 3))
         of_pairs[self.found.active] = values
-        together: Array = of_pairs.reshape(-1, len(self.found.operator) // 3, 3).sum(axis=0)
+        together: Array = of_pairs.reshape(-1, len(self.found.points.displacement), 3).sum(axis=0)
         return together
 
     def _turned_back(self, φ: Array, Ψ: Array, by_start: Array) -> Array:
@@ -139,14 +144,15 @@ class ContactAdjoint(NamedTuple):
         v̂ = found.velocities.copy()
         v̂[0] += problem.target - found.pairs.compliance * found.forces[0]
         v̂[1:] += 0.0 if problem.sliding is None else problem.sliding
-        WΨ = self._moved(Ψ)
+        WΨ = _transposed(self.asked.matrix, Ψ)
         F, v̂, a = map(frames.in_space, (found.forces, v̂, found.pairs.relative.take(found.active, axis=1)))
         turned: Array = _cross(F, φ + WΨ) - _cross(v̂, Ψ) - _cross(a, by_start)
         return turned
 
     def _law_pulled_back(self, φ: Array) -> Array:
         """Nᵀ φ (3, C), in the frames."""
-        f, u, operator, μ = self.found.forces, self.found.velocities, self.found.problem.operator, self.law.friction
+        found, μ = self.found, self.law.friction
+        f, u, operator = found.forces, found.velocities, self.asked.framed(found.problem.frames, found.pairs.compliance)
         ρ = operator.stiffness
         z = f - ρ * u
         if μ:
@@ -165,6 +171,19 @@ class ContactAdjoint(NamedTuple):
         if pairs.braking is None:
             return by_gap, by_approach, np.zeros(len(active))
         return by_gap, by_approach, pairs.braking.slopes.take(active)
+
+
+def _of_pairs(found: SolvedPairs, operator: Array) -> Array:
+    """Of an operator (3P, 3P) of the points, that of pairs that took part, (3C, 3C)."""
+    rows = (3 * (found.active % (len(operator) // 3))[:, None] + np.arange(3)).ravel()
+    of_pairs: Array = operator[rows[:, None], rows]
+    return of_pairs
+
+
+def _transposed(operator: Array, forces: Array) -> Array:
+    """Of forces (C, 3) by an operator (3C, 3C) transposed, (C, 3)."""
+    moved: Array = operator.T @ forces.ravel()
+    return moved.reshape(-1, 3)
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -118,6 +118,10 @@ class MaxwellBranches:
         heat = self._sum_squares(c.viscous, c.kept * before + c.moved * rate)
         return heat + self._sum_squares(c.numerical, self.state - before) if c.numerical.any() else heat
 
+    def adjoint(self) -> "BranchesAdjoint":
+        """The last step, to go back through."""
+        return BranchesAdjoint(self._series, self._step, self.before, self.state)
+
     def growth(self, gap: Array) -> tuple[float, float]:
         """a and b, J, of s a + ½ s² b that `stored` grows by where strains, and their forces, do by s gap (rows, n)."""
         g = np.array(self._series.ratios)[:, None]
@@ -158,3 +162,38 @@ class MaxwellBranches:
         with np.errstate(over="ignore"):
             square = float((weights[:, 0] * strains[:, 0] * strains[:, -1]).sum())
         return square if self._total is None else float(self._total(square))
+
+
+class BranchesAdjoint(NamedTuple):
+    """A step of branches, to go back through; ∂J/∂x is written x_."""
+
+    series: PronySeries
+    step: _Step
+    before: Array  # (N, rows, n)
+    state: Array  # after it
+
+    @property
+    def stiffening_time(self) -> float:
+        """See PronySeries, s."""
+        return self.step.stiffening_time
+
+    @property
+    def pull(self) -> Array:
+        """As of MaxwellBranches, in the step."""
+        pull: Array = (self.step.pull * self.before).sum(axis=0)
+        return pull
+
+    def after(self, w_: Array, energy: float) -> tuple[Array, Array]:
+        """Those with the state before, as it lasts, and with the rate in the step (rows, n), from those after it.
+
+        `energy`: that with what is stored.
+        """
+        g = np.array(self.series.ratios)[:, None, None]
+        of_energy = g * self.state if self.state.shape[1] == 1 else g / 2 * self.state[:, ::-1]
+        w_ = w_.reshape(self.state.shape) + energy * of_energy
+        return self.step.decay * w_, (self.step.gain * w_).sum(axis=0)
+
+    def pulled_back(self, pull_: Array) -> Array:
+        """Those with the state before from those with what it pulls with, (rows, n)."""
+        back: Array = self.step.pull * pull_
+        return back

@@ -1,7 +1,8 @@
 """Large deformation of the bodies of a batch: one linear system a step for each, and products for all of them at once.
 
-The step is that of `steppers/linearly_implicit.py`, in coordinates of monomials (`rom/carried_strains.py`). Only what a
-material stores beyond a stress that is linear in the strain is found at points. Arrays have bodies along the last axis.
+The step is that of `steppers/held.py` by `StrainsCarried`, in coordinates of monomials (`rom/carried_strains.py`). Only
+what a material stores beyond a stress that is linear in the strain is found at points.
+Arrays have bodies along the last axis.
 """
 
 import math
@@ -205,7 +206,7 @@ class BatchDeformation:
         return v, np.stack([h * _dot(pushed, v), drawn - added])
 
     def _expected(self, now: _Carried, then: _Carried, dead: Array, q: Array, r: Array, u: Array) -> Array:
-        """v̂ (m, B) by one iteration of Newton's from the step before, as `LinearlyImplicit._expected`."""
+        """v̂ (m, B) by one iteration of Newton's from the step before, as `HeldBody._expected`."""
         h, body, v, m = self._h, self._body, now.velocity, len(q)
         middle = q + h / 2 * v
         strains = self._tables.at(middle)

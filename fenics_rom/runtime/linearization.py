@@ -251,7 +251,7 @@ def _rows(body: Simulator, state: StepState, name: str) -> ReadRows:
     points = np.empty(0, dtype=int)
     if kernel.residual is not None:
         part, ρ = kernel.residual.part, rom.rigid
-        points = np.flatnonzero(state.spread(_ones(state, "g"))[1][0])
+        points = np.flatnonzero(state.points_of(_ones(state, "g"), "g"))
         rows = np.array([strained_back(part, row) for row in np.eye(len(rom.stiffness) - ρ)])[:, points]
         beyond = np.zeros((len(rom.stiffness), len(points)))
         beyond[ρ:] = rows / np.sqrt(rom.stiffness[ρ:, None])

@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StructureError
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.step_state import StepState
-from fenics_rom.runtime.steppers.adjoint import Reads, StateAdjoint
+from fenics_rom.runtime.steppers.adjoint import Reads
 
 SMALL = 1e-4  # of the motion: by so much are states and inputs moved for differences
 # How fast what rests is approached, of the velocities that contact forces stop: for adjoints more than round-off, for
@@ -169,17 +169,12 @@ def _by_adjoint(state: StepState, u: Array, loads: Array) -> StepDerivative:
     body.step(u)
     kernel, after = body.integrator.kernel, state.read()
     taken = kernel.adjoint(np.concatenate([u, loads]))
-    nothing = Reads(np.zeros(len(q)), np.zeros(len(body.rom.stiffness) - body.rom.rigid), 0.0)
-    rows_of = 0 if kernel.residual is None else kernel.residual.state.size
+    beyond, free = np.zeros(len(body.rom.stiffness) - body.rom.rigid), np.zeros(6)
+    nothing = Reads(np.zeros(len(q)), beyond, 0.0, free)
     A, B = np.empty((len(after), len(after))), np.empty((len(after), len(u) + len(loads)))
     for k, unit in enumerate(np.eye(len(after))):
-        seed, rows, rigid = state.spread(unit)
-        auxiliary = np.zeros(len(kernel.auxiliary))
-        auxiliary[len(auxiliary) - rows_of :] = rows.ravel()
-        before, by_inputs, _, _ = taken.pull_back(StateAdjoint(seed, rigid, auxiliary), nothing)
-        by_rows = before.auxiliary[len(before.auxiliary) - rows_of :].reshape(4, -1) if rows_of else np.empty((4, 0))
-        A[k] = state.gather(*kernel.start_pulled_back(q, r, before), by_rows)
-        B[k] = by_inputs
+        before, by_inputs, _, _ = taken.pull_back(state.owed(unit), nothing)
+        A[k], B[k] = state.gather(*kernel.start_pulled_back(q, r, before), before), by_inputs
     return StepDerivative(after, A, B, ["a contact point"] if taken.is_kink else [])
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.base_path import BaseState
-from fenics_rom.mechanics.frame_motion import composed, quaternion_of_vector
+from fenics_rom.mechanics.frame_motion import composed, cross_matrix, quaternion_of_vector, rotation_matrix
 from fenics_rom.runtime.simulator import Simulator
+from fenics_rom.runtime.steppers.adjoint import NONE, StateAdjoint, pose_pulled_back
 
 POSE = {"position": "m", "rotation": "rad", "velocity": "m/s", "angular_velocity": "rad/s"}
 Names = dict[str, str]
@@ -129,34 +130,78 @@ class StepState:
                 rows += [w, R @ w]
         return np.concatenate(rows)
 
-    def spread(self, x: Array) -> tuple[Array, Array, Array]:
-        """Of numbers x (s,): [e, r] (2m,), rows (4, 3P) of the residual part and displacement of rigid motions (ρ,).
+    @property
+    def _rows(self) -> slice:
+        """Where `Kernel.auxiliary` has the rows of the residual part."""
+        kernel = self.body.integrator.kernel
+        if kernel.residual is None:
+            return slice(0, 0)
+        start = 0 if kernel.rows_first else len(kernel.auxiliary) - len(kernel.residual.carried)
+        return slice(start, start + kernel.residual.state.size)
 
-        As derivatives are: with rigid motions beside e, and none of what follows from others.
-        """
-        m, ρ = self.places["e"].stop, len(self.body.integrator.rigid_displacement)
-        state, rows = np.zeros(2 * m), np.zeros((4, len(self._points)))
+    @property
+    def _branches(self) -> slice:
+        """Where it has the branches of the material: the last numbers of what is not the residual part's."""
+        kernel = self.body.integrator.kernel
+        size, whole = self.places["b"].stop - self.places["b"].start, len(kernel.auxiliary)
+        end = whole if kernel.rows_first or kernel.residual is None else whole - len(kernel.residual.carried)
+        return slice(end - size, end)
+
+    def owed(self, x: Array) -> StateAdjoint:
+        """Derivatives with all that a step leads to, where the body is now, from those with the numbers x (s,)."""
+        body, m = self.body, self.places["e"].stop
+        kernel, ρ = body.integrator.kernel, len(body.integrator.rigid_displacement)
+        state, auxiliary, frame = np.zeros(2 * m), np.zeros(len(kernel.auxiliary)), NONE
         state[:m] = x[self.places["e"]]
         rigid = state[:ρ].copy()
         state[:ρ] = 0.0
-        rows[0, self._points] = x[self.places["g"]]
         if self.has_inertia:
             state[m:] = x[self.places["r"]]
-            rows[2, self._points] = x[self.places["g rate"]]
-        return state, rows, rigid
+        if kernel.residual is not None:
+            rows = auxiliary[self._rows].reshape(4, -1)
+            rows[0] = self.points_of(x, "g")
+            if self.has_inertia:
+                rows[2] = self.points_of(x, "g rate")
+        if "b" in self.places:
+            auxiliary[self._branches] = x[self.places["b"]]
+        if self._is_free and body.pose is not None:
+            frame = _frame_owed(body.pose, self.read()[self.places["pose"]][3:6], x[self.places["pose"]])
+        return StateAdjoint(state, rigid, auxiliary, frame=frame)
 
-    def gather(self, q: Array, r: Array, rows: Array) -> Array:
-        """Derivatives with x (s,) from those with q and r (m,) and with rows (4, 3P) of the residual part."""
+    def points_of(self, x: Array, part: str) -> Array:
+        """Of the residual part that part of x, 0 where no force is carried, (3P,)."""
+        row = np.zeros(len(self._points))
+        row[self._points] = x[self.places[part]]
+        return row
+
+    def gather(self, q: Array, r: Array, before: StateAdjoint) -> Array:
+        """Derivatives with x (s,) from those with q and r (m,), and with what else a step begins with."""
         x, body = np.zeros(len(self.names)), self.body
         ω = body.model.safe_frequencies.copy()
         ω[: len(body.integrator.rigid_displacement)] = 1.0
         x[self.places["e"]] = q / ω
         if self.has_inertia:
             x[self.places["r"]] = r
-        residual = body.integrator.kernel.residual
-        if residual is not None:
-            R = residual.part.compliance
+        kernel = body.integrator.kernel
+        if kernel.residual is not None:
+            R, rows = kernel.residual.part.compliance, before.auxiliary[self._rows].reshape(4, -1)
             x[self.places["g"]] = (rows[0] + R @ rows[1])[self._points]
             if self.has_inertia:
                 x[self.places["g rate"]] = (rows[2] + R @ rows[3])[self._points]
+        if "b" in self.places:
+            x[self.places["b"]] = before.auxiliary[self._branches]
+        if len(before.frame) and self._at_start is not None:
+            x[self.places["pose"]] = np.concatenate(list(pose_pulled_back(self._at_start, before.frame).values()))
         return x
+
+
+def _frame_owed(pose: BaseState, turn: Array, x: Array) -> Array:
+    """`StateAdjoint.frame` at a pose, turned by a vector from where it was, from derivatives with its numbers (12,)."""
+    p_, turn_, v_, spin_ = x.reshape(4, 3)
+    R, angle, turned = rotation_matrix(pose.rotation), float(np.linalg.norm(turn)), cross_matrix(turn)
+    bent = 1 / 12 + angle**2 / 720
+    if angle > 1e-2:
+        bent = (1 - angle / 2 / np.tan(angle / 2)) / angle**2
+    by_turn = np.eye(3) - turned / 2 + bent * turned @ turned  # of the vector, by a further turn along axes of space
+    ω_ = R.T @ spin_
+    return np.concatenate([p_, R.T @ by_turn.T @ turn_ + np.cross(R.T @ pose.angular_velocity, ω_), v_, ω_])

@@ -23,7 +23,8 @@ def git(folder, *arguments):
 def project(tmp_path_factory):
     """A repository of one commit, which has this package and what the script takes of demos."""
     folder = tmp_path_factory.mktemp("project")
-    for part in ("fenics_rom", "demos/rates", "demos/contact_rates", "demos/bending"):
+    demos = ("rates", "contact_rates", "bending", "plate", "swing", "spin", "gripper")
+    for part in ("fenics_rom", "meshes", *(f"demos/{name}" for name in demos)):
         shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__", "out"))
     git(folder, "init", "--quiet")
     git(folder, "add", "--all")

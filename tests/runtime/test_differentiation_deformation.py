@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gradient_checks import check_gradient, squares
-from soft_rom import linear, soft_rom
+from soft_rom import linear, refuse_few_parts, soft_rom
 
 import fenics_rom as fr
 from fenics_rom.errors import StructureError
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.environment import Guide
 from fenics_rom.mechanics.viscoelasticity import PronySeries
-from fenics_rom.runtime.steppers import newton
 from fenics_rom.runtime.steppers.adjoint import check_is_differentiated
 
 STEPS, FEW = 30, 5  # of steps that are found by iteration few
@@ -145,7 +144,7 @@ def test_gradient_agrees_with_differences(name):
 
 
 def test_steps_in_parts_are_gone_back_through(monkeypatch):
-    monkeypatch.setattr(newton, "MAX_ITERATIONS", 8)
+    refuse_few_parts(monkeypatch, 2)
     bent = Bent(LAWS[1], TOUCHED, by_strokes("cable"), ("newton", 0.02))
     check_gradient(bent.body, bent.u, bent.start, bent.directions)
     body = bent.body(*bent.start)

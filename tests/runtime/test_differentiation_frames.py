@@ -1,4 +1,4 @@
-"""Gradients of bodies that a base carries, however it moves; what moves in its frame otherwise is refused by name."""
+"""Gradients of bodies that turn as far as they like: free, or carried by a base however it moves; with contact."""
 
 import warnings
 from dataclasses import replace
@@ -9,7 +9,6 @@ from bodies import box_arrays, scene_text, write_arrays
 from gradient_checks import check_gradient, squares
 
 import fenics_rom as fr
-from fenics_rom.errors import StructureError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.scene.file import parse_scene
@@ -22,7 +21,6 @@ LOADS = {
     "effects.tendon.rope": "points = [[0.0, 0.01, 0.01], [0.15, 0.02, 0.0], [0.3, 0.01, 0.01]]",
     "outputs.tip": "points = [[0.3, 0.0, 0.0], [0.3, 0.03, 0.02]]",
 }
-FLOOR = {"effects.contact.obstacles.floor": 'shape = "half-space"\npoint = [0, 0, -1]\nnormal = [0, 0, 1]'}
 
 
 def reduced(folder, supports, **parts):
@@ -53,20 +51,33 @@ def still(time):
     return BaseState(np.zeros(3), np.array(quaternion_of_vector((0.3, 1.0, 0.2))), np.zeros(3), np.zeros(3))
 
 
-def along(rom, base):
-    """Inputs, state and directions, and how a body is put there."""
-    random, order = np.random.default_rng(0), 8
+def thrown(position, turn, velocity, spin):
+    """The pose of a free body, moved by a vector each from where it is thrown, and as it flies then."""
+    rotation = quaternion_of_vector(turn)
+    velocity, spin = np.array([0.05, 0.02, -0.2]) + velocity, np.array([0.3, -0.2, 1.5]) + spin
+    return BaseState(np.array([0.15, 0.015, 0.0105]) + position, np.array(rotation), velocity, spin)
 
-    def body(q, r):
-        body = fr.Simulator(rom, H, signals={"base_path": base})
+
+def along(rom, base=None, size=1.0, steps=STEPS):
+    """Inputs, start and directions, and how a body is put there: carried by a base, or thrown."""
+    random, signals = np.random.default_rng(0), {} if base is None else {"base_path": base}
+    at_rest = fr.Simulator(rom, H, signals=signals)
+    order, ω = at_rest.model.order, np.sqrt(at_rest.model.eigenvalues)
+
+    def body(q, r, *pose):
+        body = fr.Simulator(rom, H, signals=signals)
         body.state = q, r
+        if pose:
+            body.place(thrown(*pose))
         return body
 
-    u = random.standard_normal((STEPS, body(np.zeros(order), np.zeros(order)).inputs))
-    ω = np.sqrt(next(iter(rom.contact_models.values())).eigenvalues)
-    start = 1e-2 * random.standard_normal(order) / ω, 1e-2 * random.standard_normal(order)
+    u = size * random.standard_normal((steps, at_rest.inputs))
+    start = 1e-2 * size * random.standard_normal(order) / ω, 1e-2 * size * random.standard_normal(order)
     sizes = (u.std(axis=0), *map(np.abs, start))
     directions = [size * random.standard_normal(part.shape) for size, part in zip(sizes, (u, *start), strict=True)]
+    if base is None:
+        start += tuple(np.zeros((4, 3)))
+        directions += list(np.array([0.01, 0.1, 0.1, 0.3])[:, None] * size * random.standard_normal((4, 3)))
     return body, u, start, directions
 
 
@@ -95,10 +106,44 @@ def test_stiffness_and_damping_of_a_carried_body(carried):
         assert slope == pytest.approx((value(1e-5) - value(-1e-5)) / 2e-5, rel=1e-6)
 
 
-def test_what_moves_in_its_frame_otherwise_is_refused_by_name(tmp_path):
-    free = fr.Simulator(reduced(tmp_path, None), H)
-    with pytest.raises(StructureError, match="a free body in a moving frame: its steps are not differentiated"):
-        fr.differentiate(free, np.zeros((3, free.inputs)), squares)
-    touched = fr.Simulator(reduced(tmp_path, 'clamped = ["left"]', **FLOOR), H)
-    with pytest.raises(StructureError, match="contact in a moving frame: its steps are not differentiated"):
-        fr.differentiate(touched, np.zeros((3, touched.inputs)), squares)
+@pytest.fixture(scope="module")
+def free(tmp_path_factory):
+    return reduced(tmp_path_factory.mktemp("free"), None)
+
+
+def test_gradient_of_a_free_body_agrees_with_differences(free):
+    """Also with how it was thrown; it turns by 90 degrees."""
+    check_gradient(*along(free))
+
+
+FLOOR = 'shape = "half-space"\npoint = [0.0, 0.0, -0.001]\nnormal = [0.0, 0.1, 1.0]'
+BALL = 'shape = "sphere"\ncenter = [0.3, 0.0, -0.1005]\nradius = 0.1'
+LAWS = {
+    "floor": ({}, FLOOR),
+    "rough ball": ({"effects.friction": "coefficient = 0.3"}, BALL),
+    "bounces": ({"effects.friction": "coefficient = 0.3", "effects.contact": "restitution = 0.5"}, FLOOR),
+    "bare": ({"effects.friction": "coefficient = 0.3", "effects.contact": "residual_compliance = false"}, FLOOR),
+    "springs": ({"effects.contact": "method = 'penalty'\nstiffness = 20.0"}, BALL),
+}
+
+
+def lowered(time):
+    """A base that lowers its body onto what is there, and draws and turns it."""
+    rotation = quaternion_of_vector((0.0, 0.3 * time, 0.1 * time))
+    velocity = np.array([0.1, 0.0, -0.15])
+    return BaseState(time * velocity, np.array(rotation), velocity, np.array([0.0, 0.3, 0.1]))
+
+
+@pytest.mark.parametrize("supports", [None, 'clamped = ["left"]'], ids=["free", "carried"])
+@pytest.mark.parametrize("law", LAWS)
+def test_gradient_goes_through_contact_of_what_turns(tmp_path, supports, law):
+    """Sticking, sliding and bouncing, on points that move with the frame, and what they yield beyond the basis."""
+    effects, obstacle = LAWS[law]
+    rom = reduced(tmp_path, supports, **{"effects.contact.obstacles.floor": obstacle} | effects)
+    at, u, start, directions = along(rom, None if supports is None else lowered, size=0.02, steps=14)
+    body, touched = at(*start), 0
+    for row in u:
+        body.step(row)
+        touched += body.contact_forces().any()
+    assert touched >= 3
+    check_gradient(at, u, start, directions, ε=1e-3)

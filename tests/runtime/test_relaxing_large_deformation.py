@@ -6,13 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from soft_rom import linear, soft_rom, swing
+from soft_rom import linear, refuse_few_parts, soft_rom, swing
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.mechanics.viscoelasticity import PronySeries
-from fenics_rom.runtime.steppers.newton import Newton
 
 LAWS = ("st_venant_kirchhoff", "neo_hookean")
 SERIES = PronySeries((0.8, 0.4), (5e-3, 0.1))
@@ -194,14 +193,7 @@ def test_parts_of_a_step_are_steps(roms, monkeypatch):
     """Where Newton's iteration does not solve a step whole, branches relax part by part, and come back as one."""
     u, rom = [0.0, 0.0, 0.1, 0.0, 0.0], roms[LAWS[0]]
     fine, body = (fr.Simulator(rom, h, stepper="newton") for h in (1e-3, 4e-3))
-    in_parts, refused = Newton._in_parts, []
-    monkeypatch.setattr(
-        Newton,
-        "_in_parts",
-        lambda kernel, u, obstacles, parts: (
-            in_parts(kernel, u, obstacles, parts) if parts >= 4 or kernel.h < 2e-3 else refused.append(parts)
-        ),
-    )
+    refused = refuse_few_parts(monkeypatch, 4, longer_than=2e-3)
     for _ in range(10):
         body.step(u)
         for _ in range(4):

@@ -1,7 +1,7 @@
 """What a gradient is of: an objective of outputs and energies; and what it is."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +30,8 @@ class RolloutGradient:
             Of bodies that deform largely, whose elasticity and damping are elsewhere, both are empty.
         kinks: steps, counted from the first, at which J has no derivative, but one to each side: that of the side that
             the step found is in the gradient.
+        pose: of a free body with position, rotation, velocity and angular_velocity at the start, (3,) each, per m,
+            rad, m/s and rad/s along the axes of space; the rotation adds to the attitude, and the shape turns along.
 
     Example:
         >>> body = fr.Simulator(rom, dt=1e-3)
@@ -45,6 +47,7 @@ class RolloutGradient:
     eigenvalues: Mapping[str, Array]
     damping: Mapping[str, Array]
     kinks: tuple[int, ...] = ()
+    pose: Mapping[str, Array] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         steps, width = self.inputs.shape

@@ -15,13 +15,14 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.differentiation.gradient import Objective, RolloutGradient, evaluate
 from fenics_rom.runtime.rollout import ConstantInterval
 from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.simulator import Simulator
-from fenics_rom.runtime.steppers.adjoint import Reads, StateAdjoint, StepAdjoint, SwitchAdjoint
+from fenics_rom.runtime.steppers.adjoint import Reads, StateAdjoint, StepAdjoint, SwitchAdjoint, pose_pulled_back
 
 MEMORY = 512e6  # bytes of the steps that are recorded at once, beside a block
 BLOCKS = 8  # that hold as many steps; of very long runs there are as many blocks as steps in each
@@ -36,7 +37,7 @@ class _Recorded(NamedTuple):
     step: StepAdjoint
     contact: str
     switches: list[SwitchAdjoint]
-    rotation: Array | None  # of a moving frame after it (3, 3)
+    pose: BaseState | None  # of a moving frame after it
 
 
 class _Run:
@@ -113,8 +114,7 @@ class _Run:
         if records:
             loads = NONE if body.environment is None else body.environment.loads
             taken = body.integrator.kernel.adjoint(np.concatenate([self._u[step], loads]))
-            rotation = None if body.pose is None else rotation_matrix(body.pose.rotation)
-            self._recorded.append(_Recorded(taken, body.contact, switches, rotation))
+            self._recorded.append(_Recorded(taken, body.contact, switches, body.pose))
 
     def _switched_to(self, contact: str) -> list[SwitchAdjoint]:
         """Makes a contact mode active; the switch, if it was not."""
@@ -141,18 +141,23 @@ def differentiate_taken(
     rom, kernel, (q, r) = body.rom, body.integrator.kernel, body.state
     kernel.check_differentiable()
     run = _Run(body, u, plan, names, switches)
-    value, slopes, energy_slopes = evaluate(objective, body, names, *run.forwards())
+    read, energies = run.forwards()
+    value, slopes, energy_slopes = evaluate(objective, body, names, read, energies)
 
     models = {} if rom.deformation is not None else rom.contact_models
     along_ω = {name: np.zeros_like(model.eigenvalues) for name, model in models.items()}
     along_D = {name: np.zeros_like(model.damping) for name, model in models.items()}
     rows = {name: _rows(rom, name, names) for name in rom.contact_models}
     inputs, kinks, last = np.zeros(u.shape), list[int](), run.body.integrator.kernel
-    μ = StateAdjoint(0 * last.state, np.zeros(rom.rigid), 0 * last.auxiliary)
-    for step, (taken, contact, switches_before, rotation) in run.backwards():
+    is_free, points = rom.moving_frame is not None and not rom.moving_frame.carried, _points_of(rom, names)
+    frame = np.zeros(12 if is_free else 0)
+    μ = StateAdjoint(0 * last.state, np.zeros(rom.rigid), 0 * last.auxiliary, frame=frame)
+    for step, (taken, contact, switches_before, pose) in run.backwards():
         of_q, of_beyond = rows[contact]
-        shown = slopes[step] if rotation is None else (slopes[step].reshape(-1, 3) @ rotation).ravel()
-        reads = Reads(shown @ of_q, shown @ of_beyond, float(energy_slopes[step]))
+        shown, place = slopes[step], NONE
+        if pose is not None:
+            shown, place = _seen(pose, points + read[step].reshape(-1, 3), shown.reshape(-1, 3))
+        reads = Reads(shown @ of_q, shown @ of_beyond, float(energy_slopes[step]), place if is_free else NONE)
         μ, by_inputs, by_frequencies, by_damping = taken.pull_back(μ, reads)
         inputs[step] = by_inputs[: u.shape[1]]
         if models:
@@ -167,7 +172,8 @@ def differentiate_taken(
     state = kernel.start_pulled_back(q, r, μ)
     along_γ = {name: _by_eigenvalues(rom, name, along) for name, along in along_ω.items()}
     _tell(kinks[::-1], len(u))
-    return RolloutGradient(value, inputs, state, along_γ, along_D, tuple(kinks[::-1]))
+    thrown = pose_pulled_back(body.pose, μ.frame) if is_free and body.pose is not None else {}
+    return RolloutGradient(value, inputs, state, along_γ, along_D, tuple(kinks[::-1]), thrown)
 
 
 def _without_account(body: Simulator) -> Simulator:
@@ -200,6 +206,21 @@ def _rows(rom: Rom, contact: str, names: Sequence[str]) -> tuple[Array, Array]:
     """What outputs show of q (rows, m) of a contact mode, and of what is beyond it, (rows, k - rigid)."""
     rows = np.concatenate([np.empty((0, len(rom.stiffness))), *(rom.outputs[name] for name in names)])
     return rows @ rom.contact_models[contact].coordinates, rows[:, rom.rigid :] / np.sqrt(rom.stiffness[rom.rigid :])
+
+
+def _points_of(rom: Rom, names: Sequence[str]) -> Array:
+    """Where points of outputs are at rest (points, 3), m; none in a fixed frame."""
+    if rom.moving_frame is None:
+        return np.empty((0, 3))
+    return np.concatenate([np.empty((0, 3)), *(rom.moving_frame.output_points[name] for name in names)])
+
+
+def _seen(pose: BaseState, places: Array, slopes: Array) -> tuple[Array, Array]:
+    """Derivatives with displacements in a frame, and with where it is (6,), from those with places (points, 3)."""
+    R = rotation_matrix(pose.rotation)
+    seen = slopes @ R
+    turning = np.cross((places - pose.position) @ R, seen).sum(axis=0)
+    return seen.ravel(), np.concatenate([slopes.sum(axis=0), turning])
 
 
 def _by_eigenvalues(rom: Rom, contact: str, along_ω: Array) -> Array:

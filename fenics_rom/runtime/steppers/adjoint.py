@@ -10,6 +10,7 @@ from fenics_rom.errors import StructureError
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.actuator_forces import ActuatorForces
+    from fenics_rom.mechanics.base_path import BaseState
     from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
     from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
@@ -28,6 +29,7 @@ class StateAdjoint(NamedTuple):
     forces: Array = NONE  # of contact in the last step (3P,)
     tangent: Array = NONE  # as `Kernel.tangent` (m, m)
     reactions: Array = NONE  # as `Kernel.reactions` (n,)
+    frame: Array = NONE  # of a free body (12,): p, R by a rotation about its axes, v, and ω in these
 
 
 class Reads(NamedTuple):
@@ -36,6 +38,7 @@ class Reads(NamedTuple):
     q: Array  # displacement (m,) of the contact mode
     beyond: Array  # (k - rigid,) of the residual part, K-orthonormal in the shared basis
     energy: float
+    place: Array = NONE  # where a free body is (6,), as above
 
 
 class StepSlopes(NamedTuple):
@@ -82,9 +85,11 @@ class GoneBackThrough:
 
     Attributes:
         tangent: a matrix that steps carry along, made in an earlier one; empty where there is none.
+        rows_first: whether `Kernel.auxiliary` has what contact points yield before what the material carries, or after.
     """
 
     tangent: Array = NONE
+    rows_first: bool = True
 
     def check_differentiable(self) -> None:
         """A StructureError where `adjoint` does not know the steps."""
@@ -97,6 +102,19 @@ class GoneBackThrough:
     def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
         """Derivatives with q and r (m,) of a state that is put in, from those with all that a step begins with."""
         raise NotImplementedError
+
+
+def pose_pulled_back(pose: "BaseState", frame_: Array) -> dict[str, Array]:
+    """Derivatives with a pose in world axes, whose rotation is by a small vector, from `StateAdjoint.frame`.
+
+    ω = Rᵀ (angular velocity), which stays as it is in world axes where R turns.
+    """
+    from fenics_rom.mechanics.frame_motion import rotation_matrix  # here, as few bodies turn
+
+    p_, φ_, v_, ω_ = frame_.reshape(4, 3)
+    R = rotation_matrix(pose.rotation)
+    turned = φ_ - np.cross(R.T @ pose.angular_velocity, ω_)
+    return {"position": p_, "rotation": R @ turned, "velocity": v_, "angular_velocity": R @ ω_}
 
 
 def check_is_differentiated(actuators: "ActuatorForces | None", branches: object) -> None:

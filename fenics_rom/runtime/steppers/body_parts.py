@@ -1,4 +1,4 @@
-"""What a body whose frame moves is made of beside its frame; none of these parts knows another."""
+"""What a body is made of beside its frame; none of these parts knows another."""
 
 from typing import TYPE_CHECKING, NamedTuple, cast
 
@@ -21,7 +21,7 @@ class BodyParts(NamedTuple):
     """What a body is made of beside its frame; without them it is plain.
 
     Attributes:
-        elastic: what resists the shape; None: small strains of a material that does not relax.
+        elastic: what resists the shape; None: small strains of a material that does not relax, or an equilibrium.
         following: loads that turn with what they act on; None: there are none.
         found: forces of actuators that are found in steps; None: there are none.
         extent: tells how far a body that deforms largely goes; None: its strains are small.
@@ -67,7 +67,7 @@ def parts_of(
         from fenics_rom.runtime.steppers.elastic.sampled import SampledPoints
 
         elastic = SampledPoints(body, maxwell_branches(series, 2, 6 * len(body.weights)))
-    else:
+    elif law == "linearly-implicit":
         from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 
         stiffest = float(np.sqrt(model.eigenvalues[-1]))

@@ -16,7 +16,8 @@ from fenics_rom.mechanics.frame_geometry import Geometry, Push
 from fenics_rom.mechanics.frame_motion import ZERO, Vector, added, cross, dot
 from fenics_rom.runtime.steppers.carried_base import Begun, Motion
 from fenics_rom.runtime.steppers.carried_points import CarriedPoints
-from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED, FrameKernel
+from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame
+from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED
 from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.inertia import MOST_ITERATIONS, pairs
 from fenics_rom.runtime.steppers.kept_newton import KeptNewton
@@ -25,7 +26,7 @@ Wrench = tuple[Vector, Vector]
 NO_TURN = 1e-18  # rad: by less coordinates are not coupled, as |G| <= 1 and |I2| <= 1 beside 2/h are below the last bit
 
 
-class CarriedBalance(FrameKernel):
+class CarriedBalance(DifferentiableFrame):
     """Arguments and attributes as in FrameKernel."""
 
     _now: Motion

@@ -7,8 +7,8 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_geometry import Geometry, vector
 from fenics_rom.mechanics.frame_motion import Rotation, Vector, added, cross
-from fenics_rom.runtime.steppers.frame_kernel import FrameState, Shape
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
+from fenics_rom.runtime.steppers.frame_state import FrameState, Shape
 from fenics_rom.runtime.steppers.ground_ties import TieForces
 from fenics_rom.runtime.steppers.inertia import times_inertia
 

@@ -40,11 +40,12 @@ from fenics_rom.mechanics.frame_motion import (
     rotation_of,
 )
 from fenics_rom.mechanics.largest_turn import check_turn
-from fenics_rom.runtime.steppers.carried_adjoint import Carried, CarriedAdjoint
 from fenics_rom.runtime.steppers.carried_balance import CarriedBalance, Wrench
 from fenics_rom.runtime.steppers.carried_base import Begun, Motion, frame_state, motion_of
 from fenics_rom.runtime.steppers.carried_points import CarriedPoints, seen
-from fenics_rom.runtime.steppers.frame_kernel import FrameState, in_frame
+from fenics_rom.runtime.steppers.frame_loads import FrameForces
+from fenics_rom.runtime.steppers.frame_slopes import StepTurn
+from fenics_rom.runtime.steppers.frame_state import FrameState, in_frame
 
 
 class CarriedFrame(CarriedBalance):
@@ -166,7 +167,7 @@ class CarriedFrame(CarriedBalance):
     def _begin_step(self, u: Array) -> Array:
         """r̂ (m,) of a step without contact."""
         h, now, start = self.h, self._now, self.frame
-        forces = self._begin(u)
+        forces = self._begun(u)
         end = start._replace(velocity=ZERO, turning=ZERO) if self.base is None else frame_state(self.base)
         R = rotation_of(*end.rotation)
         v_end, ω_end = rotated_back(R, end.velocity), rotated_back(R, end.turning)
@@ -276,13 +277,22 @@ class CarriedFrame(CarriedBalance):
         self.notes["misfit"] = max(self.notes["misfit"], away)
         self.notes["misfit of turn"] = max(self.notes["misfit of turn"], turned_by)
 
-    def adjoint(self, u: Array) -> CarriedAdjoint:
-        """As in Kernel."""
-        step, body = self._taken, Carried(self._model, self._constants, self._second, self.h)
+    @property
+    def _turned_by(self) -> StepTurn:
+        """As in FrameKernel."""
+        step = self._taken
         assert step is not None
-        states, by_input = (self._state_before.copy(), self.state.copy()), self._loads.columns_of(step.turn, body.frame)
-        ties = None if self.ties is None else self.ties.slopes_of_carried(step.turn)
-        return CarriedAdjoint.of(body, (self._now_before, self._now), states, step.A, by_input, ties)
+        return StepTurn(step.turn, self.h, np.array(step.ω̂))
+
+    def _motion_of(self, frame: FrameState, motion: Motion) -> tuple[Array, Array, Array]:
+        """As in FrameKernel; the velocity in the frame's axes."""
+        return np.array(frame.position), np.array(motion.v), np.array(motion.ω)
+
+    @property
+    def _acting_forces(self) -> FrameForces:
+        """As in FrameKernel."""
+        assert self._taken is not None
+        return self._taken.forces
 
     # What contact asks for; see frame_contact.
 

@@ -1,4 +1,4 @@
-"""What linearly implicit steps of large deformation do, as their adjoint asks for it; see linearly_implicit.py.
+"""What linearly implicit steps of large deformation do, as their adjoint asks for it; see held.py.
 
 ∂J/∂x is written x_.
 """
@@ -127,7 +127,7 @@ class LinearlyImplicitMaps(NamedTuple):
 
 
 class Slope(NamedTuple):
-    """b = ∂√(2 (Ψ + c))/∂q, as LinearlyImplicit makes it."""
+    """b = ∂√(2 (Ψ + c))/∂q, as StrainsCarried makes it."""
 
     maps: LinearlyImplicitMaps
     at: Material

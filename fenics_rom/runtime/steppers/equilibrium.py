@@ -15,23 +15,21 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.runtime.steppers.adjoint import contact_adjoint
 from fenics_rom.runtime.steppers.definite import is_definite
-from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
+from fenics_rom.runtime.steppers.held import MAX_ITERATIONS, MAX_PARTS, HeldBody, is_solved
+from fenics_rom.runtime.steppers.held_adjoint import Part
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
-from fenics_rom.runtime.steppers.newton import MAX_ITERATIONS, MAX_PARTS, Part, is_solved
 
 if TYPE_CHECKING:
-    from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint
+    from fenics_rom.runtime.steppers.adjoint import StepAdjoint
 
 SMALLEST_DISPLACEMENT = 1e-9  # of the training radius: what is beside it a share of CONVERGENCE_TOLERANCE is at rest
 
 
-class Equilibrium(FiniteStrainKernel):
+class Equilibrium(HeldBody):
     """A step of a quasi-static run: Φ'(q⁺) = G u, from the step before by Newton's iteration under a growing load.
 
-    Arguments and attributes as in FiniteStrainKernel; the velocity stays zero.
+    Arguments and attributes as in HeldBody; the velocity stays zero.
     """
-
-    _taken: Part  # the last step
 
     @property
     def energy(self) -> float:
@@ -41,15 +39,15 @@ class Equilibrium(FiniteStrainKernel):
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            start = self._coordinates().copy()
-            strokes, reactions = self._strokes_at(start), self.reactions
-            u, given = (u, strokes) if self._actuators is None else self._actuators.split(u)
+            start, reactions, given = self._coordinates().copy(), self.reactions, u
+            strokes, u = np.empty(0) if self._found is None else self._found.strokes(start), self.loads.without_found(u)
+            given = strokes if self._actuators is None else given[self._actuators.columns]
             held = elastic = self._body.force(start)
             if self._interface is not None and self.contact is not None:
                 held = held - self._pushed(self.contact)
-            unbalanced = elastic - self._loads(u, start)
-            if self._actuators is not None:
-                by_strokes, rubbed_before = self._actuators.parts(self._stroke_columns(start), reactions)
+            unbalanced = elastic - self.loads.force(u, start)
+            if self._found is not None:
+                by_strokes, rubbed_before = self._found.actuators.parts(self._found.columns(start), reactions)
                 unbalanced, held = unbalanced - by_strokes - rubbed_before, held - rubbed_before
             q, share, growth = start, 0.0, 1.0
             contact: ContactSolution | None = None
@@ -66,9 +64,9 @@ class Equilibrium(FiniteStrainKernel):
                         )
                 else:
                     (q, contact, reactions), share = balance, part
-            moved, pushed, rubbed_away, lag = q - start, self._loads(u, q), 0.0, 0.0
-            if self._actuators is not None:
-                by_strokes, rubbed = self._actuators.parts(self._stroke_columns(q), reactions)
+            moved, pushed, rubbed_away, lag = q - start, self.loads.force(u, q), 0.0, 0.0
+            if self._found is not None:
+                by_strokes, rubbed = self._found.actuators.parts(self._found.columns(q), reactions)
                 pushed, elastic = pushed + by_strokes, elastic + rubbed
                 rubbed_away, lag = -float(rubbed.dot(moved)), float((rubbed - rubbed_before).dot(moved)) / 2
             elastic = elastic + pushed
@@ -82,10 +80,11 @@ class Equilibrium(FiniteStrainKernel):
             residual, of_residual = self._step_residual_at_rest(contact)
             contacts = self._contacts_at_rest(moved, contact, obstacles, residual)
             self._leave(StepWork(supplied + of_residual, rubbed_away, contacts, numerical))
-            self._taken = Part(self.h, start, self._r, moved / self.h, reactions, self._contact_step, maps)
+            self.taken = (Part(self.h, start, self._r, moved / self.h, reactions, self._contact_step, maps),)
             np.multiply(q, self._ω, self._e)
             self.contact, self.reactions = contact, reactions
-            self._note(q, E, self._acting(u))
+            assert self._extent is not None
+            self._extent.look(self.notes, self.loads.with_found(u, reactions), q, E, contact, self.h)
             return 2 * self._with_carried_energy(stored)
 
     def _balanced(
@@ -98,7 +97,7 @@ class Equilibrium(FiniteStrainKernel):
         body, before = self._body, math.inf
         whole_steps = self._interface is None and self._actuators is None
         for _ in range(MAX_ITERATIONS):
-            elastic, force = body.force(q), self._loads(u, q)
+            elastic, force = body.force(q), self.loads.force(u, q)
             residual = elastic - force - unbalanced
             tangent = body.tangent(q)
             stable = is_definite(tangent)
@@ -117,13 +116,13 @@ class Equilibrium(FiniteStrainKernel):
                 self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ / self.h))
             free = (q - inverse.dot(residual) - start) / self.h
             motion, reactions = (start, self._r, free, self.h, obstacles, True), self.reactions
-            if self._actuators is None:
+            if self._found is None:
                 contact = self._solve_contact(*motion)
             else:
-                columns = self._stroke_columns(q)
-                gone = self._strokes_at(q) - (q - start).dot(columns)
-                targets, spread = self._actuators.resting_rates(given, gone, self.h), inverse.dot(columns) / self.h
-                angles = self._angles(q)
+                columns, angles = self._found.columns(q), self._found.angles(q)
+                gone = self._found.strokes(q) - (q - start).dot(columns)
+                targets = self._found.actuators.resting_rates(given, gone, self.h)
+                spread = inverse.dot(columns) / self.h
                 reactions, contact = self._solve_actuators(
                     u, columns, spread, targets, *motion, angles=angles, before=reactions
                 )
@@ -139,17 +138,17 @@ class Equilibrium(FiniteStrainKernel):
             q = q - inverse.dot(residual)
         return None
 
-    def adjoint(self, u: Array) -> "BalanceAdjoint":
+    def adjoint(self, u: Array) -> "StepAdjoint":
         """As in Kernel."""
         from fenics_rom.runtime.steppers.balance_adjoint import BalancedPart, HeldStrokes
 
-        (h, start, _, _, reactions, solved, residual), q = self._taken, self._coordinates().copy()
-        u = u if self._actuators is None else self._actuators.split(u)[0]
+        (h, _, _, _, reactions, solved, residual), q = self.taken[0], self._coordinates().copy()
         contact, is_kink = contact_adjoint(self._interface, solved)
-        tangent = self._body.tangent(q) - self._load_slopes(u, reactions, q)
-        which = self._held_strokes(reactions)[0]
-        columns, moved = self._stroke_columns(q)[:, which], self._stroke_slopes(q)[:, which].T
+        tangent = self._body.tangent(q) - self.loads.slope(self.loads.without_found(u), reactions, q)
+        which, strokes = self.loads.held(reactions)
+        columns = np.array([stroke.force(q) for stroke in strokes]).reshape(-1, len(q)).T
+        moved = self.loads.stroke_slopes(q)[:, which].T
         held = HeldStrokes(columns, h * moved, moved, 0 * moved, -1.0)  # strokes are what is given
-        inputs = self._input_columns(q)
+        inputs = self.loads.columns(q)
         part = BalancedPart(h, 0.0, h * tangent, tangent, inputs, held, self._Sᵀ, contact, residual)
-        return self._balance_adjoint([part], [reactions], start, is_kink)
+        return self._balance_adjoint([part], [reactions], is_kink)

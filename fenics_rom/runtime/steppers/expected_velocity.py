@@ -1,4 +1,4 @@
-"""Back through what a linearly implicit step expects its mid-step velocity to be; see LinearlyImplicit."""
+"""Back through what a linearly implicit step expects its mid-step velocity to be; see held.py."""
 
 import math
 from typing import NamedTuple

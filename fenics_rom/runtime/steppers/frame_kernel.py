@@ -14,49 +14,30 @@ factors with the table is what the coordinates balance, and the products of its 
 """
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StructureError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator
-from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, cross_matrix, rotation_matrix
+from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator, vector
+from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, added, cross_matrix, rotation_matrix
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.body_parts import PLAIN, BodyParts
 from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
 from fenics_rom.runtime.steppers.frame_points import FramePoints
+from fenics_rom.runtime.steppers.frame_state import FrameState, Shape, in_frame
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.ground_ties import GroundTies
-from fenics_rom.runtime.steppers.inertia import Inertia
 from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork
 from fenics_rom.runtime.steppers.parted_kernel import PartedKernel
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
-
-
-class FrameState(NamedTuple):
-    """Where a frame is and how it moves, in world axes."""
-
-    position: Vector  # of its origin, m
-    rotation: Quaternion  # from its axes to the world's, a unit quaternion w x y z
-    velocity: Vector  # of its origin, m/s
-    turning: Vector  # of a free body its angular momentum, kg m²/s; of a base its angular velocity, rad/s
-
-
-class Shape(NamedTuple):
-    """The inertia of the body at q, moving with r."""
-
-    inertia: Inertia  # I(q)
-    moved: Vector  # b r
-    moment: Vector  # x̄ + c q
-    drift: Vector  # c r
 
 
 # Rows of the table: ½ I1 and c; at the start of a step S, b, f0 = ω e - 2/h r - f, and T; at a mid-step rate S in the
@@ -93,8 +74,8 @@ class FrameKernel(PartedKernel):
         residual: "ResidualMotion | None" = None,
         parts: BodyParts = PLAIN,
     ):
-        super().__init__(model, frame, loads, ledger, interface, residual, parts)
-        self._mass, self._watch = frame.mass, watch
+        super().__init__(model, ledger, interface, residual, parts)
+        self._constants, self._loads, self._mass, self._watch = frame, loads, frame.mass, watch
         self.notes = watch.notes | self._notes_of_parts
         m = model.order
         self._second = frame.inertia2 if frame.stiffening is None else frame.inertia2 - frame.stiffening
@@ -149,23 +130,9 @@ class FrameKernel(PartedKernel):
     def rollback(self) -> None:
         """As in Kernel."""
         super().rollback()
-        if self.elastic is not None:
-            self.elastic.rollback()
         self.frame, self._places = self._frame_before, None
         if self.ties is not None:
             self.ties.rollback()
-
-    def check_differentiable(self) -> None:
-        """As in Kernel."""
-        refused = {
-            "a free body in a moving frame": not self._constants.carried,
-            "contact in a moving frame": self._interface is not None,
-            "a moving frame of a body whose strains are large or relax": self.elastic is not None,
-            "strokes in a moving frame": self._found is not None,
-        }
-        for what, there in refused.items():
-            if there:
-                raise StructureError(f"{what}: its steps are not differentiated")
 
     def _with_carried_energy(self, energy: float) -> float:
         """As in BookedKernel; with what springs to the ground store."""
@@ -208,14 +175,32 @@ class FrameKernel(PartedKernel):
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
         self._places = None
-        if self.elastic is None:
-            super().resume(auxiliary)
-            return
-        own = len(self.elastic.auxiliary)
-        super().resume(auxiliary[: max(len(auxiliary) - own, 0)])
-        self.elastic.resume(
-            self._coordinates(), self._r, auxiliary[len(auxiliary) - own :] if len(auxiliary) else auxiliary
-        )
+        super().resume(auxiliary)
+
+    @property
+    def _motion_felt(self) -> tuple[Vector | None, Vector | None, Vector]:
+        """Acceleration less gravity's, angular acceleration and spin in the last step; None of what strains nothing."""
+        return None, None, self.angular_velocity
+
+    @property
+    def angular_velocity(self) -> Vector:
+        """In the frame's axes, rad/s."""
+        raise NotImplementedError
+
+    def _begun(self, u: Array) -> FrameForces:
+        """Begins a step under u (p,); what acts in the frame."""
+        self._begin(u)
+        return self._loads.at(self._acting) if self.elastic is None else self._forces_as_expected()
+
+    def _forces_as_expected(self) -> FrameForces:
+        """What acts in the frame, with pressures on open surfaces where the shape is if it moves on as it did."""
+        forces, following, elastic = self._loads.at(self._acting), self._following, self.elastic
+        if following is None or not following.rims or elastic is None:
+            return forces
+        expected = self._start + self.h / 2 * elastic.velocity
+        wrench = following.wrench(self._acting, expected, self._constants.origin)
+        force, torque = vector(wrench[:3]), vector(wrench[3:])
+        return forces._replace(force=added(forces.force, 1.0, force), torque=added(forces.torque, 1.0, torque))
 
     def _shape_at(self, q: Array, r: Array) -> Shape:
         """The inertia there, which the table is of from now on."""
@@ -268,10 +253,7 @@ class FrameKernel(PartedKernel):
     @property
     def messages(self) -> tuple[str, ...]:
         """As in Kernel."""
-        told = self._watch.messages(self.notes)
-        if self._extent is not None:
-            told = *told, *self._extent.messages(self.notes)
-        return told if self.elastic is None else (*told, *self.elastic.messages(self.notes))
+        return *self._watch.messages(self.notes), *super().messages
 
     def yielding(self, turn: Geometry, contact: ContactSolution | None) -> Array | None:
         """Mid-step velocity (P, 3) in the frame of the points in the residual part; None where there is none."""
@@ -391,8 +373,3 @@ class FrameKernel(PartedKernel):
             self._extent.look(self.notes, self._acting, e * self._inverse_ω, None, self.contact, self.h)
             self._extent.look_at_frame(self.notes, *self._motion_felt)
         return 2 * self.energy
-
-
-def in_frame(turn: Geometry, contact: ContactSolution | None) -> ContactSolution | None:
-    """The same with forces as the frame sees them."""
-    return None if contact is None else contact._replace(forces=contact.forces.dot(turn.middle))

@@ -7,11 +7,12 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.frame_geometry import Geometry, vector
-from fenics_rom.mechanics.frame_motion import ZERO, Vector
+from fenics_rom.mechanics.frame_motion import ZERO, Vector, cross_matrix
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.frame_points import FramePoints
+from fenics_rom.runtime.steppers.frame_slopes import SPIN, PointsMoved, Slopes, StepTurn
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.environment import Environment
@@ -107,16 +108,33 @@ class FrameLoads:
             modal = modal + self.points.rows.dot(forces.at_points.dot(turn.middle).ravel())
         return modal
 
-    def columns_of(self, turn: Geometry, frame: MovingFrame) -> Array:
-        """The same (m, p) of inputs of 1."""
-        columns = np.zeros((self._order, self.width))
-        columns[:, self.turning] = self.push[: self._order]
+    def slopes(
+        self, forces: FrameForces, step: StepTurn, frame: MovingFrame, ends: tuple[Array, Array]
+    ) -> tuple[Slopes, Array]:
+        """What force, R*ᵀ torque and modal forces (k,) in a step between two q (m,) change by, and with inputs.
+
+        Those of gravity on the shape and its torque, of a body that a base carries, depend on the base alone.
+        """
+        (q, q_end), turn, m = ends, step.turn, self._order
+        start, end, columns = np.zeros((6 + m, 6 + m)), np.zeros((6 + m, 6 + m)), np.zeros((6 + m, self.width))
+        start[:3, SPIN], end[:3, SPIN] = (-R @ cross_matrix(forces.force) / 2 for R in (turn.start, turn.end))
+        if forces.torque_by_shape is not None:
+            start[SPIN, 6:] = end[SPIN, 6:] = forces.torque_by_shape / 2
+        columns[:3, self.turning] = (turn.start + turn.end) / 2 @ self.push[m : m + 3]
+        columns[SPIN, self.turning], columns[6:, self.turning] = self.push[m + 3 :], self.push[:m]
+        if self.by_shape is not None:
+            columns[SPIN, self.turning] += np.einsum("kmt,m->kt", self.by_shape, (q + q_end) / 2)
         for column, field in zip(self.pulling, self.fields, strict=True):
-            columns[:, column] = np.array(turn.seen(vector(field))) @ frame.moment_modes
+            columns[:3, column] = frame.mass * field
+            columns[6:, column] = np.array(turn.seen(vector(field))) @ frame.moment_modes
+        slopes = step.slopes(start, end)
         if len(self.columns):
-            rows = self.points.rows.reshape(self._order, -1, 3)
-            columns[:, self.columns] = (rows @ turn.middle.T).reshape(self._order, -1)
-        return columns
+            at = self.points.rest + self.points.moved(q)
+            points = PointsMoved(step, self.points.rows, at, self.points.moved((q_end - q) / step.h))
+            columns[:, self.columns] = points.by_forces()
+            if forces.at_points is not None:
+                slopes = slopes.with_(points.push(forces.at_points).slopes)
+        return slopes, columns
 
     def _of(self, u: Array) -> FrameForces:
         turning = u[self.turning]

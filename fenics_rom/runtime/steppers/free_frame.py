@@ -25,9 +25,12 @@ from fenics_rom.mechanics.frame_contact import touch
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
 from fenics_rom.mechanics.frame_motion import ZERO, added, dot, rotation_of
 from fenics_rom.mechanics.largest_turn import check_turn
-from fenics_rom.runtime.steppers.frame_kernel import FrameState, Shape, in_frame
+from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_points import FramePoints
+from fenics_rom.runtime.steppers.frame_slopes import StepTurn
+from fenics_rom.runtime.steppers.frame_state import FrameState, Shape, in_frame
 from fenics_rom.runtime.steppers.free_balance import FreeBalance
+from fenics_rom.runtime.steppers.free_motion import Motion
 
 
 class FreeFrame(FreeBalance):
@@ -80,7 +83,7 @@ class FreeFrame(FreeBalance):
     def begin_step(self, u: Array) -> Array:
         """Expected mid-step velocities ω̂, r̂ (3 + m,) of a step under u."""
         check_turn(self.h, self._now.ω)
-        self._forces = self._begin(u)
+        self._forces = self._begun(u)
         h, x = self.h, np.empty(len(self._weights))
         x[:3], x[3:] = self._now.ω, self._r
         if self._passed is not None and h <= 2 * self._passed[0]:  # else it says too little of this step
@@ -90,6 +93,23 @@ class FreeFrame(FreeBalance):
         else:
             self._expect(x)
         return x
+
+    @property
+    def _turned_by(self) -> StepTurn:
+        """As in FrameKernel."""
+        assert self._passed is not None
+        h, x = self._passed
+        a, b, c = (h * x[:3]).tolist()
+        return StepTurn(Geometry(self._now_before.R, self._now.R, (a, b, c)), h, x[:3].copy())
+
+    def _motion_of(self, frame: FrameState, motion: Motion) -> tuple[Array, Array, Array]:
+        """As in FrameKernel."""
+        return np.array(frame.position), np.array(frame.velocity), np.array(motion.ω)
+
+    @property
+    def _acting_forces(self) -> FrameForces:
+        """As in FrameKernel."""
+        return self._forces
 
     # What contact asks for; see frame_contact.
 

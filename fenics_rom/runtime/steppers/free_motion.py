@@ -17,7 +17,9 @@ from fenics_rom.mechanics.frame_motion import (
     rotation_of,
     turned,
 )
-from fenics_rom.runtime.steppers.frame_kernel import COUPLED, FrameKernel, FrameState, Shape
+from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame
+from fenics_rom.runtime.steppers.frame_kernel import COUPLED
+from fenics_rom.runtime.steppers.frame_state import FrameState, Shape
 from fenics_rom.runtime.steppers.inertia import check_definite, solved_inertia, times_inertia
 
 
@@ -32,7 +34,7 @@ class Motion(NamedTuple):
     spin: float  # ω·I ω + 2 ω·b r, J
 
 
-class FreeMotion(FrameKernel):
+class FreeMotion(DifferentiableFrame):
     """Arguments and attributes as in FrameKernel; `frame.turning` is the angular momentum."""
 
     _now: Motion

@@ -26,6 +26,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
 from fenics_rom.mechanics.frame_motion import Rotation, Vector, cross_matrix
 from fenics_rom.rom.moving_frame import MovingFrame
+from fenics_rom.runtime.steppers.frame_slopes import Moving, Slopes, StepTurn
 
 SAME_TURN = 1e-14  # of entries of R*ᵀ R⁺: round-off
 AXES = np.stack([cross_matrix(axis) for axis in np.eye(3)])  # e_k~
@@ -236,13 +237,54 @@ class GroundTies:
         moved = r̂.dot(self._resistance_by_mode).reshape(3, -1)
         return tied._replace(forces=tied.forces - tied.turn.end.dot(moved), rate=r̂)
 
-    def slopes_of_carried(self, turn: Geometry) -> tuple[Array, Array]:
-        """What modal forces in the last step (m, m), and what is stored after it (m,), change by with q."""
-        before, now, m = self._before, self.placed, len(self.placed.q)
-        by_springs = self._springs[4:, 4:].reshape(3, m, 3, m).transpose(0, 2, 1, 3).reshape(9, -1)
-        turned, spun = turn.middle.T.dot(before.R), turn.middle.T.dot(now.R - before.R) / self._h
-        by_shape = -(turned.ravel().dot(by_springs) + spun.ravel().dot(self._by_modes)).reshape(m, m)
-        return by_shape, now.R.ravel().dot(now.pull[:, 4:].reshape(9, m))
+    # Of either, to go back through a step.
+
+    def push_slopes(self, before: Moving, after: Moving, step: StepTurn) -> Slopes:
+        """Slopes of force, R*ᵀ torque and modal forces (k,)."""
+        turn, k = step.turn, 6 + len(before.q)
+        ends = ((turn.start, before, -1.0), (turn.end, after, 1.0))
+        resisting = [self._springs / 2 + sign / step.h * self._dashpots for _, _, sign in ends]
+        places = [_fields(at.position - self._origin, R, R, at.q) for R, at, _ in ends]
+        for place in places:
+            place[:, 1:4] -= np.eye(3)
+        (start, end), (resists_start, resists_end) = places, resisting
+        P = -start.dot(resists_start) - end.dot(resists_end)
+        arms = np.mean([_fields(np.zeros(3), R, R, at.q) for R, at, _ in ends], axis=0)
+        there = turn.start.T.dot(_axis(arms.dot(P.T)))
+        found = []
+        for (R, at, _), resists in zip(ends, resisting, strict=True):
+            moved = _tangents(R, at.q)
+            by_place = -moved @ resists  # ∂P (k, 3, 4 + 3m)
+            moved[:3] = 0.0
+            products = np.matmul(arms, by_place.transpose(0, 2, 1)) + moved @ P.T / 2
+            turning = _axis(products.transpose(1, 2, 0)).T @ turn.middle
+            modal = np.einsum("x,nxm->nm", turn.middle.ravel(), by_place[:, :, 4:].reshape(k, 9, -1))
+            found.append(np.hstack([by_place[:, :, 0], turning, modal]).T)
+        by_turn, back, modes = np.zeros((k, 3)), np.eye(3) - step.half, P[:, 4:].reshape(3, 3, -1)
+        by_turn[3:6], seen = cross_matrix(there) / 2, np.einsum("ij,iam->jam", turn.start, modes)
+        by_turn[6:] = np.einsum("kja,jam->mk", AXES, seen) / 2
+        found[0][3:6, 3:6] += back @ cross_matrix(there)
+        found[0][6:, 3:6] += np.einsum("kab,bc,acm->mk", AXES, np.eye(3) + step.half, seen)
+        return step.slopes(found[0], found[1], by_turn)
+
+    def stored_slopes(self, at: Moving, R: Array) -> Array:
+        """Slopes of what is stored with the place, (k,)."""
+        pull = _fields(at.position - self._origin, R, R, at.q)
+        pull[:, 1:4] -= np.eye(3)
+        slopes: Array = np.tensordot(_tangents(R, at.q), pull.dot(self._springs), 2)
+        return slopes
+
+
+def _tangents(R: Array, q: Array) -> Array:
+    """How [p, R, R ⊗ q] changes with the place, (k, 3, 4 + 3m)."""
+    m = len(q)
+    tangents = np.zeros((6 + m, 3, 4 + 3 * m))
+    tangents[:3, :, 0] = np.eye(3)
+    turned = R @ AXES
+    tangents[3:6, :, 1:4] = turned
+    tangents[3:6, :, 4:] = (turned[..., None] * q).reshape(3, 3, -1)
+    tangents[6:, :, 4:] = np.einsum("ia,mn->mian", R, np.eye(m)).reshape(m, 3, -1)
+    return tangents
 
 
 def _fields(first: Array, along: Array, turned: Array, q: Array) -> Array:

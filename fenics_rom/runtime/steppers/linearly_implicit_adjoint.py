@@ -1,4 +1,4 @@
-"""Back through a linearly implicit step of large deformation; see linearly_implicit.py, whose symbols these are.
+"""Back through a linearly implicit step of large deformation; see held.py, carried_strains.py, whose symbols these are.
 
 The step is one linear system M v̂ = R around the shape that was expected; with strokes that are held M v̂ = R + B z and
 Bᵀv̂ = c. With y = M⁻¹ (what J owes to v̂), J owes y to R and -y v̂ᵀ to M, contact or not. Strains are of second degree
@@ -26,7 +26,7 @@ from fenics_rom.runtime.steppers.residual_motion import strained_back
 
 
 class LinearlyImplicitAdjoint(NamedTuple):
-    """A step of LinearlyImplicit.
+    """A step by StrainsCarried.
 
     Carried: [ε, C₀ε, v̂ before, ½ s² - c, c, tank, ½ ε:C₀ε], and the residual's rows (4, 3P).
     """
@@ -250,7 +250,7 @@ class _TakenBack(NamedTuple):
 
 
 def start_pulled_back(maps: LinearlyImplicitMaps, q: Array, after: StateAdjoint) -> tuple[Array, Array]:
-    """Derivatives with q and r of a state that is put in, as LinearlyImplicit.resume goes on from it."""
+    """Derivatives with q and r of a state that is put in, as StrainsCarried.resume goes on from it."""
     size, own = maps.strains.size, after.auxiliary
     ε_, σ_ = own[: 2 * size].reshape(2, -1)
     by_e, by_r = after.state.reshape(2, -1)

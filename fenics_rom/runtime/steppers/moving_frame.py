@@ -25,8 +25,8 @@ from fenics_rom.rom.rom import Rom, diagonalized_span
 from fenics_rom.runtime.steppers.body_parts import PLAIN, parts_of
 from fenics_rom.runtime.steppers.carried_base import frame_state
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
-from fenics_rom.runtime.steppers.frame_kernel import FrameState
 from fenics_rom.runtime.steppers.frame_loads import FrameLoads
+from fenics_rom.runtime.steppers.frame_state import FrameState
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
 from fenics_rom.runtime.steppers.stepper import ReducedStepper

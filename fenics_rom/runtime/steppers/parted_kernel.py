@@ -1,4 +1,4 @@
-"""A body in a frame that is made of parts: what resists its shape, what follows it, and what is found in a step."""
+"""A body that is made of parts: what resists its shape, what follows it, and what is found in a step."""
 
 from typing import TYPE_CHECKING
 
@@ -6,12 +6,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_geometry import vector
-from fenics_rom.mechanics.frame_motion import Vector, added
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.body_parts import BodyParts
-from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 
 if TYPE_CHECKING:
@@ -21,7 +17,10 @@ if TYPE_CHECKING:
 
 
 class PartedKernel(BookedKernel):
-    """Arguments as in FrameKernel.
+    """Arguments as in BookedKernel.
+
+    Args:
+        parts: what the body is made of.
 
     Attributes:
         elastic: what resists the shape; None: small strains of a material that does not relax.
@@ -29,18 +28,17 @@ class PartedKernel(BookedKernel):
         reactions_found: (n,) forces that were found so far in this step.
     """
 
+    rows_first = False
+
     def __init__(
         self,
         model: ContactModel,
-        frame: MovingFrame,
-        loads: FrameLoads,
         ledger: EnergyLedger | None,
         interface: "ContactInterface | None",
         residual: "ResidualMotion | None",
         parts: BodyParts,
     ):
         super().__init__(model, ledger, np.empty(0), interface, residual=residual)
-        self._constants, self._loads = frame, loads
         self.elastic, self._following, self._found, self._extent = parts
         self.branches = None if self.elastic is None else self.elastic.branches
         self.found: FoundInStep | None = None
@@ -49,16 +47,6 @@ class PartedKernel(BookedKernel):
         self._acting, self.reactions_found = np.empty(0), np.empty(0)  # input of the step, and what is found of it
         self._start, self._matrix = np.empty(0), np.empty((0, 0))  # q of the step, and the slope of f̂ that is kept
         self._followed_at = np.empty(0)  # v̂ (m,) in the middle of which loads that follow are expected to act
-
-    @property
-    def _motion_felt(self) -> tuple[Vector | None, Vector | None, Vector]:
-        """Acceleration less gravity's, angular acceleration and spin in the last step; None of what strains nothing."""
-        return None, None, self.angular_velocity
-
-    @property
-    def angular_velocity(self) -> Vector:
-        """In the frame's axes, rad/s."""
-        raise NotImplementedError
 
     @property
     def _notes_of_parts(self) -> dict[str, float]:
@@ -75,7 +63,22 @@ class PartedKernel(BookedKernel):
     def auxiliary(self) -> Array:
         """As in Kernel."""
         of_residual = super().auxiliary
-        return of_residual if self.elastic is None else np.concatenate([of_residual, self.elastic.auxiliary])
+        return of_residual if self.elastic is None else np.concatenate([self.elastic.auxiliary, of_residual])
+
+    def resume(self, auxiliary: Array) -> None:
+        """As in Kernel."""
+        if self.elastic is None:
+            super().resume(auxiliary)
+            return
+        own = len(self.elastic.auxiliary)
+        super().resume(auxiliary[own:])
+        self.elastic.resume(self._coordinates(), self._r, auxiliary[:own])
+
+    def rollback(self) -> None:
+        """As in Kernel."""
+        super().rollback()
+        if self.elastic is not None:
+            self.elastic.rollback()
 
     def reset_buffer(self) -> None:
         """As in Kernel."""
@@ -89,27 +92,15 @@ class PartedKernel(BookedKernel):
             return float(self.state.dot(self.state))
         return float(self._r.dot(self._r)) + 2 * self.elastic.stored
 
-    def _begin(self, u: Array) -> FrameForces:
-        """Begins a step under u (p,), with the forces that were found in the step before; what acts in the frame."""
+    def _begin(self, u: Array) -> None:
+        """Begins a step under u (p,), with the forces that were found in the step before."""
         self._acting = u
         if self._found is not None:
             self.found = self._found.begin(u, self._coordinates(), self._r, self.h)
             self._acting, self.reactions_found = self.found.acting(self.reactions), self.reactions
-        if self.elastic is None:
-            return self._loads.at(self._acting)
-        self._start = self._coordinates().copy()
-        self.elastic.open(self._start, self._r)
-        return self._forces_as_expected()
-
-    def _forces_as_expected(self) -> FrameForces:
-        """What acts in the frame, with pressures on open surfaces where the shape is if it moves on as it did."""
-        forces, following, elastic = self._loads.at(self._acting), self._following, self.elastic
-        if following is None or not following.rims or elastic is None:
-            return forces
-        expected = self._start + self.h / 2 * elastic.velocity
-        wrench = following.wrench(self._acting, expected, self._constants.origin)
-        force, torque = vector(wrench[:3]), vector(wrench[3:])
-        return forces._replace(force=added(forces.force, 1.0, force), torque=added(forces.torque, 1.0, torque))
+        if self.elastic is not None:
+            self._start = self._coordinates().copy()
+            self.elastic.open(self._start, self._r)
 
     def _resists(self, v: Array, at: Array) -> Array:
         """What of f̂ is not `_matrix` v̂, less the loads that follow a body that goes with `at` (m,); exact at v (m,)."""
@@ -165,6 +156,12 @@ class PartedKernel(BookedKernel):
     def beyond_training(self) -> bool:
         """As in Kernel."""
         return self._extent is not None and bool(self._extent.messages(self.notes))
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """As in Kernel."""
+        told = () if self._extent is None else self._extent.messages(self.notes)
+        return told if self.elastic is None else (*told, *self.elastic.messages(self.notes))
 
     def rates(self, x: Array) -> tuple[Array, Array]:
         """ω̂ (3,) in the frame's axes and r̂ (m,) of the velocities x that a step solves for."""

@@ -144,6 +144,11 @@ class ResidualMotion:
         return self._part
 
     @property
+    def before(self) -> Array:
+        """The state before the last step."""
+        return self._before
+
+    @property
     def maps(self) -> "ResidualMaps":
         """What steps of this length do."""
         heat = self._h * self._relaxation.heat

@@ -9,7 +9,7 @@ from fenics_rom.errors import StepError, shown, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.body_parts import maxwell_branches
+from fenics_rom.runtime.steppers.body_parts import maxwell_branches, parts_of
 from fenics_rom.runtime.steppers.kernel import Kernel
 from fenics_rom.runtime.steppers.midpoint import fastest_kernel
 from fenics_rom.runtime.steppers.stepper import FiniteStrainStepper, LinearStepper, ReducedStepper
@@ -17,7 +17,7 @@ from fenics_rom.runtime.steppers.stepper import FiniteStrainStepper, LinearStepp
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
     from fenics_rom.mechanics.contact_solver import ContactSolver
-    from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
+    from fenics_rom.runtime.steppers.held import HeldBody
 
 # In a period of the slowest mode, from which on linearly implicit steps come to any error sooner than Newton's; below
 # it they may go astray. Measured: demos/rates/stepper_choice.py.
@@ -84,10 +84,9 @@ def make_stepper(
         )
     if rom.deformation is not None:
         suited, reason = _finite_strain_kind(rom, dt, kind, has_inertia)
-        residual = residual_of(next(iter(rom.contact_models)))  # all contact modes share a basis
-        kernel_of_kind = _finite_strain_kernel(suited)
-        branches = maxwell_branches(series, 2, kernel_of_kind.strain_count(rom.deformation))
-        kernel = kernel_of_kind(rom, ledger, interface, actuators, residual, branches)
+        first = next(iter(rom.contact_models))
+        parts = parts_of(rom, first, rom.contact_models[first], suited, actuators, series, interface)
+        kernel = _held_body(suited)(rom, first, ledger, interface, residual_of(first), parts)
         return FiniteStrainStepper(rom, dt, interface, kernel, suited, reason)
     from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
     from fenics_rom.runtime.steppers.quasi_static import QuasiStatic
@@ -128,16 +127,12 @@ def _finite_strain_kind(rom: Rom, dt: float, kind: str | None, has_inertia: bool
     return "newton", f"{steps:.2g} steps in a period of the slowest mode, below {limit} only iteration is to be trusted"
 
 
-def _finite_strain_kernel(kind: str) -> "type[FiniteStrainKernel]":
+def _held_body(kind: str) -> "type[HeldBody]":
     """The kernel of a kind; only that one is imported."""
-    if kind == "newton":
-        from fenics_rom.runtime.steppers.newton import Newton
+    if kind == "equilibrium":
+        from fenics_rom.runtime.steppers.equilibrium import Equilibrium
 
-        return Newton
-    if kind == "linearly-implicit":
-        from fenics_rom.runtime.steppers.linearly_implicit import LinearlyImplicit
+        return Equilibrium
+    from fenics_rom.runtime.steppers.held import HeldBody
 
-        return LinearlyImplicit
-    from fenics_rom.runtime.steppers.equilibrium import Equilibrium
-
-    return Equilibrium
+    return HeldBody

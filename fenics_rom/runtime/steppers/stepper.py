@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.contact import ContactSolution
     from fenics_rom.runtime.steppers.adjoint import SwitchAdjoint
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
-    from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
+    from fenics_rom.runtime.steppers.held import HeldBody
 
 
 class ReducedStepper:
@@ -259,13 +259,7 @@ class FiniteStrainStepper(ReducedStepper):
     """One kernel for all contact modes, which share a basis: a switch changes the inputs only, and loses nothing."""
 
     def __init__(
-        self,
-        rom: Rom,
-        dt: float,
-        interface: "ContactInterface | None",
-        kernel: "FiniteStrainKernel",
-        kind: str,
-        reason: str,
+        self, rom: Rom, dt: float, interface: "ContactInterface | None", kernel: "HeldBody", kind: str, reason: str
     ):
         self._only_kernel = kernel
         super().__init__(rom, dt, interface, np.empty(0), kind, reason)

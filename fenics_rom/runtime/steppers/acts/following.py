@@ -16,11 +16,12 @@ class FollowingLoads:
         rims: edges of pressures on open surfaces, with the places of their inputs.
 
     Attributes:
+        followers, rims: as above.
         places: of the inputs of all of these, and of those with a rim.
     """
 
     def __init__(self, followers: list[tuple[int, Follower]], rims: list[tuple[int, ReducedRim]]):
-        self._followers, self.rims = followers, rims
+        self.followers, self.rims = followers, rims
         self.places = [column for column, _ in followers], [column for column, _ in rims]
 
     @staticmethod
@@ -45,7 +46,7 @@ class FollowingLoads:
     def force(self, u: Array, q: Array) -> Array:
         """Generalized forces (m,) under u (p,) on the body at q."""
         force = np.zeros(len(q))
-        for column, follower in self._followers:
+        for column, follower in self.followers:
             if size := u.item(column):
                 force += size * follower.force(q)
         return force
@@ -53,7 +54,7 @@ class FollowingLoads:
     def slope(self, u: Array, q: Array) -> Array:
         """∂force/∂q (m, m)."""
         slope = np.zeros((len(q), len(q)))
-        for column, follower in self._followers:
+        for column, follower in self.followers:
             if size := u.item(column):
                 slope += size * follower.slope(q)
         return slope

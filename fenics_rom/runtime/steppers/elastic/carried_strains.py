@@ -45,7 +45,6 @@ class StrainsCarried(ElasticLaw):
         body: its points.
         stiffest: frequency of the stiffest mode, rad/s.
         branches: how their material relaxes, in the strains that are carried along; None: it does not.
-        has_inertia: whether f̂ and its slope have 2/h v̂, too, as of a held body; in a frame inertia is the frame's.
 
     Attributes:
         strains: that are carried along.
@@ -60,18 +59,10 @@ class StrainsCarried(ElasticLaw):
     is_exact = True
     NOTES = ("strained", "mismatch")  # energy of the strains at most, J; and what those that are carried along lack
 
-    def __init__(
-        self,
-        body: ReducedDeformation,
-        stiffest: float,
-        branches: MaxwellBranches | None = None,
-        *,
-        has_inertia: bool = False,
-    ):
+    def __init__(self, body: ReducedDeformation, stiffest: float, branches: MaxwellBranches | None = None):
         self._body, self.branches, self.steepest = body, branches, STEEPEST_FREQUENCY * stiffest
         self.points = None if body.law == "st_venant_kirchhoff" else MaterialPoints(body)
         self.strains, m = carried_strains(body), body.order
-        self._has_inertia = has_inertia
         self._springs, self._is_expected = body.springs if body.springs.any() else None, False
         self._next: Ahead | None = None  # None: not known
         self._next_before: Ahead | None = None
@@ -131,8 +122,6 @@ class StrainsCarried(ElasticLaw):
             self.branches.set_time_step(h)
         self._inert = 2 / h * np.eye(self._body.order)
         self.steady = self._body.external_damping + h / 2 * self._body.springs
-        if self._has_inertia:
-            self.steady += self._inert
 
     def reset_buffer(self) -> None:
         """As in ElasticLaw."""
@@ -189,7 +178,7 @@ class StrainsCarried(ElasticLaw):
         if self.points is not None:
             geometric = body.geometric(self.points.stress(self.points.strains(now.middle)[1])) + geometric
         stressed: Array = matrix + h / 2 * geometric
-        return stressed if is_definite(stressed if self._has_inertia else self._inert + stressed) else matrix
+        return stressed if is_definite(self._inert + stressed) else matrix
 
     def expect(self, v: Array) -> None:
         """As in ElasticLaw; it can hardly go further than it was trained."""

@@ -6,6 +6,8 @@ others it holds at the v̂ that was asked for last, and near it: Newton's method
 """
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from typing import Any, NamedTuple, Protocol
 
 from numpy import ndarray as Array
 
@@ -20,6 +22,7 @@ class ElasticLaw:
         is_exact: whether that is so for every v̂ after `expect`; else at the last one of `at` or `renew`.
         velocity: v̂ (m,) of the step before, or r: where the iteration to the next one begins.
         branches: how the material relaxes; None: it does not.
+        went_as_expected: whether the last step went as it was expected to.
         NOTES: names of what it notes of a run, numbers that begin at 0.
     """
 
@@ -28,6 +31,7 @@ class ElasticLaw:
     is_exact: bool
     velocity: Array
     branches: MaxwellBranches | None = None
+    went_as_expected: bool = True
     NOTES: tuple[str, ...] = ()
 
     @property
@@ -75,6 +79,44 @@ class ElasticLaw:
     def renew(self, v: Array) -> None:
         """Makes its slope that at v, too."""
 
+    def in_parts(self, parts: int) -> AbstractContextManager[None]:
+        """Steps in here are parts of a time step, which `rollback`, and an error, take back as one."""
+        raise NotImplementedError
+
     def close(self, v: Array, after: Array) -> float:
         """Ends the step with v̂ (m,), at q⁺ (m,) to round-off; what was dissipated, J."""
         raise NotImplementedError
+
+    def adjoint(self) -> "LawAdjoint":
+        """The last step, to go back through."""
+        raise NotImplementedError
+
+
+class LawOwed(NamedTuple):
+    """What is owed to a step's motion by what a law carries along and stores after it, (m,) each."""
+
+    end: Array  # q⁺
+    start: Array  # q
+    velocity: Array  # v̂
+    kept: Any = None  # what the law wants to know of it later
+
+
+class LawAdjoint(Protocol):
+    """A step of a law, to go back through: f̂(v̂, q, what is carried along)."""
+
+    @property
+    def by_velocity(self) -> Array:
+        """∂f̂/∂v̂ (m, m)."""
+
+    @property
+    def by_shape(self) -> Array:
+        """∂f̂/∂q (m, m), of q at the start."""
+
+    def after(self, carried: Array, energy: float) -> LawOwed:
+        """What is owed to the motion, from derivatives with what is carried along after the step and stored then."""
+
+    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
+        """What is owed to what was carried along, and besides to q (m,), where f̂ is owed -y (m,)."""
+
+    def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
+        """Derivatives with ω (m,) and D of the contact model; nothing where neither plays a part."""

@@ -4,12 +4,15 @@ Branches (mechanics/viscoelasticity.py) have energy coordinates ω w, too. In a 
 h/τ) and add their stiffening time to h/2: modes that are apart stay so.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
+from fenics_rom.mechanics.viscoelasticity import BranchesAdjoint, MaxwellBranches
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
+from fenics_rom.runtime.steppers.adjoint import NONE, spread
+from fenics_rom.runtime.steppers.elastic.law import ElasticLaw, LawOwed
 
 
 class RelaxingLinear(ElasticLaw):
@@ -68,3 +71,58 @@ class RelaxingLinear(ElasticLaw):
         self._q_before, self._q = self._q, after
         self.velocity = v
         return self._h * float(v.dot(self._D).dot(v)) + self._relaxing.step((self._ω * v)[None])
+
+    def adjoint(self) -> "LinearAdjoint":
+        """As in ElasticLaw."""
+        ends = self._q_before, self._q
+        return LinearAdjoint(self._model, self._h, *ends, self.velocity, self._relaxing.adjoint())
+
+
+class LinearAdjoint(NamedTuple):
+    """A step of small strains from q to q⁺, of a material that relaxes or not."""
+
+    model: ContactModel
+    h: float  # s
+    q: Array
+    q_after: Array
+    v: Array
+    branches: BranchesAdjoint | None
+
+    @property
+    def _resisting_time(self) -> float:
+        return self.h / 2 + (0.0 if self.branches is None else self.branches.stiffening_time)
+
+    @property
+    def by_velocity(self) -> Array:
+        """As in LawAdjoint."""
+        D = self.model.damping
+        return np.diag(self._resisting_time * self.model.eigenvalues) + (D if D.ndim == 2 else np.diag(D))
+
+    @property
+    def by_shape(self) -> Array:
+        """As in LawAdjoint."""
+        return np.diag(self.model.eigenvalues)
+
+    def after(self, carried: Array, energy: float) -> LawOwed:
+        """As in LawAdjoint."""
+        γ, nothing = self.model.eigenvalues, np.zeros(len(self.q))
+        end = energy * γ * self.q_after
+        if self.branches is None:
+            return LawOwed(end, nothing, nothing, (energy, NONE, nothing))
+        w_, rate_ = self.branches.after(carried, energy)
+        return LawOwed(end, nothing, np.sqrt(γ) * rate_[0], (energy, w_, rate_[0]))
+
+    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
+        """As in LawAdjoint."""
+        _, w_, _ = owed.kept
+        if self.branches is not None:
+            w_ = w_ - self.branches.pulled_back((np.sqrt(self.model.eigenvalues) * y)[None])
+        return w_.ravel(), np.zeros(len(y))
+
+    def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
+        """As in LawAdjoint."""
+        ω, (energy, _, rate_) = np.sqrt(self.model.eigenvalues), owed.kept
+        along = energy * ω * self.q_after**2 - 2 * ω * y * (self.q + self._resisting_time * self.v) + rate_ * self.v
+        if self.branches is not None:
+            along -= y * self.branches.pull[0]
+        return along, spread((y, self.v), self.model.damping)

@@ -3,6 +3,8 @@
 Ŝ:(E⁺ - E) is what the points store more. f̂ depends on v̂, so that a step is Newton's method.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -86,10 +88,24 @@ class SampledPoints(ElasticLaw):
         self.begin(q)
         (self.at if self._has_slope else self.renew)(self.velocity)
 
+    @contextmanager
+    def in_parts(self, parts: int) -> Iterator[None]:
+        """As in ElasticLaw."""
+        h, q = self._h, self._q
+        self._h, self._has_slope = h / parts, self._has_slope and parts == 1
+        try:
+            with nullcontext() if self.branches is None else self.branches.in_parts(parts):
+                yield
+        except BaseException:
+            self._q, self._has_slope = q, False
+            raise
+        finally:
+            self._h, self._has_slope, self._q_before = h, self._has_slope and parts == 1, q
+
     def begin(self, q: Array) -> None:
         """Begins a step from q (m,), without finding anything at a velocity."""
         body, self._q = self._body, q.copy()
-        self._E = body.strains(self._q)
+        self._E, self._found_at = body.strains(self._q), np.empty(0)
         self._W = energy_density(body.law, self._E, body.first_lame, body.shear)
         self._history, self._relaxation = 0.0, 0.0
         if self.branches is not None:
@@ -104,8 +120,9 @@ class SampledPoints(ElasticLaw):
         linear = body.weights * linear_stress(rates, body.first_lame, body.shear)
         S = body.weights * discrete_gradient_stress(body.law, E, after, body.first_lame, body.shear, self._W)
         S += (body.viscosity + self._relaxation) * linear + self._history
-        self._found = Found(H, after, rates, linear, S)
-        return body.resultant(H, S) + body.springs.dot(middle) + body.external_damping.dot(v)
+        self._found, self._found_at = Found(H, after, rates, linear, S), v.copy()
+        self._force: Array = body.resultant(H, S) + body.springs.dot(middle) + body.external_damping.dot(v)
+        return self._force
 
     def slope(self, v: Array, *, is_exact: bool) -> tuple[Array, Array]:
         """∂f̂/∂v̂ in two parts (m, m), at the v (m,) of the last `force`: of strains, and of their stresses that turn.
@@ -131,7 +148,8 @@ class SampledPoints(ElasticLaw):
 
     def renew(self, v: Array) -> None:
         """As in ElasticLaw; without what makes the step's equations indefinite."""
-        force, (strained, turned) = self.force(v), self.slope(v, is_exact=True)
+        force = self._force if np.array_equal(v, self._found_at) else self.force(v)
+        strained, turned = self.slope(v, is_exact=True)
         self.matrix = strained + turned
         if not is_definite(2 / self._h * np.eye(len(v)) + (self.matrix + self.matrix.T) / 2):
             self.matrix, _ = self.slope(v, is_exact=False)

@@ -1,0 +1,86 @@
+"""What acts on the shape of a held body: loads whose direction stays, those that follow it, and forces to be found."""
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.acts.followers import Follower
+from fenics_rom.runtime.steppers.acts.following import FollowingLoads
+from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
+
+
+class ShapeLoads:
+    """Of one contact mode.
+
+    Args:
+        rom: the reduced models.
+        model: of the contact mode.
+        found: forces of actuators that are found in steps; None: there are none.
+
+    Attributes:
+        found: the same.
+        followers: what inputs follow, with their places.
+        dead: forces of inputs of 1 whose direction stays, (m, p); 0 of others.
+        strokes: what those follow that are found, (n,).
+        places: of strokes that are given, in the input (k,).
+    """
+
+    def __init__(self, rom: Rom, model: ContactModel, found: FoundForces | None):
+        width = model.inputs.shape[1]
+        self.found, following, self.dead = found, FollowingLoads.of(rom, width, []), model.inputs.copy()
+        self.followers: list[tuple[int, Follower]] = [] if following is None else following.followers
+        self.strokes: list[Follower] = [] if found is None else found.followers
+        self.places = np.empty(0, dtype=int) if found is None else width + found.actuators.columns
+        self.dead[:, [column for column, _ in self.followers]] = 0.0
+
+    def force(self, u: Array, q: Array) -> Array:
+        """Generalized forces (m,) of the inputs u (p,) on the body at q."""
+        return self.with_followers(self.dead.dot(u), u, q)
+
+    def with_followers(self, dead: Array, u: Array, q: Array) -> Array:
+        """The same, where those of loads whose direction stays (m,) are known."""
+        force = dead
+        for column, follower in self.followers:
+            if size := u.item(column):
+                force = force + size * follower.force(q)
+        return force
+
+    def columns(self, q: Array) -> Array:
+        """Those of inputs of 1, (m, p)."""
+        columns = self.dead.copy()
+        for column, follower in self.followers:
+            columns[:, column] = follower.force(q)
+        return columns
+
+    def slope(self, u: Array, reactions: Array, q: Array) -> Array:
+        """∂/∂q (m, m) of the forces of the inputs, and of what is found, (n,)."""
+        slope = np.zeros((len(q), len(q)))
+        for column, follower in self.followers:
+            if size := u.item(column):
+                slope += size * follower.slope(q)
+        for reaction, stroke in zip(reactions, self.strokes, strict=True):
+            if reaction:
+                slope += reaction * stroke.slope(q)
+        return slope
+
+    def stroke_slopes(self, q: Array) -> Array:
+        """What strokes change by with q, (m, n)."""
+        return np.array([stroke.stroke_slope(q) for stroke in self.strokes]).reshape(-1, len(q)).T
+
+    def held(self, reactions: Array) -> tuple[Array, list[Follower]]:
+        """Which of the strokes that are given (n,) forces hold, and what they are of."""
+        held = np.empty(0, dtype=int) if self.found is None else self.found.actuators.held(reactions)
+        return held, [self.strokes[stroke] for stroke in held]
+
+    def without_found(self, u: Array) -> Array:
+        """An input (p,) with 0 for what is found."""
+        return u if self.found is None else self.found.actuators.split(u)[0]
+
+    def with_found(self, u: Array, reactions: Array) -> Array:
+        """An input (p,) with the forces (n,) that were found in place of strokes."""
+        if self.found is None:
+            return u
+        forces = self.without_found(u)
+        forces[self.found.actuators.columns] = reactions
+        return forces
