@@ -3,7 +3,7 @@
 import pytest
 from random_scenes import outcome
 
-FOUND = (50,)  # that broke a law once: a step began with what steps before it had left
+FOUND = (27, 50, 98)  # that broke a law once
 SEEDS = (*range(1, 21), *FOUND)
 
 

@@ -74,7 +74,7 @@ class ContactSolver:
         self._rule: NormalRule | None = None
         self._offsets, self._placed = np.empty((0, 3)), list[Array]()  # the points at rest, less these
         self._followed: Callable[[], tuple[Pairs, SolvedPairs]] | None = None  # tells of the last step, if it was
-        self._begun: tuple[Array, Array | None] = np.empty((0, 3)), None  # velocities at its start, and `swung` before
+        self._begun = b"", self.search  # velocities at its start, and what was kept of the past then
 
     @property
     def first_search(self) -> ContactSearch:
@@ -140,6 +140,8 @@ class ContactSolver:
         """
         self._considered, self._solved, self._followed, search = None, None, None, self.search
         was_steady = search.is_steady
+        if (speeds := points.velocity.tobytes()) != self._begun[0]:  # else it is asked again in the same step
+            self._begun = speeds, search
         gaps, normals = self._distances(points.displacement, obstacles.start)
         gap, w = gaps.item(gaps.argmin()), obstacles.velocities(dt)
         asked = self._asked(gaps, gap, obstacles, dt, quasi_static)
@@ -162,8 +164,6 @@ class ContactSolver:
         if not is_near and out_of_reach(gap, points, obstacles, dt):
             self._touch_nothing()
             return None
-        if not np.array_equal(points.velocity, self._begun[0]):  # else it is asked again in the same step
-            self._begun = points.velocity.copy(), self.search.swung
         pairs = self._all_pairs(*self._relative(points, obstacles, w), normals, asked, slides, settled)
         self._considered = pairs
         chosen = pairs.free[0] < pairs.level
@@ -306,7 +306,7 @@ class ContactSolver:
         if w.tobytes() != obstacles.velocities_before.tobytes():
             # What keeps touching an obstacle that accelerates has its velocity between the steps, and not yet the mean
             # one of this step. Taken for an approach, the difference would let it sink in further in every step.
-            pushed = self.search.forces.any(axis=1)
+            pushed = self._begun[1].forces.any(axis=1)
             relative = relative + pushed[:, None] * self._of_obstacles((w - obstacles.velocities_before) / 2)
         return free, relative
 
@@ -325,7 +325,7 @@ class ContactSolver:
         frames = self.search.frames_along(normals)
         free, relative = frames.turned(free, relative)
         outwards = free[0] if settled is None else settled.outwards(free[0])
-        braking = Braking(relative[1:] / 2, self._begun[1]) if slides else None
+        braking = Braking(relative[1:] / 2, self._begun[1].swung) if slides else None
         return Pairs(frames, free, relative, *asked(relative[0], outwards), braking)
 
     def _asked(self, gaps: Array, gap: float, obstacles: ObstacleMotion, dt: float, quasi_static: bool) -> Asked:

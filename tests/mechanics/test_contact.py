@@ -531,6 +531,16 @@ def test_what_is_due_is_never_out_of_reach(seed, e, share, quasi_static):
     assert contact_solver.out_of_reach(h * 10 * np.abs(along).sum(), points, motion, h)
 
 
+def test_asked_again_in_a_step_the_law_is_the_same():
+    """An iteration asks again and again: what it has pushed so far was not pushed in the step before."""
+    solver = ContactSolver(np.zeros((1, 3)), [FLOOR], ContactLaw())
+    rises = ObstacleMotion(np.zeros((1, 3)), np.array([[0.0, 0.0, 1e-3]]), np.zeros((1, 3)))  # from rest, at 1 m/s
+    still = PointMotion(*np.zeros((3, 1, 3)))
+    asked = [solver.solve(still, np.eye(3), 1e-3, rises) for _ in range(3)]
+    for found in asked:
+        np.testing.assert_allclose(found.forces, [[0.0, 0.0, 0.5]], atol=1e-12)
+
+
 def test_a_failed_search_changes_nothing(monkeypatch):
     """After an error the same step comes out as if there had been none."""
 

@@ -157,6 +157,10 @@ class SampledPoints(ElasticLaw):
 
     def close(self, v: Array, after: Array) -> float:
         """As in ElasticLaw."""
+        if not np.array_equal(v, self._found_at):  # it was corrected after the last force
+            rates = (self._body.strains(after) - self._E) / self._h
+            linear = self._body.weights * linear_stress(rates, self._body.first_lame, self._body.shear)
+            self._found = self._found._replace(rates=rates, linear=linear)
         self._q_before, self._q = self._q, after
         self.velocity = v
         return self.heat(v)
