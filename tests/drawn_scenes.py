@@ -63,14 +63,14 @@ class Drawn:
 
 def drawn(seed: int, folder: Path) -> Drawn:
     """The scene of a seed; its mesh is written to a folder."""
-    return _Draw(np.random.default_rng(seed), folder).scene(seed)
+    return _Draw(np.random.default_rng(seed), np.random.default_rng([seed, 1]), folder).scene(seed)
 
 
 class _Draw:
-    """Draws one scene."""
+    """Draws one scene; what came later is drawn beside, so that seeds keep their scenes."""
 
-    def __init__(self, random: np.random.Generator, folder: Path):
-        self.random, self.signals, self.effects = random, {}, {}
+    def __init__(self, random: np.random.Generator, beside: np.random.Generator, folder: Path):
+        self.random, self.beside, self.signals, self.effects = random, beside, {}, {}
         self.frame, self.law = self.one_of(FRAMES), self.one_of(LAWS)
         length = 10 ** random.uniform(-1.3, -0.5)
         self.size = np.array([length, length * random.uniform(0.1, 0.5), length * random.uniform(0.06, 0.3)])
@@ -237,13 +237,20 @@ class _Draw:
             return f'shape = "capsule"\nstart = {ends[0]}\nend = {ends[1]}\nradius = {radius}'
         return f'shape = "box"\ncenter = {[*middle, -gap - radius / 2]}\nsize = {[radius] * 3}'
 
+    def supports(self) -> str:
+        """What holds the body; of small strains also rollers, and a plate that is glued to its end."""
+        parts, share = ['clamped = ["left"]'] * (self.frame != "free"), self.beside.uniform(size=2)
+        if "large" not in self.law and self.frame == "held":
+            parts += ['rigid = ["right"]'] * bool(share[0] < 0.2)
+            parts += ['held = [{ surface = "front", normal = [0, 1, 0] }]'] * bool(share[1] < 0.2)
+        return "\n".join(parts)
+
     def text(self, contact: str, actuators: list[float]) -> str:
         """Of the scene, with the loads that it is trained by."""
-        clamped = self.frame != "free"
         tables = {
             "mesh": f'file = "{self.mesh}"',
             "material": f"young = {self.young}\npoisson = {self.random.uniform(0.1, 0.45)}\ndensity = {self.density}",
-            "supports": 'clamped = ["left"]' if clamped else "",
+            "supports": self.supports(),
             "contacts.tip": 'surface = "right"',
             "contacts.under": 'surface = "bottom"',
             "outputs.end": f"points = [{self.point(1, 1, 1)}]",

@@ -170,7 +170,9 @@ def begin_whole(full: FullOrderSimulator, scene: Drawn, rom: fr.Rom) -> None:
         full.stepper.place(started(twin, scene))
     q, r = twin.state
     put = getattr(full.stepper, "set_shape", full.stepper.set_state)  # in the frame
-    put(*(twin.rom.basis @ (twin.model.coordinates @ part) for part in (q, r)))
+    unknowns = full.system.body.unknowns
+    own = np.isin(unknowns.moving, unknowns.free)  # of a rigid surface others follow
+    put(*((twin.rom.basis @ (twin.model.coordinates @ part))[own] for part in (q, r)))
 
 
 @dataclass
@@ -215,7 +217,7 @@ def run(body, scene: Drawn, share: float = 1.0, parts: int = 1) -> Run:
             done.missed, booked = max(done.missed, abs(body.energy - stored - now @ [1, -1, -1, -1])), now
             done.shapes.append(body.displacement().copy())
             contact = (body.integrator.kernel if isinstance(body, fr.Simulator) else body.stepper).contact
-            if contact is not None and is_wedged(contact):
+            if contact is not None and is_wedged(contact, "rigid = " in scene.text):
                 done.wedged.append(step)
             if scene.is_alone:
                 gone = [np.abs(a - b).max() / scale for a, b in zip(body.momentum, start, strict=True)]
@@ -225,10 +227,11 @@ def run(body, scene: Drawn, share: float = 1.0, parts: int = 1) -> Run:
     return done
 
 
-def is_wedged(contact: ContactSolution) -> bool:
-    """Whether several obstacles push one point."""
-    pushed = contact.pairs[np.abs(contact.pair_forces).max(axis=1, initial=0.0) > 0] % len(contact.forces)
-    return len(set(pushed.tolist())) < len(pushed)
+def is_wedged(contact: ContactSolution, is_rigid: bool) -> bool:
+    """Whether several obstacles push one point, or what may be a rigid surface."""
+    pushing = contact.pairs[np.abs(contact.pair_forces).max(axis=1, initial=0.0) > 0]
+    obstacles, points = np.divmod(pushing, len(contact.forces))
+    return len(set(points.tolist())) < len(points) or (is_rigid and len(set(obstacles.tolist())) > 1)
 
 
 def _sums(body) -> Array:
