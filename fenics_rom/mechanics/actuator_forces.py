@@ -63,6 +63,9 @@ class ActuatorForces:
         names: of the k actuators whose strokes are given, in the order of the input.
         guides: names of all guides' tendons, and how many from its anchor each is.
         columns: (n,) of all forces in the input, counted from its end, so that they hold in every contact mode.
+        chains: of each tendon with guides: which stroke it is (or none), its column, and its guides from where it is
+            pulled.
+        friction: μ at guides (n,), 0 of strokes.
     """
 
     def __init__(self, controls: Mapping[str, str], guides: "Mapping[str, Guide]", widths: Mapping[str, int]):
@@ -73,12 +76,11 @@ class ActuatorForces:
         pulling = np.array([controls[name] == "length" for name in self.names], dtype=bool)
         self._least = np.concatenate([np.where(pulling, 0.0, -unbounded), np.zeros(len(guides))])
         self._most = np.concatenate([unbounded, np.zeros(len(guides))])
-        self._friction = np.array([*(0.0 for _ in self.names), *(guide.friction for guide in guides.values())])
+        self.friction = np.array([*(0.0 for _ in self.names), *(guide.friction for guide in guides.values())])
         self._angles = np.array([*(0.0 for _ in self.names), *(guide.angle for guide in guides.values())])
         tendons = [guide.tendon for guide in guides.values()]
         self.guides = tuple((tendon, tendons[:i].count(tendon) + 1) for i, tendon in enumerate(tendons))
-        # Of each tendon with guides: which stroke it is (or none), its column, and its guides from where it is pulled.
-        self._chains: list[tuple[int | None, int, Array]] = [
+        self.chains: list[tuple[int | None, int, Array]] = [
             (
                 self.names.index(tendon) if tendon in self.names else None,
                 starts[tendon],
@@ -151,7 +153,7 @@ class ActuatorForces:
                 return found_at_once
         is_guide, diagonal = self._is_guide, W.diagonal()
         idle = is_guide & (diagonal <= ROUND_OFF * diagonal.max())  # the cable before such a guide moves nothing
-        bends = self._friction * (self._angles if angles is None else angles)
+        bends = self.bends(angles)
         sides, targets = np.where(idle, -1, self._sides(u, before, bends)), targets.copy()
         beyond = np.zeros_like(rates)  # what is at a bound, as contact was last found with it
         contact, added = None, np.zeros_like(rates)
@@ -224,17 +226,22 @@ class ActuatorForces:
 
     def within(self, u: Array, z: Array, angles: Array | None = None) -> Array:
         """Which of the forces (h,) are within their bounds, so that strokes go as they are to; see `solve`."""
-        return np.flatnonzero(self._sides(u, z, self._friction * (self._angles if angles is None else angles)) == 0)
+        return np.flatnonzero(self._sides(u, z, self.bends(angles)) == 0)
 
     def parts(self, columns: Array, z: Array) -> tuple[Array, Array]:
         """Generalized forces (m,) of the strokes that are given, and of guides, of columns (m, n) and forces (n,)."""
         k = len(self.names)
         return columns[:, :k].dot(z[:k]), columns[:, k:].dot(z[k:])
 
-    def _tensions(self, u: Array, z: Array) -> Array:
+    def bends(self, angles: Array | None) -> Array:
+        """μα at guides (n,), of angles (n,), rad; None: those at rest."""
+        bends: Array = self.friction * (self._angles if angles is None else angles)
+        return bends
+
+    def tensions(self, u: Array, z: Array) -> Array:
         """Of cables ahead of their guides (n,), N, under forces z (n,); 0 of strokes."""
         tensions = np.zeros_like(z)
-        for stroke, column, guides in self._chains:
+        for stroke, column, guides in self.chains:
             changes = z[guides].cumsum()
             changes -= z[guides]
             tensions[guides] = np.maximum(max(u[column] if stroke is None else z[stroke], 0.0) + changes, 0.0)
@@ -242,7 +249,7 @@ class ActuatorForces:
 
     def _bounds(self, u: Array, z: Array, bends: Array) -> tuple[Array, Array]:
         """The least and the most (n,) that forces can be, with the tensions that z (n,) leads to."""
-        tensions = self._tensions(u, z)
+        tensions = self.tensions(u, z)
         return self._least + tensions * np.expm1(-bends), self._most + tensions * np.expm1(bends)
 
     def _sides(self, u: Array, z: Array, bends: Array) -> Array:
@@ -258,7 +265,7 @@ class ActuatorForces:
         share, column = np.expm1(turned), np.full(len(sides), -1)
         column[unknown] = np.arange(len(unknown))
         E, e = np.zeros((len(sides), len(unknown))), np.zeros(len(sides))
-        for stroke, at, guides in self._chains:
+        for stroke, at, guides in self.chains:
             left = np.exp(turned[guides].cumsum())  # of the tension, behind each guide
             ahead = left * np.exp(-turned[guides])
             added = np.flatnonzero(column[guides] >= 0)

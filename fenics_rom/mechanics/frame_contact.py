@@ -292,7 +292,8 @@ class Held(NamedTuple):
         actuators = actuated.found
         assert actuators is not None
         rates, by_z, spread, angles = actuated.found_at(x)
-        return cls(actuators, spread, actuators.actuators.compliance(by_z), rates - by_z.dot(z), angles)
+        guide = (by_z + by_z.T) / 2  # so that strokes go as they are to where sweeps end, also of bodies that turn
+        return cls(actuators, spread, actuators.actuators.compliance(by_z), rates - guide.dot(z), angles)
 
     def solve(self, before: Array) -> Array:
         """z where nothing touches, from those before."""

@@ -25,6 +25,22 @@ def turning_angles(points: Array) -> Array:
     return np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), np.einsum("ki,ki->k", one, other))
 
 
+def turning_slopes(points: Array) -> Array:
+    """What these angles change by with points, (K - 2, K, 3), rad/m; 0 where the cable goes straight on."""
+    segments, lengths = measure_segments(points)
+    directions = segments / lengths
+    one, other, slopes = directions[:-1], directions[1:], np.zeros((len(points) - 2, *points.shape))
+    along = np.einsum("ki,ki->k", one, other)[:, None]
+    sine = np.linalg.norm(np.cross(one, other), axis=1)[:, None]
+    inverse = np.divide(1.0, sine, out=np.zeros_like(sine), where=sine > 0)
+    by_first, by_second = inverse * (along * one - other) / lengths[:-1], inverse * (along * other - one) / lengths[1:]
+    guides = np.arange(len(slopes))
+    slopes[guides, guides] = -by_first
+    slopes[guides, guides + 1] = by_first - by_second
+    slopes[guides, guides + 2] = by_second
+    return slopes
+
+
 def sum_end_forces(tensions: Array) -> Array:
     """Forces (K, 3) on the points, of which each segment pulls its ends together by the vectors (K - 1, 3)."""
     forces = np.zeros((len(tensions) + 1, 3))

@@ -118,6 +118,12 @@ class MaxwellBranches:
         heat = self._sum_squares(c.viscous, c.kept * before + c.moved * rate)
         return heat + self._sum_squares(c.numerical, self.state - before) if c.numerical.any() else heat
 
+    @property
+    def coefficients(self) -> tuple[tuple[Array, Array, Array], Array]:
+        """As of PronySeries, in the steps that are taken, (N,) each, and the stiffness ratios g."""
+        c = self._step
+        return (c.pull.ravel(), c.decay.ravel(), c.gain.ravel()), np.array(self._series.ratios)
+
     def adjoint(self) -> "BranchesAdjoint":
         """The last step, to go back through."""
         return BranchesAdjoint(self._series, self._step, self.before, self.state)

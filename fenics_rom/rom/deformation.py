@@ -23,7 +23,13 @@ from fenics_rom.mechanics.hyperelastic import (
     strain,
     stress,
 )
-from fenics_rom.mechanics.tendon import cable_length, measure_segments, turning_angles, unit_tension_slopes
+from fenics_rom.mechanics.tendon import (
+    cable_length,
+    measure_segments,
+    turning_angles,
+    turning_slopes,
+    unit_tension_slopes,
+)
 from fenics_rom.rom.content import ByContent
 
 _UNIT = np.eye(3)
@@ -64,6 +70,11 @@ class ReducedTendon(ByContent):
     def angles(self, q: Array) -> Array:
         """By which it turns at each guide (K - 2,), rad."""
         return turning_angles(self._moved(q))
+
+    def angle_slopes(self, q: Array) -> Array:
+        """What these change by with q, (K - 2, m)."""
+        slopes = turning_slopes(self._moved(q))
+        return slopes.reshape(len(slopes), self.shapes.shape[0]) @ self.shapes
 
     def up_to(self, guide: int) -> "ReducedTendon":
         """From its anchor to a guide, the first of which is 1."""

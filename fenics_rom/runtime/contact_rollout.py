@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Frames, KeptLaw
 from fenics_rom.runtime.kept_contact import SAME_NORMALS, KeptContactMap, KeptPairs, KeptSteps, Meeting, leading
-from fenics_rom.runtime.steppers.residual_motion import strained_back
+from fenics_rom.runtime.steppers.residual_maps import strained_back
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface

@@ -27,7 +27,7 @@ from fenics_rom.mechanics.contact_pairs import NormalRule
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.midpoint_map import compliance
-from fenics_rom.runtime.steppers.residual_motion import ResidualMaps
+from fenics_rom.runtime.steppers.residual_maps import ResidualMaps
 
 MOST_CORRECTIONS = 5  # of the forces of all steps
 LEAST_REDUCTION = 0.1  # of the error of the first step that is not solved, for another correction to pay

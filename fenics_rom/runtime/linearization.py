@@ -24,7 +24,7 @@ from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.step_derivative import differentiate_step, guides_of
 from fenics_rom.runtime.step_state import StepState
-from fenics_rom.runtime.steppers.residual_motion import strained_back
+from fenics_rom.runtime.steppers.residual_maps import strained_back
 from fenics_rom.trajectory.trajectory import Trajectory
 
 PULLS = 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3  # m: strokes by which a cable is taut

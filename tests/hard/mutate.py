@@ -46,14 +46,14 @@ WANTED = 0.95
 HUNG = 300  # s; a fault that makes a loop endless is found, too
 
 MUTATIONS = [
-    ("runtime/steppers/balance_adjoint.py", "right[:m] += 2 * r_", "right[:m] += r_"),
-    ("runtime/steppers/balance_adjoint.py", "right[:m] += push", "pass"),
-    ("runtime/steppers/balance_adjoint.py", "self.contact.through(W).pull_back", "self.contact.pull_back"),
-    ("runtime/steppers/balance_adjoint.py", "- held.by_shape.T @ η", "+ held.by_shape.T @ η"),
-    ("runtime/steppers/balance_adjoint.py", "+= (1 - share) * by_goal", "+= share * by_goal"),
+    ("runtime/steppers/held_part.py", "self.h * place_ + 2 * velocity_", "self.h * place_ + velocity_"),
+    ("runtime/steppers/parted_adjoint.py", "further + ŝ_ @ mean.x", "further + 0 * ŝ_ @ mean.x"),
+    ("runtime/steppers/parted_adjoint.py", "touch.contact.through(W, by_start)", "touch.contact"),
+    ("runtime/steppers/parted_adjoint.py", "-= η @ found.by_shape", "+= η @ found.by_shape"),
+    ("runtime/steppers/parted_adjoint.py", "(1 - share) * by_goal", "share * by_goal"),
     ("runtime/steppers/frame_slopes.py", "sign / h * spin - spun", "sign / h * spin + spun"),
     ("runtime/steppers/frame_slopes.py", "np.cross(at.v, at.ω)", "np.cross(at.ω, at.v)"),
-    ("runtime/steppers/frame_adjoint.py", "np.linalg.solve(K.T, x_[own])", "np.linalg.solve(K, x_[own])"),
+    ("runtime/steppers/parted_adjoint.py", "np.linalg.solve(whole.T,", "np.linalg.solve(whole,"),
     ("mechanics/surface_points.py", "np.linalg.solve(J, ", "np.linalg.solve(J.T + J, "),
     ("world/surfaces.py", "shares * (moments @", "(moments @"),
     (

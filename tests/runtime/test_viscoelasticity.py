@@ -323,9 +323,10 @@ def test_run_may_relax_otherwise_or_not_at_all(mesh, rom):
     assert len({round(value, 9) for value in tips}) == 3
 
 
-def test_what_has_no_branches_says_so(rom):
-    with pytest.raises(StructureError, match="materials that relax"):
-        fr.differentiate(fr.Simulator(rom, 1e-3), np.zeros((2, 3)), lambda outputs, energies: (0.0, {}, None))
+def test_gradient_does_not_go_through_switches_of_branches(rom):
+    body, (first, second, *_) = fr.Simulator(rom, 1e-3), rom.contact_models
+    with pytest.raises(StructureError, match="materials that relax: switches of contact modes are not differentiated"):
+        fr.differentiate(body, np.zeros((2, 3)), lambda *_: (0.0, {}, None), contact=[first, second])
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ def differentiate(
 
     Args:
         body: with small strains or large deformation, by any steps, or from equilibrium to equilibrium; with contact,
-            strokes and switches or without; or free, or carried by a base, with small strains.
+            strokes and switches or without; held, free, or carried by a base.
         inputs, contact, dt: of each step, as in `Simulator.rollout`.
         objective: gets the displacements of outputs by name, m, (steps, points, 3), and the stored energies (steps,),
             J, after each step; returns J, its derivatives with each output, by name, and with each energy (None: 0).

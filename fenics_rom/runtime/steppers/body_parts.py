@@ -50,7 +50,7 @@ def parts_of(
     if actuators is not None:
         from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
 
-        found = FoundForces(rom, model, actuators)
+        found = FoundForces(rom.deformation, model, actuators)
     if rom.deformation is None:
         if series is not None:
             from fenics_rom.runtime.steppers.elastic.linear import RelaxingLinear

@@ -25,12 +25,13 @@ from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleM
 from fenics_rom.mechanics.contact_search import TangentPlanes
 from fenics_rom.mechanics.followed_contact import Followed, LawToFollow
 from fenics_rom.rom.midpoint_map import compliance
-from fenics_rom.runtime.steppers.adjoint import check_is_differentiated, contact_adjoint
+from fenics_rom.runtime.steppers.adjoint import contact_adjoint
 from fenics_rom.runtime.steppers.contact_interface import CONTACT, MOTION
 from fenics_rom.runtime.steppers.followed_points import FollowedPoints, LinearBody, PairsBegun
 from fenics_rom.runtime.steppers.kernel import BookedKernel, ContactWorks, StepWork, symmetric
 from fenics_rom.runtime.steppers.residual_motion import operator_of
 from fenics_rom.runtime.steppers.steady_pairs import SteadyPairs
+from fenics_rom.runtime.steppers.taken_step import found_taken, linear_taken, residual_taken
 
 # A step without contact: G u, the same with elasticity and inertia, N kg^-1/2, and v̂, (m,) each.
 _Step = tuple[Array, Array, Array]
@@ -38,7 +39,7 @@ _Step = tuple[Array, Array, Array]
 FEWEST_KEPT_PAIRS, MOST_KEPT_NUMBERS = 4, 400_000  # sets of pairs that were followed last, and of their matrices
 
 if TYPE_CHECKING:
-    from fenics_rom.runtime.steppers.midpoint_adjoint import MidpointAdjoint
+    from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
 
 
 class FollowedWork(NamedTuple):
@@ -292,25 +293,27 @@ class ContactMidpoint(BookedKernel):
 
     def check_differentiable(self) -> None:
         """As in Kernel."""
-        check_is_differentiated(self._actuators, self.branches)
 
-    def adjoint(self, u: Array) -> "MidpointAdjoint":
+    def adjoint(self, u: Array) -> "PartedAdjoint":
         """As in Kernel."""
-        from fenics_rom.runtime.steppers.midpoint_adjoint import MidpointAdjoint, MidpointMaps, MidpointStrokes
+        from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
+        from fenics_rom.runtime.steppers.held_part import HeldPart
+        from fenics_rom.runtime.steppers.parted_adjoint import Ends, PartedAdjoint
 
+        h, ρ, given = self.h, len(self._rigid_displacement), None
+        (e, r), (_, r_after) = self._state_before.reshape(2, -1).copy(), self.state.reshape(2, -1).copy()
+        q, q_after, v = e * self._inverse_ω, self._coordinates().copy(), (r + r_after) / 2
+        q[:ρ] = self._rigid_before
         contact, is_kink = contact_adjoint(self._interface)
-        residual, rows = None, None
-        if self.residual is not None:
-            residual, rows = self.residual.maps, self.residual.state.reshape(4, -1).copy()
-        a, strokes = self._a, None
+        (residual, rows), found = residual_taken(self.residual), None
         if self._actuators is not None:
-            held = self._actuators.held(self.reactions)
-            columns, spread = self._columns[:, held], self._spread[:, held]
-            targets = np.linalg.solve(columns.T @ spread, spread.T)
-            a = (np.diag(a) if a.ndim == 1 else a) - spread @ targets
-            strokes = MidpointStrokes(self._actuators.columns + len(u), held, columns, targets)
-        maps = MidpointMaps(self._model, self.h, a, self._Sᵀ, residual, strokes)
-        return MidpointAdjoint(maps, self._state_before.copy(), self.state.copy(), rows, contact, is_kink)
+            of = FoundForces(None, self._model, self._actuators)
+            found, given = found_taken(of, u, self.reactions, (h, q, r, v, q)), of.stroke_slopes(q).T
+        law = linear_taken(self._model, h / 2, q, q_after, v, self.branches)
+        columns = self._model.inputs
+        part = HeldPart(h, 2 / h, law, columns, None, 0.0, found, self._Sᵀ, contact, residual, r_after)
+        ends = Ends(self._model.safe_frequencies, ρ, q, q_after, rows)
+        return PartedAdjoint((part,), ends, is_kink, given, rows_first=True)
 
 
 def _applied(matrix: Array, columns: Array) -> Array:

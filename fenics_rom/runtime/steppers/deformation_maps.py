@@ -13,7 +13,7 @@ from fenics_rom.mechanics.hyperelastic import linear_stress, strain, strain_rate
 from fenics_rom.rom.carried_strains import MonomialStrains, PointStrains
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.runtime.steppers.acts.followers import Follower
-from fenics_rom.runtime.steppers.residual_motion import ResidualMaps
+from fenics_rom.runtime.steppers.residual_maps import ResidualMaps
 
 UNIT = np.eye(3)[:, :, None]
 

@@ -10,10 +10,12 @@ from fenics_rom.runtime.steppers.frame_kernel import FrameKernel
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_slopes import InertiaSlopes, Moving, StepTurn
 from fenics_rom.runtime.steppers.frame_state import FrameState
+from fenics_rom.runtime.steppers.taken_step import found_taken, linear_taken, residual_taken
 
 if TYPE_CHECKING:
-    from fenics_rom.runtime.steppers.elastic.linear import LinearAdjoint
-    from fenics_rom.runtime.steppers.frame_adjoint import FrameAdjoint
+    from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
+    from fenics_rom.runtime.steppers.frame_adjoint import TouchedPoints
+    from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
 
 
 class DifferentiableFrame(FrameKernel):
@@ -24,57 +26,15 @@ class DifferentiableFrame(FrameKernel):
 
     def check_differentiable(self) -> None:
         """As in Kernel."""
-        refused = {
-            "strokes in a moving frame": self._found is not None,
-            "a moving frame of a body that deforms largely": self._following is not None or self._extent is not None,
-            "contact in a moving frame of a material that relaxes": self._relaxes_beyond,
-        }
-        for what, there in refused.items():
-            if there:
-                raise StructureError(f"{what}: its steps are not differentiated")
-
-    @property
-    def _relaxes_beyond(self) -> bool:
-        """Whether what contact points yield beyond the basis relaxes."""
-        return self.residual is not None and self.branches is not None
+        if self._following is not None and self._following.rims:
+            raise StructureError("pressure on an open surface in a moving frame: its steps are not differentiated")
+        if self.elastic is not None and not self.elastic.tells_slopes:
+            raise StructureError("strains that are carried along in a moving frame: their steps are not differentiated")
 
     @property
     def _turned_by(self) -> StepTurn:
         """How the frame turned in the last step."""
         raise NotImplementedError
-
-    def adjoint(self, u: Array) -> "FrameAdjoint":
-        """As in Kernel."""
-        from fenics_rom.runtime.steppers.frame_adjoint import FrameAdjoint, FrameParts, TouchedPoints
-
-        step, residual = self._turned_by, self.residual
-        before, after = self._motion_of(self._frame_before, self._now_before), self._motion_of(self.frame, self._now)
-        (e, r), (e_after, r_after) = self._state_before.reshape(2, -1), self.state.reshape(2, -1)
-        ends = (
-            Moving(*before, e * self._inverse_ω, r.copy()),
-            Moving(*after, e_after * self._inverse_ω, r_after.copy()),
-        )
-        law = self._plain_adjoint(ends) if self.elastic is None else self.elastic.adjoint()
-        parts = FrameParts(
-            self._model,
-            InertiaSlopes(self._constants, self._second),
-            self._loads,
-            self.ties,
-            None if residual is None else residual.maps,
-        )
-        contact, is_kink = contact_adjoint(self._interface)
-        touched = None
-        if contact is not None and self.contact is not None:
-            rate, places = (r + r_after) / 2, self.points.rest + self.points.moved(ends[0].q)
-            inside, start = self.points.moved(rate), self.points.moved(r)
-            if residual is not None:
-                _, y, _, ẏ = residual.before.reshape(4, -1, 3)
-                places, start = places + y, start + ẏ
-                inside = inside + (residual.displacement - y) / self.h
-            rows = self.points.rows
-            touched = TouchedPoints(rows, places, inside, start, before[2], self.contact.forces, contact)
-        rows_after = None if residual is None else residual.state.reshape(4, -1).copy()
-        return FrameAdjoint(parts, step, ends, self._acting_forces, law, rows_after, touched, is_kink)
 
     def _motion_of(self, frame: FrameState, motion: Any) -> tuple[Array, Array, Array]:
         """Position and velocity of the origin, and angular velocity, at one end of the last step."""
@@ -85,9 +45,44 @@ class DifferentiableFrame(FrameKernel):
         """What acted in the frame in the last step."""
         raise NotImplementedError
 
-    def _plain_adjoint(self, ends: tuple[Moving, Moving]) -> "LinearAdjoint":
-        """Of small strains of a material that does not relax."""
-        from fenics_rom.runtime.steppers.elastic.linear import LinearAdjoint
+    def adjoint(self, u: Array) -> "PartedAdjoint":
+        """As in Kernel."""
+        from fenics_rom.runtime.steppers.frame_adjoint import Acting, FramePart
+        from fenics_rom.runtime.steppers.parted_adjoint import Ends, PartedAdjoint
 
-        before, after = ends
-        return LinearAdjoint(self._model, self.h, before.q, after.q, (before.r + after.r) / 2, None)
+        before, after = self._motion_of(self._frame_before, self._now_before), self._motion_of(self.frame, self._now)
+        (e, r), (e_after, r_after) = self._state_before.reshape(2, -1), self.state.reshape(2, -1)
+        start = Moving(*before, e * self._inverse_ω, r.copy())
+        end = Moving(*after, e_after * self._inverse_ω, r_after.copy())
+        v, (residual, rows_after) = (r + r_after) / 2, residual_taken(self.residual)
+        middle, reach = start.q + self.h / 2 * v, self.h / 2
+        acting = Acting(self._loads, self._acting_forces, self._following, self._acting, middle, reach, self.ties)
+        contact, is_kink = contact_adjoint(self._interface)
+        moved = self.h / 2, start.q, end.q, v
+        part = FramePart(
+            InertiaSlopes(self._constants, self._second),
+            self._turned_by,
+            (start, end),
+            acting,
+            self.elastic.adjoint() if self.elastic is not None else linear_taken(self._model, *moved, None),
+            found_taken(self._found, u, self.reactions, (self.h, start.q, r.copy(), v, middle)),
+            residual,
+            None if contact is None else self._touched_points(contact, start, v),
+        )
+        ends, given = Ends(self._model.safe_frequencies, 0, start.q, end.q, rows_after), None
+        if self._found is not None:
+            given = self._found.stroke_slopes(start.q).T
+        return PartedAdjoint((part,), ends, is_kink, given)
+
+    def _touched_points(self, contact: "ContactAdjoint", start: Moving, v: Array) -> "TouchedPoints | None":
+        from fenics_rom.runtime.steppers.frame_adjoint import TouchedPoints
+
+        if self.contact is None:
+            return None
+        places, kept = self.points.rest + self.points.moved(start.q), self.points.moved(start.r)
+        inside = self.points.moved(v)
+        if self.residual is not None:
+            _, y, _, ẏ = self.residual.carried_before[:4].reshape(4, -1, 3)
+            places, kept = places + y, kept + ẏ
+            inside = inside + (self.residual.displacement - y) / self.h
+        return TouchedPoints(self.points.rows, places, inside, kept, start.ω, self.contact.forces, contact)

@@ -15,8 +15,10 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.runtime.steppers.adjoint import contact_adjoint
 from fenics_rom.runtime.steppers.definite import is_definite
+from fenics_rom.runtime.steppers.elastic.sampled import RestingAdjoint
 from fenics_rom.runtime.steppers.held import MAX_ITERATIONS, MAX_PARTS, HeldBody, is_solved
 from fenics_rom.runtime.steppers.held_adjoint import Part
+from fenics_rom.runtime.steppers.held_part import HeldPart
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 
 if TYPE_CHECKING:
@@ -80,7 +82,7 @@ class Equilibrium(HeldBody):
             residual, of_residual = self._step_residual_at_rest(contact)
             contacts = self._contacts_at_rest(moved, contact, obstacles, residual)
             self._leave(StepWork(supplied + of_residual, rubbed_away, contacts, numerical))
-            self.taken = (Part(self.h, start, self._r, moved / self.h, reactions, self._contact_step, maps),)
+            self.taken = (Part(self.h, start, self._r, moved / self.h, reactions, self._contact_step, maps, None),)
             np.multiply(q, self._ω, self._e)
             self.contact, self.reactions = contact, reactions
             assert self._extent is not None
@@ -140,15 +142,16 @@ class Equilibrium(HeldBody):
 
     def adjoint(self, u: Array) -> "StepAdjoint":
         """As in Kernel."""
-        from fenics_rom.runtime.steppers.balance_adjoint import BalancedPart, HeldStrokes
+        from fenics_rom.runtime.steppers.acts.found_slopes import FoundIn
 
-        (h, _, _, _, reactions, solved, residual), q = self.taken[0], self._coordinates().copy()
+        (h, start, r, v, reactions, solved, residual, _), q = self.taken[0], self._coordinates().copy()
         contact, is_kink = contact_adjoint(self._interface, solved)
-        tangent = self._body.tangent(q) - self.loads.slope(self.loads.without_found(u), reactions, q)
-        which, strokes = self.loads.held(reactions)
-        columns = np.array([stroke.force(q) for stroke in strokes]).reshape(-1, len(q)).T
-        moved = self.loads.stroke_slopes(q)[:, which].T
-        held = HeldStrokes(columns, h * moved, moved, 0 * moved, -1.0)  # strokes are what is given
-        inputs = self.loads.columns(q)
-        part = BalancedPart(h, 0.0, h * tangent, tangent, inputs, held, self._Sᵀ, contact, residual)
-        return self._balance_adjoint([part], [reactions], is_kink)
+        found, forces = None, self.loads.without_found(u)
+        if self._found is not None:
+            found = FoundIn(self._found, forces, reactions, h, start, r, v, q).resting_slopes()
+        law, turned = (
+            RestingAdjoint(self._body.tangent(q), h, self._body.force(q)),
+            self.loads.slope(forces, reactions, q),
+        )
+        part = HeldPart(h, 0.0, law, self.loads.all_columns(q), turned, h, found, self._Sᵀ, contact, residual, 0 * q)
+        return self._parted_adjoint([part], is_kink)

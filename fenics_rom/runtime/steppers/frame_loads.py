@@ -12,7 +12,8 @@ from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.frame_points import FramePoints
-from fenics_rom.runtime.steppers.frame_slopes import SPIN, PointsMoved, Slopes, StepTurn
+from fenics_rom.runtime.steppers.frame_slopes import SPIN, PointsMoved, StepTurn
+from fenics_rom.runtime.steppers.slopes import Slopes
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.environment import Environment

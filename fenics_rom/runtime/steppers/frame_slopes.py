@@ -21,20 +21,9 @@ from fenics_rom.mechanics.frame_motion import cross_matrix
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.inertia import contraction, pairs
+from fenics_rom.runtime.steppers.slopes import Slopes
 
 SPIN = slice(3, 6)  # columns of δφ, ω and ω̂
-
-
-class Slopes(NamedTuple):
-    """Of a vector (n,), (n, k) each."""
-
-    place: Array
-    velocity: Array  # at the start
-    x: Array
-
-    def with_(self, other: "Slopes", share: float = 1.0) -> "Slopes":
-        """Both together, of others a share."""
-        return Slopes(*(mine + share * theirs for mine, theirs in zip(self, other, strict=True)))
 
 
 class StepTurn(NamedTuple):

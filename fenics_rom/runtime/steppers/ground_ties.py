@@ -26,7 +26,8 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
 from fenics_rom.mechanics.frame_motion import Rotation, Vector, cross_matrix
 from fenics_rom.rom.moving_frame import MovingFrame
-from fenics_rom.runtime.steppers.frame_slopes import Moving, Slopes, StepTurn
+from fenics_rom.runtime.steppers.frame_slopes import Moving, StepTurn
+from fenics_rom.runtime.steppers.slopes import Slopes
 
 SAME_TURN = 1e-14  # of entries of R*ᵀ R⁺: round-off
 AXES = np.stack([cross_matrix(axis) for axis in np.eye(3)])  # e_k~

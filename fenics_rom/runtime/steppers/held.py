@@ -261,8 +261,9 @@ class HeldBody(HeldAdjoint):
                 start = start._replace(obstacles=obstacles.part(part / parts, 1 / parts, self.h))
             solved = self._iterated(law, goal, start)
             maps = None if self.residual is None else self.residual.maps
-            taken.append(Part(h, start.q, start.r, solved.v, solved.reactions, self._contact_step, maps))
             e, q, work = self._taken(law, start.q, h, solved)
+            branches = None if self.branches is None else self.branches.adjoint()
+            taken.append(Part(h, start.q, start.r, solved.v, solved.reactions, self._contact_step, maps, branches))
             works.append(work)
             start = start._replace(q=q, r=solved.v + solved.v - start.r, reactions=solved.reactions)
         work = StepWork(

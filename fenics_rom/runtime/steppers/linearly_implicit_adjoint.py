@@ -22,7 +22,7 @@ from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
 from fenics_rom.runtime.steppers.adjoint import NONE, Reads, StateAdjoint, StepSlopes
 from fenics_rom.runtime.steppers.deformation_maps import LinearlyImplicitMaps, Slope, Taken
 from fenics_rom.runtime.steppers.expected_velocity import ExpectedVelocity
-from fenics_rom.runtime.steppers.residual_motion import strained_back
+from fenics_rom.runtime.steppers.residual_maps import strained_back
 
 
 class LinearlyImplicitAdjoint(NamedTuple):

@@ -18,11 +18,12 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ObstacleMotion
-from fenics_rom.runtime.steppers.adjoint import check_is_differentiated, contact_adjoint
+from fenics_rom.runtime.steppers.adjoint import contact_adjoint
 from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork, symmetric
+from fenics_rom.runtime.steppers.taken_step import residual_taken
 
 if TYPE_CHECKING:
-    from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint
+    from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
 
 
 class QuasiStatic(BookedKernel):
@@ -73,26 +74,29 @@ class QuasiStatic(BookedKernel):
 
     def check_differentiable(self) -> None:
         """As in Kernel."""
-        check_is_differentiated(self._actuators, self.branches)
 
-    def adjoint(self, u: Array) -> "BalanceAdjoint":
+    def adjoint(self, u: Array) -> "PartedAdjoint":
         """As in Kernel."""
-        from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint, BalancedPart, HeldStrokes, StrokesGiven
+        from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
+        from fenics_rom.runtime.steppers.acts.found_slopes import FoundIn
+        from fenics_rom.runtime.steppers.elastic.linear import LinearAdjoint
+        from fenics_rom.runtime.steppers.held_part import HeldPart
+        from fenics_rom.runtime.steppers.parted_adjoint import Ends, PartedAdjoint
 
-        h, γ, m = self.h, self._model.eigenvalues, self._model.order
-        B, places, held = np.empty((m, 0)), np.empty(0, dtype=int), np.empty(0, dtype=int)
-        if self._actuators is not None:
-            B, places, held = self._columns, self._actuators.columns + len(u), self._actuators.held(self.reactions)
-        columns = B[:, held]
-        strokes = HeldStrokes(columns, h * columns.T, columns.T, 0 * columns.T, -1.0)  # strokes are what is given
-        contact, is_kink = contact_adjoint(self._interface)
-        residual, rows = None, None
-        if self.residual is not None:
-            residual, rows = self.residual.maps, self.residual.state.reshape(4, -1).copy()
-        part = BalancedPart(
-            h, 0.0, np.diag(h * γ), np.diag(γ), self._model.inputs, strokes, self._Sᵀ, contact, residual
+        h, q, q_after, given = (
+            self.h,
+            self._state_before[: len(self._e)] * self._inverse_ω,
+            self._e * self._inverse_ω,
+            None,
         )
-        q, q_after = self._state_before[:m] * self._inverse_ω, self._e * self._inverse_ω
-        of_stored = self._ω * self._e
-        given = StrokesGiven(places, B)
-        return BalanceAdjoint([part], [held], given, self._ω, of_stored, q, q_after, 0 * q, rows, is_kink, True)
+        v, r, found, columns = (q_after - q) / h, 0 * q, None, self._model.inputs
+        contact, is_kink = contact_adjoint(self._interface)
+        if self._actuators is not None:
+            of = FoundForces(None, self._model, self._actuators)
+            forces, given = self._actuators.split(u)[0], of.stroke_slopes(q).T
+            found = FoundIn(of, forces, self.reactions, h, q, r, v, q_after).resting_slopes()
+        residual, rows = residual_taken(self.residual)
+        law = LinearAdjoint(self._model, np.zeros(len(q)), h, q, q_after, v, None)
+        part = HeldPart(h, 0.0, law, columns, None, 0.0, found, self._Sᵀ, contact, residual, r)
+        ends = Ends(self._model.safe_frequencies, 0, q, q_after, rows)
+        return PartedAdjoint((part,), ends, is_kink, given, rows_first=True)

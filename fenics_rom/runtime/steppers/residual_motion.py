@@ -27,6 +27,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.contact import ContactSolution, moved_by
 from fenics_rom.rom.residual_part import ResidualPart, residual_part, strained_points
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.residual_maps import ResidualMaps
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
@@ -49,52 +50,6 @@ def relaxation(h: float, τ: float, β: float, stiffening_time: float = 0.0) -> 
     return Relaxation(inertia, inertia + β + elastic + stiffening_time, β + elastic - h / 2)
 
 
-class ResidualMaps(NamedTuple):
-    """A residual part in steps of one length, transposed: of derivatives with its rows [g, y, ġ, ẏ] (4, 3P)."""
-
-    step: Array  # (6, 6): the rows after a step, then ġ and ẏ in it, from those before, f and R f
-    added: Array  # (3, 4): displacement, velocity and free mid-step velocity of the points from the rows
-    part: ResidualPart
-    τ: float  # s
-    heat: float  # of ġ̂ᵀ R ġ̂, that a step dissipates, s²
-
-    def pull_back(self, after: Array) -> tuple[Array, Array]:
-        """Those before a step, and those with the forces (3P,), from those after it."""
-        rows = self.step[:4].T @ after
-        return rows[:4], rows[4] + self.part.compliance @ rows[5]
-
-    @property
-    def delassus(self) -> Array:
-        """As ResidualMotion.delassus."""
-        return self.step[5, 5] * self.part.compliance
-
-    def of_points(self, moved: Array) -> Array:
-        """Those of what it adds to displacement, velocity and free mid-step velocity of the points, (3, 3P)."""
-        return self.added.T @ moved
-
-    def of_energy(self, rows: Array) -> Array:
-        """Those of what is stored."""
-        g, y, ġ, ẏ = rows
-        return np.array([y, g, self.τ**2 * ẏ, self.τ**2 * ġ]) / 2
-
-
-def strained_back(part: ResidualPart, slope: Array) -> Array:
-    """Derivatives with g (3P,) from those with what of it lies in the shared basis, (k - rigid,)."""
-    by_force: Array = part.points[:, : len(slope)] @ slope - part.basis_points @ (part.basis.T @ slope)
-    return by_force
-
-
-def carried_back(part: ResidualPart, y: Array, most: float, after: Array) -> tuple[Array, float]:
-    """Derivatives with y (3P,) and `most` from those with g and R g, (2, 3P), that a switch makes of them."""
-    w, to_w = part.inverse_root @ y, part.inverse_root @ (after[0] + part.compliance @ after[1])
-    square, by_most = float(w @ w), 0.0
-    if square > most:
-        share, along = np.sqrt(max(most, 0.0) / square), float(to_w @ w)
-        by_most = along * share / (2 * most) if most > 0 else 0.0
-        to_w = share * (to_w - along / square * w)
-    return to_w @ part.inverse_root, by_most
-
-
 class ResidualMotion:
     """The residual part of the displacement, in one contact mode.
 
@@ -107,6 +62,8 @@ class ResidualMotion:
     Attributes:
         state: [g, y, ġ, ẏ] (12P,), N, m, N/s, m/s.
     """
+
+    _maps: "ResidualMaps | None" = None
 
     def __init__(self, part: ResidualPart, β: float, has_inertia: bool, branches: "MaxwellBranches | None" = None):
         self._branches = branches
@@ -127,7 +84,7 @@ class ResidualMotion:
 
     def set_time_step(self, h: float) -> None:
         """Makes the coefficients for a time step, s."""
-        self._h = h
+        self._h, self._maps = h, None
         stiffening_time = 0.0
         if self._branches is not None:
             self._branches.set_time_step(h)
@@ -144,15 +101,37 @@ class ResidualMotion:
         return self._part
 
     @property
-    def before(self) -> Array:
-        """The state before the last step."""
-        return self._before
-
-    @property
     def maps(self) -> "ResidualMaps":
         """What steps of this length do."""
-        heat = self._h * self._relaxation.heat
-        return ResidualMaps(self._step, self._added.copy(), self._part, self._τ, heat)
+        if self._maps is None:
+            self._maps = self._made_maps()
+        return self._maps
+
+    def _made_maps(self) -> "ResidualMaps":
+        pull, decay, gain, ratios = np.zeros((4, 0))
+        if self._branches is not None:
+            (pull, decay, gain), ratios = self._branches.coefficients
+        n = 4 + 2 * len(pull)
+        every, rates = np.eye(n + 2), np.zeros((2, n + 2))
+        rates[:, [0, 1, 2, 3, -2, -1]] = self._step[4:]
+        for row, rate in enumerate(rates):
+            rate[4 + row : n : 2] = -pull / self._relaxation.whole
+        step = np.zeros((n + 2, n + 2))
+        step[:2], step[2:4] = every[:2] + self._h * rates, 2 * rates - every[2:4]
+        for k, (lasts, gains) in enumerate(zip(decay, gain, strict=True)):
+            places = slice(4 + 2 * k, 6 + 2 * k)
+            step[places] = lasts * every[places] + gains * rates
+        step[-2:], added = rates, np.zeros((3, n))
+        added[:, :4], added[2, 4:] = self._added, rates[1, 4:n]
+        return ResidualMaps(step, added, self._part, self._τ, self.heat, ratios)
+
+    @property
+    def carried_before(self) -> Array:
+        """What was carried before the last step, (n, 3P)."""
+        carried = (
+            self._before if self._branches is None else np.concatenate([self._before, self._branches.before.ravel()])
+        )
+        return carried.reshape(-1, len(self._g))
 
     @property
     def delassus(self) -> Array:

@@ -241,8 +241,10 @@ class LinearStepper(ReducedStepper):
 
     def switch_adjoint(self, contact: str) -> "SwitchAdjoint":
         """As in ReducedStepper."""
-        from fenics_rom.runtime.steppers.midpoint_adjoint import ProjectionAdjoint, ResidualSwitch
+        from fenics_rom.runtime.steppers.switch_adjoint import ProjectionAdjoint, ResidualSwitch
 
+        if self.kernel.branches is not None:
+            raise StructureError("materials that relax: switches of contact modes are not differentiated")
         left, right, residual = self.kernel.residual, self._kernel_of(contact).residual, None
         if left is not None and right is not None:
             e = self.state[self._rom.rigid : len(self.state) // 2].copy()

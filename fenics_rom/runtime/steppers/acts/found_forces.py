@@ -7,7 +7,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.rom.deformation import ReducedTendon
+from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.acts.followers import Follower, follower, follower_of_tendon
 
@@ -16,7 +16,7 @@ class FoundForces:
     """Of one contact mode.
 
     Args:
-        rom: the reduced models.
+        body: how it deforms largely; None: its strains are small.
         model: of the contact mode.
         actuators: what is found.
 
@@ -24,13 +24,13 @@ class FoundForces:
         followers: what turns with the body, of each; none where strains are small.
     """
 
-    def __init__(self, rom: Rom, model: ContactModel, actuators: ActuatorForces):
+    def __init__(self, body: ReducedDeformation | None, model: ContactModel, actuators: ActuatorForces):
         self.actuators = actuators
         self._columns = model.inputs[:, actuators.columns]
         self.followers, self._rubbing = list[Follower](), list[ReducedTendon]()
-        if rom.deformation is not None:
-            tendons = rom.deformation.tendons
-            self.followers = [follower(rom.deformation, name) for name in actuators.names]
+        if body is not None:
+            tendons = body.tendons
+            self.followers = [follower(body, name) for name in actuators.names]
             self.followers += [follower_of_tendon(tendons[name].up_to(guide)) for name, guide in actuators.guides]
             self._rubbing = [tendons[name] for name in dict.fromkeys(name for name, _ in actuators.guides)]
 
@@ -51,6 +51,25 @@ class FoundForces:
         if not self.followers:
             return None
         return np.concatenate([np.zeros(len(self.actuators.names)), *(tendon.angles(q) for tendon in self._rubbing)])
+
+    def stroke_slopes(self, q: Array) -> Array:
+        """What strokes change by with q, (n, m)."""
+        if not self.followers:
+            return self._columns.T
+        return np.array([follower.stroke_slope(q) for follower in self.followers])
+
+    def turned(self, q: Array, v: Array) -> Array:
+        """∂(Bᵀv)/∂q (n, m) of the columns B at q, with v (m,) as it is."""
+        if not self.followers:
+            return np.zeros(self._columns.T.shape)
+        return np.array([follower.pull_back(q, v) for follower in self.followers])
+
+    def angle_slopes(self, q: Array) -> Array:
+        """What angles at guides change by with q, (n, m)."""
+        slopes = np.zeros((len(self.actuators.columns), len(q)))
+        if self._rubbing:
+            slopes[len(self.actuators.names) :] = np.concatenate([tendon.angle_slopes(q) for tendon in self._rubbing])
+        return slopes
 
     @staticmethod
     def at_guides(rom: Rom, actuators: ActuatorForces) -> list[tuple[int, Follower]]:

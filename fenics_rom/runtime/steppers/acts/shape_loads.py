@@ -53,6 +53,13 @@ class ShapeLoads:
             columns[:, column] = follower.force(q)
         return columns
 
+    def all_columns(self, q: Array) -> Array:
+        """The same with those of 1 of what is found."""
+        columns = self.columns(q)
+        if self.found is not None:
+            columns[:, self.found.actuators.columns] = self.found.columns(q)
+        return columns
+
     def slope(self, u: Array, reactions: Array, q: Array) -> Array:
         """∂/∂q (m, m) of the forces of the inputs, and of what is found, (n,)."""
         slope = np.zeros((len(q), len(q)))

@@ -57,6 +57,7 @@ class StrainsCarried(ElasticLaw):
     """
 
     is_exact = True
+    tells_slopes = False
     NOTES = ("strained", "mismatch")  # energy of the strains at most, J; and what those that are carried along lack
 
     def __init__(self, body: ReducedDeformation, stiffest: float, branches: MaxwellBranches | None = None):

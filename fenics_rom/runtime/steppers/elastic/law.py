@@ -23,12 +23,14 @@ class ElasticLaw:
         velocity: v̂ (m,) of the step before, or r: where the iteration to the next one begins.
         branches: how the material relaxes; None: it does not.
         went_as_expected: whether the last step went as it was expected to.
+        tells_slopes: whether `adjoint` tells a step by itself, else whoever takes it does.
         NOTES: names of what it notes of a run, numbers that begin at 0.
     """
 
     pull: Array
     matrix: Array
     is_exact: bool
+    tells_slopes: bool = True
     velocity: Array
     branches: MaxwellBranches | None = None
     went_as_expected: bool = True

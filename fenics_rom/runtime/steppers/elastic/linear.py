@@ -74,15 +74,19 @@ class RelaxingLinear(ElasticLaw):
 
     def adjoint(self) -> "LinearAdjoint":
         """As in ElasticLaw."""
-        ends = self._q_before, self._q
-        return LinearAdjoint(self._model, self._h, *ends, self.velocity, self._relaxing.adjoint())
+        ends = self._q_before, self._q, self.velocity
+        return LinearAdjoint(self._model, self._model.damping, self._h / 2, *ends, self._relaxing.adjoint())
 
 
 class LinearAdjoint(NamedTuple):
-    """A step of small strains from q to q⁺, of a material that relaxes or not."""
+    """A step of small strains from q to q⁺, of a material that relaxes or not: γ (q + reach v̂) + D v̂.
+
+    D is that of the model; of equilibria 0.
+    """
 
     model: ContactModel
-    h: float  # s
+    damping: Array
+    reach: float  # s
     q: Array
     q_after: Array
     v: Array
@@ -90,12 +94,12 @@ class LinearAdjoint(NamedTuple):
 
     @property
     def _resisting_time(self) -> float:
-        return self.h / 2 + (0.0 if self.branches is None else self.branches.stiffening_time)
+        return self.reach + (0.0 if self.branches is None else self.branches.stiffening_time)
 
     @property
     def by_velocity(self) -> Array:
         """As in LawAdjoint."""
-        D = self.model.damping
+        D = self.damping
         return np.diag(self._resisting_time * self.model.eigenvalues) + (D if D.ndim == 2 else np.diag(D))
 
     @property
@@ -125,4 +129,4 @@ class LinearAdjoint(NamedTuple):
         along = energy * ω * self.q_after**2 - 2 * ω * y * (self.q + self._resisting_time * self.v) + rate_ * self.v
         if self.branches is not None:
             along -= y * self.branches.pull[0]
-        return along, spread((y, self.v), self.model.damping)
+        return along, spread((y, self.v), self.damping) if self.damping.any() else np.zeros_like(self.model.damping)

@@ -16,11 +16,13 @@ from fenics_rom.mechanics.hyperelastic import (
     energy_density,
     linear_stress,
     moduli,
+    strain,
 )
-from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
+from fenics_rom.mechanics.viscoelasticity import BranchesAdjoint, MaxwellBranches
 from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.definite import is_definite
-from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
+from fenics_rom.runtime.steppers.elastic.law import ElasticLaw, LawOwed
 
 
 class Found(NamedTuple):
@@ -171,6 +173,103 @@ class SampledPoints(ElasticLaw):
         heat = h * float(v.dot(body.external_damping.dot(v)))
         heat += h * float(body.viscosity.dot((linear * rates).sum(axis=0)))
         return heat if self.branches is None else heat + self.branches.step(np.stack([rates, linear]).reshape(2, -1))
+
+    def adjoint(self) -> "SampledAdjoint":
+        """As in ElasticLaw."""
+        branches = None if self.branches is None else self.branches.adjoint()
+        return SampledAdjoint.of(self._body, self._h, self._q_before, self.velocity, branches)
+
+
+class SampledAdjoint(NamedTuple):
+    """A step of h s from q with v̂, to go back through."""
+
+    body: ReducedDeformation
+    h: float
+    by_velocity: Array
+    by_shape: Array
+    q_after: Array
+    rates: tuple[Array, Array]  # ∂E/∂q (6P, m) at both ends; of a material that relaxes
+    middle: Array  # the same in the middle
+    branches: BranchesAdjoint | None
+
+    @staticmethod
+    def of(
+        body: ReducedDeformation, h: float, q: Array, v: Array, branches: BranchesAdjoint | None
+    ) -> "SampledAdjoint":
+        """With the slopes of f̂."""
+        m, relaxation = len(q), 0.0 if branches is None else branches.stiffening_time
+        H, H_start, H_end = (body.displacement_gradients(at) for at in (q + h / 2 * v, q, q + h * v))
+        E, E_end, moduli_of = strain(H_start), strain(H_end), (body.first_lame, body.shear)
+        viscosity = body.viscosity + relaxation
+        viscous = viscosity / h * moduli("st_venant_kirchhoff", E, *moduli_of)
+        S = discrete_gradient_stress(body.law, E, E_end, *moduli_of)
+        S = body.weights * (S + viscosity * linear_stress((E_end - E) / h, *moduli_of))
+        if branches is not None:
+            S = S + branches.pull[1].reshape(6, -1)
+        A, A_start, A_end = (body.strain_rates(at).reshape(-1, m) for at in (H, H_start, H_end))
+        of_end, of_start = discrete_gradient_slopes(body.law, E, E_end, *moduli_of)
+        by_start, by_end = (
+            A.T @ np.einsum("cdp,dpk->cpk", body.weights * slope, at.reshape(6, -1, m)).reshape(-1, m)
+            for slope, at in ((of_start - viscous, A_start), (of_end + viscous, A_end))
+        )
+        turned = body.springs + body.geometric(S)
+        by_velocity, kept = body.external_damping + h / 2 * turned + h * by_end, (NONE, NONE, NONE)
+        if branches is not None:
+            kept = A_start, A_end, A
+        return SampledAdjoint(body, h, by_velocity, turned + by_start + by_end, q + h * v, kept[:2], kept[2], branches)
+
+    def after(self, carried: Array, energy: float) -> LawOwed:
+        """As in LawAdjoint."""
+        end = energy * self.body.force(self.q_after) if energy else np.zeros(len(self.q_after))
+        if self.branches is None:
+            return LawOwed(end, 0 * end, 0 * end, NONE)
+        body, (by_start, by_end) = self.body, self.rates
+        w_, (of_strain, of_stress) = self.branches.after(carried, energy)
+        of_stress = body.weights * linear_stress(of_stress.reshape(6, -1), body.first_lame, body.shear)
+        rates_ = (of_strain + of_stress.ravel()) / self.h
+        return LawOwed(end + rates_ @ by_end, -rates_ @ by_start, 0 * end, w_)
+
+    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
+        """As in LawAdjoint."""
+        if self.branches is None:
+            return NONE, np.zeros(len(y))
+        pulled = self.middle @ y
+        return (owed.kept - self.branches.pulled_back(np.stack([0 * pulled, pulled]))).ravel(), np.zeros(len(y))
+
+    def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
+        """As in LawAdjoint: nothing."""
+        return NONE, NONE
+
+
+class RestingAdjoint(NamedTuple):
+    """An equilibrium of forces Φ'(q⁺), q⁺ = q + h v̂, to go back through; see LawAdjoint."""
+
+    tangent: Array  # at q⁺ (m, m)
+    h: float
+    slope: Array  # Φ' there (m,)
+
+    @property
+    def by_velocity(self) -> Array:
+        """As in LawAdjoint."""
+        return self.h * self.tangent
+
+    @property
+    def by_shape(self) -> Array:
+        """As in LawAdjoint."""
+        return self.tangent
+
+    def after(self, carried: Array, energy: float) -> LawOwed:
+        """As in LawAdjoint."""
+        nothing = np.zeros(len(self.slope))
+        return LawOwed(energy * self.slope, nothing, nothing)
+
+    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
+        """As in LawAdjoint."""
+        return NONE, np.zeros(len(y))
+
+    def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
+        """As in LawAdjoint: nothing."""
+        return NONE, NONE
 
 
 def _between(left: Array, D: Array, right: Array) -> Array:

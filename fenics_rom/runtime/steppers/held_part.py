@@ -1,0 +1,98 @@
+"""A step of a held body, or a part of one, to be gone back through; see parted_adjoint.py."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
+from fenics_rom.runtime.steppers.acts.found_slopes import FoundSlopes
+from fenics_rom.runtime.steppers.elastic.law import LawAdjoint
+from fenics_rom.runtime.steppers.residual_maps import ResidualMaps
+from fenics_rom.runtime.steppers.slopes import Slopes
+
+
+class HeldPart(NamedTuple):
+    """As in StepPart: inertia (v̂ - r) + f̂ = loads + B z + Sᵀ f, q⁺ = q + h v̂, and r⁺ = 2 v̂ - r or 0."""
+
+    h: float  # s
+    inertia: float  # 2/h; 0 of equilibria, where r stays 0
+    law: LawAdjoint
+    columns: Array  # of the inputs where they act (m, p)
+    turned: Array | None  # ∂(loads, and what is found)/∂q there (m, m), at q + reach v̂; None: they stay
+    reach: float  # s
+    found: FoundSlopes | None
+    Sᵀ: Array  # (m, 3P)
+    contact: ContactAdjoint | None
+    residual: ResidualMaps | None
+    rate_after: Array  # r (m,) at its end
+
+    @property
+    def own(self) -> slice:
+        """As in StepPart."""
+        return slice(0, None)
+
+    @property
+    def shape(self) -> slice:
+        """As in StepPart."""
+        return slice(0, None)
+
+    def back(self, place_: Array, velocity_: Array) -> tuple[Array, Array, Array]:
+        """As in StepPart."""
+        if not self.inertia:
+            return place_, velocity_, self.h * place_
+        return place_, -velocity_, self.h * place_ + 2 * velocity_
+
+    def balance(self) -> tuple[Slopes, Array]:
+        """As in StepPart."""
+        turned = np.zeros((len(self.columns),) * 2) if self.turned is None else self.turned
+        inertia = self.inertia * np.eye(len(turned))
+        return Slopes(-turned, -inertia, inertia - self.reach * turned), self.columns
+
+    def touch(self) -> "HeldTouch | None":
+        """As in StepPart."""
+        return None if self.contact is None else HeldTouch(self.contact, self.Sᵀ, self.residual)
+
+    def stored(self) -> tuple[Array, Array]:
+        """As in StepPart."""
+        return np.zeros_like(self.rate_after), self.rate_after
+
+
+class HeldTouch(NamedTuple):
+    """As in Touch, of points that go with the shape."""
+
+    contact: ContactAdjoint
+    by_forces: Array  # Sᵀ (m, 3P)
+    residual: ResidualMaps | None
+    push: None = None
+
+    @property
+    def place(self) -> Array:
+        """As in Touch."""
+        return self.by_forces.T
+
+    @property
+    def motions(self) -> tuple[Slopes, Slopes]:
+        """As in Touch."""
+        S, nothing = self.by_forces.T, np.zeros(self.by_forces.T.shape)
+        return Slopes(nothing, nothing, S), Slopes(nothing, S, nothing)
+
+    @property
+    def by_yielding(self) -> tuple[Array, Array]:
+        """As in Touch."""
+        nothing = np.zeros((self.by_forces.shape[1],) * 2)
+        return nothing if self.residual is None else self.residual.delassus, nothing
+
+    def seen_back(self, seen_: Array) -> tuple[Array, Array, Array]:
+        """As in Touch."""
+        nothing = np.zeros(len(self.by_forces))
+        return nothing, nothing, seen_
+
+    def rows_back(self, d_: Array, ŝ_: Array, κ_: Array) -> Array:
+        """As in Touch."""
+        assert self.residual is not None
+        return self.residual.of_points(np.array([d_, κ_, ŝ_]))
+
+    def rows_of_push(self, y: Array) -> Array:
+        """As in Touch: nothing."""
+        return np.zeros((1, self.by_forces.shape[1]))

@@ -1,0 +1,17 @@
+"""What a vector changes by with what a step begins with, and with what it solves for."""
+
+from typing import NamedTuple
+
+from numpy import ndarray as Array
+
+
+class Slopes(NamedTuple):
+    """Of a vector (n,), (n, k) each."""
+
+    place: Array
+    velocity: Array  # at the start
+    x: Array
+
+    def with_(self, other: "Slopes", share: float = 1.0) -> "Slopes":
+        """Both together, of others a share."""
+        return Slopes(*(mine + share * theirs for mine, theirs in zip(self, other, strict=True)))

@@ -1,0 +1,110 @@
+"""Gradients of bodies made of any parts: elastic law x frame x what acts x what touches."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bodies import box_arrays, scene_text, write_arrays
+from gradient_checks import check_gradient
+from soft_rom import soft_rom
+from test_differentiation_frames import lowered, thrown
+from test_moving_parts import KINDS, PARTS, in_frame
+
+import fenics_rom as fr
+from fenics_rom.mechanics.tendon import turning_angles, turning_slopes
+from fenics_rom.scene.file import parse_scene
+
+H = 2e-3
+pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+WINDING = (
+    "points = [[0.0, 0.015, 0.0], [0.08, 0.015, 0.008], [0.15, 0.015, 0.0], [0.22, 0.015, 0.008], [0.3, 0.015, 0.0]]"
+)
+RUBS = {"tendon_friction": "coefficient = 0.6"}
+SMALL = {
+    "guides": {"tendon.rope": WINDING, **RUBS},
+    "stroke at guides": {"tendon.rope": f'{WINDING}\ncontrol = "length"', **RUBS},
+    "volume": PARTS["volume"],
+    "touched": PARTS["touched"],
+}
+AMPLITUDE = {"guides": 2.0, "stroke at guides": 1e-3, "volume": 1e-7, "touched": 1e-3}
+TIP = {"outputs.tip": "points = [[0.3, 0.0, 0.0], [0.3, 0.03, 0.02]]"}
+
+
+def small(folder, parts, frame):
+    """A ROM of a beam of small strains."""
+    mesh = write_arrays(folder / "box.msh", *box_arrays((0.3, 0.03, 0.02), (6, 1, 1)))
+    effects = {f"effects.{name}": text for name, text in SMALL[parts].items()}
+    supports = None if frame == "free" else 'clamped = ["left"]'
+    contacts = '[contacts.bottom]\nsurface = "bottom"\n[contacts.right]\nsurface = "right"'
+    text = scene_text(mesh, supports=supports, damping="alpha = 0.5, beta = 2e-4", contacts=contacts, **effects | TIP)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return fr.reduce(
+            fr.assemble(parse_scene(f'frame = "{"fixed" if frame == "held" else "moving"}"\n{text}')), order=8
+        )
+
+
+def along(make, frame, amplitude, size, steps=14):
+    """How a body is put somewhere, inputs with an actuator that comes, the start, and directions."""
+    random, at_rest = np.random.default_rng(0), make()
+    order, ω = at_rest.model.order, at_rest.model.safe_frequencies
+
+    def body(q, r, *pose):
+        body = make()
+        body.state = q, r
+        if pose:
+            body.place(thrown(*pose))
+        return body
+
+    u = 0.01 * size * random.standard_normal((steps, at_rest.inputs))
+    grows = amplitude * np.linspace(0.2, 1.0, steps)
+    u[:, at_rest.input_slices()[next(iter(at_rest.rom.actuators))]] = grows[:, None]
+    start = 1e-3 * size * random.standard_normal(order) / ω, 1e-3 * size * random.standard_normal(order)
+    directions = [np.abs(part) * random.standard_normal(part.shape) for part in (u, *start)]
+    directions[0] *= 0.1
+    if frame == "free":
+        start += tuple(np.zeros((4, 3)))
+        directions += list(np.array([1e-4, 1e-3, 1e-3, 1e-2])[:, None] * random.standard_normal((4, 3)))
+    return body, u, start, directions
+
+
+@pytest.mark.parametrize("frame", ["held", "carried", "free"])
+@pytest.mark.parametrize("parts", SMALL)
+def test_gradient_of_small_strains_goes_through_all_that_acts(tmp_path, parts, frame):
+    """Guides that slide and stick, strokes and volumes that are held, materials that relax, on a floor."""
+    if frame == "free" and parts == "volume":
+        pytest.skip("a chamber needs a body that encloses it")
+    rom, signals = small(tmp_path, parts, frame), {"base_path": lowered} if frame == "carried" else {}
+    at, u, start, directions = along(lambda: fr.Simulator(rom, H, signals=signals), frame, AMPLITUDE[parts], 1.0)
+    check_gradient(at, u, start, directions)
+
+
+@pytest.mark.parametrize("law", ["st_venant_kirchhoff", "neo_hookean"])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("frame", ["held", "carried"])
+def test_gradient_of_sampled_points_goes_through_relaxation_and_contact(law, kind, frame):
+    """Newton's steps of large deformation, of a material that relaxes or not, by a tension or a stroke."""
+    rom, signals = KINDS[kind](soft_rom(law, order=8, contact=True)), {}
+    if frame == "carried":
+        rom, signals = in_frame(rom), {"base_path": lowered}
+        points = {name: np.tile(rom.nodes[-1], (len(rows) // 3, 1)) for name, rows in rom.outputs.items()}
+        rom = replace(rom, moving_frame=replace(rom.moving_frame, output_points=points))
+
+    def make():
+        return fr.Simulator(rom, H, stepper="newton", signals=signals)
+
+    check_gradient(*along(make, frame, 2e-3 if kind == "stroke" else 0.5, 1.0))
+
+
+def test_what_a_cable_turns_by_at_its_guides_has_a_slope():
+    """Against differences of the fourth order; where it goes straight on it is 0."""
+    random, reach = np.random.default_rng(1), 1e-3
+    points = random.standard_normal((5, 3))
+    slopes = turning_slopes(points)
+    for place in np.ndindex(points.shape):
+        moved = np.zeros(points.shape)
+        moved[place] = reach
+        near, far = (turning_angles(points + k * moved) - turning_angles(points - k * moved) for k in (1, 2))
+        assert slopes[(slice(None), *place)] == pytest.approx((8 * near - far) / (12 * reach), abs=1e-9)
+    assert not turning_slopes(np.arange(12.0).reshape(4, 3)).any()
