@@ -83,7 +83,7 @@ def run_world(
     recorder = WorldRecorder(world, steps, snapshots=run.snapshots, every=every)
     seconds = 0.0
     for step in range(steps):
-        inputs = inputs_at(scene, (step + 0.5) * world.dt)
+        inputs = inputs_at(scene, (step + 0.5) * world.dt, world)
         begin = perf_counter()
         world.step(inputs)
         seconds += perf_counter() - begin
@@ -94,8 +94,11 @@ def run_world(
     return recorder.record(scene.file.name, {"seconds": seconds} if rate else None)
 
 
-def inputs_at(scene: WorldScene, time: float) -> dict[str, dict[str, float]]:
-    """What the load history of a world file applies at a time, s, by body, by actuator."""
+def inputs_at(scene: WorldScene, time: float, world: World) -> dict[str, dict[str, float]]:
+    """What the load history of a world file applies in a step with its middle at a time, s, by body, by actuator.
+
+    Forces are those of the middle of the step, strokes those of its end.
+    """
     run = scene.file.run
     inputs: dict[str, dict[str, float]] = {}
     if run is None:
@@ -103,7 +106,9 @@ def inputs_at(scene: WorldScene, time: float) -> dict[str, dict[str, float]]:
     for each in run.input:
         if each.start <= time < (run.duration if each.stop is None else each.stop):
             of_body = inputs.setdefault(each.body, {})
-            of_body[each.actuator] = of_body.get(each.actuator, 0.0) + float(each.signal(time)[0])
+            is_stroke = each.actuator in world.simulator(each.body).rom.environment.controls
+            late = world.dt / 2 if is_stroke else 0.0
+            of_body[each.actuator] = of_body.get(each.actuator, 0.0) + float(each.signal(time + late)[0])
     return inputs
 
 

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bodies import box_arrays, write_arrays
 
 import fenics_rom as fr
 from fenics_rom import world_run
@@ -131,10 +132,77 @@ def test_joints_of_a_file_hold_between_their_times(tmp_path):
 
 def test_inputs_are_those_of_the_middle_of_a_step(tmp_path, monkeypatch):
     asked = []
-    monkeypatch.setattr(world_run, "inputs_at", lambda scene, time: asked.append(time) or {})
+    monkeypatch.setattr(world_run, "inputs_at", lambda scene, time, world: asked.append(time) or {})
     (tmp_path / "world.toml").write_text(WORLD)
     fr.simulate(tmp_path / "world.toml", dt=0.05)
     assert asked == pytest.approx([0.025, 0.075, 0.125, 0.175], abs=1e-15)
+
+
+STILL = """
+[mesh]
+file = "beam.msh"
+degree = 1
+[material]
+young = 5e5
+poisson = 0.4
+density = 1100.0
+[supports]
+clamped = ["left"]
+[contacts.bottom]
+surface = "bottom"
+[contacts.right]
+surface = "right"
+[effects.tendon.rope]
+points = [[0.0, 0.015, 0.004], [0.15, 0.015, 0.004], [0.3, 0.015, 0.004]]
+control = "length"
+[effects.contact.obstacles.floor]
+shape = "half-space"
+point = [0.0, 0.0, -9.0]
+normal = [0.0, 0.0, 1.0]
+[reduction]
+order = 6
+"""
+PRESSED = """
+gravity = [0, 0, -9.81]
+[contact]
+friction = 0.5
+[bodies.ground]
+shape = "half-space"
+position = [0, 0, -0.0315]
+[bodies.box]
+shape = "box"
+size = [0.12, 0.06, 0.03]
+density = 500
+position = [0.26, 0.015, -0.0165]
+[bodies.finger]
+scene = "finger.toml"
+[run]
+dt = 0.01
+duration = 0.3
+[[run.input]]
+body = "finger"
+actuator = "rope"
+table = "stroke.csv"
+"""
+
+
+def test_a_finger_without_inertia_presses_a_box_in_a_run_of_a_file(tmp_path):
+    """Its stroke at the end of each step is that of the file then; what is pressed is borne, and the account closes."""
+    write_arrays(tmp_path / "beam.msh", *box_arrays((0.3, 0.03, 0.02), (6, 1, 1)))
+    (tmp_path / "finger.toml").write_text(STILL)
+    (tmp_path / "stroke.csv").write_text("time,stroke\n0,0\n0.2,1.5e-3\n1,1.5e-3\n")
+    (tmp_path / "world.toml").write_text(PRESSED)
+    scene = fr.read_world(tmp_path / "world.toml")
+    world = fr.make_world(scene)
+    assert world_run.inputs_at(scene, 0.105, world) == {"finger": {"rope": pytest.approx(1.5e-3 * 0.11 / 0.2)}}
+    with pytest.raises(SystemExit) as ended:
+        main(["simulate", str(tmp_path / "world.toml"), "-o", str(tmp_path / "run.h5")])
+    assert not ended.value.code
+    run = fr.read_trajectory(tmp_path / "run.h5")
+    pressed, borne = run.forces["box-finger"][-1], -run.forces["ground-box"][-1]
+    assert pressed[2] < -0.01
+    np.testing.assert_allclose(borne + pressed, [0, 0, 500 * 0.12 * 0.06 * 0.03 * 9.81], rtol=0, atol=1e-8)
+    assert run.balance_error < 1e-12
 
 
 def test_a_cable_of_a_soft_body_that_pushes_is_told(tmp_path, monkeypatch):

@@ -25,7 +25,8 @@ class LiveWorld(Live):
 
     Args:
         world: of which another one is stepped, from the start.
-        history: inputs at a time, s, by body, by name, to which those of the actuators are added; None: there are none.
+        history: inputs of a world in a step with its middle at a time, s, by body, by name, to which those of the
+            actuators are added; None: there are none.
 
     Attributes:
         world: as it is now.
@@ -33,7 +34,7 @@ class LiveWorld(Live):
         held: the body that the mouse holds; None: it holds none.
     """
 
-    def __init__(self, world: World, history: Callable[[float], Inputs] | None = None):
+    def __init__(self, world: World, history: Callable[[float, World], Inputs] | None = None):
         self.world, self._history = world.anew(), history
         soft = {name: body for name, body in world.bodies.items() if isinstance(body, SoftBody)}
         self.roms = {name: given_rom("SoftBody", body.rom) for name, body in soft.items()}
@@ -156,7 +157,7 @@ class LiveWorld(Live):
 
     def _inputs(self) -> dict[str, dict[str, Any]]:
         """Of all actuators in the next step."""
-        given = self._history(self.time + self.dt / 2) if self._history else {}
+        given = self._history(self.time + self.dt / 2, self.world) if self._history else {}
         return {
             name: {
                 actuator: self.values[columns] + given.get(name, {}).get(actuator, 0.0)
