@@ -174,7 +174,7 @@ def test_a_box_that_is_welded_to_a_beam_is_pulled_by_the_mouse(roms):
 def test_actuators_of_all_soft_bodies_and_the_history_act_together(roms):
     beams = {name: fr.SoftBody(roms["fixed"], position=(0, y, 0)) for name, y in (("one", 0.0), ("other", 1.0))}
 
-    def history(time):
+    def history(time, world):
         return {"other": {"pull": 0.01}}
 
     live = LiveWorld(fr.World(beams, 2e-3), history)
