@@ -59,7 +59,7 @@ class JointPlan:
         """Makes a joint where the bodies are now; its name."""
         name = self._named(joint)
         try:
-            self.points[name] = JointPoints(joint, self._bodies)
+            self._hold(name)
         except BaseException:
             del self._all[name]
             raise
@@ -87,9 +87,15 @@ class JointPlan:
         self._due = [name for name in self._due if name not in due]
         made = [name for name in due if self._holds(name, middle)]
         for name in made:
-            self.points[name] = JointPoints(self._all[name], self._bodies)
+            self._hold(name)
         self._take_note()
         return made
+
+    def _hold(self, name: str) -> None:
+        """Makes a joint where the bodies are now."""
+        self.points[name] = points = JointPoints(self._all[name], self._bodies)
+        if points.warning:
+            self.warnings.append(f"{name}: {points.warning}")
 
     def _holds(self, name: str, middle: float) -> bool:
         stop = self._all[name].stop

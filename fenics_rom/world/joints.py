@@ -24,6 +24,7 @@ from fenics_rom.world.soft import Soft
 from fenics_rom.world.surface_joint import surface_points
 
 KINDS = ("ball", "hinge", "weld")
+HELD_BY_WELD = 6  # motions of a surface as a whole
 
 
 @dataclass(frozen=True)
@@ -162,6 +163,7 @@ class JointPoints:
         points: (k, 3) where they are then, m.
         on_first, on_second: the same on either.
         are_forces: (k,) of which points: the others stand for how the bodies turn, and have couples.
+        warning: what to say of it; empty where there is nothing.
 
     Raises:
         SceneError: nobody has these names, nothing can move, or the joint cannot be closed.
@@ -172,7 +174,7 @@ class JointPoints:
         for name in (joint.first, joint.second):
             check_known("body", name, names, SceneError, where)
         self.first, self.second = names.index(joint.first), names.index(joint.second)
-        one, other = bodies[joint.first], bodies[joint.second]
+        one, other, self.warning = bodies[joint.first], bodies[joint.second], ""
         if one.is_driven and other.is_driven:
             raise SceneError(f"{where}allowed is a body that can move, and both move as they are told")
         if isinstance(joint, Joint):
@@ -185,6 +187,13 @@ class JointPoints:
             axis = None if joint.axis is None else np.array(joint.axis)
             whole = not isinstance(other, Soft)
             self.points, self.on_first = surface_points(one, joint.surface, joint.kind, axis, whole, where)
+            order = one.rom.contact_models[joint.surface].order
+            if joint.kind == "weld" and order < HELD_BY_WELD and not one.takes_couples:
+                self.warning = (
+                    f"contact mode {joint.surface!r} of {joint.first!r} has {order} shapes, fewer than the "
+                    f"{HELD_BY_WELD} motions that a weld holds: it is locked, and its force and couple cannot be told "
+                    "apart; one with force = 'wrench', or of a larger order, can"
+                )
         self.on_second = other.points_at(self.points, where, self.on_first.couples)
         self.are_forces = np.ones(len(self.points), dtype=bool)
         self.are_forces[self.on_first.couples] = False

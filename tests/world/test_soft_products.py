@@ -65,6 +65,17 @@ def test_a_body_that_nothing_can_touch_is_joined_to_a_box(tmp_path, frame, kind)
     assert np.linalg.norm(world.force_between("beam", "box")) > 1e-3
 
 
+@pytest.mark.parametrize(("order", "told"), [(3, True), (8, False)])
+def test_a_weld_of_too_few_shapes_is_told(tmp_path, order, told):
+    rom = fr.reduce(assembled_beam(tmp_path, **FRAMES["still"]), order=order, method="modal")
+    box = fr.RigidBody(Box((0.06, 0.06, 0.06)), density=50, position=(0.33, 0.015, 0.01))
+    joints = [SurfaceJoint("beam", "box", "right", name="clamp")]
+    world = fr.World({"beam": fr.SoftBody(rom), "box": box}, 1e-3, joints=joints)
+    assert [text.startswith("clamp: contact mode 'right' of 'beam' has 3 shapes") for text in world.warnings] == [
+        True
+    ] * told
+
+
 def test_what_nothing_can_touch_has_no_law_of_contact(tmp_path):
     rom = reduced(tmp_path, order=6, **FRAMES["held"])
     bodies = {"beam": fr.SoftBody(rom), "box": fr.RigidBody(**BOX, position=(0.25, 0.015, 0.01))}
