@@ -127,7 +127,8 @@ def in_all_modes(system: fr.System) -> fr.Rom:
     """The ROM in all eigenvectors, and in all points of its material where it deforms largely."""
     order = system.elastic_size
     if system.deformation is None:
-        return fr.reduce(system, order=order, method="modal")
+        rom = fr.reduce(system, order=order, method="modal")
+        return replace(rom, residual_compliance=None)  # which round-off alone would be
     seen = hyperreduction.BASES["modal+derivatives"]
 
     def every_mode(problem, checkpoint):
@@ -142,7 +143,7 @@ def in_all_modes(system: fr.System) -> fr.Rom:
     names = ("weights", "first_lame", "shear", "viscosity")
     points = {name: getattr(whole, name) for name in names} | {"gradients": whole.gradients(rom.basis[:, rom.rigid :])}
     every = replace(rom.deformation, **points, points_of=len(whole.weights), trained=None)
-    return replace(rom, deformation=every)
+    return replace(rom, deformation=every, residual_compliance=None)
 
 
 def begin(body: fr.Simulator, scene: Drawn, share: float = 1.0) -> None:
