@@ -64,8 +64,8 @@ def _moving(rom: Rom, environment: Environment) -> Rom:
     """The ROM of what moves in its frame."""
     if rom.moving_frame is None:
         raise SceneError(f"ROM {rom.name!r} has no moving frame; reduce {environment.source or 'its matrices'} anew")
-    if not environment.has_inertia:
-        raise StepError("a body in a moving frame: its steps have inertia; name effects.inertia")
+    if not (environment.has_inertia or rom.moving_frame.carried):
+        raise StepError("a body without inertia that nothing holds has no equilibrium; name effects.inertia")
     return without_rigid_motions(rom)
 
 

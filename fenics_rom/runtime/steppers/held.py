@@ -135,6 +135,10 @@ class HeldBody(HeldAdjoint):
         assert self._extent is not None
         self._extent.enter(self._names[id(model)], model.inputs.shape[1])
 
+    def act_by(self, dead: Array, standing: Array) -> None:
+        """As in BookedKernel."""
+        self.loads.dead, self.loads.standing = dead, standing
+
     @property
     def energy(self) -> float:
         """Stored, J."""

@@ -8,7 +8,7 @@ further modes feel contact, gravity, actuators and loads, but not the input of t
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy import ndarray as Array
@@ -36,8 +36,10 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.actuator_forces import ActuatorForces
     from fenics_rom.mechanics.viscoelasticity import PronySeries
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.on_base import OnBase
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
+FrameKernels: TypeAlias = "FreeFrame | CarriedFrame | OnBase"
 NOTHING_LEFT = 1e-14  # of a shape: what the next contact mode need not be given
 
 
@@ -57,19 +59,19 @@ class MovingFrameStepper(ReducedStepper):
         base_at_start: of the base at time 0; of None where nothing says where that is.
     """
 
-    kernel: FreeFrame | CarriedFrame
+    kernel: FrameKernels
 
     def __init__(
         self,
         rom: Rom,
         dt: float,
         interface: "ContactInterface | None",
-        make_kernel: Callable[[str, ContactModel], FreeFrame | CarriedFrame],
+        make_kernel: Callable[[str, ContactModel], FrameKernels],
         reason: str,
         base_at_start: Callable[[], BaseState | None],
     ):
         self._base_at_start = base_at_start
-        self._make_kernel, self._kernels = make_kernel, dict[str, FreeFrame | CarriedFrame]()
+        self._make_kernel, self._kernels = make_kernel, dict[str, FrameKernels]()
         self._carried_along: ContactModel | None = None
         super().__init__(rom, dt, interface, np.empty(0), MOVING_FRAME, reason)
         self._begin()
@@ -77,7 +79,7 @@ class MovingFrameStepper(ReducedStepper):
     @property
     def model(self) -> ContactModel:
         """See ReducedStepper; with the modes that the last switch carried along."""
-        return super().model if self._carried_along is None else self._carried_along
+        return self.kernel.model
 
     @property
     def pose(self) -> BaseState:
@@ -96,7 +98,7 @@ class MovingFrameStepper(ReducedStepper):
     @property
     def wrench(self) -> tuple[Array, Array] | None:
         """Force and torque of the base on the body in the last step, in world axes; None of a free body."""
-        if not isinstance(self.kernel, CarriedFrame):
+        if isinstance(self.kernel, FreeFrame):
             return None
         force, torque = self.kernel.wrench
         return np.array(force), np.array(torque)
@@ -131,7 +133,7 @@ class MovingFrameStepper(ReducedStepper):
         self.kernel.state[:] = np.concatenate([np.sqrt(there.eigenvalues) * held[:, 0], held[:, 1]])
         self.kernel.frame, self.kernel.contact, self.kernel.notes = left.frame, left.contact, left.notes
         self.kernel.reactions = left.reactions
-        if isinstance(self.kernel, CarriedFrame) and isinstance(left, CarriedFrame):
+        if not (isinstance(self.kernel, FreeFrame) or isinstance(left, FreeFrame)):
             self.kernel.wrench = left.wrench
         self.kernel.resume(carried)
         if self.kernel.residual is not None and left.residual is not None:
@@ -152,13 +154,13 @@ class MovingFrameStepper(ReducedStepper):
 
     def _begin(self) -> None:
         self.kernel.begin()
-        base = self._base_at_start() if isinstance(self.kernel, CarriedFrame) else None
+        base = None if isinstance(self.kernel, FreeFrame) else self._base_at_start()
         if base is not None:
             self.place(base)
 
     def snapshot(self) -> StepperState:
         """As in ReducedStepper."""
-        wrench = self.kernel.wrench if isinstance(self.kernel, CarriedFrame) else (ZERO, ZERO)
+        wrench = (ZERO, ZERO) if isinstance(self.kernel, FreeFrame) else self.kernel.wrench
         return super().snapshot()._replace(frame=FrameSnapshot(self.kernel.frame, self._carried_along, wrench))
 
     def check(self, contact: str, state: StepperState) -> None:
@@ -179,10 +181,10 @@ class MovingFrameStepper(ReducedStepper):
         self._enter(contact)
         self.kernel.frame = state.frame.frame
         super().restore(contact, state, dt)
-        if isinstance(self.kernel, CarriedFrame):
+        if not isinstance(self.kernel, FreeFrame):
             self.kernel.wrench = state.frame.wrench
 
-    def _kernel_of(self, contact: str) -> FreeFrame | CarriedFrame:
+    def _kernel_of(self, contact: str) -> FrameKernels:
         if self._carried_along is not None:
             current = getattr(self, "kernel", None)
             if current is not None and current.model is self._carried_along:
@@ -222,8 +224,13 @@ def moving_frame_stepper(
     assert frame is not None
     whole = frame if detail == "full" else quasi_rigid(frame)
     kernel_of = CarriedFrame if frame.carried else FreeFrame
+    has_inertia = environment.environment.has_inertia
 
-    def make_kernel(contact: str, model: ContactModel) -> FreeFrame | CarriedFrame:
+    def make_kernel(contact: str, model: ContactModel) -> FrameKernels:
+        if not has_inertia:
+            from fenics_rom.runtime.steppers.on_base import resting_kernel  # here, as few bodies have none
+
+            return resting_kernel(rom, contact, model, environment, interface, ledger, residual_of(contact), actuators)
         is_plain = rom.deformation is None and actuators is None and series is None
         parts = PLAIN if is_plain else parts_of(rom, contact, model, law, actuators, series, interface)
         following = ([], []) if parts.following is None else parts.following.places
@@ -233,7 +240,9 @@ def moving_frame_stepper(
         return kernel_of(model, of_mode, loads, watch, ledger, interface, residual_of(contact), parts)
 
     reason = "a rigid base carries the body" if frame.carried else "nothing holds the body"
-    if why:
+    if not has_inertia:
+        reason += ", which has no inertia"
+    elif why:
         reason += f", which deforms largely ({law}: {why})"
     return MovingFrameStepper(rom, dt, interface, make_kernel, reason, lambda: environment.base_at(0.0))
 

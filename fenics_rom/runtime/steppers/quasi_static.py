@@ -42,7 +42,7 @@ class QuasiStatic(BookedKernel):
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
         u, given = (u, None) if self._actuators is None else self._actuators.split(u)
-        force = self._model.inputs.dot(u)
+        force = self._dead_loads.dot(u) + self._standing
         change = force * self._inverse_ω - self._e
         free = change * self._inverse_ω / self.h
         motion, found = (self._coordinates(), self._r, free, self.h, obstacles, True), self.reactions

@@ -22,6 +22,7 @@ class ShapeLoads:
         found: the same.
         followers: what inputs follow, with their places.
         dead: forces of inputs of 1 whose direction stays, (m, p); 0 of others.
+        standing: force (m,) that is there without inputs, or (1,) of none.
         strokes: what those follow that are found, (n,).
         places: of strokes that are given, in the input (k,).
     """
@@ -29,6 +30,7 @@ class ShapeLoads:
     def __init__(self, rom: Rom, model: ContactModel, found: FoundForces | None):
         width = model.inputs.shape[1]
         self.found, following, self.dead = found, FollowingLoads.of(rom, width, []), model.inputs.copy()
+        self.standing = np.zeros(1)
         self.followers: list[tuple[int, Follower]] = [] if following is None else following.followers
         self.strokes: list[Follower] = [] if found is None else found.followers
         self.places = np.empty(0, dtype=int) if found is None else width + found.actuators.columns
@@ -36,7 +38,7 @@ class ShapeLoads:
 
     def force(self, u: Array, q: Array) -> Array:
         """Generalized forces (m,) of the inputs u (p,) on the body at q."""
-        return self.with_followers(self.dead.dot(u), u, q)
+        return self.with_followers(self.dead.dot(u) + self.standing, u, q)
 
     def with_followers(self, dead: Array, u: Array, q: Array) -> Array:
         """The same, where those of loads whose direction stays (m,) are known."""
