@@ -109,6 +109,17 @@ class FrameLoads:
             modal = modal + self.points.rows.dot(forces.at_points.dot(turn.middle).ravel())
         return modal
 
+    def columns_of(self, turn: Geometry, frame: MovingFrame) -> Array:
+        """The same (m, p) of inputs of 1."""
+        columns = np.zeros((self._order, self.width))
+        columns[:, self.turning] = self.push[: self._order]
+        for column, field in zip(self.pulling, self.fields, strict=True):
+            columns[:, column] = np.array(turn.seen(vector(field))) @ frame.moment_modes
+        if len(self.columns):
+            rows = self.points.rows.reshape(self._order, -1, 3)
+            columns[:, self.columns] = (rows @ turn.middle.T).reshape(self._order, -1)
+        return columns
+
     def slopes(
         self, forces: FrameForces, step: StepTurn, frame: MovingFrame, ends: tuple[Array, Array]
     ) -> tuple[Slopes, Array]:
@@ -122,12 +133,11 @@ class FrameLoads:
         if forces.torque_by_shape is not None:
             start[SPIN, 6:] = end[SPIN, 6:] = forces.torque_by_shape / 2
         columns[:3, self.turning] = (turn.start + turn.end) / 2 @ self.push[m : m + 3]
-        columns[SPIN, self.turning], columns[6:, self.turning] = self.push[m + 3 :], self.push[:m]
+        columns[SPIN, self.turning], columns[6:] = self.push[m + 3 :], self.columns_of(turn, frame)
         if self.by_shape is not None:
             columns[SPIN, self.turning] += np.einsum("kmt,m->kt", self.by_shape, (q + q_end) / 2)
         for column, field in zip(self.pulling, self.fields, strict=True):
             columns[:3, column] = frame.mass * field
-            columns[6:, column] = np.array(turn.seen(vector(field))) @ frame.moment_modes
         slopes = step.slopes(start, end)
         if len(self.columns):
             at = self.points.rest + self.points.moved(q)

@@ -109,7 +109,11 @@ class OnBase(BookedKernel):
 
     def check_differentiable(self) -> None:
         """As in Kernel."""
-        raise StructureError("equilibria on a base that moves: its steps are not differentiated")
+        refused = {"contact": self._touching is not None, "springs to the ground": self.ties is not None}
+        for what, there in refused.items():
+            if there:
+                raise StructureError(f"{what} of a body without inertia on a base: its steps are not differentiated")
+        super().check_differentiable()
 
     def begin(self) -> None:
         """Puts the base where it is at rest."""

@@ -89,7 +89,7 @@ class QuasiStatic(BookedKernel):
             self._e * self._inverse_ω,
             None,
         )
-        v, r, found, columns = (q_after - q) / h, 0 * q, None, self._model.inputs
+        v, r, found, columns = (q_after - q) / h, 0 * q, None, self._dead_loads
         contact, is_kink = contact_adjoint(self._interface)
         if self._actuators is not None:
             of = FoundForces(None, self._model, self._actuators)
