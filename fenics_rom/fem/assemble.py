@@ -9,28 +9,28 @@ from petsc4py import PETSc
 
 from fenics_rom.errors import SceneError, check_type
 from fenics_rom.fem.assembly_warnings import obstacles_inside, obstacles_too_small, warnings_of
-from fenics_rom.fem.body_matrices import body_matrices, damping_of_cells, material_of_cells
+from fenics_rom.fem.body_matrices import BodyMatrices, body_matrices, damping_of_cells, material_of_cells
 from fenics_rom.fem.contact_points import contact_points_of, points_between
 from fenics_rom.fem.finite_strain.assemble import assemble_deformation
 from fenics_rom.fem.loads import actuators_of, contact_columns, loads_of
-from fenics_rom.fem.mesh import read_mesh
+from fenics_rom.fem.mesh import Mesh, read_mesh
 from fenics_rom.fem.mesh_quality import radius_ratios
 from fenics_rom.fem.moving_frame import assemble_frame
 from fenics_rom.fem.named_places import named_surfaces
-from fenics_rom.fem.nodes import canonical_nodes
+from fenics_rom.fem.nodes import Nodes, canonical_nodes
 from fenics_rom.fem.outputs import output_rows
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.places import patch_nodes
 from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.readings import readings_of
 from fenics_rom.fem.rigid_modes import rigid_motions
-from fenics_rom.fem.supports import unknowns_of
+from fenics_rom.fem.supports import of_whole_nodes, unknowns_of
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.body_facts import implausible, quality_of
 from fenics_rom.scene.places import given_piece
 from fenics_rom.scene.scene import Scene
-from fenics_rom.system.body import Body
-from fenics_rom.system.moving_frame import check_motions, with_ties
+from fenics_rom.system.body import Body, Unknowns
+from fenics_rom.system.moving_frame import WholeNodes, check_motions, with_ties
 from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
 from fenics_rom.system.system import System
 
@@ -69,43 +69,79 @@ def _system(scene: Scene, comm: Any) -> System:
             f"{scene.source}: supports.held: with large deformation the normal of a roller or plane of symmetry is "
             "allowed along an axis only; turn the mesh"
         )
-    material, effects = material_of_cells(scene, mesh), scene.effects
+    material, moving = material_of_cells(scene, mesh), scene.environment.is_moving
+    mesh_of = comm, mesh, nodes, material
+    system, matrices, shared = _with_unknowns(scene, mesh_of, unknowns, unknowns)
+    said = (*obstacles_too_small(system), *obstacles_inside(system))
+    system = replace(system, warnings=(*system.warnings, *said))
+    if moving and matrices.frame_masses is not None:
+        whole = of_whole_nodes(unknowns)
+        is_whole = np.array_equal(whole.free, unknowns.free)
+        nodal = system if is_whole else _with_unknowns(scene, mesh_of, unknowns, whole)[0]
+        of_body = scene, nodes, unknowns, whole, material[:, :2]
+        frame = assemble_frame(*of_body, matrices.frame_masses, shared, nodal.algebra)
+        frame = with_ties(frame, *matrices.ties, nodes.coordinates, unknowns, system.algebra)
+        check_motions(system.rigid.shape[1], frame.carried, f'{scene.source}: frame = "moving": ')
+        if not is_whole:
+            held = WholeNodes(nodal, system.algebra, unknowns.matrix[whole.free[nodal.algebra.rows()]])
+            nodal = replace(nodal, rigid=held.expand(system.rigid), moving_frame=frame)
+            frame = replace(frame, whole=replace(held, system=nodal))
+        system = replace(system, moving_frame=frame)
+    if scene.effects.large_deformation is None:
+        return system
+
+    def cell_properties(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return material[cells, 0], material[cells, 1], damping_of_cells(scene, mesh)[cells, 1]
+
+    return replace(system, deformation=assemble_deformation(system, nodes, cell_properties, *matrices.external))
+
+
+def _with_unknowns(
+    scene: Scene, mesh_of: tuple[Any, Mesh, Nodes, np.ndarray], unknowns: Unknowns, kept: Unknowns
+) -> tuple[System, BodyMatrices, dict[str, np.ndarray]]:
+    """The system of unknowns that are kept, its matrices, and what actuators and loads do to all nodes, (3 N, any).
+
+    Args:
+        scene: of the system.
+        mesh_of: the ranks, the mesh, its nodes, and the material of its cells.
+        unknowns: that supports leave.
+        kept: these, or more.
+    """
+    (comm, mesh, nodes, material), effects = mesh_of, scene.effects
     young = {
         "material" if given_piece(m) is None else f"materials.{name}": m.young for name, m in scene.materials.items()
     }
     tied = effects.damped.dashpots and not scene.environment.is_moving  # where a frame moves they are not in D
     is_proportional = not (effects.damped.materials or tied)
-
-    matrices = body_matrices(comm, mesh, nodes, scene, material, unknowns)
+    matrices = body_matrices(comm, mesh, nodes, scene, material, kept)
     algebra = PetscAlgebra(comm, matrices.mass.mat.getOwnershipRange())
     rows = algebra.rows()
     actuators, actuator_units = actuators_of(scene, nodes, unknowns)
     loads, load_units = loads_of(scene, nodes, matrices.weight, matrices.translations, unknowns)
-    motions = mass_orthonormal(matrices.mass, rigid_motions(nodes, matrices.node_mass, unknowns)[rows], algebra)
+    motions = mass_orthonormal(matrices.mass, rigid_motions(nodes, matrices.node_mass, kept)[rows], algebra)
     rigid = without_energy(matrices.mass, matrices.stiffness, motions, algebra)
     system = System(
         mass=matrices.mass,
         damping=matrices.damping,
         stiffness=matrices.stiffness,
         contacts={
-            name: unknowns.restrict(contact_columns(scene, nodes, unknowns, name))[rows] for name in scene.contacts
+            name: kept.restrict(contact_columns(scene, nodes, unknowns, name))[rows] for name in scene.contacts
         },
-        actuators={name: unknowns.restrict(columns)[rows] for name, columns in actuators.items()},
-        loads={name: unknowns.restrict(columns)[rows] for name, columns in loads.items()},
+        actuators={name: kept.restrict(columns)[rows] for name, columns in actuators.items()},
+        loads={name: kept.restrict(columns)[rows] for name, columns in loads.items()},
         units=actuator_units | load_units,
         contact_points=contact_points_of(scene, nodes, unknowns),
         outputs={
-            name: output_rows(nodes, output, unknowns, f"outputs.{name}")[rows]
-            for name, output in scene.outputs.items()
+            name: output_rows(nodes, output, kept, f"outputs.{name}")[rows] for name, output in scene.outputs.items()
         },
-        readings=readings_of(scene, nodes, material, unknowns),
+        readings=readings_of(scene, nodes, material, kept),
         algebra=algebra,
         rayleigh=(effects.damped.alpha, effects.damped.beta) if is_proportional else None,
         rigid=rigid,
         body=Body(
             nodes.coordinates,
             nodes.drawn_triangles(),
-            unknowns,
+            kept,
             matrices.node_mass,
             {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()},
             quality_of(radius_ratios(nodes.coordinates, nodes.cells)),
@@ -116,18 +152,5 @@ def _system(scene: Scene, comm: Any) -> System:
         scene=scene,
         warnings=(*warnings_of(scene, mesh, rigid), *implausible(nodes.coordinates, matrices.node_mass.sum(), young)),
     )
-    said = (*obstacles_too_small(system), *obstacles_inside(system))
-    system = replace(system, warnings=(*system.warnings, *said))
-    if matrices.frame_masses is not None:
-        shared = {name: system.units.get(name, 1.0) * columns for name, columns in (actuators | loads).items()}
-        frame = assemble_frame(scene, nodes, unknowns, material[:, :2], matrices.frame_masses, shared, algebra)
-        frame = with_ties(frame, *matrices.ties, nodes.coordinates, unknowns, algebra)
-        check_motions(rigid.shape[1], frame.carried, f'{scene.source}: frame = "moving": ')
-        system = replace(system, moving_frame=frame)
-    if effects.large_deformation is None:
-        return system
-
-    def cell_properties(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return material[cells, 0], material[cells, 1], damping_of_cells(scene, mesh)[cells, 1]
-
-    return replace(system, deformation=assemble_deformation(system, nodes, cell_properties, *matrices.external))
+    units = actuator_units | load_units
+    return system, matrices, {name: units.get(name, 1.0) * columns for name, columns in (actuators | loads).items()}

@@ -87,7 +87,7 @@ def body_matrices(
     (fixed, weight), frame_masses, ties = attached_masses(scene, nodes), None, (None, None)
     if scene.environment.is_moving:
         ties = springs, _with_springs(dashpots, springs, scene)
-        frame_masses = _frame_masses(scene, nodes, unknowns, full["mass"], translated, fixed, dolfinx_number)
+        frame_masses = _frame_masses(scene, nodes, full["mass"], translated, fixed, dolfinx_number)
     reduced = restrict_matrices(full, unknowns, dolfinx_number, nodes.coordinates)
     reduced["mass"] = with_attached(reduced["mass"], fixed, unknowns)
     springs, dashpots = of_components(springs), of_components(dashpots)
@@ -104,18 +104,12 @@ def body_matrices(
 
 
 def _frame_masses(
-    scene: Scene,
-    nodes: Nodes,
-    unknowns: Unknowns,
-    mass: PETSc.Mat,
-    translated: np.ndarray,
-    fixed: Any,
-    dolfinx_number: np.ndarray,
+    scene: Scene, nodes: Nodes, mass: PETSc.Mat, translated: np.ndarray, fixed: Any, dolfinx_number: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """`frame_masses` of M with all degrees of freedom, and of what is fixed to the body."""
     of_nodes = scipy.sparse.csr_matrix((len(translated),) * 2) if fixed is None else fixed[::3, ::3]
     translated = translated + of_nodes @ np.ones(len(translated))
-    origin = frame_origin(scene, nodes, unknowns, translated)
+    origin = frame_origin(scene, nodes, translated)
     arms = nodes.coordinates - origin
     return translated, mass_times(mass, arms, dolfinx_number) + of_nodes @ arms, origin
 

@@ -68,7 +68,7 @@ class CarriedAtRest(OnBase, FullOrderStepper):
 
     def _force(self, u: Array) -> Array:
         """As in FullOrderStepper."""
-        return self._take_loads(u, self._end).ravel()
+        return self._take_loads(u, self._end)[:, 0]
 
     def _points_in(self, h: float) -> CarriedPoints | None:
         """As in FullOrderStepper."""

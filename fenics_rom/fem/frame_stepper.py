@@ -41,8 +41,8 @@ class MovingFrameStepper(ReadInWorldAxes):
     """
 
     def __init__(self, system: System, dt: float, environment: ActiveEnvironment, *, ledger: bool = True):
-        super().__init__(system, dt, environment, ledger)
         self._body, self._environment = NodalFrame(system, environment.environment.viscoelasticity), environment
+        super().__init__(self._body.system, dt, environment, ledger)
         self._frame = self._body.frame
         self.kind = MOVING_FRAME
         self.reason = "a rigid base carries the body" if self._frame.carried else "nothing holds the body"

@@ -22,9 +22,9 @@ from fenics_rom.system.rigid_modes import choose_fixed_dofs, free_rows
 from fenics_rom.system.system import System, components_of
 
 
-def frame_origin(scene: Scene, nodes: Nodes, unknowns: Unknowns, node_mass: np.ndarray) -> np.ndarray:
+def frame_origin(scene: Scene, nodes: Nodes, node_mass: np.ndarray) -> np.ndarray:
     """Of a free body the centre of mass; of a carried one what the scene says, or the origin of its coordinates."""
-    if len(np.unique(unknowns.free // 3)) == len(nodes.coordinates):
+    if not (scene.clamped or scene.held):
         return node_mass @ nodes.coordinates / node_mass.sum()
     return np.array(scene.environment.details("effects.base_path").get("origin", np.zeros(3)))
 
@@ -45,6 +45,7 @@ def assemble_frame(
     scene: Scene,
     nodes: Nodes,
     unknowns: Unknowns,
+    whole: Unknowns,
     moduli: np.ndarray,
     masses: tuple[np.ndarray, ...],
     shared: Mapping[str, np.ndarray],
@@ -53,6 +54,8 @@ def assemble_frame(
     """The frame of a scene's body.
 
     Args:
+        unknowns: that supports leave.
+        whole: all of the nodes that move.
         moduli: λ and μ of each cell, (C, 2), Pa.
         masses: of all nodes m times 1 (N,), and times their distance from the origin (N, 3); and that origin (3,).
         shared: columns (3 N, any) of actuators and loads, in the units of the inputs.
@@ -61,12 +64,12 @@ def assemble_frame(
     arms = nodes.coordinates - origin
     fields = np.concatenate([np.ones((len(arms), 1)), arms], axis=1)
     products = np.concatenate([translated[:, None], mass_times_arms], axis=1)
-    moving = unknowns.free[::3] // 3
+    moving = whole.free[::3] // 3
     rows = algebra.rows()
     here = moving[rows.start // 3 : rows.stop // 3]
     held = np.setdiff1d(np.arange(len(arms)), moving)
     return FullOrderFrame(
-        carried=len(moving) < len(arms),
+        carried=bool(scene.clamped or scene.held),
         origin=origin,
         arms=arms[here],
         mass_times=products[here],
@@ -109,10 +112,10 @@ def centrifugal_stiffness(system: System) -> list[Operator]:
     assert frame is not None
     if frame.geometric_stiffness is None:
         return []
-    loads = frame.centrifugal_loads()
+    loads = frame.restrict(frame.centrifugal_loads())
     loads = loads - system.mass @ (R @ algebra.inner(R, loads))  # with the inertia relief of a free body
     with closing(algebra.factor((1.0, system.stiffness), fixed_dofs=choose_fixed_dofs(R, algebra))) as factor:
-        responses = factor.solve(loads * free_rows(algebra, choose_fixed_dofs(R, algebra)))
+        responses = frame.expand(factor.solve(loads * free_rows(algebra, choose_fixed_dofs(R, algebra))))
     return [frame.geometric_stiffness(responses[:, [n]]) for n in range(6)]
 
 

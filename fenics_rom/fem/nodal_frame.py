@@ -44,20 +44,23 @@ class NodalFrame:
         ties: springs and dashpots to the ground; None where there are none.
         coupling: of turning and bending, which steps keep here as long as it serves; None: there is none.
         branches: of a material that relaxes; None: it does not.
+        system: of all components of the nodes here.
     """
 
     def __init__(self, system: System, series: PronySeries | None = None):
         assert system.moving_frame is not None
-        self.frame, self._system = system.moving_frame, system
+        self.frame, self._of_unknowns = system.moving_frame, system
+        self.system = self._system = system if self.frame.whole is None else self.frame.whole.system
         self.mass, self._first = float(self.frame.moments[0, 0]), self.frame.moments[0, 1:]
         self.size = float(np.sqrt(np.trace(self.frame.moments[1:, 1:]) / self.mass))
         self.mass_of_nodes, self.mass_times_arms = self.frame.mass_times[:, :1], self.frame.mass_times[:, 1:]
-        self._resisting = (ExtendedMatrix(system.stiffness.mat), *centrifugal_stiffness(system))  # type: ignore[attr-defined]
-        self._MR = system.mass @ system.rigid
+        K: Any = self._system.stiffness
+        self._resisting = (ExtendedMatrix(K.mat), *centrifugal_stiffness(system))
+        self._MR = self._system.mass @ self._system.rigid
         self._factored: tuple[float, PetscFactor, Array] | None = None
         self._compliance: tuple[float, Array] | None = None
         self.coupling: Coupling | None = None
-        self.ties = None if self.frame.tie_forces is None else NodalTies(system)
+        self.ties = None if self.frame.tie_forces is None else NodalTies(self._system)
         self.branches: MaxwellBranches | None = None
         if series is not None:
             self.branches = MaxwellBranches(series, 2, self.frame.arms.size, system.algebra.total)
@@ -68,9 +71,18 @@ class NodalFrame:
         resisted = np.stack([still] * len(self._resisting))
         return Motion(still, still, still, still, resisted, np.eye(3), self.frame.origin, np.zeros(3), np.zeros(3))
 
+    def nodal(self, x: Array) -> Array:
+        """A field (n, 3) of the unknowns that supports leave, (rows here, 1)."""
+        field: Array = self.frame.expand(x.reshape(-1, 1)).reshape(-1, 3)
+        return field
+
+    def on_unknowns(self, force: Array) -> Array:
+        """A force (n, 3) on these, (rows here, 1)."""
+        return self.frame.restrict(np.ascontiguousarray(force).reshape(-1, 1))
+
     def with_shape(self, motion: Motion, q: Array, r: Array) -> Motion:
-        """The same with displacement and rate (rows here,)."""
-        q, r = (self._strained(column.reshape(-1, 1)).reshape(-1, 3) for column in (q, r))
+        """The same with displacement and rate of the unknowns, (rows here,)."""
+        q, r = (self._strained(self.nodal(column).reshape(-1, 1)).reshape(-1, 3) for column in (q, r))
         return motion._replace(r=r, Mr=self.inert(r), q=q, Mq=self.inert(q), Kq=self._resisted(q))
 
     def rate(self, r: Array) -> Rate:
@@ -172,17 +184,17 @@ class NodalFrame:
 
     def inverted(self, ρ: Array, h: float) -> Array:
         """A⁻¹ρ (rows here, k) of A = 2/h M + D + (h/2 + t) K and ties, among displacements without rigid motions."""
-        s, inner = self._system, self._system.algebra.inner
+        s, inner = self._of_unknowns, self._system.algebra.inner
         if self._factored is None or self._factored[0] != h:
             self.close()
             elastic = h / 2 if self.branches is None else h / 2 + self.branches.stiffening_time
             A = combination((2 / h, s.mass), (1.0, s.damping), (elastic, s.stiffness))
             if self.ties is not None:
                 A = with_attached(PetscMatrix(A), of_components(self.ties.resistance(h)), s.body.unknowns).mat
-            factor = PetscFactor(A, one_by_one=True)
-            self._factored = h, factor, factor.solve(self._MR) if self._MR.shape[1] else self._MR
+            factor, MR = PetscFactor(A, one_by_one=True), self.frame.restrict(self._MR)
+            self._factored = h, factor, self.frame.expand(factor.solve(MR)) if MR.shape[1] else self._MR
         _, factor, reactions = self._factored
-        x = factor.solve(ρ)
+        x = self.frame.expand(factor.solve(self.frame.restrict(ρ)))
         if reactions.shape[1]:
             x = x - reactions @ np.linalg.solve(inner(self._MR, reactions), inner(self._MR, x))
         return self._strained(x)

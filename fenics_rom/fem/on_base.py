@@ -69,17 +69,22 @@ class OnBase(ReadInWorldAxes):
         self._misfit = max(self._misfit[0], gaps[0]), max(self._misfit[1], gaps[1])
 
     def _take_loads(self, u: Array, end: BaseState) -> Array:
-        """Has the loads of an input (p,), as the base sees them in the middle of a step, or at rest at its end; (n, 3).
+        """Has the loads of an input (p,), as the base sees them in the middle of a step, or at rest at its end.
+
+        Returns:
+            What they do to the unknowns, (rows here, 1), N.
 
         At rest that is with what springs to the ground pull the body with that the base carries there unbent.
         """
-        self._loads = FrameLoads.of(self.system, self.contact_mode, self.input_matrix, u, self._environment)
+        nodal, contact = self._body.system, self.contact_mode
+        B = self.input_matrix if nodal is self.system else nodal.input_matrix(contact)
+        self._loads = FrameLoads.of(nodal, contact, B, u, self._environment)
         force = self._loads.on_nodes(self._body, self._geometry(self._base if self._has_inertia else end, end, self.dt))
         if not self._has_inertia and (ties := self._body.ties) is not None:
             there = self._motion(end)
             pull = ties.pull(there._replace(q=np.zeros_like(there.q)))[0]
             force = force - ties.of_here(pull @ there.R)
-        return force
+        return self._body.on_unknowns(force)
 
     def _beyond_springs(self, now: Motion) -> float:
         """What springs to the ground store at their true places, less ½ qᵀK_s q of a base that stands, J."""
@@ -95,7 +100,8 @@ class OnBase(ReadInWorldAxes):
         start, end = self._motion(self._base), self._motion(self._end)
         turn = self._geometry(self._base, self._end, h)
         twist = None if at_rest else ((start.v + end.v) / 2, (start.ω + end.ω) / 2)
-        return CarriedPoints(self.interface, self._frame.origin, start, end.position, turn, twist, h)
+        state = self.x, self.v
+        return CarriedPoints(self.interface, self._frame.origin, state, start, end.position, turn, twist, h)
 
     def _supplied_at_rest(self, before: ContactSolution | None, v: Array, h: float, beyond: float) -> float:
         """What the base supplies in h, s, between two equilibria, J.
@@ -146,7 +152,7 @@ class OnBase(ReadInWorldAxes):
 
     def _motion(self, base: BaseState) -> Motion:
         """The body with a base."""
-        R, q, r = rotation_matrix(base.rotation), self.x.reshape(-1, 3), self.v.reshape(-1, 3)
+        R, q, r = rotation_matrix(base.rotation), self._body.nodal(self.x), self._body.nodal(self.v)
         Mq, Mr = self._body.inert(q), self._body.inert(r)
         twist = base.velocity @ R, base.angular_velocity @ R
         return Motion(r, Mr, q, Mq, np.zeros((1, *q.shape)), R, np.array(base.position), *twist)

@@ -66,7 +66,8 @@ class CarriedPoints(PointsOfStep):
     Args:
         interface: the contact points.
         origin: of the frame where the body is at rest, (3,), m.
-        start: the body where the step begins.
+        state: displacement and its rate (rows here, 1) where the step begins, m and m/s.
+        start: the body there.
         end: where the base is then, (3,), m.
         turn: how it turns.
         twist: v̂ and ω̂ (3,) of the base in its axes in the middle of the step; None: equilibria know places alone.
@@ -77,6 +78,7 @@ class CarriedPoints(PointsOfStep):
         self,
         interface: FullOrderInterface,
         origin: Array,
+        state: tuple[Array, Array],
         start: Motion,
         end: Array,
         turn: Geometry,
@@ -85,9 +87,9 @@ class CarriedPoints(PointsOfStep):
     ):
         self.interface, self._turn, self._h = interface, turn, h
         rest = interface.points.coordinates
-        self._places = rest - origin + interface.at_points(start.q.reshape(-1, 1))
+        self._places = rest - origin + interface.at_points(state[0])
         self.displacement = start.position + self._places @ start.R.T - rest
-        self._start, self._moved = start, interface.at_points(start.r.reshape(-1, 1))
+        self._start, self._moved = start, interface.at_points(state[1])
         self._at_rest, self._turned = twist is None, cast("tuple[Array, Array] | None", None)
         if twist is None:
             self._inward = self._outward = turn.end

@@ -63,6 +63,12 @@ def unknowns_of(scene: Scene, nodes: Nodes) -> Unknowns:
     return Unknowns(3 * count, free, tied, scipy.sparse.csr_array((weight, places), shape=(len(tied), len(free))))
 
 
+def of_whole_nodes(unknowns: Unknowns) -> Unknowns:
+    """All components of those nodes that can move."""
+    components = 3 * np.unique(unknowns.moving // 3)[:, None] + np.arange(3)
+    return Unknowns(unknowns.components, components.ravel())
+
+
 def rigid_ties(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What components of nodes that move as a rigid body follow, of small motions.
 

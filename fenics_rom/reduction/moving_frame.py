@@ -29,16 +29,18 @@ def with_moving_frame(problem: ReductionProblem, rom: Rom, whole: System) -> Rom
     if frame is None:
         return rom
     with problem.stages("moving frame"):
-        algebra = system.algebra
-        Q = np.ascontiguousarray(rom.basis[algebra.rows()])
+        nodal = system if frame.whole is None else frame.whole.system
+        algebra, Q = nodal.algebra, frame.expand(np.ascontiguousarray(rom.basis[system.algebra.rows()]))
         stiffening, large = None, system.deformation is not None  # the potential of large deformation has it
         if frame.geometric_stiffness is not None and not large:
-            responses = problem.factor.solve(frame.centrifugal_loads())  # of a free body with its inertia relief
+            loads = frame.restrict(frame.centrifugal_loads())
+            responses = frame.expand(problem.factor.solve(loads))  # of a free body with its inertia relief
             Kg = [algebra.inner(Q, frame.geometric_stiffness(responses[:, [n]]) @ Q) for n in range(6)]
             stiffening = np.array([(A + A.T) / 2 for A in Kg])
-        products = frame.moments, frame.mass_times, Q, system.mass @ Q
+        products = frame.moments, frame.mass_times, Q, nodal.mass @ Q
         constants = frame_of(frame.carried, frame.origin, *products, algebra.inner, stiffening)
-        torques = {name: _wrenches(whole, frame, name, Q) for name in rom.contact_models}
+        of_nodes = whole if frame.whole is None else frame.whole.system
+        torques = {name: _wrenches(of_nodes, frame, name, Q) for name in rom.contact_models}
         constants = replace(
             constants,
             wrenches={name: wrenches for name, (wrenches, _) in torques.items()},

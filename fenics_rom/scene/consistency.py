@@ -225,17 +225,6 @@ def _check_frame(file: SceneFile) -> None:
                 f"effects.point_masses.{name}.direction: a weight on a thread pulls along it alone only while the body "
                 "hardly turns or moves aside, else it swings; allowed is with frame = 'fixed', or without direction"
             )
-    for k, held in enumerate(file.supports.held):
-        if held.normal is not None:
-            raise SceneError(
-                f"supports.held[{k}].normal: slides on the ground; allowed with frame = 'moving' is to be clamped, and "
-                "all that is clamped is one rigid base"
-            )
-    if file.supports.rigid:
-        raise SceneError(
-            "supports.rigid: turns but a little, with all of the body; allowed is with frame = 'fixed'. In a world any "
-            "surface is welded at its contact points"
-        )
     training = None if effects.large_deformation is None else effects.large_deformation.training
     for key in ("accelerations", "angular_accelerations") if training is not None and not carried else ():
         if any(getattr(training, key)):

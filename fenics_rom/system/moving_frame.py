@@ -23,6 +23,33 @@ GeometricStiffness = Callable[[Array], Operator]
 
 
 @dataclass(frozen=True)
+class WholeNodes:
+    """Where supports hold or tie but some components of nodes that move: the same body without these.
+
+    Fields of all components of such nodes are what a frame turns; x = Z z has those z that supports leave.
+
+    Attributes:
+        system: of all of these components, whose rows on a rank are those of whole nodes; its rigid motions are those
+            that supports leave.
+        algebra: of z.
+        shares: Z (rows of the system here, n), sparse.
+    """
+
+    system: Any
+    algebra: Algebra
+    shares: Any
+
+    def expand(self, z: Array) -> Array:
+        """x (rows of the system here, k) of z (rows here, k)."""
+        expanded: Array = self.shares @ self.algebra.gather(np.ascontiguousarray(z))
+        return expanded
+
+    def restrict(self, forces: Array) -> Array:
+        """Zᵀf (rows here, k) of forces on x (rows of the system here, k)."""
+        return self.algebra.inner(self.shares, forces)[self.algebra.rows()]
+
+
+@dataclass(frozen=True)
 class FullOrderFrame:
     """A frame that moves with a body, and the mass of the body in it.
 
@@ -40,6 +67,7 @@ class FullOrderFrame:
         springs, dashpots: S (N, N) of all nodes, sparse, the same on every rank, N/m and N s/m; None where none.
         tie_forces: (rows here, any), N, that these put on a body which moves and turns without straining: what its
             basis has to know of them.
+        whole: whose nodes those here are; None where the rows of the body's own system are those of whole nodes.
     """
 
     carried: bool
@@ -54,6 +82,15 @@ class FullOrderFrame:
     springs: Any = None
     dashpots: Any = None
     tie_forces: Array | None = None
+    whole: WholeNodes | None = None
+
+    def expand(self, x: Array) -> Array:
+        """Fields of the nodes here (3 nodes here, k) of the system's unknowns (rows here, k)."""
+        return x if self.whole is None else self.whole.expand(x)
+
+    def restrict(self, forces: Array) -> Array:
+        """Forces on the system's unknowns (rows here, k) of those on the nodes here (3 nodes here, k)."""
+        return forces if self.whole is None else self.whole.restrict(forces)
 
     def forces_on_held(self, contact: str, inputs: int) -> Array:
         """What the inputs of a contact mode put on nodes that the base holds, (H, 3, inputs), N per unit."""

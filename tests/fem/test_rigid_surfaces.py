@@ -6,7 +6,6 @@ import scipy.linalg
 from bodies import box_arrays, dense, scene_text, write_arrays
 
 import fenics_rom as fr
-from fenics_rom.errors import SceneError
 from fenics_rom.scene.file import parse_scene
 
 RIGID = 'clamped = ["left"]\nrigid = ["right"]'
@@ -80,11 +79,6 @@ def test_a_wrench_has_the_forces_and_moments_that_it_is_called_by(tmp_path, degr
 def test_rigid_surfaces_that_cannot_be_are_refused(tmp_path, parts, said):
     with pytest.raises(fr.FenicsRomError, match=said):
         body(tmp_path, **parts)
-
-
-def test_a_rigid_surface_is_not_of_a_moving_frame(tmp_path):
-    with pytest.raises(SceneError, match=r"supports.rigid: turns but a little.*allowed is with frame = 'fixed'"):
-        parse_scene('frame = "moving"\n' + text_of(tmp_path, effects="inertia = {}"))
 
 
 def test_a_model_knows_its_rigid_surfaces(tmp_path):

@@ -78,7 +78,6 @@ def test_tables_of_poses_are_read_in_their_units(tmp_path):
             )
 
 
-ROLLER = 'clamped = ["left"]\nheld = [{ surface = "right", normal = [0, 0, 1] }]'
 TRAINING = "[effects.large_deformation.training]\naccelerations = [1.0, 0.0, 0.0]"
 ROPE = "[effects.tendon.rope]\npoints = [[0.0, 0.0, 0.0], [0.5, 0.1, 0.05], [1.0, 0.0, 0.0]]"
 FAST = np.hstack([POSES, [[0, 0, 2, 0, 2.574, 0], [0, 0, 2, 0, 2.574, 0]]])
@@ -91,7 +90,6 @@ MISTAKES = {
     "effects.point_masses.hung.direction: a weight on a thread pulls along it alone only while": {
         "effects": 'inertia = {}\n[effects.point_masses.hung]\nsurface = "right"\nmass = 1.0\ndirection = [0, 0, 1]'
     },
-    "supports.held[0].normal: slides on the ground; allowed with frame = 'moving' is to be": {"supports": ROLLER},
     "effects.base_motion: shakes what is clamped, and nothing is; name supports, or leave it out": {
         "effects": "inertia = {}\n[effects.base_motion.quake]\ndirection = [1, 0, 0]",
         **FREE,

@@ -79,7 +79,7 @@ class CarriedFiniteStrainStepper(OnBase, FiniteStrainStepper):
 
     def _dead_force(self, u: Array) -> Array:
         """As in FiniteStrainStepper."""
-        return np.ascontiguousarray(self._take_loads(u, self._base_at(self.time + self.dt))).reshape(-1, 1)
+        return self._take_loads(u, self._base_at(self.time + self.dt))
 
     def _points_in(self, h: float, at_rest: bool) -> CarriedPoints | None:
         """As in FiniteStrainStepper."""
@@ -103,7 +103,7 @@ class CarriedFiniteStrainStepper(OnBase, FiniteStrainStepper):
             base, body = self._motion(end), self._body
             if body.ties is not None:
                 self._tied = CarriedTies(body.ties, now, turn, base.position, h, body.mass)
-            terms = CarriedTerms(self._model.mass, body, now, (base.v, base.ω), self._tied, h)
+            terms = CarriedTerms(body, now, (base.v, base.ω), self._tied, h)
             self._frame_terms = InFrame(carried=terms)
         iterations, (trial,) = super()._part(done, share, load, u, given, obstacles, missing), self._trial
         after = self._motion(end)
@@ -130,7 +130,7 @@ class CarriedFiniteStrainStepper(OnBase, FiniteStrainStepper):
             power = float((self.contact.forces * self._points.velocities(trial.v)).sum())
             supplied -= power - self._model.dot(self._points.force(self.contact), trial.v)
         if self._tied is not None and body.ties is not None:  # the base does what ties do not do on the shape
-            r̂ = trial.v.reshape(-1, 3)
+            r̂ = body.nodal(trial.v)
             tied = self._tied.at(r̂)
             supplied, heat = supplied + body.dot(tied.push.modal, r̂) - tied.power, body.ties.heat(tied.rates)
             others.append(tied.push)

@@ -6,7 +6,6 @@ from numpy import ndarray as Array
 from fenics_rom.fem.frame_ties import NodalTies, TiedStep, TieForces
 from fenics_rom.fem.nodal_frame import NodalFrame
 from fenics_rom.fem.nodal_motion import Motion
-from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.mechanics.frame_geometry import Geometry
 
 
@@ -48,7 +47,6 @@ class CarriedTerms:
     what they would do if the base stood where the body is at rest, which is in D_c and K_s.
 
     Args:
-        mass: M.
         body: its nodes.
         now: where the step begins.
         end: v and ω (3,) of the base in its axes then.
@@ -59,30 +57,23 @@ class CarriedTerms:
         constant: (rows here, 1), N, what does not depend on the mid-step velocity.
     """
 
-    def __init__(
-        self,
-        mass: PetscMatrix,
-        body: NodalFrame,
-        now: Motion,
-        end: tuple[Array, Array],
-        tied: CarriedTies | None,
-        h: float,
-    ):
+    def __init__(self, body: NodalFrame, now: Motion, end: tuple[Array, Array], tied: CarriedTies | None, h: float):
         (v, ω), (v_end, ω_end), My, Mr = (now.v, now.ω), end, body.mass_times_arms + now.Mq, now.Mr
-        self._mass, self._ω, self._ω_end, self._h, self._tied = mass, ω, ω_end, h, tied
+        self._body, self._ω, self._ω_end, self._h, self._tied = body, ω, ω_end, h, tied
         constant = np.cross(ω_end - ω, My / h + Mr / 2) + self._turned_twice(My)
         constant = constant + body.mass_of_nodes * ((v_end - v) / h + (np.cross(ω, v_end) + np.cross(ω_end, v)) / 2)
         if tied is not None:
             constant = constant - tied.constant
-        self.constant = np.ascontiguousarray(constant).reshape(-1, 1)
+        self.constant = body.on_unknowns(constant)
 
     def force(self, v: Array) -> Array:
         """What is linear in a mid-step velocity (rows here, 1), (rows here, 1), N."""
-        Mr = (self._mass @ v).reshape(-1, 3)
+        r̂ = self._body.nodal(v)
+        Mr = self._body.inert(r̂)
         force = np.cross(self._ω + self._ω_end, Mr) + self._h / 2 * self._turned_twice(Mr)
         if self._tied is not None:
-            force = force - self._tied.beyond(v.reshape(-1, 3))
-        return np.ascontiguousarray(force).reshape(-1, 1)
+            force = force - self._tied.beyond(r̂)
+        return self._body.on_unknowns(force)
 
     def _turned_twice(self, field: Array) -> Array:
         """½ [ω × (ω⁺ × ·) + ω⁺ × (ω × ·)] of a field (n, 3)."""

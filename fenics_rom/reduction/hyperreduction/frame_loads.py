@@ -63,6 +63,7 @@ def framed(problem: ReductionProblem, *, free_spins: bool = False) -> ReductionP
     if not frame.carried and free_spins:
         columns[SPINS] = system.algebra.balanced(frame.centrifugal_loads())  # type: ignore[attr-defined]
     fields = system.scene.environment.uniform_fields if frame.carried else {}
+    columns = {name: frame.restrict(np.ascontiguousarray(B)) for name, B in columns.items()}
     kept = {name: B for name, B in system.loads.items() if name not in fields}
     units = {name: unit for name, unit in system.units.items() if name not in fields}
     held = replace(system, loads=kept | columns, units=units | dict.fromkeys(columns, 1.0))
