@@ -124,9 +124,7 @@ def _with_unknowns(
         mass=matrices.mass,
         damping=matrices.damping,
         stiffness=matrices.stiffness,
-        contacts={
-            name: kept.restrict(contact_columns(scene, nodes, unknowns, name))[rows] for name in scene.contacts
-        },
+        contacts={name: kept.restrict(contact_columns(scene, nodes, unknowns, name))[rows] for name in scene.contacts},
         actuators={name: kept.restrict(columns)[rows] for name, columns in actuators.items()},
         loads={name: kept.restrict(columns)[rows] for name, columns in loads.items()},
         units=actuator_units | load_units,
