@@ -136,7 +136,7 @@ class HeldBody(HeldAdjoint):
         self._extent.enter(self._names[id(model)], model.inputs.shape[1])
 
     def act_by(self, dead: Array, standing: Array) -> None:
-        """As in BookedKernel."""
+        """See OnBase."""
         self.loads.dead, self.loads.standing = dead, standing
 
     @property

@@ -52,11 +52,6 @@ class Kernel(GoneBackThrough):
         return float(self.state.dot(self.state)) / 2
 
     @property
-    def seen_contact(self) -> "ContactSolution | None":
-        """Contact in the last step, in world axes."""
-        return self.contact
-
-    @property
     def auxiliary(self) -> Array:
         """What a step carries along besides."""
         return np.empty(0)
@@ -158,7 +153,6 @@ class BookedKernel(Kernel):
         branches: "MaxwellBranches | None" = None,
     ):
         self._model, self._ledger, self._interface, self._actuators = model, ledger, interface, actuators
-        self._dead_loads, self._standing = model.inputs, np.zeros(1)  # as `act_by` has them
         self.reactions = self._reactions_before = np.zeros(0 if actuators is None else len(actuators.columns))
         self.residual, self.branches, self._owned = residual, branches, branches  # a law owns its branches itself
         self._rigid_displacement, self._rigid_before = rigid_displacement, rigid_displacement.copy()
@@ -179,10 +173,6 @@ class BookedKernel(Kernel):
         if residual is not None:
             residual.stand_in(self._of_points[model.order :], self._motion[:, -6:-2])
         self._motions = self._motion[:, : model.order]  # q, r and v̂
-
-    def act_by(self, dead: Array, standing: Array) -> None:
-        """Has from now on these forces of inputs of 1 whose direction stays, (m, p), and one without inputs (m,)."""
-        self._dead_loads, self._standing = dead, standing
 
     @property
     def energy(self) -> float:

@@ -25,6 +25,7 @@ from fenics_rom.rom.rom import Rom, diagonalized_span
 from fenics_rom.runtime.steppers.body_parts import PLAIN, parts_of
 from fenics_rom.runtime.steppers.carried_base import frame_state
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
+from fenics_rom.runtime.steppers.frame_kernel import FrameKernel
 from fenics_rom.runtime.steppers.frame_loads import FrameLoads
 from fenics_rom.runtime.steppers.frame_state import FrameState
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
@@ -34,6 +35,7 @@ from fenics_rom.runtime.steppers.stepper import ReducedStepper
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
     from fenics_rom.mechanics.actuator_forces import ActuatorForces
+    from fenics_rom.mechanics.contact import ContactSolution
     from fenics_rom.mechanics.viscoelasticity import PronySeries
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.on_base import OnBase
@@ -80,6 +82,11 @@ class MovingFrameStepper(ReducedStepper):
     def model(self) -> ContactModel:
         """See ReducedStepper; with the modes that the last switch carried along."""
         return self.kernel.model
+
+    @property
+    def contact(self) -> "ContactSolution | None":
+        """See Stepper."""
+        return self.kernel.contact if isinstance(self.kernel, FrameKernel) else self.kernel.seen_contact
 
     @property
     def pose(self) -> BaseState:

@@ -9,6 +9,7 @@ and its forces are R⁺ᵀ f to the body. What they do beyond that, the base sup
 all axes, and what they pull the unbent body with is a load.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
@@ -51,10 +52,13 @@ class OnBase(BookedKernel):
         ties: springs to the ground; None where there are none.
         wrench: force (N) and torque about the frame's origin (N m) of the base in the last step, in world axes.
         elastic: as in PartedKernel.
+        act_by: of the kernel: has from now on these forces of inputs of 1 whose direction stays, (m, p), and one without
+            inputs (m,).
     """
 
     elastic = None
     base: BaseState | None = None
+    act_by: Callable[[Array, Array], None]
 
     def put_on_base(
         self, frame: MovingFrame, loads: FrameLoads, watch: FrameWatch, following: "FollowingLoads | None"
@@ -94,7 +98,7 @@ class OnBase(BookedKernel):
 
     @property
     def seen_contact(self) -> ContactSolution | None:
-        """As in Kernel."""
+        """Contact in the last step, in world axes."""
         return turned(self.contact, rotation_matrix(self.frame.rotation).T)
 
     @property

@@ -29,6 +29,13 @@ if TYPE_CHECKING:
 class QuasiStatic(BookedKernel):
     """A step to the next equilibrium. Arguments and attributes as in BookedKernel; the velocity stays zero."""
 
+    _dead_loads: Array | None = None  # forces of inputs of 1 (m, p), where they are not those of the model
+    _standing: Array = np.zeros(1)  # force without inputs, (m,)
+
+    def act_by(self, dead: Array, standing: Array) -> None:
+        """See OnBase."""
+        self._dead_loads, self._standing = dead, standing
+
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
         super().set_time_step(h)
@@ -42,7 +49,7 @@ class QuasiStatic(BookedKernel):
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
         u, given = (u, None) if self._actuators is None else self._actuators.split(u)
-        force = self._dead_loads.dot(u) + self._standing
+        force = self._columns_of_loads.dot(u) + self._standing
         change = force * self._inverse_ω - self._e
         free = change * self._inverse_ω / self.h
         motion, found = (self._coordinates(), self._r, free, self.h, obstacles, True), self.reactions
@@ -72,6 +79,10 @@ class QuasiStatic(BookedKernel):
         self.contact, self.reactions = contact, found
         return 2 * self.energy
 
+    @property
+    def _columns_of_loads(self) -> Array:
+        return self._model.inputs if self._dead_loads is None else self._dead_loads
+
     def check_differentiable(self) -> None:
         """As in Kernel."""
 
@@ -89,7 +100,7 @@ class QuasiStatic(BookedKernel):
             self._e * self._inverse_ω,
             None,
         )
-        v, r, found, columns = (q_after - q) / h, 0 * q, None, self._dead_loads
+        v, r, found, columns = (q_after - q) / h, 0 * q, None, self._columns_of_loads
         contact, is_kink = contact_adjoint(self._interface)
         if self._actuators is not None:
             of = FoundForces(None, self._model, self._actuators)

@@ -69,7 +69,7 @@ class ReducedStepper:
     @property
     def contact(self) -> "ContactSolution | None":
         """See Stepper."""
-        return self.kernel.seen_contact
+        return self.kernel.contact
 
     @property
     def reactions(self) -> Array:
@@ -98,7 +98,7 @@ class ReducedStepper:
         if self.interface is not None:
             self._search_before = self.interface.solver.search
         try:
-            return StepResult(self.kernel.step(inputs.u, inputs.obstacles) / 2, self.kernel.seen_contact)
+            return StepResult(self.kernel.step(inputs.u, inputs.obstacles) / 2, self.contact)
         except BaseException:
             self._restore_search()
             raise
