@@ -52,8 +52,8 @@ class OnBase(BookedKernel):
         ties: springs to the ground; None where there are none.
         wrench: force (N) and torque about the frame's origin (N m) of the base in the last step, in world axes.
         elastic: as in PartedKernel.
-        act_by: of the kernel: has from now on these forces of inputs of 1 whose direction stays, (m, p), and one without
-            inputs (m,).
+        act_by: of the kernel: has from now on these forces of inputs of 1 whose direction stays, (m, p), and one
+            without inputs, (m,).
     """
 
     elastic = None
