@@ -113,9 +113,9 @@ def shortened(scene: fr.Scene, duration: float) -> fr.Scene:
     return replace(scene, run=replace(scene.run, duration=duration))
 
 
-def changes(momentum: Array, times: Array) -> float:
+def changes(momentum: Array, times: Array, since: float = THROWN) -> float:
     """Largest change after the throw, as a share."""
-    free = momentum[times > THROWN + 1e-9]
+    free = momentum[times > since + 1e-9]
     return float(np.linalg.norm(free - free[0], axis=1).max() / np.linalg.norm(free[0]))
 
 

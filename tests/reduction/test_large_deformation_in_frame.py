@@ -15,6 +15,7 @@ from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.reduction.common_basis import CommonBasis
 from fenics_rom.reduction.hyperreduction.frame_loads import KINDS, FrameLoads, framed
+from fenics_rom.reduction.hyperreduction.training import plan_runs
 from fenics_rom.reduction.hyperreduction.training_loads import forces_at_rest, load_extremes
 from fenics_rom.reduction.moving_frame import inertia_constants
 from fenics_rom.reduction.problem import ReductionProblem
@@ -279,6 +280,25 @@ def test_free_body_is_trained_with_the_spins_that_it_begins_with(free_rom):
     assert trained.angular_accelerations is None
     assert (trained.spins >= 3.0).all() if free_rom.method != "trained" else trained.spins[2] >= 3.0
     assert not any(told.startswith("training: ") for told in free_rom.warnings)
+
+
+def test_a_free_body_is_trained_with_all_of_its_history_and_shares_of_its_loads(mesh):
+    """Of 1,000 steps in 334 of the threefold, and nothing else, as nothing touches it; impulses are the scene's."""
+    run = FLOWN.replace("dt = 0.01", "dt = 2e-4").replace("duration = 0.3", "duration = 0.2")
+    system = fr.assemble(scene(mesh, supports=None, run=run))
+    loads, training, (held_out,) = plan_runs(framed(problem_of(elastic_part(system))))
+    own, *others = training
+    assert own.title == "the scene's own load history"
+    assert own.dt == pytest.approx(6e-4)
+    assert [len(run.steps) for run in (own, *others, held_out)] == [334] * (len(training) + 1)
+    impulses = np.array([run.dt * sum(u[:3] for _, u in run.steps) for run in (own, *others, held_out)])
+    np.testing.assert_allclose(impulses[0], [0.0, 0.1, 0.3], atol=1e-12)
+    shares = impulses[:, 2] / 0.3
+    np.testing.assert_allclose(impulses, np.outer(shares, impulses[0]), atol=1e-12)
+    assert np.ptp(shares) > 0.2
+    assert 0.5 <= shares.min() < shares.max() <= 1.1
+    assert own.start.angular_velocity[2] == 3.0
+    assert loads.pushes["tip"][2] > 2.0
 
 
 def test_basis_of_a_free_body_holds_its_run(free, free_rom):

@@ -3,11 +3,12 @@
 Each begins at rest, lets loads grow to a target within half of the slowest period, so that the body overshoots, holds
 them, lets go and swings: what the scene does at its worst moment, then actuators, loads and contact modes one by one,
 and together. A contact mode that the scene never pushes is pushed by as much as undoes there what the other loads do:
-obstacles do no more. Where the full model does not follow, the loads of a run are lowered.
+obstacles do no more. A free body among no obstacles has the history of the scene, with random shares of its loads, as
+how it spins comes of all that was before. Where the full model does not follow, the loads of a run are lowered.
 """
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -22,9 +23,10 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.checkpoint import Checkpoint
-from fenics_rom.reduction.hyperreduction.frame_loads import KINDS
+from fenics_rom.reduction.hyperreduction.frame_loads import KINDS, FrameLoads
 from fenics_rom.reduction.hyperreduction.training_loads import (
     LoadExtremes,
+    in_longer_steps,
     load_extremes,
     scene_history,
     scene_with_run,
@@ -34,14 +36,16 @@ from fenics_rom.reduction.hyperreduction.training_loads import (
 from fenics_rom.reduction.methods.balanced import balanced
 from fenics_rom.reduction.methods.static import static
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
+from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
 
 MIN_RUNS, MAX_RUNS, MAX_FRAMED_RUNS = 10, 14, 20  # the last where a base moves
 STEPS_PER_PERIOD = 60  # of the slowest motion; no more, if the scene's are shorter
 STATIC_STEPS = 10  # of a load that grows without inertia
 SNAPSHOTS = 50  # of each run
-MAX_HISTORY_STEPS = 400  # of the scene's own load history
+MAX_HISTORY_STEPS = 400  # that the scene's own load history has in training
 GROWING_PERIODS, HOLDING_PERIODS, RUN_PERIODS = 0.5, 0.75, 2.5  # slowest periods that loads grow, are held, runs take
+VARIED = 0.5, 1.1  # of each load of a free body, in runs that are as its own
 LOWERING, LEAST_SHARE = 0.7, 0.1  # of the loads of a run that the full model does not follow, and what is too little
 SMALL_MOTION_WEIGHT = 0.03  # of a run's that the directions of small motions of a contact mode have together
 
@@ -72,6 +76,17 @@ class Run:
             return self
         steps = ((contact, loads.whole(loads.passing(u), share)) for contact, u in self.steps)
         return replace(self, steps=tuple(steps), share=share)
+
+    def varied(self, loads: LoadExtremes, start: BaseState, random: np.random.Generator) -> "Run":
+        """The run of a free body that begins otherwise, with random shares of each of its loads."""
+        shares = random.uniform(*VARIED, len(loads.resting) + 1)
+
+        def shared(u: Array) -> Array:
+            pushes = np.full(len(u) - len(loads.resting), shares[0])
+            return loads.whole(np.concatenate([pushes, shares[1:]]) * loads.passing(u))
+
+        steps = tuple((contact, shared(u)) for contact, u in self.steps)
+        return replace(self, title=f"{self.title}, varied", steps=steps, start=start)
 
     def snapshot_steps(self) -> range:
         """The steps after which the shape is kept."""
@@ -250,20 +265,29 @@ def plan_runs(problem: ReductionProblem) -> tuple[LoadExtremes, list[Run], list[
     loads = load_extremes(problem, period)
     number = min(MAX_RUNS if loads.frame is None else MAX_FRAMED_RUNS, max(MIN_RUNS, 2 * loads.count))
     frame = loads.frame_loads
-    starts: Sequence[BaseState | None] = [None] * (number + 1)
-    if frame is not None and frame.is_free:
-        starts = frame.starts(number + 1)
-    runs = [
-        _grown_and_released(system, loads, *target, dt, period, start)
-        for target, start in zip(training_targets(loads), starts, strict=False)
-    ]
-    training, held_out = runs[:-1], runs[-1:]
-    if scene.effects.contact is None:  # where obstacles do not stop the body, it would go too far without them
-        steps = tuple(islice(scene_history(system, scene, frame), MAX_HISTORY_STEPS))
-        start = None if frame is None else frame.start_of_run()
-        run = Run("the scene's own load history", steps, scene_run.dt if moves else None, start)
-        (held_out if start is None else training).append(run)  # how a free body spins comes of all that was before
-    return loads, training, held_out
+    own = None if scene.effects.contact is not None else _own_history(system, scene, frame, scene_run.dt, dt)
+    if frame is None or not frame.is_free:
+        targets = islice(training_targets(loads), number + 1)
+        runs = [_grown_and_released(system, loads, *target, dt, period, None) for target in targets]
+        return loads, runs[:-1], [*runs[-1:], *([] if own is None else [own])]
+    starts = frame.starts(number + 1)
+    if own is None:
+        flights = zip(training_targets(loads), starts, strict=False)
+        runs = [_grown_and_released(system, loads, *target, dt, period, start) for target, start in flights]
+        return loads, runs[:-1], runs[-1:]
+    random = np.random.default_rng(2)
+    runs = [own.varied(loads, start, random) for start in starts]
+    return loads, [own, *runs[:-1]], runs[-1:]
+
+
+def _own_history(system: System, scene: Scene, frame: FrameLoads | None, h: float, dt: float | None) -> Run:
+    """The scene's own load history, of steps h; all of it, if steps of up to dt (s) reach that far."""
+    history, stride = list(scene_history(system, scene, frame)), 1
+    if dt is not None:
+        stride = min(-(-len(history) // MAX_HISTORY_STEPS), max(1, int(dt / h)))
+    steps = tuple(islice(in_longer_steps(history, stride), MAX_HISTORY_STEPS))
+    start = None if frame is None else frame.start_of_run()
+    return Run("the scene's own load history", steps, None if dt is None else stride * h, start)
 
 
 def _grown_and_released(
@@ -289,7 +313,7 @@ def _grown_and_released(
 def weighted_snapshots(problem: ReductionProblem, runs: list[Array]) -> Array:
     """The shapes of all runs, each run as important as any other: it may be of a load that moves the body little."""
     inner, M = problem.system.algebra.inner, problem.system.mass
-    return np.hstack([shapes / np.sqrt(np.trace(inner(shapes, M @ shapes))) for shapes in runs])
+    return np.hstack([shapes / (np.sqrt(np.trace(inner(shapes, M @ shapes))) or 1.0) for shapes in runs])
 
 
 def weighted_small_motions(problem: ReductionProblem, bases: Mapping[str, RankedBasis]) -> Array:

@@ -102,12 +102,15 @@ def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
     if frame is not None:
         resting, extremes, far = frame.widened(resting, extremes, whole)
     pushes = {name: forces[np.linalg.norm(forces, axis=1).argmax()] for name, forces in pushing.items()}
-    if frame is not None and frame.is_free and scene.effects.contact is not None:
+    flies = frame is not None and frame.is_free
+    if frame is not None and flies and scene.effects.contact is not None:
         pushes = {name: push if push.any() else frame.stopping(push, period) for name, push in pushes.items()}
     spins = far is not None and far.spins.any()
     if not (spins or extremes.any() or any(push.any() for push in pushes.values())):
         raise SceneError(f"{scene.source}: run: nothing acts, so there is nothing to train with")
-    pushes, worst = _completed(problem, extremes, pushes), _worst(problem, acting, pushing)
+    if not flies or scene.effects.contact is not None:  # else nothing is where the scene pushes nothing
+        pushes = _completed(problem, extremes, pushes)
+    worst = _worst(problem, acting, pushing)
     wrenches = tuple(name for name, patch in scene.contacts.items() if patch.force == "wrench")
     return LoadExtremes(resting, extremes, pushes, inputs, SMOOTHING_PERIODS * period, worst, frame, far, wrenches)
 
@@ -155,6 +158,13 @@ def scene_history(system: System, scene: Scene, frame: FrameLoads | None = None)
             contact,
             np.concatenate([pushed, u, loads if frame is None else frame.seen(loads, step * history.dt, history.dt)]),
         )
+
+
+def in_longer_steps(history: Sequence[tuple[str, Array]], stride: int) -> Iterator[tuple[str, Array]]:
+    """The same in steps that are as long as so many of it: means, in the contact mode that each begins with."""
+    for first in range(0, len(history), stride):
+        contact = history[first][0]
+        yield contact, np.mean([u for name, u in history[first : first + stride] if name == contact], axis=0)
 
 
 def single_inputs(extremes: Array) -> list[Array]:
