@@ -135,6 +135,7 @@ def _with_unknowns(
         readings=readings_of(scene, nodes, material, kept),
         algebra=algebra,
         rayleigh=(effects.damped.alpha, effects.damped.beta) if is_proportional else None,
+        springs=None if effects.large_deformation is not None else matrices.external[1],
         rigid=rigid,
         body=Body(
             nodes.coordinates,

@@ -43,7 +43,7 @@ class BodyMatrices:
         weight: (N,) kg, what weighs at each node: ∫ρ of its shape function, and what is fixed to the body.
         translations: (3 N, 3) kg, M times unit translations: as the weight, but for weights on threads.
         external: for large deformation, what of D and K does not strain the body, and what of that D is within a moving
-            frame; None: nothing.
+            frame; of a material that relaxes the second, too; None: nothing.
         frame_masses: for a moving frame, as `assemble_frame` takes them; None: it does not move.
         ties: stiffness and damping of a moving frame's springs and dashpots to ground, which are in neither K nor D, of
             all nodes (N, N), N/m and N s/m; None where there are none.
@@ -172,7 +172,8 @@ def _dampings(
     else:
         damping = added(total((α, mass), (β, stiffness)), of_dashpots)
     if scene.effects.large_deformation is None:
-        return damping, (None, None, None)
+        relaxes = scene.effects.viscoelasticity is not None and not moving
+        return damping, (None, added(None, springs) if relaxes else None, None)
     external = reduced.get("external_damping") or total((α, mass))
     within = total((1.0, external)) if moving and external is not None else None
     return damping, (added(added(external, damped_springs), dashpots), added(None, springs), within)

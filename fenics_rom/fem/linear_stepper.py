@@ -136,7 +136,7 @@ class FullOrderStepper(FullOrderBody):
             self._momentum = 2 * Mv - self._momentum
             self._elastic = self._elastic + h * Kv
         if self._branches is not None:
-            heat = self._branches.step(np.hstack([v, self._stiffness @ v if Kv is None else Kv]).T)
+            heat = self._branches.step(np.hstack([v, self._relaxing(v, self._stiffness @ v if Kv is None else Kv)]).T)
             if self.ledger is not None:
                 self.ledger.book(dissipated=heat)
         self.contact, self.reactions = contact, found
@@ -238,7 +238,12 @@ class FullOrderStepper(FullOrderBody):
         h = self.dt
         if not self._has_inertia:
             return h * Kv
-        return 2 / h * Mv + self._damped(v, Mv, Kv) + (h / 2 + self._stiffening_time) * Kv
+        return 2 / h * Mv + self._damped(v, Mv, Kv) + h / 2 * Kv + self._stiffening_time * self._relaxing(v, Kv)
+
+    def _relaxing(self, v: Array, Kv: Array) -> Array:
+        """What of K v the material does, and not springs to the ground."""
+        springs = self.system.springs
+        return Kv if springs is None else Kv - springs @ v
 
     @property
     def _stiffening_time(self) -> float:
@@ -268,6 +273,8 @@ class FullOrderStepper(FullOrderBody):
             elif self._has_inertia and s.rayleigh is not None:
                 α, β = s.rayleigh
                 terms = (2 / h + α, s.mass), (elastic + β, s.stiffness)
+            if s.springs is not None and self._branches is not None:
+                terms += ((-self._stiffening_time, s.springs),)
             self._factored = h, PetscFactor(combination(*terms), one_by_one=True)
             if self.interface is not None:
                 self._delassus = self.interface.delassus(self._factored[1].solve(self.interface.Sᵀ))

@@ -80,6 +80,7 @@ class MaxwellBranches:
         rows: 2, the strain w and its force K w; or 1, where they are the same in the coordinates that are used.
         size: n of each.
         total: sums what the ranks have; None: there is one.
+        share: of one row, P (n, n) with the force P w, symmetric; None: it is w.
 
     Attributes:
         state: (N, rows, n), of each branch; a step replaces it.
@@ -87,8 +88,15 @@ class MaxwellBranches:
         stiffening_time: in a step, s; see PronySeries.
     """
 
-    def __init__(self, series: PronySeries, rows: int, size: int, total: Callable[[float], Any] | None = None):
-        self._series, self._total = series, total
+    def __init__(
+        self,
+        series: PronySeries,
+        rows: int,
+        size: int,
+        total: Callable[[float], Any] | None = None,
+        share: Array | None = None,
+    ):
+        self._series, self._total, self.share = series, total, share
         self.state = self.before = np.zeros((len(series.ratios), rows, size))
         self.stiffening_time = self._h = 0.0
 
@@ -102,7 +110,7 @@ class MaxwellBranches:
     def pull(self) -> Array:
         """What the strains at the start add in a step, Σ g w/(1 + θ h/τ), and its force, (rows, n)."""
         pull: Array = (self._step.pull * self.state).sum(axis=0)
-        return pull
+        return pull if self.share is None else pull @ self.share
 
     @property
     def stored(self) -> float:
@@ -166,7 +174,8 @@ class MaxwellBranches:
     def _sum_squares(self, weights: Array, strains: Array) -> float:
         """Σ of wᵀKw with weights (N, 1, 1)."""
         with np.errstate(over="ignore"):
-            square = float((weights[:, 0] * strains[:, 0] * strains[:, -1]).sum())
+            forces = strains[:, -1] if self.share is None else strains[:, -1] @ self.share
+            square = float((weights[:, 0] * strains[:, 0] * forces).sum())
         return square if self._total is None else float(self._total(square))
 
 

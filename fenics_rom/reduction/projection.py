@@ -76,7 +76,7 @@ def assemble_rom(
             )
     with problem.stages("validation"):
         models = validated(problem, whole, models, bases)
-    gathered = algebra.gather(Q)
+    gathered, springs = algebra.gather(Q), None if system.springs is None else algebra.inner(Q, system.springs @ Q)
     return Rom(
         name=scene.name if scene else "system",
         method=method,
@@ -86,6 +86,7 @@ def assemble_rom(
         basis=gathered,
         readings={name: projected(reading, gathered) for name, reading in system.readings.items()},
         stiffness=κ,
+        springs=None if springs is None else (springs + springs.T) / 2,
         loads={name: columns.shape[1] for name, columns in system.loads.items()},
         outputs={name: algebra.inner(C, Q) for name, C in system.outputs.items()},
         free=system.body.free,

@@ -8,6 +8,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
 
     basis (n, k) kg^-1/2             Q, QᵀMQ = I; the rigid motions of a body that is not wholly held come first
     stiffness (k,) 1/s^2             κ, QᵀKQ = diag(κ); 0 for these
+    springs (k, k) 1/s^2             what of that is springs to the ground; absent where no material relaxes beside them
     free (n,)                        index of each free component among 3 N, or 0 to n - 1 where there is no mesh
     nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg; empty where there is no mesh
     cells (4,)                       of the mesh: number, of these near-flat, least and mean radius ratio; may be absent
@@ -102,6 +103,7 @@ from fenics_rom.rom.rom import ForceValidation, Rom, check_rom
 BODY = {
     "basis": Entry("kg^-1/2", ("n", "k")),
     "stiffness": Entry("1/s^2", ("k",)),
+    "springs": Entry("1/s^2", ("k", "k"), optional=True),
     "free": Entry("1", ("n",), "i"),
     "nodes": Entry("m", ("N", 3)),
     "triangles": Entry("1", ("F", 3), "i"),

@@ -15,15 +15,20 @@ def checked_dt(dt: float) -> float:
     return float(dt)
 
 
-def compliance(mode: ContactModel, h: float, stiffening_time: float = 0.0) -> tuple[Array, Array]:
+def compliance(
+    mode: ContactModel, h: float, stiffening_time: float = 0.0, share: Array | None = None
+) -> tuple[Array, Array]:
     """A⁻¹ and, but for a rotation, R A⁻¹: (m,) each where the damping is diagonal, else (m, m). h in s.
 
-    `stiffening_time` (s) is that of Maxwell branches, which resist v̂ by so much times γ beside h/2 γ.
+    `stiffening_time` (s) is that of Maxwell branches, which resist v̂ by so much times γ beside h/2 γ; or times ω P ω,
+    where they have a share P (m, m) of the stiffness.
 
     With S = 2/h + h/2 γ and the singular values P σ Uᵀ of R S^(-1/2), A⁻¹ = S^(-1/2) U (1 + σ²)⁻¹ Uᵀ S^(-1/2), which
     is symmetric and positive in round-off too, and Pᵀ R A⁻¹ = σ (1 + σ²)⁻¹ Uᵀ S^(-1/2): as a product of the two, what a
     strong dashpot dissipates would be lost to cancellation.
     """
+    if share is not None:
+        return _compliance_of_share(mode, h, stiffening_time, share)
     R, S = mode.damping_root, 2 / h + (h / 2 + stiffening_time) * mode.eigenvalues
     if R.ndim == 1:
         a = 1 / (S + mode.damping)
@@ -35,6 +40,14 @@ def compliance(mode: ContactModel, h: float, stiffening_time: float = 0.0) -> tu
     Uᵀ /= np.sqrt(S)
     root = Uᵀ / np.sqrt(1 + σ[:, None] ** 2)
     return root.T @ root, Uᵀ * (σ / (1 + σ**2))[:, None]
+
+
+def _compliance_of_share(mode: ContactModel, h: float, stiffening_time: float, share: Array) -> tuple[Array, Array]:
+    R, ω, D = mode.damping_root, np.sqrt(mode.eigenvalues), mode.damping
+    A = np.diag(2 / h + h / 2 * mode.eigenvalues) + stiffening_time * ω[:, None] * share * ω
+    a = np.linalg.inv(A + (np.diag(D) if D.ndim == 1 else D))
+    a = (a + a.T) / 2
+    return a, R[:, None] * a if R.ndim == 1 else R @ a
 
 
 def matrices(mode: ContactModel, h: float) -> tuple[Array, Array]:

@@ -80,6 +80,7 @@ class Rom(ByContent):
         cells: of the mesh, how many there are, and how good; None where nobody knows.
         force_validation: how far contact forces are off; None where it was not measured.
         residual_compliance: what the contact points yield beyond the shared basis; None where that is not known.
+        springs: what of the stiffness QᵀKQ is springs to the ground, which do not relax (k, k), 1/s²; None: nothing.
         moving_frame: of the shared basis' vectors that strain; None: the body turns but a little.
         surfaces: nodes (any,) of surfaces that have names, where there is contact.
 
@@ -115,6 +116,7 @@ class Rom(ByContent):
     force_validation: ForceValidation | None = None
     residual_compliance: "ResidualCompliance | None" = None
     moving_frame: "MovingFrame | None" = None
+    springs: Array | None = None
     surfaces: Mapping[str, Array] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -133,8 +135,25 @@ class Rom(ByContent):
     @cached_property
     def identity(self) -> str:
         """Equal of ROMs that take the same steps, and of no others: a digest of all that these take from a ROM."""
-        names = ("contact_models", "actuators", "loads", "deformation", "residual_compliance", "moving_frame")
+        names = (
+            "contact_models",
+            "actuators",
+            "loads",
+            "deformation",
+            "residual_compliance",
+            "moving_frame",
+            "springs",
+        )
         return digest_of({name: getattr(self, name) for name in (*names, "switching")}).hex()
+
+    def relaxing_share(self, contact: str) -> Array | None:
+        """What of a contact mode's stiffness its material has, in energy coordinates ω q (m, m); None: all of it."""
+        if self.springs is None:
+            return None
+        model = self.contact_models[contact]
+        C = model.coordinates / model.safe_frequencies
+        share: Array = np.eye(model.order) - C.T @ self.springs @ C
+        return share
 
     @property
     def contacts(self) -> dict[str, int]:

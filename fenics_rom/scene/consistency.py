@@ -197,11 +197,6 @@ def _check_frame(file: SceneFile) -> None:
             raise SceneError(
                 "effects.large_deformation.training: is of a frame that moves; allowed is with frame = 'moving'"
             )
-        if effects.springs and effects.viscoelasticity is not None:
-            raise SceneError(
-                "effects.springs: would relax with the material of effects.viscoelasticity; allowed is one of the two, "
-                "or both with frame = 'moving'"
-            )
         if run is not None and run.detail != "full":
             raise SceneError(f"run.detail = {run.detail!r}: allowed is 'full', or any with frame = 'moving'")
         turn = (run.initial.rotation if run and run.initial else None) or ZERO

@@ -70,6 +70,7 @@ class System:
         readings: what else is read by name, with operators on all n free displacements, the same on every rank.
         algebra: solves, sums and eigenpairs for these matrices.
         rayleigh: (α, β) where D = α M + β K, else None. 1/s, s.
+        springs: what of K is springs to the ground, which do not relax with a material that does, N/m; None: nothing.
         rigid: R (rows here, ρ), RᵀMR = I, what spans the null space of K; no columns where the body is held. kg^-1/2.
         body: nodes and surface; without nodes where there is no mesh.
         scene: the scene it was assembled from, if it was.
@@ -98,6 +99,7 @@ class System:
     readings: Mapping[str, Reading] = field(default_factory=dict)
     algebra: Algebra = UNSET
     rayleigh: tuple[float, float] | None = None
+    springs: Operator | None = None
     rigid: Array = UNSET
     body: Body = UNSET
     scene: Scene | None = None

@@ -335,7 +335,6 @@ def test_gradient_does_not_go_through_switches_of_branches(rom):
         (effects(branches=BRANCHES.replace("[0.5, 0.3]", "[0.5]")), "ratios are 1, times 2"),
         (effects(branches=BRANCHES.replace("0.3", "-0.3")), "ratios"),
         (effects(branches=BRANCHES.replace("2e-3", "0")), "times"),
-        (effects("[effects.springs.bed]\nsurface = 'top'\nstiffness = 1.0\n"), "springs: would relax"),
         (effects().replace("inertia = {}\n", "").replace("damping = { alpha = 0.5, beta = 1e-4 }", ""), "inertia"),
     ],
 )

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
@@ -78,10 +79,12 @@ def parts_of(
     return BodyParts(elastic, following, found, extent)
 
 
-def maxwell_branches(series: "PronySeries | None", rows: int, size: int) -> "MaxwellBranches | None":
+def maxwell_branches(
+    series: "PronySeries | None", rows: int, size: int, share: Array | None = None
+) -> "MaxwellBranches | None":
     """The branches of a body whose material relaxes; only then they are imported."""
     if series is None:
         return None
     from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 
-    return MaxwellBranches(series, rows, size)
+    return MaxwellBranches(series, rows, size, share=share)

@@ -68,8 +68,8 @@ class ContactMidpoint(BookedKernel):
         """As in Kernel."""
         super().set_time_step(h)
         self._points = None
-        stiffening_time = 0.0 if self.branches is None else self.branches.stiffening_time
-        self._a, self._Ra = compliance(self._model, h, stiffening_time)
+        relaxing = () if self.branches is None else (self.branches.stiffening_time, self.branches.share)
+        self._a, self._Ra = compliance(self._model, h, *relaxing)
         self._answered = b"", np.empty((0, 0))  # of which points, and how
         if self._interface is not None:
             self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ _applied(self._a, self._Sᵀ)))

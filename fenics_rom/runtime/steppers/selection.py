@@ -95,7 +95,8 @@ def make_stepper(
 
     def make_booked_kernel(contact: str) -> Kernel:
         model = rom.contact_models[contact]
-        carried = residual_of(contact), maxwell_branches(series, 1, model.order)
+        share = None if series is None else rom.relaxing_share(contact)
+        carried = residual_of(contact), maxwell_branches(series, 1, model.order, share)
         return kernel_of(model, ledger, rigid_displacement, interface, actuators, *carried)
 
     return LinearStepper(rom, dt, interface, rigid_displacement, make_booked_kernel)

@@ -1,5 +1,6 @@
 """The steppers of reduced bodies: the step contract, around a kernel for each contact mode or one for all."""
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -238,6 +239,9 @@ class LinearStepper(ReducedStepper):
         else:
             b[:] = b_start @ potential.T
         here.resume(b)
+        stored, most = here.stored, there.stored
+        if here.share is not None and stored > most:  # projected in the norm of all that is elastic, springs included
+            here.resume(math.sqrt(most / stored) * b)
 
     def switch_adjoint(self, contact: str) -> "SwitchAdjoint":
         """As in ReducedStepper."""
