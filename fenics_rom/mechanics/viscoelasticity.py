@@ -134,7 +134,7 @@ class MaxwellBranches:
 
     def adjoint(self) -> "BranchesAdjoint":
         """The last step, to go back through."""
-        return BranchesAdjoint(self._series, self._step, self.before, self.state)
+        return BranchesAdjoint(self._series, self._step, self.before, self.state, self.share)
 
     def growth(self, gap: Array) -> tuple[float, float]:
         """a and b, J, of s a + ½ s² b that `stored` grows by where strains, and their forces, do by s gap (rows, n)."""
@@ -186,6 +186,7 @@ class BranchesAdjoint(NamedTuple):
     step: _Step
     before: Array  # (N, rows, n)
     state: Array  # after it
+    share: Array | None  # as of MaxwellBranches
 
     @property
     def stiffening_time(self) -> float:
@@ -195,8 +196,24 @@ class BranchesAdjoint(NamedTuple):
     @property
     def pull(self) -> Array:
         """As of MaxwellBranches, in the step."""
-        pull: Array = (self.step.pull * self.before).sum(axis=0)
-        return pull
+        return self._shared((self.step.pull * self.before).sum(axis=0))
+
+    def _shared(self, strains: Array) -> Array:
+        return strains if self.share is None else strains @ self.share
+
+    def along_frequencies(self, ω: Array, y: Array, energy: float) -> Array:
+        """With ω (m,) of the body, from those with its forces, less y (m,), and with what is stored; one row.
+
+        Where branches have a share of γ, the rest S of it stays: ω P = ω - S/ω.
+        """
+        w: Array = (self.step.pull * self.before).sum(axis=0)[0]
+        if self.share is None:
+            return -y * w
+        S = ω[:, None] * (np.eye(len(ω)) - self.share) * ω
+        along: Array = -y * w - (S @ y) * w / ω**2
+        for g, (own,) in zip(self.series.ratios, self.state, strict=True):
+            along += energy * g * (S @ (own / ω)) * own / ω**2
+        return along
 
     def after(self, w_: Array, energy: float) -> tuple[Array, Array]:
         """Those with the state before, as it lasts, and with the rate in the step (rows, n), from those after it.
@@ -204,11 +221,11 @@ class BranchesAdjoint(NamedTuple):
         `energy`: that with what is stored.
         """
         g = np.array(self.series.ratios)[:, None, None]
-        of_energy = g * self.state if self.state.shape[1] == 1 else g / 2 * self.state[:, ::-1]
+        of_energy = g * self._shared(self.state) if self.state.shape[1] == 1 else g / 2 * self.state[:, ::-1]
         w_ = w_.reshape(self.state.shape) + energy * of_energy
         return self.step.decay * w_, (self.step.gain * w_).sum(axis=0)
 
     def pulled_back(self, pull_: Array) -> Array:
         """Those with the state before from those with what it pulls with, (rows, n)."""
-        back: Array = self.step.pull * pull_
+        back: Array = self.step.pull * self._shared(pull_)
         return back

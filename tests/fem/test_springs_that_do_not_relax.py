@@ -1,8 +1,11 @@
 """Springs to the ground beside a material that relaxes: they do not, as in a frame that a base holds still."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bodies import box_arrays, scene_text, write_arrays
+from gradient_checks import check_gradient, squares
 
 import fenics_rom as fr
 from fenics_rom.scene.file import parse_scene
@@ -83,3 +86,28 @@ def test_switches_never_add_energy(mesh):
     assert body.energy == pytest.approx(
         ledger.supplied - ledger.dissipated - ledger.lost_in_switching, abs=1e-12 * turnover
     )
+
+
+def test_gradients_know_what_relaxes(mesh):
+    """Against differences: of inputs and the state, and of frequencies, with which springs do not change."""
+    rom = fr.reduce(system_of(mesh, supports=LOOSE), order=8)
+    rng = np.random.default_rng(0)
+    u, start = 0.05 * rng.standard_normal((12, 3)), tuple(1e-3 * rng.standard_normal((2, 8)))
+    directions = [rng.standard_normal(part.shape) for part in (u, *start)]
+
+    def at(q, r, rom=rom):
+        body = fr.Simulator(rom, 4e-3)
+        body.state = q, r
+        return body
+
+    gradient = check_gradient(at, u, start, directions)
+    δ = rng.uniform(0.5, 1.5, 8)
+
+    def value(ε):
+        models = rom.contact_models
+        stiffer = models["right"].eigenvalues * (1 + ε * δ)
+        changed = models | {"right": replace(models["right"], eigenvalues=stiffer)}
+        return fr.differentiate(at(*start, replace(rom, contact_models=changed)), u, squares).value
+
+    slope = (gradient.eigenvalues["right"] * rom.contact_models["right"].eigenvalues) @ δ
+    assert slope == pytest.approx((value(1e-5) - value(-1e-5)) / 2e-5, rel=1e-6)

@@ -99,8 +99,11 @@ class LinearAdjoint(NamedTuple):
     @property
     def by_velocity(self) -> Array:
         """As in LawAdjoint."""
-        D = self.damping
-        return np.diag(self._resisting_time * self.model.eigenvalues) + (D if D.ndim == 2 else np.diag(D))
+        D, ω = self.damping, np.sqrt(self.model.eigenvalues)
+        by_velocity = np.diag(self._resisting_time * ω**2) + (D if D.ndim == 2 else np.diag(D))
+        if self.branches is not None and self.branches.share is not None:
+            by_velocity -= self.branches.stiffening_time * ω[:, None] * (np.eye(len(ω)) - self.branches.share) * ω
+        return by_velocity
 
     @property
     def by_shape(self) -> Array:
@@ -128,5 +131,5 @@ class LinearAdjoint(NamedTuple):
         ω, (energy, _, rate_) = np.sqrt(self.model.eigenvalues), owed.kept
         along = energy * ω * self.q_after**2 - 2 * ω * y * (self.q + self._resisting_time * self.v) + rate_ * self.v
         if self.branches is not None:
-            along -= y * self.branches.pull[0]
+            along += self.branches.along_frequencies(self.model.safe_frequencies, y, energy)
         return along, spread((y, self.v), self.damping) if self.damping.any() else np.zeros_like(self.model.damping)
