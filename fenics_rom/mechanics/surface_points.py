@@ -8,10 +8,14 @@ say how it moves and turns, and a force F and a couple τ on it are w_i (F + J�
 of F and τ on s and ω, and have their momenta.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.frame_geometry import crossed
+
+NONE = np.empty(0, dtype=int)
 
 
 def mean_turning_maps(arms: Array, weights: Array) -> Array:
@@ -21,10 +25,20 @@ def mean_turning_maps(arms: Array, weights: Array) -> Array:
     return np.linalg.solve(J, -weights[:, None, None] * crossed(arms))
 
 
-def spread_matrix(nodes: Array, weights: Array) -> tuple[Array, Array]:
-    """Which nodes (n,) carry k points, and by which matrix (3 k, 3 n) of their velocities; both are (k, c) of these."""
+def spread_matrix(
+    nodes: Array, weights: Array, couples: Array = NONE, turning: Sequence[Array] | Array = ()
+) -> tuple[Array, Array]:
+    """Which nodes (n,) carry k points, and by which matrix (3 k, 3 n) of their velocities; both are (k, c) of these.
+
+    `couples`: which of the points stand for how their nodes turn, by `turning` (c, 3, 3) each.
+    """
     carriers, row = np.unique(nodes, return_inverse=True)
+    row = row.reshape(nodes.shape)
     share = np.zeros((len(nodes), len(carriers)))
-    np.add.at(share, (np.arange(len(share))[:, None], row.reshape(nodes.shape)), weights)
+    np.add.at(share, (np.arange(len(share))[:, None], row), weights)
     spread: Array = np.kron(share, np.eye(3))
+    for couple, maps in zip(couples.tolist(), turning, strict=True):
+        own = np.zeros((len(carriers), 3, 3))
+        np.add.at(own, row[couple], maps)
+        spread[3 * couple : 3 * couple + 3] = own.transpose(1, 0, 2).reshape(3, -1)
     return carriers, spread

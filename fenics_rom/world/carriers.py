@@ -71,10 +71,7 @@ class Carriers:
         """
         if self._reach(points).are_nodes:
             return of_nodes(points.nodes[:, 0])
-        nodes, spread = spread_matrix(points.nodes, points.weights)
-        for couple, own in zip(points.couples, self._turning, strict=False):  # which are of before, where there is none
-            maps = np.zeros((len(nodes), 3, 3))
-            np.add.at(maps, np.searchsorted(nodes, points.nodes[couple]), own)
-            spread[3 * couple : 3 * couple + 3] = maps.transpose(1, 0, 2).reshape(3, -1)
+        turning = self._turning if len(points.couples) else ()  # that of before, where there is no couple
+        nodes, spread = spread_matrix(points.nodes, points.weights, points.couples, turning)
         W: Array = spread.dot(of_nodes(nodes)).dot(spread.T)
         return W

@@ -49,7 +49,7 @@ class FreeSoft(Soft):
         """Those of a step; kept as long as they are the same."""
         known = self._kept
         if known is None or known[0] is not self._free_frame or known[1] != self._h or known[2] is not points:
-            pushed = PushedPoints.of(self._free_frame, points.nodes, points.weights, points.follows)
+            pushed = PushedPoints.of(self._free_frame, *points[:2], points.follows, points.couples)
             self._kept = known = self._free_frame, self._h, points, pushed
         return known[3]
 
@@ -59,7 +59,11 @@ class FreeSoft(Soft):
 
     def close(self) -> None:
         """As in Soft."""
-        contact = None if self._asked_at is None else self._hand(self._asked_at, self._forces)
+        asked, contact = self._asked_at, None
+        if asked is not None:
+            contact = self._hand(asked, self._forces)
+            if len(asked.couples):
+                contact = contact._replace(forces=self._begun.on_nodes(len(contact.forces)))
         self._tried = True
         self._twice = self._begun.close(contact)
         if not math.isfinite(self._twice):

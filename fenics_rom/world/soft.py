@@ -112,6 +112,7 @@ class Soft(Simulator):
         self._carriers = Carriers(len(self.contact_coordinates))
         self._tried, self._is_open, self._twice = False, False, 0.0
         self._power = self._ahead = 0.0  # of forces in the last try, W; how far points may go that nothing holds, m
+        self._supplied = 0.0  # by others when the step began, J
         self._went = np.zeros_like(self._handed.points)  # how points moved in the step before, that others touched
         surface = self._stepper.interface.points.nodes
         number = np.full(len(rom.nodes), -1)
@@ -211,7 +212,7 @@ class Soft(Simulator):
 
     def _look_ahead(self) -> None:
         """Finds how far its points go where nothing holds them, of what no inertia says where it goes."""
-        self._ahead = 0.0
+        self._ahead, self._supplied = 0.0, self.account.obstacles
         with suppress(StepError):  # what others hold need not have a shape without them
             self.attempt(NO_POINTS, NO_POINTS.arms, NO_POINTS.arms)
             away = self.places() - self._start - self._h * self._velocity
@@ -373,9 +374,9 @@ class Soft(Simulator):
 
         The step has booked what it knows of their work, ½ (f + f⁺)·Δx, as numerical.
         """
-        work = self._h * self._power
-        self.account.book_contact(work, 0.0, 0.0, 0.0)
-        self.account.book(numerical=work)
+        work, by_base = self._h * self._power, self.account.obstacles - self._supplied
+        self.account.book_contact(work - by_base, 0.0, 0.0, 0.0)
+        self.account.book(supplied=by_base, numerical=work)
         self._went = (self.places() - self._start) / self._h * self._handed.forces.any(axis=1, keepdims=True)
 
     def undo(self) -> None:

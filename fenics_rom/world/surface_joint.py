@@ -42,8 +42,9 @@ def surface_points(
     row[nodes] = np.arange(len(nodes))
     among = row[body.contact_triangles]
     triangles = among[(among >= 0).all(axis=1)]
-    whole = whole and (rigid or not (body.yields or body.takes_couples))
-    held = hold_surface(kind, axis, body.places()[nodes], triangles, whole, body.yields)
+    yields = body.yields and not rigid
+    whole = whole and not yields
+    held = hold_surface(kind, axis, body.places()[nodes], triangles, whole, yields)
     if held.gap > CLOSED * body.size:
         raise SceneError(
             f"{where}cannot be closed: its axis leaves surface {surface!r}, by {held.gap:.3g} m; allowed is one in it, "

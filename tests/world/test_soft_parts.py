@@ -85,21 +85,23 @@ def test_two_free_bodies_that_meet_keep_both_momenta(free, kind, strains, dt):
 @pytest.mark.parametrize("strains", ["small", "large"])
 @pytest.mark.parametrize("dt", [1e-3, 3e-3])
 def test_points_of_a_body_that_a_stroke_holds_answer_forces_as_they_then_move(free, strains, dt):
-    """W is what differences say, also where the point is another body's; the stroke goes as it is to."""
+    """W is what differences say, also at points of others and of couples; the stroke goes as it is to."""
     body, random = fr.Simulator(KINDS["stroke"](free[strains]), dt), np.random.default_rng(0)
     body.place(LIES._replace(angular_velocity=np.array([2.0, -1.0, 1.5])))
-    kernel, follows = body._stepper.kernel, np.array([False, True, False])
-    nodes, weights = np.array([[0, 1, 2], [3, 3, 3], [4, 5, 2]]), np.tile([0.2, 0.3, 0.5], (3, 1))
-    points, u = PushedPoints.of(kernel, nodes, weights, follows), np.zeros(body.inputs)
+    kernel, follows = body._stepper.kernel, np.array([False, True, False, False])
+    nodes, weights = np.array([[0, 1, 2], [3, 3, 3], [4, 5, 2], [0, 1, 3]]), np.tile([0.2, 0.3, 0.5], (4, 1))
+    points, u = PushedPoints.of(kernel, nodes, weights, follows, np.array([3])), np.zeros(body.inputs)
     for stroke in (1e-3, 2e-3):
         u[-1] = stroke
         step = PushedStep(kernel, u)
         step.begin_at(points)
-        forces, places = 0.05 * random.standard_normal((3, 3)), 0.1 * random.standard_normal((3, 3))
+        forces, places = 0.05 * random.standard_normal((4, 3)), 0.1 * random.standard_normal((4, 3))
+        forces[3] *= 1e-2  # a couple, N m
         step.velocities(forces, places)
-        W, small = step.operator(), 1e-4 * np.eye(9).reshape(9, 3, 3)
+        W, small = step.operator(), np.repeat([1e-4, 1e-6], [9, 3])[:, None, None] * np.eye(12).reshape(12, 4, 3)
         answers = [step.velocities(forces + s, places) - step.velocities(forces - s, places) for s in small]
-        np.testing.assert_allclose(W, np.reshape(answers, (9, 9)).T / 2e-4, rtol=0, atol=1e-8 * np.abs(W).max())
+        slopes, size = np.reshape(answers, (12, 12)).T / (2 * small.sum(axis=(1, 2))), np.sqrt(W.diagonal())
+        np.testing.assert_allclose((W - slopes) / np.outer(size, size), 0, atol=1e-7)
         rates, *_ = kernel.found_at(step._x)
         np.testing.assert_allclose(rates, kernel.found.targets, rtol=1e-10)
         assert kernel.reactions_found[0] > 0.1

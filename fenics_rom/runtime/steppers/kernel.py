@@ -372,7 +372,8 @@ class BookedKernel(Kernel):
         if self._interface is None or obstacles is None or (contact is None and self.contact is None):
             return ()
         self._at_touch = moved / self.h, residual
-        return (partial(self._interface.work_at_rest, self.contact, contact, self.touched, self.h, obstacles),)
+        velocities = self._at_points(moved / self.h, residual)
+        return (partial(self._interface.work_at_rest, self.contact, contact, velocities, self.h, obstacles),)
 
     def _at_points(self, v: Array, residual: Array | None) -> Array:
         """Velocity of the points (P, 3), m/s, from that of the body (m,) and of the residual part (P, 3)."""

@@ -10,6 +10,9 @@ as R⁺ y⁺ - R y = h (u - v̂), and Sᵀ f with its arms a, δa = h/2 (δu - �
 quite symmetric where the body turns. Of two free bodies the second is pushed at the place X of the first one's point,
 which goes with the frame: at the arm X - p̂, with u = v̂ + (R* ω̂) × (X - p̂) + R* û of its own point. Where springs and
 dashpots tie the body to the ground v̂ depends on ω̂ and r̂, too, and forces by v̂ on them (`ground_ties`).
+
+A couple c turns the frame, and by maps T̄ of the nodes of a surface, which stay as they are in the frame, its shape: it
+does the work h c·(R* ω̂ + R* T̄ û), and momenta grow by it as they do by a torque, whatever T̄ is.
 """
 
 from typing import NamedTuple
@@ -20,8 +23,8 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.frame_contact import hold
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, crossed, vector
-from fenics_rom.mechanics.frame_motion import cross_matrix
-from fenics_rom.mechanics.surface_points import spread_matrix
+from fenics_rom.mechanics.frame_motion import ZERO, cross_matrix
+from fenics_rom.mechanics.surface_points import NONE, mean_turning_maps, spread_matrix
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
 
 
@@ -31,16 +34,29 @@ class PushedPoints(NamedTuple):
     nodes: Array  # (k, n) among the contact points
     weights: Array  # (k, n) of these
     follows: Array  # (k,) where it is pushed at the point of another body
+    couples: Array  # (any,) which of them stand for how a surface turns
+    nodes_of: Array  # (n,) all that carry them
+    spread: Array  # (3 k, 3 n) of what these do
     rows: Array  # Vᵀ of the points, (m, 3 k)
     compliance: Array | None  # C (3 k, 3 k), m/s/N, in the frame's axes
 
     @staticmethod
-    def of(body: FreeFrame, nodes: Array, weights: Array, follows: Array) -> "PushedPoints":
+    def of(body: FreeFrame, nodes: Array, weights: Array, follows: Array, couples: Array = NONE) -> "PushedPoints":
         """Those of a body in steps of its length."""
-        (some, spread), compliance = spread_matrix(nodes, weights), None
+        held, compliance = zip(body.places()[nodes[couples]], weights[couples], strict=True), None
+        turning = [mean_turning_maps(places - shares.dot(places), shares) for places, shares in held]
+        some, spread = spread_matrix(nodes, weights, couples, turning)
         if body.residual is not None:
             compliance = spread.dot(body.residual.delassus_of(some)).dot(spread.T)
-        return PushedPoints(nodes, weights, follows, body.points.of(some).rows.dot(spread.T), compliance)
+        rows = body.points.of(some).rows.dot(spread.T)
+        return PushedPoints(nodes, weights, follows, couples, some, spread, rows, compliance)
+
+    def on_nodes(self, forces: Array, turn: Geometry, P: int) -> Array:
+        """Forces (P, 3) on contact points that are forces and couples (k, 3), all in world axes."""
+        spread = np.zeros((P, 3))
+        seen = forces.dot(turn.middle).ravel().dot(self.spread).reshape(-1, 3)
+        spread[self.nodes_of] = np.linalg.solve(turn.middle.T, seen.T).T
+        return spread
 
     def mean(self, values: Array) -> Array:
         """Of values (P, 3) at the contact points, (k, 3)."""
@@ -76,7 +92,8 @@ class PushedStep:
         body, self._points = self._body, points
         self._start, self._free = points.mean(body.places()), np.zeros((len(points.nodes), 3))
         if body.residual is not None:
-            self._free = points.mean(body.residual.points[2])
+            free = body.residual.points[2][points.nodes_of]
+            self._free = points.spread.dot(free.ravel()).reshape(-1, 3)
 
     def velocities(self, forces: Array, places: Array) -> Array:
         """Mid-step velocities (k, 3) under forces (k, 3), N, in world axes.
@@ -102,8 +119,10 @@ class PushedStep:
         return self._velocities(now)
 
     def _velocities(self, now: _Try) -> Array:
-        spin = now.turn.middle.dot(self._x[:3])
-        velocities: Array = now.arms.dot(cross_matrix(spin).T) + now.inside.dot(now.turn.middle.T) + now.translation
+        assert self._points is not None
+        spin, inside = now.turn.middle.dot(self._x[:3]), now.inside.dot(now.turn.middle.T)
+        velocities: Array = now.arms.dot(cross_matrix(spin).T) + inside + now.translation
+        velocities[self._points.couples] = spin + inside[self._points.couples]
         return velocities
 
     def _push_at(self, x: Array) -> Push:
@@ -117,12 +136,19 @@ class PushedStep:
         inside = x[3:].dot(points.rows).reshape(-1, 3) + self._free
         if points.compliance is not None:
             inside += points.compliance.dot(seen.ravel()).reshape(-1, 3)
-        arms = arms_of(turn, self._start, self._start + h * inside)
-        v̂ = body.translation(turn, vector(f.sum(axis=0)), x)
+        arms, alone, couple = (
+            arms_of(turn, self._start, self._start + h * inside),
+            f.copy(),
+            f[points.couples].sum(axis=0),
+        )
+        alone[points.couples] = arms[points.couples] = 0.0
+        v̂ = body.translation(turn, vector(alone.sum(axis=0)), x)
         middle = body.frame.position + h / 2 * v̂
         if points.follows.any():
             arms[points.follows] = (self._places - middle)[points.follows]
-        push = Push.of(f, turn, arms, lambda forces: points.rows.dot(forces.ravel()))
+        push = Push.of(alone, turn, arms, lambda _: points.rows.dot(seen.ravel()))
+        if len(points.couples):
+            push = push.beside(Push(ZERO, vector(couple), vector(couple.dot(turn.middle)), 0 * push.modal))
         return _Try(turn, middle, v̂, inside, arms, push)
 
     def operator(self) -> Array:
@@ -131,31 +157,35 @@ class PushedStep:
         assert now is not None
         assert points is not None
         R, middle, follows, k = now.turn.start, now.turn.middle, points.follows[:, None, None], len(f)
+        are_forces = np.ones((k, 1, 1))
+        are_forces[points.couples] = 0.0
         per_force, by_turn = body.translates, -h / 2 * crossed(f.dot(R)).reshape(-1, 3)  # of ∂v̂/∂f; ∂g/∂ω̂
         by_x, by_force = self._parts_of_velocity(now, points, by_turn)
         # The torque Σ a × f, of arms that move, too: by half of what points do, or against the centre
-        twists = crossed(f)
+        twists = crossed(f) * are_forces
         of_arms = h / 2 * np.where(follows, 0.0, twists)
         torque = np.matmul(of_arms, by_force).sum(axis=0) - crossed(now.arms).transpose(1, 0, 2).reshape(3, -1)
         followed = h / 2 * twists[points.follows].sum(axis=0)
-        torque -= np.tile(per_force * followed, k)
+        torque -= np.tile(per_force * followed, k) * are_forces.repeat(3)
+        for couple in points.couples:
+            torque[:, 3 * couple : 3 * couple + 3] += np.eye(3)
         levers = np.concatenate([middle.T.dot(torque), _of_world_forces(points.rows, middle)])
-        J, by_translation = body.jacobian(x, now.push), np.broadcast_to(np.eye(3), (k, 3, 3))
+        J, by_translation = body.jacobian(x, now.push), are_forces * np.eye(3)
         if points.follows.any():
-            by_translation = np.where(follows, np.eye(3) - h / 2 * cross_matrix(middle.dot(x[:3])), np.eye(3))
+            by_translation = np.where(follows, np.eye(3) - h / 2 * cross_matrix(middle.dot(x[:3])), by_translation)
         J[:3] -= middle.T.dot(np.matmul(of_arms, by_x).sum(axis=0))
         J[:3, :3] -= h / 2 * cross_matrix(np.array(now.push.torque).dot(R))
         J[3:, :3] -= points.rows.dot(by_turn)
         if body.ties is not None:  # v̂ is of ω̂ and r̂, too, and ties push against it
             by_velocity = body.slopes_of_ties(x, now.push)[1]
             J[:3] += middle.T.dot(followed.dot(by_velocity))
-            levers -= np.tile(per_force * body.ties.lever(now.turn, x[3:]).T, k)
+            levers -= np.tile(per_force * body.ties.lever(now.turn, x[3:]).T, k) * are_forces.repeat(3)
             by_x = by_x + np.matmul(by_translation, by_velocity)
         spread, by_x = body.newton.keep(J).dot(levers), by_x.reshape(3 * k, -1)
         W: Array = by_x.dot(spread) + by_force.reshape(3 * k, 3 * k)
         if body.found is not None:
             W -= by_x.dot(body.held_back(x, spread))
-        W += np.tile(per_force * by_translation.reshape(3 * k, 3), k)
+        W += np.tile(per_force * by_translation.reshape(3 * k, 3), k) * are_forces.repeat(3)
         return W
 
     def _parts_of_velocity(self, now: _Try, points: PushedPoints, by_turn: Array) -> tuple[Array, Array]:
@@ -167,6 +197,10 @@ class PushedStep:
         if follows.any():
             of_others = crossed(now.arms).dot(turn.start) + h / 2 * np.matmul(turn.start, crossed(now.inside))
             by_ω, outward = np.where(follows, of_others, by_ω), np.where(follows, turn.middle, outward)
+        if len(points.couples):
+            by_ω[points.couples] = turn.start + h / 2 * np.matmul(turn.start, crossed(now.inside[points.couples]))
+            outward = np.broadcast_to(outward, (k, 3, 3)).copy()
+            outward[points.couples] = turn.middle
         inside, by_force = np.concatenate([np.zeros((3 * k, 3)), points.rows.T], axis=1), np.zeros((k, 3, 3 * k))
         if points.compliance is not None:
             inside[:, :3] = points.compliance.dot(by_turn)
@@ -174,6 +208,12 @@ class PushedStep:
         by_x = np.matmul(outward, inside.reshape(k, 3, -1))
         by_x[:, :, :3] += by_ω
         return by_x, by_force
+
+    def on_nodes(self, P: int) -> Array:
+        """The forces that were tried last, on P contact points, in world axes."""
+        assert self._points is not None
+        assert self._try is not None
+        return self._points.on_nodes(self._forces, self._try.turn, P)
 
     def close(self, contact: ContactSolution | None) -> float:
         """Takes the step under the forces that were tried last; `contact` has them on all contact points."""
