@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from soft_rom import soft_rom
+from soft_rom import in_frame, soft_rom
 from test_soft_motion import BOX, CLAMPED, LIES, TOUCHED, assembled_beam, momenta, reduced
 
 import fenics_rom as fr
@@ -142,3 +142,59 @@ def test_a_finger_without_inertia_presses_a_box_on_the_ground(tmp_path, kind):
     weight, pressed = 500 * 0.12 * 0.06 * 0.03 * 9.81, world.force_between("box", "finger")
     assert pressed[2] < -5e-3
     np.testing.assert_allclose(world.force_between("box", "ground") + pressed, [0, 0, weight], rtol=0, atol=1e-8)
+
+
+def lowered(t):
+    """A palm that is lowered and turned."""
+    θ, ω = 0.15 * (1 - np.cos(6 * t)), 0.9 * np.sin(6 * t)
+    rotation = np.array([np.cos(θ / 2), 0, np.sin(θ / 2), 0])
+    position, velocity = np.array([0, 0, -0.02 * np.sin(5 * t)]), np.array([0, 0, -0.1 * np.cos(5 * t)])
+    return fr.BaseState(position, rotation, velocity, np.array([0, ω, 0]))
+
+
+@pytest.mark.parametrize("strains", ["small", "large"])
+def test_a_palm_presses_a_finger_without_inertia_on_a_box(tmp_path, strains):
+    """What the palm bears is the weight of the finger and what the box does; the account closes, its work included."""
+    if strains == "large":
+        rom, origin, weight = in_frame(soft_rom(order=8, contact=True, inertia=False)), np.zeros(3), 0.0
+    else:
+        gravity = {"effects.gravity": "acceleration = [0.0, 0.0, -9.81]"}
+        parts = {**FRAMES["carried"], **TOUCHED, **gravity, "contacts": PATCHES, "effects": ""}
+        rom, origin, weight = reduced(tmp_path, order=8, **parts), np.array([0, 0.015, 0.01]), 1.8e-4 * 1100 * 9.81
+    place = np.array([0.25, 0.015, -0.0185]) - origin
+    box = fr.RigidBody(Box((0.12, 0.06, 0.03)), density=300, position=place)
+    ground = fr.RigidBody(HalfSpace(), motion=LIES._replace(position=np.array([0, 0, -0.0335]) - origin))
+    bodies = {"finger": fr.SoftBody(rom, on="palm"), "palm": fr.RigidBody(Sphere(1e-3), motion=lowered)}
+    world = fr.World(
+        bodies | {"box": box, "ground": ground},
+        4e-3,
+        gravity=GRAVITY,
+        friction=0.5,
+        apart=[("palm", "finger"), ("palm", "box")],
+    )
+    assert run(world, 30) < 1e-12
+    pressed = world.force_between("finger", "box")
+    assert pressed[2] > 0.1
+    force, _ = world.simulator("finger").base_wrench
+    np.testing.assert_allclose(force + pressed, [0, 0, weight], rtol=0, atol=1e-11)
+    assert abs(world.account("finger").supplied - world.account("finger").obstacles) > 1e-4  # by the palm
+
+
+@pytest.mark.parametrize("dt", [1e-3, 5e-3])
+@pytest.mark.parametrize("touches", [True, False])
+def test_a_rigid_face_of_a_free_body_is_welded_to_a_box_that_flies(tmp_path, dt, touches):
+    """As a whole, by forces and couples: momenta and account to round-off."""
+    parts = {"contacts": PATCHES.replace("[contacts.top]", 'force = "wrench"\n[contacts.top]', 1)}
+    rom = reduced(tmp_path, frame="moving", **parts, **(TOUCHED if touches else {}), supports='rigid = ["right"]')
+    thrown = {"velocity": (0, 0.1, 0.2), "angular_velocity": (0, 2, 1)}
+    bodies = {
+        "beam": fr.SoftBody(rom),
+        "box": fr.RigidBody(Box((0.06,) * 3), density=500, position=(0.18, 0, 0), **thrown),
+    }
+    world = fr.World(bodies, dt, joints=[SurfaceJoint("beam", "box", "right")])
+    start = momenta(world)
+    assert run(world, 40) < 1e-12
+    for now, then in zip(momenta(world), start, strict=True):
+        assert np.abs(now - then).max() < 1e-15
+    assert world.joint_forces(0).shape == (2, 3)
+    assert np.abs(world.joint_forces(0)).max() > 1e-2

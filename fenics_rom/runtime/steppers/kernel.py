@@ -136,8 +136,7 @@ class BookedKernel(Kernel):
         rigid_displacement: along the rigid motions (ρ,), which energy coordinates lack; steps add to it.
         interface: the contact points, if there are any.
         actuators: those whose forces are found, if there are any.
-        residual: how the contact points yield beyond the basis, if that is known.
-        branches: how the material relaxes, if it does.
+        residual, branches: how contact points yield beyond the basis, if that is known, and a material relaxes.
     """
 
     _at_touch: tuple[Array | None, Array | None]  # v̂ (m,) in the last contact, or None, and beyond (P, 3)

@@ -146,6 +146,13 @@ class OnBase(BookedKernel):
         places: Array = (rest - self._constants.origin + super().point_displacement()).dot(R.T) + self.frame.position
         return places - rest
 
+    @property
+    def touched(self) -> Array:
+        """As in BookedKernel, in world axes."""
+        seen: Any = self._interface
+        touched: Array = seen.velocities(super().touched, self.h)
+        return touched
+
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel; to `base`."""
         start = self.frame
@@ -260,7 +267,7 @@ class SeenFromBase:
         before = self._from + self._arms_now.dot(self._R.T)
         in_world = np.empty(motion.shape)
         in_world[0], in_world[1] = before - self._interface.points.coordinates, 0.0
-        in_world[2] = self._velocities(motion[2], dt)
+        in_world[2] = self.velocities(motion[2], dt)
         W = self._kernel.turned_operator(delassus, self._end)
         return turned(self._interface.solve_moved(in_world, W, dt, obstacles, quasi_static), self._R_end)
 
@@ -275,11 +282,11 @@ class SeenFromBase:
         """As in ContactInterface; with what contact does on the body beyond its shape, which the base supplies."""
         done = sum(dt / 2 * float((one.forces * velocity).sum()) for one in (before, after) if one is not None)
         seen = turned(before, self._R.T), turned(after, self._R_end.T)
-        work = self._interface.work_at_rest(*seen, self._velocities(velocity, dt), dt, obstacles)
+        work = self._interface.work_at_rest(*seen, self.velocities(velocity, dt), dt, obstacles)
         whole = work.supplied - work.contact - work.friction - work.numerical
         return work._replace(supplied=work.supplied + done - whole)
 
-    def _velocities(self, inside: Array, dt: float) -> Array:
+    def velocities(self, inside: Array, dt: float) -> Array:
         """Of the points in world axes (P, 3), by those in the frame."""
         by_base = (self._to - self._from + self._arms_now.dot((self._R_end - self._R).T)) / dt
         velocities: Array = by_base + inside.dot(self._R_end.T)
