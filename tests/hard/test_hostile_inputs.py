@@ -242,7 +242,7 @@ SCENES = {  # by kind: what is there, what stands there instead, and what is sai
     "empty table, contact": (
         'surface = "right"\n[out',
         "\n[out",
-        "contacts.tip: give exactly one of surface, near, plane, facing, box, along, inner, all, any, none; given",
+        "contacts.tip: give exactly one of surface, near, plane, facing, box, along, inner, all, any, none, together; ",
     ),
     "empty table, gravity": ("{ acceleration = [0, 0, -9.81] }", "{}", "effects.gravity: acceleration is missing"),
     "empty table, no obstacles": (
@@ -272,7 +272,7 @@ SCENES = {  # by kind: what is there, what stands there instead, and what is sai
     "both, surface and near": (
         'surface = "right"\n[out',
         'surface = "right"\nnear = { point = [1, 0, 0], radius = 1 }\n[out',
-        "any, none; given: surface, near",
+        "any, none, together; given: surface, near",
     ),
     "wrong shape, two numbers": ("[0, 0, -9.81]", "[0, -9.81]", "acceleration is a list of 2: allowed is a list of 3"),
     "wrong shape, force of two numbers": (
