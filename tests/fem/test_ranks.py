@@ -221,7 +221,7 @@ def test_effects_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     # Where the shared basis holds all shapes what is left is round-off: of no time that any step of 1e-5 s could see.
     longest = [rom.time_constants.max(initial=0.0) for rom in (one, other)]
     np.testing.assert_allclose(*longest, rtol=1e-6, atol=1e-7)
-    # In "effects" points are pressed between two obstacles, and in one step Coulomb's law has a whole line of solutions:
+    # In "effects" points are pressed between two obstacles, and in one step Coulomb's law has a line of solutions:
     # forces that differ by 2 % fulfil it to 1e-11, and its linearisation is singular. Which of them is found is decided
     # by less than what a change of 1e-13 of the stiffness makes: reduced runs part there by 1e-3, and meet again.
     for one, other, share in ((*full, 1.0), (*(fr.simulate(rom) for rom in roms), 1e6 if name == "effects" else 1.0)):
