@@ -220,10 +220,40 @@ class BranchesAdjoint(NamedTuple):
 
         `energy`: that with what is stored.
         """
-        g = np.array(self.series.ratios)[:, None, None]
-        of_energy = g * self._shared(self.state) if self.state.shape[1] == 1 else g / 2 * self.state[:, ::-1]
-        w_ = w_.reshape(self.state.shape) + energy * of_energy
+        w_ = self.owed(w_, energy)
         return self.step.decay * w_, (self.step.gain * w_).sum(axis=0)
+
+    @property
+    def ratios(self) -> Array:
+        """g of each branch."""
+        return np.array(self.series.ratios)
+
+    def owed(self, w_: Array, energy: float) -> Array:
+        """Those with the state after the step, also by what is stored."""
+        g = self.ratios[:, None, None]
+        of_energy = g * self._shared(self.state) if self.state.shape[1] == 1 else g / 2 * self.state[:, ::-1]
+        owed: Array = w_.reshape(self.state.shape) + energy * of_energy
+        return owed
+
+    def stepped(self, rate: Array) -> tuple[Array, float]:
+        """The state after a step at a rate (2, n) before anything moves it, and what the step dissipates, J."""
+        c = self.step
+        state, within = c.decay * self.before + c.gain * rate, c.kept * self.before + c.moved * rate
+        change = state - self.before
+        heat = (c.viscous[:, 0] * within[:, 0] * within[:, 1]).sum() + (
+            c.numerical[:, 0] * change[:, 0] * change[:, 1]
+        ).sum()
+        return state, float(heat)
+
+    def back(self, w_: Array, heat_: float, rate: Array) -> tuple[Array, Array]:
+        """Those with the state before, and with the rate, from those with `stepped`."""
+        c = self.step
+        within = c.kept * self.before + c.moved * rate
+        change = (c.decay - 1) * self.before + c.gain * rate
+        within_, change_ = heat_ * c.viscous * within[:, ::-1], heat_ * c.numerical * change[:, ::-1]
+        w_ = w_ + change_
+        before = c.decay * w_ - change_ + c.kept * within_
+        return before, (c.gain * w_ + c.moved * within_).sum(axis=0)
 
     def pulled_back(self, pull_: Array) -> Array:
         """Those with the state before from those with what it pulls with, (rows, n)."""

@@ -204,4 +204,6 @@ def _frame_owed(pose: BaseState, turn: Array, x: Array) -> Array:
         bent = (1 - angle / 2 / np.tan(angle / 2)) / angle**2
     by_turn = np.eye(3) - turned / 2 + bent * turned @ turned  # of the vector, by a further turn along axes of space
     ω_ = R.T @ spin_
-    return np.concatenate([p_, R.T @ by_turn.T @ turn_ + np.cross(R.T @ pose.angular_velocity, ω_), v_, ω_])
+    return np.concatenate(
+        [p_, R.T @ by_turn.T @ turn_ + np.cross(R.T @ pose.angular_velocity, ω_), v_, ω_, np.zeros(3)]
+    )

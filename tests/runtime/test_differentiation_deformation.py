@@ -8,8 +8,6 @@ from gradient_checks import check_gradient, squares
 from soft_rom import linear, refuse_few_parts, soft_rom
 
 import fenics_rom as fr
-from fenics_rom.errors import StructureError
-from fenics_rom.mechanics.viscoelasticity import PronySeries
 
 STEPS, FEW = 30, 5  # of steps that are found by iteration few
 LAWS = ("st_venant_kirchhoff", "neo_hookean")
@@ -185,12 +183,3 @@ def test_a_tangent_that_is_kept_is_kept_where_a_run_is_taken_again(monkeypatch):
     again = fr.differentiate(bent.body(*bent.start), bent.u, squares)
     assert again.value == whole.value
     assert np.array_equal(again.inputs, whole.inputs)
-
-
-def test_what_is_not_differentiated_is_refused_by_name():
-    """Strains that are carried along and relax, by their linearly implicit step."""
-    rom = soft_rom(LAWS[0])
-    relaxing = replace(rom.environment, viscoelasticity=PronySeries((0.5,), (0.1,)))
-    body = fr.Simulator(replace(rom, environment=relaxing), 1e-3, stepper="linearly-implicit")
-    with pytest.raises(StructureError, match="materials that relax: their steps are not differentiated"):
-        fr.differentiate(body, np.zeros((3, body.inputs)), squares)

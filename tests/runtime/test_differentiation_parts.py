@@ -12,6 +12,7 @@ from test_differentiation_frames import lowered, thrown
 from test_moving_parts import KINDS, PARTS, in_frame
 
 import fenics_rom as fr
+from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.mechanics.tendon import turning_angles, turning_slopes
 from fenics_rom.scene.file import parse_scene
 
@@ -81,10 +82,11 @@ def test_gradient_of_small_strains_goes_through_all_that_acts(tmp_path, parts, f
 
 
 @pytest.mark.parametrize("law", ["st_venant_kirchhoff", "neo_hookean"])
+@pytest.mark.parametrize("stepper", FINITE_STRAIN_STEPPERS)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("frame", ["held", "carried"])
-def test_gradient_of_sampled_points_goes_through_relaxation_and_contact(law, kind, frame):
-    """Newton's steps of large deformation, of a material that relaxes or not, by a tension or a stroke."""
+def test_gradient_of_large_deformation_goes_through_relaxation_and_contact(law, stepper, kind, frame):
+    """By both steps, of a material that relaxes or not, by a tension or a stroke."""
     rom, signals = KINDS[kind](soft_rom(law, order=8, contact=True)), {}
     if frame == "carried":
         rom, signals = in_frame(rom), {"base_path": lowered}
@@ -92,9 +94,32 @@ def test_gradient_of_sampled_points_goes_through_relaxation_and_contact(law, kin
         rom = replace(rom, moving_frame=replace(rom.moving_frame, output_points=points))
 
     def make():
-        return fr.Simulator(rom, H, stepper="newton", signals=signals)
+        return fr.Simulator(rom, H, stepper=stepper, signals=signals)
 
     check_gradient(*along(make, frame, 2e-3 if kind == "stroke" else 0.5, 1.0))
+
+
+FREE = {
+    "relaxing": {"tendon.rope": PARTS["stroke"]["tendon.rope"], "viscoelasticity": "ratios = [0.5]\ntimes = [0.02]"},
+    "tied": {"tendon.rope": WINDING, **RUBS, "springs.bed": 'surface = "right"\nstiffness = 1.0'},
+}
+
+
+@pytest.mark.parametrize("stepper", FINITE_STRAIN_STEPPERS)
+@pytest.mark.parametrize("parts", FREE)
+def test_gradient_of_a_free_body_that_bends_far(tmp_path, parts, stepper):
+    """Strokes and relaxation; guides that rub, and springs to the ground, of a body that is thrown."""
+    mesh = write_arrays(tmp_path / "box.msh", *box_arrays((0.3, 0.03, 0.02), (3, 1, 1)))
+    effects = {f"effects.{name}": text for name, text in FREE[parts].items()} | {"effects.large_deformation": ""}
+    largest = 1e-4 if parts == "relaxing" else 0.1
+    run = f'dt = 1e-3\nduration = 2e-3\n[[run.load]]\nactuator = "rope"\nforce = [{largest}]'
+    text = scene_text(mesh, supports=None, damping="alpha = 0.5, beta = 2e-4", run=run, **effects | TIP)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        system = fr.assemble(parse_scene(f'frame = "moving"\n{text}'))
+        rom = fr.reduce(system, order=6, method="modal+derivatives")
+    amplitude = 1e-3 if parts == "relaxing" else 1.0
+    check_gradient(*along(lambda: fr.Simulator(rom, H, stepper=stepper), "free", amplitude, 1.0))
 
 
 def test_what_a_cable_turns_by_at_its_guides_has_a_slope():

@@ -206,11 +206,3 @@ def test_parts_of_a_step_are_steps(roms, monkeypatch):
     body._stepper.kernel.step(np.array(u))
     body._stepper.kernel.rollback()
     assert (body.save().stepper.auxiliary == before).all()
-
-
-@STEPPERS
-def test_what_has_no_branches_says_so(roms, stepper):
-    rom = roms[LAWS[0]]
-    body = fr.Simulator(rom, 1e-3, stepper=stepper)
-    with pytest.raises(fr.FenicsRomError, match="materials that relax"):
-        fr.differentiate(body, np.zeros((2, 5)), lambda outputs, energies: (0.0, {}, None))

@@ -150,7 +150,7 @@ def differentiate_taken(
     rows = {name: _rows(rom, name, names) for name in rom.contact_models}
     inputs, kinks, last = np.zeros(u.shape), list[int](), run.body.integrator.kernel
     is_free, points = rom.moving_frame is not None and not rom.moving_frame.carried, _points_of(rom, names)
-    frame = np.zeros(12 if is_free else 0)
+    frame = np.zeros(15 if is_free else 0)
     μ = StateAdjoint(0 * last.state, np.zeros(rom.rigid), 0 * last.auxiliary, frame=frame)
     for step, (taken, contact, switches_before, pose) in run.backwards():
         of_q, of_beyond = rows[contact]

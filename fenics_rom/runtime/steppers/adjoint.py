@@ -29,7 +29,7 @@ class StateAdjoint(NamedTuple):
     forces: Array = NONE  # of contact in the last step (3P,)
     tangent: Array = NONE  # as `Kernel.tangent` (m, m)
     reactions: Array = NONE  # as `Kernel.reactions` (n,)
-    frame: Array = NONE  # of a free body (12,): p, R by a rotation about its axes, v, and ω in these
+    frame: Array = NONE  # of a free body (15,): p, R by a rotation about its axes, v, ω in these, and the last ω̂
 
 
 class Reads(NamedTuple):
@@ -111,7 +111,7 @@ def pose_pulled_back(pose: "BaseState", frame_: Array) -> dict[str, Array]:
     """
     from fenics_rom.mechanics.frame_motion import rotation_matrix  # here, as few bodies turn
 
-    p_, φ_, v_, ω_ = frame_.reshape(4, 3)
+    p_, φ_, v_, ω_ = frame_[:12].reshape(4, 3)
     R = rotation_matrix(pose.rotation)
     turned = φ_ - np.cross(R.T @ pose.angular_velocity, ω_)
     return {"position": p_, "rotation": R @ turned, "velocity": v_, "angular_velocity": R @ ω_}

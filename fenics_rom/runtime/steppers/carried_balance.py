@@ -16,7 +16,7 @@ from fenics_rom.mechanics.frame_geometry import Geometry, Push
 from fenics_rom.mechanics.frame_motion import ZERO, Vector, added, cross, dot
 from fenics_rom.runtime.steppers.carried_base import Begun, Motion
 from fenics_rom.runtime.steppers.carried_points import CarriedPoints
-from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame
+from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame, Expected
 from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED
 from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.inertia import MOST_ITERATIONS, pairs
@@ -73,7 +73,9 @@ class CarriedBalance(DifferentiableFrame):
             except np.linalg.LinAlgError:
                 self._ahead = step.A, self._matrix, np.zeros_like(step.A)
         v -= self._ahead[2].dot(lack)
-        elastic.expect(v)
+        pressed = None if self.contact is None else self.contact.forces
+        self.expectation = Expected(self._acting, step.forces, pressed, lack, self._ahead[2], v)
+        v = elastic.expect(v)
         self._take_matrix(v)
         self._followed_at = v
         self._completed(step, step.right - self._resists(v, v))

@@ -1,4 +1,4 @@
-"""What linearly implicit steps of large deformation do, as their adjoint asks for it; see held.py.
+"""What steps do with strains that are carried along, as their adjoint asks for it; see elastic/carried_strains.py.
 
 ∂J/∂x is written x_.
 """
@@ -12,8 +12,6 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.hyperelastic import linear_stress, strain, strain_rate, stress, stress_change
 from fenics_rom.rom.carried_strains import MonomialStrains, PointStrains
 from fenics_rom.rom.deformation import ReducedDeformation
-from fenics_rom.runtime.steppers.acts.followers import Follower
-from fenics_rom.runtime.steppers.residual_maps import ResidualMaps
 
 UNIT = np.eye(3)[:, :, None]
 
@@ -45,28 +43,6 @@ def s_of(energy: float) -> float:
     return math.sqrt(2 * max(energy, 0.0))
 
 
-class Expected(NamedTuple):
-    """What v̂ of a step was expected to be, and what that came of."""
-
-    before: Array  # v̂ of the step before
-    reactions: Array  # of strokes then (n,)
-    middle: Array  # with that
-    residual: Array  # forces out of balance there
-    tangent: Array  # T
-    made_tangent: bool  # whether in this step
-    whole: Array  # before - T residual
-    value: Array  # no longer than what was trained
-
-
-class Taken(NamedTuple):
-    """What the last step came of."""
-
-    expected: Expected
-    matrix: Array  # M (m, m)
-    reactions: Array  # of strokes (k,)
-    held: Array  # which of them are not of slack cables (n,)
-
-
 class Material(NamedTuple):
     """The points at a shape."""
 
@@ -76,32 +52,17 @@ class Material(NamedTuple):
     is_beyond: bool  # whether S lacks that of linear elasticity
 
 
-class LinearlyImplicitMaps(NamedTuple):
-    """What steps of one size in one contact mode do."""
+class StrainsMaps(NamedTuple):
+    """What steps of one size do with strains that are carried along."""
 
     body: ReducedDeformation
     strains: MonomialStrains | PointStrains
     h: float  # s
-    fixed: Array  # what of M does not change (m, m)
-    Sᵀ: Array  # (m, 3P); (m, 0) where nothing can touch
-    ω: Array  # (m,)
-    dead_loads: Array  # (m, p)
-    followers: list[tuple[int, Follower]]  # with their columns
-    strokes: list[Follower]  # those that are given (k,)
-    places: Array  # and their places in the input (k,)
-    residual: ResidualMaps | None
+    steady: Array  # what of the slope of f̂ does not change (m, m)
+    stiffening_time: float  # of branches, s
     st_venant: bool
     most: float  # largest c, J
     steepest: float  # largest |b|, 1/s
-
-    def loads_back(self, u: Array, q: Array, w: Array) -> tuple[Array, Array]:
-        """What w·(forces of the inputs on the body at q) owes to u (p,) and q (m,)."""
-        by_u, by_q = w @ self.dead_loads, np.zeros(len(w))
-        for column, follower in self.followers:
-            by_u[column] += follower.force(q) @ w
-            if u[column]:
-                by_q += u[column] * follower.pull_back(q, w)
-        return by_u, by_q
 
     def material(self, q: Array) -> Material:
         """At q."""
@@ -129,7 +90,7 @@ class LinearlyImplicitMaps(NamedTuple):
 class Slope(NamedTuple):
     """b = ∂√(2 (Ψ + c))/∂q, as StrainsCarried makes it."""
 
-    maps: LinearlyImplicitMaps
+    maps: StrainsMaps
     at: Material
     numerator: Array  # ∂Ψ/∂q (m,)
     denominator: float
@@ -141,7 +102,7 @@ class Slope(NamedTuple):
     b: Array
 
     @staticmethod
-    def at_shape(maps: LinearlyImplicitMaps, q: Array, c: float) -> "Slope":
+    def at_shape(maps: StrainsMaps, q: Array, c: float) -> "Slope":
         """At q, with the c before, J."""
         left, numerator, at = maps.left(q)
         c_by_c, c_by_left = 1.0, 0.0

@@ -1,26 +1,50 @@
 """What a body in a moving frame tells of the step that it took, so that it can be gone back through."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
-from fenics_rom.runtime.steppers.adjoint import contact_adjoint
+from fenics_rom.mechanics.frame_geometry import Geometry
+from fenics_rom.mechanics.frame_motion import rotation_of, turned
+from fenics_rom.runtime.steppers.adjoint import NONE, contact_adjoint
+from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
+from fenics_rom.runtime.steppers.elastic.strains_adjoint import StrainsAdjoint
 from fenics_rom.runtime.steppers.frame_kernel import FrameKernel
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
-from fenics_rom.runtime.steppers.frame_slopes import InertiaSlopes, Moving, StepTurn
+from fenics_rom.runtime.steppers.frame_slopes import InertiaSlopes, Moving, PointsMoved, StepTurn
 from fenics_rom.runtime.steppers.frame_state import FrameState
 from fenics_rom.runtime.steppers.taken_step import found_taken, linear_taken, residual_taken
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
-    from fenics_rom.runtime.steppers.frame_adjoint import TouchedPoints
-    from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
+    from fenics_rom.runtime.steppers.frame_adjoint import FramePart, TouchedPoints
+    from fenics_rom.runtime.steppers.parted_adjoint import Expectation, PartedAdjoint
+
+
+class Expected(NamedTuple):
+    """How v̂ of a step was expected, from that of the step before, and under the forces that were found in it."""
+
+    u: Array  # (p,) with these forces
+    forces: FrameForces
+    pressed: Array | None  # contact forces (P, 3) among them
+    lack: Array  # of the balance of the coordinates (m,)
+    T: Array  # (m, m)
+    whole: Array  # v̂ that came of it
+    x: Array = NONE  # of a free body the ω̂ and v̂ (3 + m,) that it was found at
+    translation: Array | None = None  # v̂ (3,) of the origin, where ties feel it
+    passed: tuple[float, Array] | None = None  # h and x of the step before, if that guided it
 
 
 class DifferentiableFrame(FrameKernel):
-    """Arguments and attributes as in FrameKernel."""
+    """Arguments and attributes as in FrameKernel.
 
+    Attributes:
+        expectation: of the last step, where its law asks for one.
+    """
+
+    expectation: Expected | None = None
     _now: Any  # how the body moves, and how it did before the step
     _now_before: Any
 
@@ -28,8 +52,6 @@ class DifferentiableFrame(FrameKernel):
         """As in Kernel."""
         if self._following is not None and self._following.rims:
             raise StructureError("pressure on an open surface in a moving frame: its steps are not differentiated")
-        if self.elastic is not None and not self.elastic.tells_slopes:
-            raise StructureError("strains that are carried along in a moving frame: their steps are not differentiated")
 
     @property
     def _turned_by(self) -> StepTurn:
@@ -55,24 +77,73 @@ class DifferentiableFrame(FrameKernel):
         start = Moving(*before, e * self._inverse_ω, r.copy())
         end = Moving(*after, e_after * self._inverse_ω, r_after.copy())
         v, (residual, rows_after) = (r + r_after) / 2, residual_taken(self.residual)
+        law, moved = self.elastic, (self.h / 2, start.q, end.q, v)
+        was = self.expectation if law is not None and law.is_exact else None
         middle, reach = start.q + self.h / 2 * v, self.h / 2
+        if was is not None and isinstance(law, StrainsCarried):
+            middle, reach = start.q + self.h / 2 * law.expected, 0.0
         acting = Acting(self._loads, self._acting_forces, self._following, self._acting, middle, reach, self.ties)
         contact, is_kink = contact_adjoint(self._interface)
-        moved = self.h / 2, start.q, end.q, v
+        found = found_taken(self._found, u, self.reactions, (self.h, start.q, r.copy(), v, middle), follows=reach > 0)
         part = FramePart(
             InertiaSlopes(self._constants, self._second),
             self._turned_by,
             (start, end),
             acting,
-            self.elastic.adjoint() if self.elastic is not None else linear_taken(self._model, *moved, None),
-            found_taken(self._found, u, self.reactions, (self.h, start.q, r.copy(), v, middle)),
+            law.adjoint() if law is not None else linear_taken(self._model, *moved, None),
+            found,
             residual,
             None if contact is None else self._touched_points(contact, start, v),
         )
         ends, given = Ends(self._model.safe_frequencies, 0, start.q, end.q, rows_after), None
         if self._found is not None:
             given = self._found.stroke_slopes(start.q).T
-        return PartedAdjoint((part,), ends, is_kink, given)
+        expectation = None
+        if was is not None and isinstance(law, StrainsCarried):
+            expectation = self._expectation_taken(was, part, law)
+        return PartedAdjoint((part,), ends, is_kink, given, False, expectation)
+
+    def _expectation_taken(self, was: Expected, part: "FramePart", law: StrainsCarried) -> "Expectation":
+        from fenics_rom.runtime.steppers.parted_adjoint import Expectation
+
+        (start, end), step, h = part.ends, part.step, self.h
+        taken = part.law
+        assert isinstance(taken, StrainsAdjoint)
+        v, by_spin = taken.velocity_before, 0.0
+        if len(was.x):
+            spin = was.x[:3]
+            step = StepTurn(self._geometry_of(spin), h, spin)
+            mean = np.zeros(3) if was.translation is None else was.translation
+            by_spin = 0.0 if was.passed is None or h > 2 * was.passed[0] else h / was.passed[0]
+            end = Moving(start.position + h * mean, 2 * mean - start.v, 2 * spin - start.ω, end.q, end.r)
+        end = end._replace(q=start.q + h * v, r=2 * v - start.r)
+        middle = start.q + h / 2 * v
+        acting = part.acting._replace(forces=was.forces, u=was.u, middle=middle, reach=h / 2)
+        pressed = None
+        if was.pressed is not None:
+            places = self.points.rest + self.points.moved(start.q)
+            if self.residual is not None:
+                places = places + self.residual.carried_before[1].reshape(-1, 3)
+            pressed = PointsMoved(step, self.points.rows, places, self.points.moved(v)), was.pressed
+        found = np.empty(0, dtype=int) if part.found is None else part.found.places
+        before = part._replace(step=step, ends=(start, end), acting=acting, found=None, touched=None, pressed=pressed)
+        of_T = was.T, was.lack, was.whole, law.farthest, law.made_tangent
+        return Expectation(before, taken, found, *of_T, by_spin)
+
+    def _geometry_of(self, spin: Array) -> Geometry:
+        """How the frame would have turned in the last step with ω̂ (3,)."""
+        a, b, c = (self.h * spin).tolist()
+        return Geometry(self._now_before.R, rotation_of(*turned(self._frame_before.rotation, (a, b, c))), (a, b, c))
+
+    @property
+    def tangent(self) -> Array:
+        """As in Kernel: that of what resists the shape."""
+        return NONE if self.elastic is None else self.elastic.tangent
+
+    @tangent.setter
+    def tangent(self, tangent: Array) -> None:
+        if self.elastic is not None:
+            self.elastic.keep_tangent(tangent)
 
     def _touched_points(self, contact: "ContactAdjoint", start: Moving, v: Array) -> "TouchedPoints | None":
         from fenics_rom.runtime.steppers.frame_adjoint import TouchedPoints

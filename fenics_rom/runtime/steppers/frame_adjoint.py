@@ -55,6 +55,7 @@ class FramePart(NamedTuple):
     found: FoundSlopes | None
     residual: ResidualMaps | None
     touched: TouchedPoints | None
+    pressed: tuple[PointsMoved, Array] | None = None  # contact points that forces (P, 3) are known to act on
 
     @property
     def own(self) -> slice:
@@ -65,6 +66,17 @@ class FramePart(NamedTuple):
     def shape(self) -> slice:
         """As in StepPart."""
         return slice(6, None)
+
+    @property
+    def turned(self) -> Array | None:
+        """As in StepPart."""
+        following = self.acting.following
+        return None if following is None else following.slope(self.acting.u, self.acting.middle)
+
+    @property
+    def half(self) -> float:
+        """As in StepPart."""
+        return self.step.h / 2
 
     def back(self, place_: Array, velocity_: Array) -> tuple[Array, Array, Array]:
         """As in StepPart."""
@@ -80,19 +92,29 @@ class FramePart(NamedTuple):
 
     def balance(self) -> tuple[Slopes, Array]:
         """As in StepPart."""
-        (start, end), step, (loads, forces, following, u, middle, reach, ties) = self.ends, self.step, self.acting
+        (start, end), step, (loads, forces, following, _, middle, reach, ties) = self.ends, self.step, self.acting
         balance = self.inertia.balance(start, end, step)
         of_loads, by_input = loads.slopes(forces, step, self.inertia.frame, (start.q, end.q))
         balance = balance.with_(of_loads, -1.0)
         if ties is not None:
             balance = balance.with_(ties.push_slopes(start, end, step), -1.0)
-        if following is not None:
-            slope = following.slope(u, middle)
+        slope = self.turned
+        if following is not None and slope is not None:
             balance.place[6:, 6:] -= slope
             balance.x[6:, 6:] -= reach * slope
             for column, follower in following.followers:
                 by_input[6:, column] += follower.force(middle)
+        if self.pressed is not None:
+            points, forces_known = self.pressed
+            balance = balance.with_(points.push(forces_known).slopes, -1.0)
         return balance, by_input
+
+    @property
+    def by_forces(self) -> Array:
+        """∂(Sᵀ f)/∂f (k, 3P) of forces that are known; (k, 0) where there are none."""
+        if self.pressed is None:
+            return np.zeros((6 + len(self.ends[0].q), 0))
+        return self.pressed[0].by_forces()
 
     def touch(self) -> "FrameTouch | None":
         """As in StepPart."""

@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
 from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, added, cross, dot, mean
+from fenics_rom.runtime.steppers.differentiable_frame import Expected
 from fenics_rom.runtime.steppers.frame_kernel import BENT, BENT_BY_RATE, GIVEN, TURNED, TURNED_BY_RATE
 from fenics_rom.runtime.steppers.free_motion import FreeMotion, turn_of
 from fenics_rom.runtime.steppers.ground_ties import TieForces
@@ -44,7 +45,8 @@ class FreeBalance(FreeMotion):
         self._surely_definite = definite_up_to(frame.inertia0, *parts)
         self.newton = KeptNewton()
         self._lever: Array | None = None  # of ties, per force, as contact was told last
-        self._ahead: tuple[Array, Array] | None = None  # of an expected step the slope of f̂, and the inverse Jacobian
+        # Of an expected step the slope of f̂, and the inverse Jacobian, whole and of the shape alone.
+        self._ahead: tuple[Array, Array, Array] | None = None
         self._forces = self._loads.at(np.zeros(self._loads.width))  # of the step
         self._passed: tuple[float, Array] | None = None  # the last step: of h s, by ω̂ and r̂
         self.resume(np.empty(0))
@@ -66,13 +68,18 @@ class FreeBalance(FreeMotion):
         ρ = self._residual(x, push)
         if self._ahead is None or self._ahead[0] is not self._matrix:
             try:
-                self._ahead = self._matrix, np.linalg.inv(self.jacobian(x))
+                self._ahead = self._matrix, np.linalg.inv(self.jacobian(x)), np.linalg.inv(self._products[9])
             except np.linalg.LinAlgError:
-                self._ahead = self._matrix, np.zeros((len(x), len(x)))
+                self._ahead = self._matrix, np.zeros((len(x), len(x))), np.zeros((len(r̂), len(r̂)))
+        whole = r̂ - self._ahead[2].dot(ρ[3:])  # of the shape alone: next to nothing of it comes of how the frame turns
+        pressed = None if self.contact is None else self.contact.forces
+        v̂ = None if self.ties is None else self.translation(self.geometry(x), ZERO if push is None else push.force, x)
+        of_shape = ρ[3:], self._ahead[2], whole
+        self.expectation = Expected(self._acting, self._forces, pressed, *of_shape, x.copy(), v̂, self._passed)
         x -= self._ahead[1].dot(ρ)
-        elastic.expect(r̂)
-        self._take_slope(r̂)
-        self._given(r̂, r̂.copy())
+        expected = elastic.expect(whole)
+        self._take_slope(expected)
+        self._given(r̂, expected)
 
     def _take_slope(self, v: Array) -> None:
         self._take_matrix(v)

@@ -27,10 +27,9 @@ from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
 from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.body_parts import BodyParts
 from fenics_rom.runtime.steppers.definite import is_definite
-from fenics_rom.runtime.steppers.deformation_maps import Expected
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
-from fenics_rom.runtime.steppers.held_adjoint import HeldAdjoint, Part
+from fenics_rom.runtime.steppers.held_adjoint import Expected, HeldAdjoint, Part
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 
 if TYPE_CHECKING:
@@ -379,7 +378,8 @@ class HeldBody(HeldAdjoint):
             residual -= self._pushed(self.contact)
         whole = v - self.tangent.dot(residual)
         law.expect(whole)
-        self._expectation = Expected(v, self.reactions, middle, residual, self.tangent, is_new, whole, law.expected)
+        of_contact, of_T = self.contact is not None, (self.tangent, is_new)
+        self._expectation = Expected(v, self.reactions, of_contact, middle, residual, *of_T, whole, law.expected)
         return law.expected
 
 

@@ -2,17 +2,16 @@
 
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
-from fenics_rom.runtime.steppers.adjoint import StateAdjoint, check_is_differentiated, contact_adjoint
-from fenics_rom.runtime.steppers.deformation_maps import Expected, LinearlyImplicitMaps, Taken
+from fenics_rom.runtime.steppers.adjoint import contact_adjoint
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.sampled import SampledAdjoint
 from fenics_rom.runtime.steppers.held_part import HeldPart
-from fenics_rom.runtime.steppers.linearly_implicit_adjoint import LinearlyImplicitAdjoint, start_pulled_back
-from fenics_rom.runtime.steppers.parted_adjoint import Ends, PartedAdjoint
+from fenics_rom.runtime.steppers.parted_adjoint import Ends, Expectation, PartedAdjoint
 from fenics_rom.runtime.steppers.parted_kernel import PartedKernel
 from fenics_rom.runtime.steppers.taken_step import found_taken, residual_taken
 
@@ -35,6 +34,20 @@ class Part(NamedTuple):
     branches: "BranchesAdjoint | None"
 
 
+class Expected(NamedTuple):
+    """What v̂ of a step was expected to be, and what that came of."""
+
+    before: Array  # v̂ of the step before
+    reactions: Array  # of strokes then (n,)
+    touched: bool  # whether contact forces were under them
+    middle: Array  # with that
+    residual: Array  # forces out of balance there
+    tangent: Array  # T
+    made_tangent: bool  # whether in this step
+    whole: Array  # before - T residual
+    value: Array  # no longer than what was trained
+
+
 class HeldAdjoint(PartedKernel):
     """What steps of a held body leave to be gone back through.
 
@@ -46,8 +59,6 @@ class HeldAdjoint(PartedKernel):
     loads: ShapeLoads
     taken: tuple[Part, ...]
     _body: ReducedDeformation
-    _unit: Array  # (m, m)
-    _matrix: Array  # of the last step (m, m)
     _expectation: Expected | None = None  # of the last step, of strains that are carried along
 
     @property
@@ -57,25 +68,37 @@ class HeldAdjoint(PartedKernel):
 
     def check_differentiable(self) -> None:
         """As in Kernel."""
-        if isinstance(self.elastic, StrainsCarried):
-            check_is_differentiated(self._actuators, self.branches)
 
     def adjoint(self, u: Array) -> "StepAdjoint":
         """As in Kernel."""
-        u = self.loads.without_found(u)
-        if not isinstance(self.elastic, StrainsCarried):
-            return self._adjoint_of_parts(u)
-        contact, is_kink = contact_adjoint(self._interface)
-        residual = None if self.residual is None else self.residual.state.reshape(4, -1).copy()
-        before, after = self._state_before.copy(), self.state.copy()
-        shapes = (state[: self._model.order] * self._inverse_ω for state in (before, after))
-        carried_before, carried_after = self.elastic.carried_with_strains(*shapes)
-        states = [before, carried_before, after, carried_after]
-        assert self._expectation is not None
-        taken = Taken(self._expectation, self._matrix, self.reactions, self.loads.held(self.reactions)[0])
-        return LinearlyImplicitAdjoint(self._maps(self.elastic), u, taken, states, residual, contact, is_kink)
+        forces = self.loads.without_found(u)
+        return self._adjoint_at_once(u, forces) if self._expectation else self._adjoint_of_parts(u, forces)
 
-    def _adjoint_of_parts(self, u: Array) -> "StepAdjoint":
+    def _adjoint_at_once(self, u: Array, forces: Array) -> "StepAdjoint":
+        """Of a step by strains that are carried along."""
+        (e, r), (_, r_after), h = self._state_before.reshape(2, -1).copy(), self.state.reshape(2, -1).copy(), self.h
+        q, v, ahead = e * self._inverse_ω, (r + r_after) / 2, self._expectation
+        assert ahead is not None
+        assert isinstance(self.elastic, StrainsCarried)
+        contact, is_kink = contact_adjoint(self._interface)
+        (residual, rows), law = residual_taken(self.residual), self.elastic.adjoint()
+        middle, z = q + h / 2 * ahead.value, self.reactions
+        found = found_taken(self._found, u, z, (h, q, r, v, middle), follows=False)
+        places = np.empty(0, dtype=int) if found is None else found.places
+
+        def part(at: Array, z: Array, reach: float) -> HeldPart:
+            turned, columns = self.loads.slope(forces, z, at), self.loads.all_columns(at)
+            return HeldPart(h, 2 / h, law, columns, turned, reach, found, self._Sᵀ, contact, residual, r_after)
+
+        before = part(ahead.middle, ahead.reactions, h / 2)
+        before = before if ahead.touched else before._replace(Sᵀ=self._Sᵀ[:, :0])
+        of_T = ahead.tangent, ahead.residual, ahead.whole, self.elastic.farthest, ahead.made_tangent
+        ends = Ends(self._ω, 0, q, self._coordinates().copy(), rows)
+        given = None if self._found is None else self.loads.stroke_slopes(q)
+        expectation = Expectation(before, law, places, *of_T)
+        return PartedAdjoint((part(middle, z, 0.0),), ends, is_kink, given, False, expectation)
+
+    def _adjoint_of_parts(self, u: Array, forces: Array) -> "StepAdjoint":
         parts, is_kink = list[HeldPart](), False
         for taken in self.taken[::-1]:
             h, q, r, v, reactions, solved, residual, branches = taken
@@ -83,7 +106,7 @@ class HeldAdjoint(PartedKernel):
             middle, reach, after = q + h / 2 * v, h / 2, 2 * v - r
             found = found_taken(self._found, u, reactions, (h, q, r, v, middle))
             law = SampledAdjoint.of(self._body, h, q, v, branches)
-            turned = self.loads.slope(u, reactions, middle)
+            turned = self.loads.slope(forces, reactions, middle)
             columns = self.loads.all_columns(middle)
             held = h, 2 / h, law, columns, turned, reach, found, self._Sᵀ, contact, residual, after
             parts.append(HeldPart(*held))
@@ -96,29 +119,3 @@ class HeldAdjoint(PartedKernel):
         ends = Ends(self._ω, 0, q, q_after, residual_taken(self.residual)[1])
         given = None if self._found is None else self.loads.stroke_slopes(q)
         return PartedAdjoint(tuple(parts), ends, is_kink, given)
-
-    def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
-        """As in Kernel."""
-        if not isinstance(self.elastic, StrainsCarried):
-            return super().start_pulled_back(q, r, after)
-        return start_pulled_back(self._maps(self.elastic), q, after)
-
-    def _maps(self, law: StrainsCarried) -> LinearlyImplicitMaps:
-        loads, residual = self.loads, None if self.residual is None else self.residual.maps
-        steady, most = law.steady + 2 / self.h * self._unit, 0.0 if law.points is None else law.points.most
-        return LinearlyImplicitMaps(
-            self._body,
-            law.strains,
-            self.h,
-            steady,
-            self._Sᵀ,
-            self._ω,
-            loads.dead,
-            loads.followers,
-            loads.strokes,
-            loads.places,
-            residual,
-            law.points is None,
-            most,
-            law.steepest,
-        )

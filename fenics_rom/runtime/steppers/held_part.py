@@ -37,6 +37,16 @@ class HeldPart(NamedTuple):
         """As in StepPart."""
         return slice(0, None)
 
+    @property
+    def by_forces(self) -> Array:
+        """Sᵀ, of forces that are known."""
+        return self.Sᵀ
+
+    @property
+    def half(self) -> float:
+        """As in StepPart."""
+        return self.h / 2
+
     def back(self, place_: Array, velocity_: Array) -> tuple[Array, Array, Array]:
         """As in StepPart."""
         if not self.inertia:

@@ -85,6 +85,14 @@ class StepPart(Protocol):
     def residual(self) -> ResidualMaps | None:
         """What contact points yield beyond the basis."""
 
+    @property
+    def turned(self) -> Array | None:
+        """∂(loads)/∂q (m, m) where they act; None: they stay."""
+
+    @property
+    def half(self) -> float:
+        """h/2, s: where loads act at the expected middle it goes with the v̂ that was expected by it."""
+
     def back(self, place_: Array, velocity_: Array) -> tuple[Array, Array, Array]:
         """What place and velocities at the start, and x, are owed (k,) by both at the end."""
 
@@ -108,6 +116,63 @@ class Ends(NamedTuple):
     rows_after: Array | None  # of the residual part (n, 3P)
 
 
+class Ahead(Protocol):
+    """A law that is told where a step is expected, before it."""
+
+    def expected_back(self, w: Array, v_: Array, tangent_: Array, *, made_tangent: bool) -> tuple[Array, Array, Array]:
+        """As in elastic/strains_adjoint.py."""
+
+
+class PartAhead(StepPart, Protocol):
+    """A step at velocities that are not yet its own, under contact forces that are known."""
+
+    @property
+    def by_forces(self) -> Array:
+        """∂(Sᵀ f)/∂f (k, 3P); (k, 0) where nothing touched."""
+
+
+class Expectation(NamedTuple):
+    """v̂ of a step as it was expected: v - T ρ(v), at v̂ and under the forces of the step before, with a T of before."""
+
+    part: "PartAhead"  # the step at that v̂, and at an ω̂ of its own
+    law: Ahead
+    places: Array  # of forces that are found, in the input (n,)
+    T: Array  # (m, m), the inverse of what a step resists with
+    lack: Array  # ρ (m,)
+    whole: Array  # v̂ (m,) that comes of it
+    farthest: float  # |v̂| that the law takes at most
+    made_tangent: bool  # whether in this step, else in an earlier one
+    by_spin: float = 0.0  # a: ω̂ is ω + a (ω - ω̂ of the step before), of a free body
+
+    def back(self, expected_: Array, tangent_: Array) -> tuple[Array, ...]:
+        """What is owed to place and velocities (k,), what the law carries, u (p,), f, z, the tangent and ω̂ before."""
+        square = float(self.whole @ self.whole)
+        if square > self.farthest**2:
+            share = self.farthest / square**0.5
+            expected_ = share * (expected_ - float(self.whole @ expected_) / square * self.whole)
+        w, shape = -self.T.T @ expected_, self.part.shape
+        of_T = -np.outer(w, self.T @ self.lack)
+        tangent_ = (of_T + of_T.T) / 2 + (tangent_ if len(tangent_) else 0.0)
+        balance, by_input = self.part.balance()
+        ρ_ = np.zeros(len(balance.x))
+        ρ_[shape] = w
+        frame_is_free = self.part.own.start < shape.start
+        if frame_is_free:  # what the origin does is found with it
+            ρ_[:3] = -np.linalg.solve(balance.x[:3, :3].T, w @ balance.x[shape, :3])
+        place_, velocity_, x_ = ρ_ @ balance.place, ρ_ @ balance.velocity, ρ_ @ balance.x
+        v_ = expected_ + x_[shape]
+        own_, of_shape, tangent_ = self.law.expected_back(w, v_, tangent_, made_tangent=self.made_tangent)
+        place_[shape] += of_shape
+        by_u = -ρ_ @ by_input
+        reactions_ = by_u[self.places]
+        by_u[self.places] = 0.0
+        spin_ = NONE
+        if frame_is_free:
+            velocity_[3:6] += (1 + self.by_spin) * x_[3:6]
+            spin_ = -self.by_spin * x_[3:6]
+        return place_, velocity_, own_, by_u, -ρ_ @ self.part.by_forces, reactions_, tangent_, spin_
+
+
 class PartedAdjoint(NamedTuple):
     """A step in one or more parts, the last one first.
 
@@ -119,13 +184,14 @@ class PartedAdjoint(NamedTuple):
     is_kink: bool
     given: Array | None = None  # ∂strokes/∂q (m, n) at the start, from where parts of a step go on
     rows_first: bool = False
+    expectation: Expectation | None = None
 
     def pull_back(self, after: StateAdjoint, reads: Reads) -> StepSlopes:
         """As in StepAdjoint."""
         (ω, ρ, q, q_after, rows_after), energy, shape = self.ends, reads.energy, self.parts[0].shape
         place_, velocity_ = np.zeros((2, shape.start + len(q)))
         if len(after.frame):
-            place_[: shape.start], velocity_[: shape.start] = after.frame[:6] + reads.place, after.frame[6:]
+            place_[: shape.start], velocity_[: shape.start] = after.frame[:6] + reads.place, after.frame[6:12]
         by_e, by_r = after.state.reshape(2, -1)
         place_[shape], velocity_[shape] = ω * by_e + reads.q, by_r
         if ρ:
@@ -144,13 +210,22 @@ class PartedAdjoint(NamedTuple):
         state, to_start = (place_, velocity_, rows_, own_), np.zeros(1)
         found = list[tuple[Array, Array, Array]]()
         for number, part in enumerate(self.parts):
-            state, by_u, by_goal, along, of_damping = _back(part, *state, energy if number == 0 else 0.0)
+            later = (after.forces, after.reactions, after.frame[12:]) if number == 0 else (NONE, NONE, NONE)
+            state, by_u, by_goal, along, of_damping, expected_ = _back(
+                part, *state, energy if number == 0 else 0.0, later
+            )
             share = 1 - number / len(self.parts)  # of the way to what is given, at the end of the part
             if part.found is not None:
                 by_u[part.found.places] += share * by_goal
                 to_start = to_start + (1 - share) * by_goal
             found.append((by_u, along, of_damping))
         place_, velocity_, rows_, own_ = state
+        forces_, reactions_, tangent_, spin_ = NONE, NONE, NONE, np.zeros(3)
+        if self.expectation is not None:
+            of_start = self.expectation.back(expected_, after.tangent)
+            place_, velocity_, own_ = place_ + of_start[0], velocity_ + of_start[1], own_ + of_start[2]
+            found.append((of_start[3], found[0][1], found[0][2]))
+            forces_, reactions_, tangent_, spin_ = of_start[4:]
         inputs, along_ω, damping = (np.sum(each, axis=0) for each in zip(*found, strict=True))
         if self.given is not None:
             place_[shape] += self.given @ to_start
@@ -162,7 +237,12 @@ class PartedAdjoint(NamedTuple):
             both,
             place_[shape][:ρ].copy() if ρ else after.rigid,
             np.concatenate([rows_.ravel(), own_] if self.rows_first else [own_, rows_.ravel()]),
-            frame=np.concatenate([place_[: shape.start], velocity_[: shape.start]]) if len(after.frame) else NONE,
+            forces_,
+            tangent_,
+            reactions_,
+            frame=np.concatenate([place_[: shape.start], velocity_[: shape.start], spin_])
+            if len(after.frame)
+            else NONE,
         )
         return StepSlopes(before, inputs, along_ω, damping)
 
@@ -171,9 +251,18 @@ State = tuple[Array, Array, Array, Array]  # derivatives with place, velocities,
 
 
 def _back(
-    part: StepPart, place_: Array, velocity_: Array, rows_: Array, own_: Array, energy: float
-) -> tuple[State, Array, Array, Array, Array]:
-    """What is owed to the state before a part, and to inputs, goals of strokes, ω and D."""
+    part: StepPart,
+    place_: Array,
+    velocity_: Array,
+    rows_: Array,
+    own_: Array,
+    energy: float,
+    later: tuple[Array, Array, Array],
+) -> tuple[State, Array, Array, Array, Array, Array]:
+    """What is owed to the state before a part, and to inputs, goals of strokes, ω, D, and v̂ as it was expected.
+
+    `later`: what later steps owe to contact forces (3P,), to forces that were found (n,) and to ω̂; empty: nothing.
+    """
     own, shape, law, found = part.own, part.shape, part.law, part.found
     owed, seen_ = law.after(own_, energy), NONE
     if part.residual is not None:
@@ -182,6 +271,8 @@ def _back(
     place_, velocity_, x_ = part.back(place_, velocity_)
     place_[shape] += owed.start
     x_[shape] += owed.velocity
+    if len(later[2]):
+        x_[3:6] += later[2]
 
     balance, by_input = part.balance()
     balance.x[shape, shape] += law.by_velocity
@@ -192,42 +283,50 @@ def _back(
     whole = balance.x[own, own]
     if found is not None:
         whole = found.bordered(whole, by_input[own][:, found.places])
-    y, n = np.zeros(len(place_)), len(whole) - len(x_[own])
+    y, n, z_ = np.zeros(len(place_)), len(x_[own]), np.zeros(len(whole) - len(x_[own]))
+    if len(later[1]):
+        z_ = later[1]
     if touch is not None:
-        of_points = _through_contact(part, touch, whole, x_, seen_)
+        of_points = _through_contact(part, touch, whole, (x_, z_), seen_, later[0])
         place_, velocity_, x_, of_rows = (
             place_ + of_points[0], velocity_ + of_points[1], x_ + of_points[2], of_points[3]
         )  # fmt: skip
-    owed_all = np.linalg.solve(whole.T, np.concatenate([x_[own], np.zeros(n)]))
-    y[own], η = np.split(owed_all, [len(whole) - n])
+    y[own], η = np.split(np.linalg.solve(whole.T, np.concatenate([x_[own], z_])), [n])
     place_, velocity_ = place_ - y @ balance.place, velocity_ - y @ balance.velocity
     if touch is not None and rows_.size:
         rows_ = rows_ + of_rows + touch.rows_of_push(y)
-    own_, of_shape = law.before(y[shape], owed)
+    own_, of_shape, expected_ = law.before(y[shape], owed)
     place_[shape] += of_shape
+    if len(expected_) and part.turned is not None:
+        expected_ = expected_ + part.half * (y[shape] @ part.turned)
     by_u, by_goal = y @ by_input, NONE
     if found is not None:
         by_u, by_goal = found.back(η, by_u)
         place_[shape] -= η @ found.by_shape
         velocity_[shape] -= η @ found.by_rate
-    return (place_, velocity_, rows_, own_), by_u, by_goal, *law.by_model(y[shape], owed)
+        if len(expected_):
+            expected_ = expected_ - part.half * (η @ found.by_middle)
+    return (place_, velocity_, rows_, own_), by_u, by_goal, *law.by_model(y[shape], owed), expected_
 
 
 def _through_contact(
-    part: StepPart, touch: Touch, whole: Array, x_: Array, seen_: Array
+    part: StepPart, touch: Touch, whole: Array, owed: tuple[Array, Array], seen_: Array, forces_: Array
 ) -> tuple[Array, Array, Array, Array]:
     """What is owed to place, velocities at the start, x (k,) and the residual's rows (n, 3P), by way of contact."""
-    (mean, kept), own, place_, further = touch.motions, part.own, np.zeros(len(x_)), np.zeros(len(x_))
+    (mean, kept), own, (x_, z_) = touch.motions, part.own, owed
+    place_, further = np.zeros((2, len(x_)))
     forces, φ = touch.by_forces[own], np.zeros(touch.by_forces.shape[1])
     if len(seen_):
         place_, further, φ = touch.seen_back(seen_)
-    n = len(forces)
-    spread = np.linalg.solve(whole, np.vstack([forces, np.zeros((len(whole) - n, forces.shape[1]))]))[:n]
+    if len(forces_):
+        φ = φ + forces_
+    all_spread = np.linalg.solve(whole, np.vstack([forces, np.zeros((len(z_), forces.shape[1]))]))
+    spread = all_spread[: len(forces)]
     W, by_start = (
         motion.x[:, own] @ spread + by_force
         for motion, by_force in zip((mean, kept), touch.by_yielding, strict=True)
     )  # fmt: skip
-    φ = φ + (x_ + further)[own] @ spread
+    φ = φ + np.concatenate([(x_ + further)[own], z_]) @ all_spread
     d_, κ_, ŝ_ = (moved.ravel() for moved in touch.contact.through(W, by_start).pull_back(φ.reshape(-1, 3)))
     place_ = place_ + d_ @ touch.place + ŝ_ @ mean.place + κ_ @ kept.place
     velocity_ = ŝ_ @ mean.velocity + κ_ @ kept.velocity

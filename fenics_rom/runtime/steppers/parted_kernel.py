@@ -7,6 +7,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.runtime.steppers.adjoint import StateAdjoint
 from fenics_rom.runtime.steppers.body_parts import BodyParts
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 
@@ -73,6 +74,14 @@ class PartedKernel(BookedKernel):
         own = len(self.elastic.auxiliary)
         super().resume(auxiliary[own:])
         self.elastic.resume(self._coordinates(), self._r, auxiliary[:own])
+
+    def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
+        """As in Kernel."""
+        by_q, by_r = super().start_pulled_back(q, r, after)
+        if self.elastic is None:
+            return by_q, by_r
+        of_law = self.elastic.start_back(q, after.auxiliary)
+        return by_q + of_law[0], by_r + of_law[1]
 
     def rollback(self) -> None:
         """As in Kernel."""

@@ -25,13 +25,15 @@ def residual_taken(residual: "ResidualMotion | None") -> "tuple[ResidualMaps | N
     return maps, residual.carried.reshape(maps.rows, -1).copy()
 
 
-def found_taken(found: "FoundForces | None", u: Array, z: Array, moved: Moved) -> "FoundSlopes | None":
-    """What forces z (n,) were found by, whose input was u (p,), where the middle follows v̂."""
+def found_taken(
+    found: "FoundForces | None", u: Array, z: Array, moved: Moved, *, follows: bool = True
+) -> "FoundSlopes | None":
+    """What forces z (n,) were found by, whose input was u (p,), where the middle follows v̂ or what was expected."""
     if found is None:
         return None
     from fenics_rom.runtime.steppers.acts.found_slopes import FoundIn
 
-    return FoundIn(found, found.actuators.split(u)[0], z, *moved).slopes(follows=True)[0]
+    return FoundIn(found, found.actuators.split(u)[0], z, *moved).slopes(follows=follows)
 
 
 def linear_taken(

@@ -21,6 +21,7 @@ class FoundSlopes(NamedTuple):
     by_rate: Array  # (n, m), of r then
     by_input: Array  # (n, p)
     by_goal: Array  # (n,), of the strokes at the end of the step, 1/s or 1; 0 at guides
+    by_middle: Array  # (n, m), of q where the forces act, which is in the others as far as that follows q and v̂
 
     def bordered(self, K: Array, columns: Array) -> Array:
         """[K -B; X Z], of K (k, k), whose last columns are of v̂, and columns B (k, n)."""
@@ -50,8 +51,8 @@ class FoundIn(NamedTuple):
     v: Array
     middle: Array  # q where the forces act
 
-    def slopes(self, *, follows: bool) -> tuple[FoundSlopes, Array]:
-        """With those of χ with the middle (n, m), which are left out unless that `follows` v̂."""
+    def slopes(self, *, follows: bool) -> FoundSlopes:
+        """Of a step with inertia, whose middle `follows` v̂, or the v̂ that was expected."""
         found, (q, r, v, middle), h, k = self.found, self[4:], self.h, len(self.found.actuators.names)
         B, B_start = found.columns(middle), found.columns(q)
         share = np.where(np.arange(len(self.z)) < k, 1 - SHARE, 0.5)
@@ -62,11 +63,12 @@ class FoundIn(NamedTuple):
         by_shape = (asked * goals)[:, None] * found.stroke_slopes(q) - (asked * share)[:, None] * found.turned(q, r)
         by_velocity, by_middle = rows.goes[:, None] * B.T, rows.goes[:, None] * found.turned(middle, v)
         by_middle += rows.by_angles[:, None] * found.angle_slopes(middle)
+        by_shape = by_shape + by_middle
         if follows:
-            by_velocity, by_shape = by_velocity + h / 2 * by_middle, by_shape + by_middle
+            by_velocity = by_velocity + h / 2 * by_middle
         by_rate, goal = -(asked * share)[:, None] * B_start.T, -asked * goals
         places = found.actuators.columns + len(self.u)
-        return self._with(rows, places, k, by_velocity, by_shape, by_rate, goal), by_middle
+        return self._with(rows, places, k, (by_velocity, by_shape, by_rate, goal, by_middle))
 
     def resting_slopes(self) -> FoundSlopes:
         """Without inertia, in units of strokes; v̂ leads to the middle, which is where the step ends."""
@@ -82,11 +84,11 @@ class FoundIn(NamedTuple):
         by_shape = by_end + moved - sticks * B.T
         goal = -rows.goes * is_stroke
         places = found.actuators.columns + len(self.u)
-        return self._with(rows, places, k, by_velocity, by_shape, 0 * by_shape, goal)
+        return self._with(rows, places, k, (by_velocity, by_shape, 0 * by_shape, goal, by_shape))
 
     @staticmethod
-    def _with(
-        rows: Conditions, places: Array, k: int, by_velocity: Array, by_shape: Array, by_rate: Array, goal: Array
-    ) -> FoundSlopes:
+    def _with(rows: Conditions, places: Array, k: int, slopes: tuple[Array, ...]) -> FoundSlopes:
+        by_velocity, by_shape, by_rate, goal, by_middle = slopes
         sticks = rows.goes * (np.arange(len(goal)) >= k)
-        return FoundSlopes(places, sticks, by_velocity, rows.by_forces, by_shape, by_rate, rows.by_inputs, goal)
+        own = by_velocity, rows.by_forces, by_shape, by_rate
+        return FoundSlopes(places, sticks, *own, rows.by_inputs, goal, by_middle)

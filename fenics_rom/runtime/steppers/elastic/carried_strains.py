@@ -18,9 +18,11 @@ from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.rom.carried_strains import MonomialsAround, MonomialShape, PointsAround, PointShape, carried_strains
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.material_points import MaterialPoints
+from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.definite import is_definite
-from fenics_rom.runtime.steppers.deformation_maps import Carried, s_of
+from fenics_rom.runtime.steppers.deformation_maps import Carried, StrainsMaps, s_of
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
+from fenics_rom.runtime.steppers.elastic.strains_adjoint import StrainsAdjoint, start_back
 
 TANGENT_RENEWAL = 0.05  # of v̂, by which a step may differ from what was expected before the tangent is made anew
 STEEPEST_FREQUENCY = 10.0  # times that of the stiffest mode
@@ -53,11 +55,11 @@ class StrainsCarried(ElasticLaw):
         steady: what of the matrix does not change (m, m).
         ahead: f̂ (m,) of a step that is open at `velocity`.
         expected: v̂ (m,) of the step, no longer than what was trained.
+        made_tangent: whether the step that is open made the tangent that it is expected with.
         went_as_expected: whether the last step did, so that the tangent that it was expected with is kept.
     """
 
     is_exact = True
-    tells_slopes = False
     NOTES = ("strained", "mismatch")  # energy of the strains at most, J; and what those that are carried along lack
 
     def __init__(self, body: ReducedDeformation, stiffest: float, branches: MaxwellBranches | None = None):
@@ -70,7 +72,7 @@ class StrainsCarried(ElasticLaw):
         self._tangent: Array | None = None  # that is expected ahead
         self.pull, self.matrix, self._h = np.zeros(m), np.zeros((m, m)), 0.0
         self._q = self._q_before = np.zeros(m)
-        self.went_as_expected, self.expected, self.ahead = True, self.pull, self.pull
+        self.went_as_expected, self.expected, self.ahead, self.made_tangent = True, self.pull, self.pull, True
         self.resume(self._q, self._q, np.empty(0))
         self._carried_before = self._carried
 
@@ -161,6 +163,7 @@ class StrainsCarried(ElasticLaw):
             force += self._springs.dot(q)
         if self.branches is not None:
             force += now.around.pulled(self.branches.pull[1])
+        self.made_tangent = self._tangent is None
         if self._tangent is None:
             self._tangent = self._tangent_ahead(now, v)
         self.matrix, self.ahead = self._tangent, force
@@ -181,7 +184,7 @@ class StrainsCarried(ElasticLaw):
         stressed: Array = matrix + h / 2 * geometric
         return stressed if is_definite(self._inert + stressed) else matrix
 
-    def expect(self, v: Array) -> None:
+    def expect(self, v: Array) -> Array:
         """As in ElasticLaw; it can hardly go further than it was trained."""
         h, body, now, was = self._h, self._body, self._now, self._carried
         far = h / 2 * math.sqrt(v.dot(v))
@@ -206,6 +209,7 @@ class StrainsCarried(ElasticLaw):
             self.matrix += np.multiply.outer(h / 2 * b, b)
             self.pull = self.pull + s * b
         self._begun = around, pulled, left, c, s, b
+        return v
 
     def close(self, v: Array, after: Array) -> float:
         """As in ElasticLaw."""
@@ -229,9 +233,39 @@ class StrainsCarried(ElasticLaw):
         self._noted = 2 * self._next.shape.energy, gap
         return heat - taken_back
 
-    def carried_with_strains(self, before: Array, after: Array) -> tuple[Array, Array]:
-        """What is carried before the last step and after it, with all strains, where q (m,) was that and is this."""
-        return self._with_strains(self._carried_before, before), self._with_strains(self._carried, after)
+    @property
+    def tangent(self) -> Array:  # type: ignore[override]
+        """As in ElasticLaw."""
+        return NONE if self._tangent is None else self._tangent
+
+    def keep_tangent(self, tangent: Array) -> None:
+        """As in ElasticLaw."""
+        self._tangent = tangent if len(tangent) else None
+
+    @property
+    def farthest(self) -> float:
+        """The most |v̂| that a step is expected to have, so that it hardly goes further than was trained."""
+        return 2 / self._h * self._body.training_radius
+
+    def adjoint(self) -> StrainsAdjoint:
+        """As in ElasticLaw."""
+        before, after = (
+            self._with_strains(self._carried_before, self._q_before),
+            self._with_strains(self._carried, self._q),
+        )
+        branches = None if self.branches is None else self.branches.adjoint()
+        moved = self._q_before, self._q, self._carried.velocity, self.expected
+        return StrainsAdjoint(self._maps, *moved, before, after, self.matrix, branches)
+
+    def start_back(self, q: Array, own: Array) -> tuple[Array, Array]:
+        """As in ElasticLaw."""
+        return start_back(self._maps, q, own)
+
+    @property
+    def _maps(self) -> StrainsMaps:
+        most = 0.0 if self.points is None else self.points.most
+        sizes = self._stiffening_time, self.points is None, most, self.steepest
+        return StrainsMaps(self._body, self.strains, self._h, self.steady, *sizes)
 
     def _with_strains(self, carried: Carried, q: Array) -> Array:
         """What is carried beside q, with ε and C₀ε wherever ε is E(q)."""

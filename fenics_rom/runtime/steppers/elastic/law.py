@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Protocol
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
+from fenics_rom.runtime.steppers.adjoint import NONE
 
 
 class ElasticLaw:
@@ -21,17 +22,17 @@ class ElasticLaw:
         pull, matrix: (m,) and (m, m): f̂ = pull + matrix v̂ in the step that is open, N kg^-1/2.
         is_exact: whether that is so for every v̂ after `expect`; else at the last one of `at` or `renew`.
         velocity: v̂ (m,) of the step before, or r: where the iteration to the next one begins.
+        tangent: that steps are expected with, (m, m), if the law is told where, and keeps it; empty: none.
         branches: how the material relaxes; None: it does not.
         went_as_expected: whether the last step went as it was expected to.
-        tells_slopes: whether `adjoint` tells a step by itself, else whoever takes it does.
         NOTES: names of what it notes of a run, numbers that begin at 0.
     """
 
     pull: Array
     matrix: Array
     is_exact: bool
-    tells_slopes: bool = True
     velocity: Array
+    tangent: Array = NONE
     branches: MaxwellBranches | None = None
     went_as_expected: bool = True
     NOTES: tuple[str, ...] = ()
@@ -53,6 +54,9 @@ class ElasticLaw:
         """What the user should know of a run with such notes."""
         return ()
 
+    def keep_tangent(self, tangent: Array) -> None:
+        """Has it from now on."""
+
     def set_time_step(self, h: float) -> None:
         """Makes the coefficients of steps of h s."""
         raise NotImplementedError
@@ -72,8 +76,12 @@ class ElasticLaw:
         """Begins a step from q and r (m,): f̂ is that at `velocity`, and the matrix near its tangent."""
         raise NotImplementedError
 
-    def expect(self, v: Array) -> None:  # here and below: of a law that is exact anyway
-        """Takes v̂ to be near v (m,), a step of Newton's method from the velocity of the step before."""
+    def expect(self, v: Array) -> Array:  # here and below: of a law that is exact anyway
+        """Takes v̂ to be near v (m,), a step of Newton's method from the velocity of the step before, or near that.
+
+        What it takes v̂ to be near.
+        """
+        return v
 
     def at(self, v: Array) -> None:
         """Makes f̂ exact at v (m,)."""
@@ -88,6 +96,10 @@ class ElasticLaw:
     def close(self, v: Array, after: Array) -> float:
         """Ends the step with v̂ (m,), at q⁺ (m,) to round-off; what was dissipated, J."""
         raise NotImplementedError
+
+    def start_back(self, q: Array, own: Array) -> tuple[Array, Array]:
+        """What is owed to q and r (m,) where a state is put in, by what is carried along then: nothing unless told."""
+        return 0.0 * q, 0.0 * q
 
     def adjoint(self) -> "LawAdjoint":
         """The last step, to go back through."""
@@ -117,8 +129,11 @@ class LawAdjoint(Protocol):
     def after(self, carried: Array, energy: float) -> LawOwed:
         """What is owed to the motion, from derivatives with what is carried along after the step and stored then."""
 
-    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
-        """What is owed to what was carried along, and besides to q (m,), where f̂ is owed -y (m,)."""
+    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array, Array]:
+        """What is owed to what was carried along, besides to q (m,), and to v̂ as it was expected, if it was (m,).
+
+        Where f̂ is owed -y (m,).
+        """
 
     def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
         """Derivatives with ω (m,) and D of the contact model; nothing where neither plays a part."""

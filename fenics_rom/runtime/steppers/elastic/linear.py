@@ -119,12 +119,12 @@ class LinearAdjoint(NamedTuple):
         w_, rate_ = self.branches.after(carried, energy)
         return LawOwed(end, nothing, np.sqrt(γ) * rate_[0], (energy, w_, rate_[0]))
 
-    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
+    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array, Array]:
         """As in LawAdjoint."""
         _, w_, _ = owed.kept
         if self.branches is not None:
             w_ = w_ - self.branches.pulled_back((np.sqrt(self.model.eigenvalues) * y)[None])
-        return w_.ravel(), np.zeros(len(y))
+        return w_.ravel(), np.zeros(len(y)), NONE
 
     def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
         """As in LawAdjoint."""

@@ -229,12 +229,13 @@ class SampledAdjoint(NamedTuple):
         rates_ = (of_strain + of_stress.ravel()) / self.h
         return LawOwed(end + rates_ @ by_end, -rates_ @ by_start, 0 * end, w_)
 
-    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
+    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array, Array]:
         """As in LawAdjoint."""
         if self.branches is None:
-            return NONE, np.zeros(len(y))
+            return NONE, np.zeros(len(y)), NONE
         pulled = self.middle @ y
-        return (owed.kept - self.branches.pulled_back(np.stack([0 * pulled, pulled]))).ravel(), np.zeros(len(y))
+        w_ = owed.kept - self.branches.pulled_back(np.stack([0 * pulled, pulled]))
+        return w_.ravel(), np.zeros(len(y)), NONE
 
     def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
         """As in LawAdjoint: nothing."""
@@ -263,9 +264,9 @@ class RestingAdjoint(NamedTuple):
         nothing = np.zeros(len(self.slope))
         return LawOwed(energy * self.slope, nothing, nothing)
 
-    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
+    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array, Array]:
         """As in LawAdjoint."""
-        return NONE, np.zeros(len(y))
+        return NONE, np.zeros(len(y)), NONE
 
     def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
         """As in LawAdjoint: nothing."""
