@@ -17,8 +17,9 @@ from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, linear_stress, small_
 from fenics_rom.system.protocols import Algebra, Deformation
 
 POINTS_AT_ONCE = 4096  # whose contributions are worked on together
-MIN_STATES, MAX_STATES = 8, 32  # that the weights are fitted to
-STATE_ROWS = 1280  # of all states together, or more for MIN_STATES
+MIN_STATES, MAX_STATES = 8, 64  # that the weights are fitted to
+STATE_ROWS = 2560  # of all states together, or more for MIN_STATES
+STIFFNESS_SHARE = 0.3  # that the stiffness at rest counts beside all states together
 STIFFNESS_PROBES = 800  # of the stiffness at rest, where it has more entries
 SMALLEST_STATE = 1e-3  # share of the largest: smaller ones are served by the stiffness at rest
 COMPRESSION_TOLERANCE = 0.01  # share of the tolerance that compressed rows may leave out
@@ -40,9 +41,9 @@ def fit_cubature(
 ) -> Cubature:
     """Points and weights for the forces of states and for the stiffness at rest.
 
-    A row of G is a component of a force, divided by √γ, so that errors count by the energy of the motion they cause.
-    Each state q (m, s) counts by its own size, and the stiffness at rest as much as all states together. `gradients`
-    (3, 3, P here, m) and γ (m,) are of the basis.
+    Rows of G are a force f as K^-½ f, K the stiffness of the strains (AᵀC₀A) in its state, so that errors count by the
+    energy of the motion they cause there: in a bent body what is stiff has turned. Each state q (m, s) counts alike,
+    whatever its size, beside the stiffness at rest. `gradients` (3, 3, P here, m) and γ (m,) are of the basis.
 
     Raises:
         SolverError: no weights reach the tolerance.
@@ -86,17 +87,21 @@ class _ForceRows:
     def __init__(self, body: Deformation, algebra: Algebra, gradients: Array, γ: Array, states: Array):
         self._body, self._algebra, self._gradients, self._γ, self._states = body, algebra, gradients, γ, states
         self._left, self._right = _stiffness_probes(len(γ))
+        self._roots = [self._inverse_root(q) for q in states.T]
         self._scales = np.ones(states.shape[1] + 1)
         forces = self._weighted_sum(np.ones(1))
         m, count = states.shape
         sizes = np.linalg.norm(forces[: count * m].reshape(count, m), axis=1)
-        self._scales = np.append(1 / sizes, np.sqrt(count) / np.linalg.norm(forces[count * m :]))
+        self._scales = np.append(1 / sizes, STIFFNESS_SHARE * np.sqrt(count) / np.linalg.norm(forces[count * m :]))
         self.whole = self._weighted_sum(np.ones(1))
 
     def __iter__(self) -> Iterator[tuple[slice, Array]]:
-        for first in range(0, self._gradients.shape[2], POINTS_AT_ONCE):
-            here = slice(first, first + POINTS_AT_ONCE)
-            yield here, self._block(here)
+        return ((here, self._block(here)) for here in self._blocks())
+
+    def _blocks(self) -> Iterator[slice]:
+        """As many on every rank, as all of them add what they have of each."""
+        most = int(self._algebra.maximum(float(self._gradients.shape[2])))
+        return (slice(k, k + POINTS_AT_ONCE) for k in range(0, most, POINTS_AT_ONCE))
 
     def _block(self, here: slice) -> Array:
         """Columns of G (rows, points)."""
@@ -104,15 +109,29 @@ class _ForceRows:
         λ, μ, w = body.first_lame[here], body.shear[here], body.weights[here]
         root = 1 / np.sqrt(self._γ)
         blocks = []
-        for q, scale in zip(self._states.T, self._scales, strict=False):
+        for q, scale, inverse_root in zip(self._states.T, self._scales, self._roots, strict=False):
             H = G @ q
             S = stress(body.law, strain(H), λ, μ)
             P = np.einsum("ikp,kjp->ijp", H + np.eye(3)[:, :, None], S[VOIGT_INDEX])
-            blocks.append(scale * root[:, None] * w * np.einsum("ijp,ijpm->mp", P, G, optimize=True))
+            blocks.append(scale * inverse_root @ (w * np.einsum("ijp,ijpm->mp", P, G, optimize=True)))
         left, right = (small_strain(G @ (root[:, None] * probes)) for probes in (self._left, self._right))
         stressed = np.stack([linear_stress(column, λ, μ) for column in left.transpose(2, 0, 1)])
         stiffness = np.einsum("kcp,cpk->kp", stressed, right) * w
         return np.vstack([*blocks, self._scales[-1] * stiffness])
+
+    def _inverse_root(self, q: Array) -> Array:
+        """(AᵀC₀A)^-½ (m, m), A the rates of the strains at q; what strains nothing has no forces, and counts for 0."""
+        body, m, K = self._body, len(q), np.zeros((len(q), len(q)))
+        for here in self._blocks():
+            G, w = self._gradients[:, :, here], body.weights[here]
+            F = G @ q + np.eye(3)[:, :, None]
+            A = small_strain(np.einsum("kip,kjpm->ijmp", F, G, optimize=True))
+            stressed = w * linear_stress(A, body.first_lame[here], body.shear[here])
+            K += self._algebra.inner(*(of.transpose(0, 2, 1).reshape(-1, m) for of in (A, stressed)))
+        λ, E = np.linalg.eigh((K + K.T) / 2)
+        some = λ > len(λ) * np.finfo(float).eps * λ[-1]
+        root: Array = E[:, some] / np.sqrt(λ[some]) @ E[:, some].T
+        return root
 
     def _weighted_sum(self, ω: Array) -> Array:
         """G ω (rows,), of all ranks; ω (1,) or (P here,)."""
