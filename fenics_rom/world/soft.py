@@ -217,6 +217,7 @@ class Soft(Simulator):
             self.attempt(NO_POINTS, NO_POINTS.arms, NO_POINTS.arms)
             away = self.places() - self._start - self._h * self._velocity
             self._ahead = math.sqrt(largest((away * away).dot(_ONES)))
+            self.undo()
 
     def note_gaps(self, points: Points, gaps: Array) -> None:
         """Takes note of how near others are to points when the step begins, (k,), m."""

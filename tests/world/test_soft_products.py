@@ -65,6 +65,22 @@ def test_a_body_that_nothing_can_touch_is_joined_to_a_box(tmp_path, frame, kind)
     assert np.linalg.norm(world.force_between("beam", "box")) > 1e-3
 
 
+def test_looking_ahead_moves_nothing(tmp_path):
+    """Of a body without inertia that its weight bends: it is as it was until a step is taken, joints made or let go."""
+    gravity = {"effects.gravity": "acceleration = [0.0, 0.0, -9.81]"}
+    rom = reduced(tmp_path, order=8, frame="fixed", effects="", **CLAMPED, **TOUCHED, **gravity)
+    box = fr.RigidBody(Box((0.06, 0.06, 0.06)), density=50, position=(0.33, 0.015, 0.01))
+    joints = [SurfaceJoint("beam", "box", "right", "ball", name="pin")]
+    world = fr.World({"beam": fr.SoftBody(rom), "box": box}, 1e-3, joints=joints)
+    assert world.energy == 0
+    assert not world.simulator("beam").displacement().any()
+    world.step()
+    before = world.simulator("beam").displacement()
+    assert np.abs(before).max() > 1e-5
+    world.release("pin")
+    np.testing.assert_array_equal(world.simulator("beam").displacement(), before)
+
+
 @pytest.mark.parametrize(("order", "told"), [(3, True), (8, False)])
 def test_a_weld_of_too_few_shapes_is_told(tmp_path, order, told):
     rom = fr.reduce(assembled_beam(tmp_path, **FRAMES["still"]), order=order, method="modal")
