@@ -238,11 +238,12 @@ class _Draw:
         return f'shape = "box"\ncenter = {[*middle, -gap - radius / 2]}\nsize = {[radius] * 3}'
 
     def supports(self) -> str:
-        """What holds the body; of small strains also rollers, and a plate that is glued to its end."""
+        """What holds the body; also rollers, and of small strains a plate that is glued to its end."""
         parts, share = ['clamped = ["left"]'] * (self.frame != "free"), self.beside.uniform(size=2)
-        if "large" not in self.law and self.frame == "held":
+        if "large" not in self.law:
             parts += ['rigid = ["right"]'] * bool(share[0] < 0.2)
-            parts += ['held = [{ surface = "front", normal = [0, 1, 0] }]'] * bool(share[1] < 0.2)
+        if self.frame != "free" and share[0] > 0.2 and share[1] < 0.2:
+            parts += ['held = [{ surface = "front", normal = [0, 1, 0] }]']
         return "\n".join(parts)
 
     def text(self, contact: str, actuators: list[float]) -> str:

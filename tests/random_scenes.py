@@ -98,7 +98,7 @@ def _whole_laws(scene: Drawn, found: Outcome) -> None:
     reduced.judge("all modes", scene, found)
     whole.judge("full order", scene, found)
     count = min(len(each.shapes) for each in (reduced, changed, whole, *halved))
-    count = min([count, *reduced.wedged[:1], *whole.wedged[:1]])
+    count = min([count, *reduced.not_alike[:1], *whole.not_alike[:1]])
     if not count or (halved and scene.touches):  # halves of steps meet obstacles at other times
         return
     size = np.maximum.accumulate([np.abs(x).max() for x in reduced.shapes[:count]])
@@ -181,11 +181,12 @@ class Run:
     """What a body did: its displacements (N, 3) after each step, m, and how far its laws missed.
 
     Attributes:
-        wedged: steps in which obstacles press a point from several sides: their forces, and friction, are any of many.
+        not_alike: steps in which obstacles press a point from several sides, so that their forces and friction are any
+            of many, or that were taken in parts, which are other steps.
     """
 
     shapes: list[Array] = field(default_factory=list)
-    wedged: list[int] = field(default_factory=list)
+    not_alike: list[int] = field(default_factory=list)
     error: str = ""
     missed: float = 0.0  # of the account, J
     turnover: float = 0.0  # J
@@ -217,9 +218,11 @@ def run(body, scene: Drawn, share: float = 1.0, parts: int = 1) -> Run:
             done.turnover = max(done.turnover + np.abs(now - booked).sum(), body.energy)
             done.missed, booked = max(done.missed, abs(body.energy - stored - now @ [1, -1, -1, -1])), now
             done.shapes.append(body.displacement().copy())
-            contact = (body.integrator.kernel if isinstance(body, fr.Simulator) else body.stepper).contact
-            if contact is not None and is_wedged(contact, "rigid = " in scene.text):
-                done.wedged.append(step)
+            stepper = body.integrator.kernel if isinstance(body, fr.Simulator) else body.stepper
+            is_cut = getattr(stepper, "parted", 0) or getattr(stepper, "notes", {}).get("cut", 0)
+            contact = stepper.contact
+            if is_cut or (contact is not None and is_wedged(contact, "rigid = " in scene.text)):
+                done.not_alike.append(step)
             if scene.is_alone:
                 gone = [np.abs(a - b).max() / scale for a, b in zip(body.momentum, start, strict=True)]
                 done.moved = max(*gone, done.moved)
