@@ -26,7 +26,7 @@ ROPE = "points = [[0.0, 0.015, 0.004], [0.15, 0.015, 0.002], [0.3, 0.015, 0.004]
 FLOOR = 'shape = "half-space"\npoint = [0, 0, -4e-4]\nnormal = [0, 0, 1]'
 BALL = 'shape = "sphere"\ncenter = [0.25, 0.015, 0.0704]\nradius = 0.05'
 FRAMES = ("held", "carried", "free")
-SHORT, LONG = 1e-3, 3e-2  # s: with large deformation, of linearly implicit steps and of Newton's
+SHORT, LONG = 1e-3, 0.04  # s: with large deformation, of linearly implicit steps and of Newton's
 
 # Elastic laws: effects, and time step.
 LAWS = {
