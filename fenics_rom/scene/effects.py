@@ -163,7 +163,7 @@ class BaseMotion:
 
 @dataclass(frozen=True)
 class RigidBase:
-    """A rigid base that carries the body, where `frame = "moving"`: all that is clamped moves with it."""
+    """A rigid base that carries the body, where `frame = "moving"`: all that supports hold moves with it."""
 
     LAW: ClassVar = Law(
         force="that of a rigid base, all clamped surfaces, whose path is given",
