@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError, check_known
+from fenics_rom.errors import StepError, StructureError, check_known
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.environment import DETAILS
@@ -37,11 +37,13 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.actuator_forces import ActuatorForces
     from fenics_rom.mechanics.contact import ContactSolution
     from fenics_rom.mechanics.viscoelasticity import PronySeries
+    from fenics_rom.runtime.steppers.adjoint import SwitchAdjoint
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.on_base import OnBase
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 FrameKernels: TypeAlias = "FreeFrame | CarriedFrame | OnBase"
+SAME_SPAN = 1e-10  # of coordinates, and of compliances: what contact modes differ by where they have the same shapes
 NOTHING_LEFT = 1e-14  # of a shape: what the next contact mode need not be given
 
 
@@ -146,6 +148,31 @@ class MovingFrameStepper(ReducedStepper):
         if self.kernel.residual is not None and left.residual is not None:
             self.kernel.residual.take_over(left.residual)
         return left.energy - self.kernel.energy
+
+    def switch_adjoint(self, contact: str) -> "SwitchAdjoint":
+        """As in ReducedStepper, to a contact mode of the same span; else further modes are made of the state."""
+        from fenics_rom.runtime.steppers.switch_adjoint import SpanAdjoint
+
+        left, end, start = self.kernel, self._rom.contact_models[contact], self.model
+        M = end.coordinates.T @ start.coordinates
+        spans = np.abs(end.coordinates @ M - start.coordinates).max() <= SAME_SPAN
+        if not (spans and self._yields_alike(left, contact)):
+            raise StructureError(
+                f"moving-frame: a switch to contact mode {contact!r}, whose shapes are others, is not differentiated"
+            )
+        small = self._rom.deformation is None and left.branches is not None
+        count = len(left.branches.state) if small and left.branches is not None else 0
+        return SpanAdjoint(M, start.safe_frequencies, end.safe_frequencies, count)
+
+    def _yields_alike(self, left: FrameKernels, contact: str) -> bool:
+        """Whether contact points yield beyond the basis in a contact mode as they do now."""
+        if contact not in self._kernels:
+            self._kernels[contact] = self._make_kernel(contact, self._rom.contact_models[contact])
+        here, there = left.residual, self._kernels[contact].residual
+        if here is None or there is None:
+            return here is there
+        R = here.part.compliance
+        return bool(np.abs(there.part.compliance - R).max() <= SAME_SPAN * np.abs(R).max())
 
     def set_state(self, q: Array, r: Array) -> None:
         """As in ReducedStepper; the frame stays and turns as fast as before."""

@@ -53,3 +53,22 @@ class ProjectionAdjoint(NamedTuple):
             start[rigid : self.potential.shape[1]], both = self.residual.pull_back(e[rigid:], rows.reshape(4, -1))
             rows = both.ravel()
         return StateAdjoint(start, after.rigid, rows, after.forces, after.tangent)
+
+
+class SpanAdjoint(NamedTuple):
+    """A switch of a body in a moving frame to a contact mode of the same span: q⁺ = M q, r⁺ = M r."""
+
+    shape: Array  # M (m_end, m_start)
+    start: Array  # ω of both contact modes
+    end: Array
+    branches: int  # whose strains are those of the coordinates, of small strains
+
+    def pull_back(self, after: StateAdjoint) -> StateAdjoint:
+        """As in SwitchAdjoint."""
+        (e, r), m = after.state.reshape(2, -1), len(self.end)
+        strained = (self.end * self.shape.T / self.start[:, None]).T  # e⁺ by e
+        own, rows = np.split(after.auxiliary, [self.branches * m])
+        of_branches = own.reshape(-1, m) @ strained
+        auxiliary = np.concatenate([of_branches.ravel(), rows])
+        state = np.concatenate([e @ strained, r @ self.shape])
+        return after._replace(state=state, auxiliary=auxiliary)
