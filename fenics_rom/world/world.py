@@ -155,8 +155,8 @@ class World(ReadWorld):
         """Makes a joint where the bodies are now, between two steps; its name.
 
         Its points stay together from now on. Where they move relative to one another, an impulse stops that, which
-        keeps momenta; what energy it takes is booked as dissipated. Soft bodies that are free or deform largely take no
-        impulse: what moves there swings until damping takes it, and the world says so in its warnings.
+        keeps momenta; what energy it takes is booked as dissipated. Some soft bodies take no impulse: what moves there
+        swings until damping takes it, and the world says so in its warnings.
 
         Raises:
             SceneError: the joint cannot be closed, as at a point where a soft body has no surface.
