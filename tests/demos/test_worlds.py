@@ -17,6 +17,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
         "gripper/gripper",
         "gripper/full_order",
         "gripper/ball",
+        "gripper/wrap",
         "robot/robot",
         "robot/whip",
         "hold/hold",
