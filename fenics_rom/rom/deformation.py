@@ -116,6 +116,15 @@ class ReducedRim(ByContent):
         dy = self.pieces + (self.piece_shapes @ q).reshape(-1, 3)
         return np.concatenate([-np.cross(y, dy).sum(axis=0), (y * y).sum(axis=1) @ dy]) / 2
 
+    def wrench_slopes(self, q: Array, origin: Array) -> Array:
+        """What these change by with q, (6, m)."""
+        y = self.points - origin + (self.shapes @ q).reshape(-1, 3)
+        dy = self.pieces + (self.piece_shapes @ q).reshape(-1, 3)
+        by_y, by_dy = (shapes.reshape(len(y), 3, -1) for shapes in (self.shapes, self.piece_shapes))
+        force = np.cross(by_y, dy[:, :, None], axis=1) + np.cross(y[:, :, None], by_dy, axis=1)
+        torque = 2 * np.einsum("gi,gim,gj->gjm", y, by_y, dy) + (y * y).sum(axis=1)[:, None, None] * by_dy
+        return np.concatenate([-force.sum(axis=0), torque.sum(axis=0)]) / 2
+
 
 @dataclass(frozen=True, eq=False)
 class TrainingRange(ByContent):

@@ -9,7 +9,6 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StructureError
 
 if TYPE_CHECKING:
-    from fenics_rom.mechanics.actuator_forces import ActuatorForces
     from fenics_rom.mechanics.base_path import BaseState
     from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
     from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs
@@ -115,14 +114,6 @@ def pose_pulled_back(pose: "BaseState", frame_: Array) -> dict[str, Array]:
     R = rotation_matrix(pose.rotation)
     turned = φ_ - np.cross(R.T @ pose.angular_velocity, ω_)
     return {"position": p_, "rotation": R @ turned, "velocity": v_, "angular_velocity": R @ ω_}
-
-
-def check_is_differentiated(actuators: "ActuatorForces | None", branches: object) -> None:
-    """A StructureError where tendons rub at guides, or branches of a material are carried along."""
-    rubs = actuators is not None and bool(actuators.guides)
-    for what, there in (("tendons with friction", rubs), ("materials that relax", branches is not None)):
-        if there:
-            raise StructureError(f"{what}: their steps are not differentiated")
 
 
 def contact_adjoint(

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StructureError
 from fenics_rom.mechanics.frame_geometry import Geometry
 from fenics_rom.mechanics.frame_motion import rotation_of, turned
 from fenics_rom.runtime.steppers.adjoint import NONE, contact_adjoint
@@ -50,8 +49,6 @@ class DifferentiableFrame(FrameKernel):
 
     def check_differentiable(self) -> None:
         """As in Kernel."""
-        if self._following is not None and self._following.rims:
-            raise StructureError("pressure on an open surface in a moving frame: its steps are not differentiated")
 
     @property
     def _turned_by(self) -> StepTurn:
@@ -82,7 +79,12 @@ class DifferentiableFrame(FrameKernel):
         middle, reach = start.q + self.h / 2 * v, self.h / 2
         if was is not None and isinstance(law, StrainsCarried):
             middle, reach = start.q + self.h / 2 * law.expected, 0.0
-        acting = Acting(self._loads, self._acting_forces, self._following, self._acting, middle, reach, self.ties)
+        edges = start.q + self.h / 2 * r, "velocity"
+        if isinstance(law, StrainsCarried):
+            edges = start.q + self.h / 2 * law.velocity_before, "law"
+        acting = Acting(
+            self._loads, self._acting_forces, self._following, self._acting, middle, reach, self.ties, *edges
+        )
         contact, is_kink = contact_adjoint(self._interface)
         found = found_taken(self._found, u, self.reactions, (self.h, start.q, r.copy(), v, middle), follows=reach > 0)
         part = FramePart(
@@ -118,7 +120,9 @@ class DifferentiableFrame(FrameKernel):
             end = Moving(start.position + h * mean, 2 * mean - start.v, 2 * spin - start.ω, end.q, end.r)
         end = end._replace(q=start.q + h * v, r=2 * v - start.r)
         middle = start.q + h / 2 * v
-        acting = part.acting._replace(forces=was.forces, u=was.u, middle=middle, reach=h / 2)
+        acting = part.acting._replace(
+            forces=was.forces, u=was.u, middle=middle, reach=h / 2, edges=middle, guided_by="x"
+        )
         pressed = None
         if was.pressed is not None:
             places = self.points.rest + self.points.moved(start.q)

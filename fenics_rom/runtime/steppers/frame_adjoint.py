@@ -42,6 +42,8 @@ class Acting(NamedTuple):
     middle: Array  # q (m,) where loads that follow act
     reach: float  # s: the middle is q + reach v̂, where it follows v̂
     ties: GroundTies | None
+    edges: Array  # q (m,) where pressures on open surfaces act as a whole, as the body was expected to go on
+    guided_by: str  # by what that was: "x", "velocity" (r) at the start, or "law", which carries it along
 
 
 class FramePart(NamedTuple):
@@ -92,7 +94,8 @@ class FramePart(NamedTuple):
 
     def balance(self) -> tuple[Slopes, Array]:
         """As in StepPart."""
-        (start, end), step, (loads, forces, following, _, middle, reach, ties) = self.ends, self.step, self.acting
+        (start, end), step = self.ends, self.step
+        loads, forces, following, _, middle, reach, ties, edges, _ = self.acting
         balance = self.inertia.balance(start, end, step)
         of_loads, by_input = loads.slopes(forces, step, self.inertia.frame, (start.q, end.q))
         balance = balance.with_(of_loads, -1.0)
@@ -104,10 +107,37 @@ class FramePart(NamedTuple):
             balance.x[6:, 6:] -= reach * slope
             for column, follower in following.followers:
                 by_input[6:, column] += follower.force(middle)
+        if following is not None and following.rims:
+            mean, origin = (step.turn.start + step.turn.end) / 2, self.inertia.frame.origin
+            by_edges = self._by_edges()
+            balance.place[:, 6:] -= by_edges
+            guided = {"x": balance.x, "velocity": balance.velocity}.get(self.acting.guided_by)
+            if guided is not None:
+                guided[:, 6:] -= self.half * by_edges
+            for column, rim in following.rims:
+                wrench = rim.wrench(edges, origin)
+                by_input[:6, column] += np.concatenate([mean @ wrench[:3], wrench[3:]])
         if self.pressed is not None:
             points, forces_known = self.pressed
             balance = balance.with_(points.push(forces_known).slopes, -1.0)
         return balance, by_input
+
+    def _by_edges(self) -> Array:
+        """What pressures on open surfaces do as a whole changes by with the shape, (k, m)."""
+        following, turn, m = self.acting.following, self.step.turn, len(self.acting.edges)
+        assert following is not None
+        by_edges = np.zeros((6 + m, m))
+        by_edges[:6] = following.wrench_slopes(self.acting.u, self.acting.edges, self.inertia.frame.origin)
+        by_edges[:3] = (turn.start + turn.end) / 2 @ by_edges[:3]
+        return by_edges
+
+    @property
+    def by_velocity_before(self) -> Array | None:
+        """As in StepPart."""
+        following = self.acting.following
+        if following is None or not following.rims or self.acting.guided_by != "law":
+            return None
+        return -self.half * self._by_edges()
 
     @property
     def by_forces(self) -> Array:

@@ -38,6 +38,10 @@ class HeldPart(NamedTuple):
         return slice(0, None)
 
     @property
+    def by_velocity_before(self) -> None:
+        """As in StepPart: nothing."""
+
+    @property
     def by_forces(self) -> Array:
         """Sᵀ, of forces that are known."""
         return self.Sᵀ

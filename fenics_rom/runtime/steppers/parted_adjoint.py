@@ -93,6 +93,10 @@ class StepPart(Protocol):
     def half(self) -> float:
         """h/2, s: where loads act at the expected middle it goes with the v̂ that was expected by it."""
 
+    @property
+    def by_velocity_before(self) -> Array | None:
+        """∂ρ/∂v̂ (k, m) of the step before, which the law carries along; None: nothing feels it."""
+
     def back(self, place_: Array, velocity_: Array) -> tuple[Array, Array, Array]:
         """What place and velocities at the start, and x, are owed (k,) by both at the end."""
 
@@ -297,6 +301,8 @@ def _back(
         rows_ = rows_ + of_rows + touch.rows_of_push(y)
     own_, of_shape, expected_ = law.before(y[shape], owed)
     place_[shape] += of_shape
+    if part.by_velocity_before is not None:
+        own_ = law.with_velocity(own_, -y @ part.by_velocity_before)
     if len(expected_) and part.turned is not None:
         expected_ = expected_ + part.half * (y[shape] @ part.turned)
     by_u, by_goal = y @ by_input, NONE

@@ -59,6 +59,14 @@ class FollowingLoads:
                 slope += size * follower.slope(q)
         return slope
 
+    def wrench_slopes(self, u: Array, q: Array, origin: Array) -> Array:
+        """What `wrench` changes by with q, (6, m)."""
+        slopes = np.zeros((6, len(q)))
+        for column, rim in self.rims:
+            if size := u.item(column):
+                slopes += size * rim.wrench_slopes(q, origin)
+        return slopes
+
     def wrench(self, u: Array, q: Array, origin: Array) -> Array:
         """Force, N, and torque about an origin (3,), m, of pressures on open surfaces, (6,), in the frame's axes."""
         wrench = np.zeros(6)

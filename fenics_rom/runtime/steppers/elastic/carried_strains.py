@@ -243,6 +243,11 @@ class StrainsCarried(ElasticLaw):
         self._tangent = tangent if len(tangent) else None
 
     @property
+    def velocity_before(self) -> Array:
+        """v̂ (m,) that the last step began with."""
+        return self._carried_before.velocity
+
+    @property
     def farthest(self) -> float:
         """The most |v̂| that a step is expected to have, so that it hardly goes further than was trained."""
         return 2 / self._h * self._body.training_radius

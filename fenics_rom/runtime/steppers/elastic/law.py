@@ -135,5 +135,8 @@ class LawAdjoint(Protocol):
         Where f̂ is owed -y (m,).
         """
 
+    def with_velocity(self, carried: Array, v_: Array) -> Array:
+        """Derivatives with what was carried along, where v̂ of the step before is owed more (m,), if that is carried."""
+
     def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
         """Derivatives with ω (m,) and D of the contact model; nothing where neither plays a part."""

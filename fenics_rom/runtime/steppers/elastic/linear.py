@@ -126,6 +126,10 @@ class LinearAdjoint(NamedTuple):
             w_ = w_ - self.branches.pulled_back((np.sqrt(self.model.eigenvalues) * y)[None])
         return w_.ravel(), np.zeros(len(y)), NONE
 
+    def with_velocity(self, carried: Array, v_: Array) -> Array:
+        """As in LawAdjoint: it is not carried."""
+        return carried
+
     def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
         """As in LawAdjoint."""
         ω, (energy, _, rate_) = np.sqrt(self.model.eigenvalues), owed.kept

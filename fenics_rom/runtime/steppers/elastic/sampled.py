@@ -237,6 +237,10 @@ class SampledAdjoint(NamedTuple):
         w_ = owed.kept - self.branches.pulled_back(np.stack([0 * pulled, pulled]))
         return w_.ravel(), np.zeros(len(y)), NONE
 
+    def with_velocity(self, carried: Array, v_: Array) -> Array:
+        """As in LawAdjoint: it is not carried."""
+        return carried
+
     def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
         """As in LawAdjoint: nothing."""
         return NONE, NONE
@@ -267,6 +271,10 @@ class RestingAdjoint(NamedTuple):
     def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array, Array]:
         """As in LawAdjoint."""
         return NONE, np.zeros(len(y)), NONE
+
+    def with_velocity(self, carried: Array, v_: Array) -> Array:
+        """As in LawAdjoint: it is not carried."""
+        return carried
 
     def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
         """As in LawAdjoint: nothing."""

@@ -121,6 +121,13 @@ class StrainsAdjoint(NamedTuple):
         own = np.concatenate([ε_, σ_ - strained, np.zeros(len(v)), rest_, [0.0], w_.ravel()])
         return own, middle_, h / 2 * middle_
 
+    def with_velocity(self, carried: Array, v_: Array) -> Array:
+        """As in LawAdjoint."""
+        size = self.maps.strains.size
+        carried = carried.copy()
+        carried[2 * size : 2 * size + len(v_)] += v_
+        return carried
+
     def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
         """As in LawAdjoint: nothing."""
         return NONE, NONE
