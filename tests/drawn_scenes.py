@@ -35,6 +35,7 @@ class Drawn:
         has_inertia: whether the body has.
         stepper: of large deformation; None: the one that suits dt.
         pushes, pulls: of each step, (STEPS, 3) N on the contact mode and (STEPS, a) of actuators.
+        modulus: Young's, times the volume, J.
         start: of a free body.
         speed: of the slowest eigenvectors when it starts, m/s.
         signals: of loads, obstacles and the base.
@@ -51,6 +52,7 @@ class Drawn:
     stepper: str | None
     pushes: Array
     pulls: Array
+    modulus: float
     start: BaseState | None
     speed: float
     signals: dict[str, Callable[[float], Array] | Array | float]
@@ -135,6 +137,7 @@ class _Draw:
             self.one_of((None, "newton", "linearly-implicit")) if "large" in self.law and self.inertia else None,
             pushes,
             pulls,
+            self.young * float(np.prod(self.size)),
             self.thrown(contact) if self.frame == "free" else None,
             self.speed,
             self.signals,
