@@ -45,8 +45,8 @@ def main() -> None:
     if quick:
         scene = shortened(replace(scene, degree=1), ENDED + 0.1)
     system = fr.assemble(scene)
-    rom = kept_rom(system, out / "flight.h5")
-    file = out / "flight_full.h5"
+    rom = kept_rom(system, out / "beam.h5")
+    file = out / "beam_full.h5"
     if not file.is_file():
         fr.write_trajectory(file, fr.simulate(system))
     full, run = fr.read_trajectory(file), fr.simulate(rom)
