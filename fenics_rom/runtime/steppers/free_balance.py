@@ -4,32 +4,62 @@ import math
 from collections.abc import Callable
 from functools import partial
 from struct import Struct
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
-from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, added, cross, dot, mean
-from fenics_rom.runtime.steppers.differentiable_frame import Expected
-from fenics_rom.runtime.steppers.frame_kernel import BENT, BENT_BY_RATE, GIVEN, TURNED, TURNED_BY_RATE
-from fenics_rom.runtime.steppers.free_motion import FreeMotion, turn_of
+from fenics_rom.mechanics.frame_motion import (
+    ZERO,
+    Quaternion,
+    Rotation,
+    Vector,
+    added,
+    cross,
+    cross_matrix,
+    dot,
+    mean,
+    rotated,
+    rotated_back,
+    rotation_of,
+    turned,
+)
+from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame, Expected
+from fenics_rom.runtime.steppers.frame_kernel import BENT, BENT_BY_RATE, COUPLED, GIVEN, TURNED, TURNED_BY_RATE
+from fenics_rom.runtime.steppers.frame_slopes import SPIN, Moving, StepTurn
+from fenics_rom.runtime.steppers.frame_state import Shape
 from fenics_rom.runtime.steppers.ground_ties import TieForces
 from fenics_rom.runtime.steppers.inertia import (
     MOST_ITERATIONS,
     Inertia,
+    check_definite,
     contraction,
     definite_up_to,
     pairs,
+    solved_inertia,
     times_inertia,
     turn_of_top,
 )
 from fenics_rom.runtime.steppers.kept_newton import KeptNewton
 
 
-class FreeBalance(FreeMotion):
-    """Arguments and attributes as in FrameKernel."""
+class Motion(NamedTuple):
+    """The body between two steps."""
+
+    q: Array
+    shape: Shape
+    ω: Vector  # in the frame's axes, rad/s
+    R: Rotation
+    L: Vector  # angular momentum in the frame's axes
+    spin: float  # ω·I ω + 2 ω·b r, J
+
+
+class FreeBalance(DifferentiableFrame):
+    """Arguments and attributes as in FrameKernel; `frame.turning` is the angular momentum."""
+
+    _now: Motion
 
     def __init__(self, *args: Any, **named: Any):
         super().__init__(*args, **named)
@@ -43,13 +73,42 @@ class FreeBalance(FreeMotion):
         frame, ω = self._constants, self._ω
         parts = frame.inertia1 / ω, self._second / ω / ω[:, None], frame.coupling / ω
         self._surely_definite = definite_up_to(frame.inertia0, *parts)
-        self.newton = KeptNewton()
-        self._lever: Array | None = None  # of ties, per force, as contact was told last
+        self.newton = KeptNewton(eliminated=3)  # v̂
         # Of an expected step the slope of f̂, and the inverse Jacobian, whole and of the shape alone.
         self._ahead: tuple[Array, Array, Array] | None = None
         self._forces = self._loads.at(np.zeros(self._loads.width))  # of the step
         self._passed: tuple[float, Array] | None = None  # the last step: of h s, by ω̂ and r̂
         self.resume(np.empty(0))
+
+    @property
+    def energy(self) -> float:
+        """Stored, J."""
+        v = self.frame.velocity
+        return self._with_carried_energy((self._mass * dot(v, v) + self._now.spin + self._square) / 2)
+
+    @property
+    def angular_velocity(self) -> Vector:
+        """As in FrameKernel."""
+        return self._now.ω
+
+    @property
+    def momenta(self) -> tuple[Vector, Vector]:
+        """Linear and, about the centre of mass, angular, in world axes."""
+        x, y, z = self.frame.velocity
+        return (self._mass * x, self._mass * y, self._mass * z), self.frame.turning
+
+    @property
+    def world_angular_velocity(self) -> Array:
+        """In world axes, (3,), rad/s."""
+        return np.array(rotated(self._now.R, self._now.ω))
+
+    def _moving(self, q: Array, shape: Shape, R: Rotation, momentum: Vector, e: Array) -> Motion:
+        """The body at q, e = √γ q, with an angular momentum in world axes."""
+        if not e.dot(e) <= self._surely_definite:
+            check_definite(shape.inertia, self._table[COUPLED])
+        L = rotated_back(R, momentum)
+        ω = solved_inertia(shape.inertia, added(L, -1.0, shape.moved))
+        return Motion(q, shape, ω, R, L, dot(ω, added(L, 1.0, shape.moved)))
 
     def _expect(self, x: Array) -> None:
         """Takes a step of Newton's method from the velocities x, where what resists the shape is to be expected."""
@@ -68,7 +127,8 @@ class FreeBalance(FreeMotion):
         ρ = self._residual(x, push)
         if self._ahead is None or self._ahead[0] is not self._matrix:
             try:
-                self._ahead = self._matrix, np.linalg.inv(self.jacobian(x)), np.linalg.inv(self._products[9])
+                whole = np.linalg.inv(self.slopes(x))[3:, 3:]
+                self._ahead = self._matrix, whole, np.linalg.inv(self._products[9])
             except np.linalg.LinAlgError:
                 self._ahead = self._matrix, np.zeros((len(x), len(x))), np.zeros((len(r̂), len(r̂)))
         whole = r̂ - self._ahead[2].dot(ρ[3:])  # of the shape alone: next to nothing of it comes of how the frame turns
@@ -114,7 +174,7 @@ class FreeBalance(FreeMotion):
         left = self.newton.solve(
             x,
             lambda x: self._residual(x, None if push_at is None else push_at(x)),
-            lambda x: self.jacobian(x, None if push_at is None or self.ties is None else push_at(x)),
+            lambda x: self.slopes(x, None if push_at is None or self.ties is None else push_at(x)),
             self.size,
             self._speed if push_at is None else lambda x: self.scale(x) + self.h / 2 * forces / math.sqrt(self._mass),
         )
@@ -204,8 +264,11 @@ class FreeBalance(FreeMotion):
         inertia = xx + s * α, yy + s * β, zz + s * γ, yz + s * δ, xz + s * ε, xy + s * ζ
         return inertia, added(times_inertia(inertia, ω), 1.0, (2 * u - x, 2 * v - y, 2 * w - z))
 
-    def jacobian(self, x: Array, push: Push | None = None) -> Array:
-        """Of the residual, (3 + m, 3 + m), under contact forces that push and stay as they are."""
+    def slopes(self, x: Array, push: Push | None = None) -> Array:
+        """Of what force, torque and coordinates balance, with v̂, ω̂ and r̂ (6 + m, 6 + m); contact forces stay.
+
+        Where v̂ is what the forces say, the inverse of those of the residual is part of the inverse of these.
+        """
         h, now, table, r̂, m = self.h, self._now, self._table, x[3:], len(x) - 3
         if self.elastic is not None and not self.elastic.is_exact:
             self.elastic.renew(r̂)
@@ -217,31 +280,32 @@ class FreeBalance(FreeMotion):
         (xx, yy, zz, yz, xz, xy), L_end = self._inertia_and_momentum(r̂, ω_end)
         u, v, w = mean(now.L, L_end)
         carry = np.array(((1 / h, -c / 2, b / 2), (c / 2, 1 / h, -a / 2), (-b / 2, a / 2, 1 / h)))  # 1/h + ω̂~/2
-        J = np.empty((3 + m, 3 + m))
-        J[:3, :3] = carry.dot(((2 * xx, 2 * xy, 2 * xz), (2 * xy, 2 * yy, 2 * yz), (2 * xz, 2 * yz, 2 * zz)))
-        J[:3, :3] -= ((0.0, -w, v), (w, 0.0, -u), (-v, u, 0.0))
-        J[:3, 3:] = 2 * carry.dot(contraction(2 * h, ω_end).dot(bent - table[BENT] / 2) + turned)
-        J[3:, :3] = (2 / h * turned + 2 * table[TURNED_BY_RATE] - contraction(2.0, now.ω).dot(bent)).T
+        slopes = np.zeros((6 + m, 6 + m))
+        slopes.ravel()[: 3 * (7 + m) : 7 + m] = 2 / h * self._mass
+        slopes[SPIN, SPIN] = carry.dot(((2 * xx, 2 * xy, 2 * xz), (2 * xy, 2 * yy, 2 * yz), (2 * xz, 2 * yz, 2 * zz)))
+        slopes[SPIN, SPIN] -= ((0.0, -w, v), (w, 0.0, -u), (-v, u, 0.0))
+        slopes[SPIN, 6:] = 2 * carry.dot(contraction(2 * h, ω_end).dot(bent - table[BENT] / 2) + turned)
+        slopes[6:, SPIN] = (2 / h * turned + 2 * table[TURNED_BY_RATE] - contraction(2.0, now.ω).dot(bent)).T
         factors = np.array((*(-p for p in pairs(now.ω, ω_end)), 2 * a, 2 * b, 2 * c, 1.0))
-        J[3:, 3:] = factors.dot(self._flat_products).reshape(m, m)
-        return J if self.ties is None else J - self.slopes_of_ties(x, push)[0]
-
-    def slopes_of_ties(self, x: Array, push: Push | None) -> tuple[Array, Array]:
-        """As in GroundTies."""
-        tied = self._tied(self.geometry(x), x, ZERO if push is None else push.force)
-        assert self.ties is not None
-        assert tied is not None
-        return self.ties.slopes(tied, self._mass, self._forces.force)
+        slopes[6:, 6:] = factors.dot(self._flat_products).reshape(m, m)
+        if self._forces.force == ZERO and self.ties is None:
+            return slopes
+        turn = self.geometry(x)
+        step = StepTurn(turn, h, x[:3])
+        slopes[:3, SPIN] += turn.end @ cross_matrix(self._forces.force) @ step.by_spin / 2
+        if self.ties is not None:
+            v̂ = self.translation(turn, ZERO if push is None else push.force, x)
+            p, v_start, q = np.array(self.frame.position), np.array(self.frame.velocity), now.q
+            start = Moving(p, v_start, np.array(now.ω), q, self._r)
+            end = Moving(p + h * v̂, 2 * v̂ - v_start, np.array(ω_end), q + h * r̂, 2 * r̂ - self._r)
+            slopes -= self.ties.push_slopes(start, end, step).x
+        return slopes
 
     def turn_at(self, x: Array) -> tuple[Geometry, Quaternion]:
         """How the frame turns at the velocities x."""
-        a, b, c = (self.h * x[:3]).tolist()
-        return turn_of(self._now.R, self.frame.rotation, (a, b, c))
-
-    @property
-    def translates(self) -> float:
-        """v̂ per force, m/s/N, with ω̂ and r̂ as they are."""
-        return self.h / 2 / self._mass if self.ties is None else self.ties.compliance(self._mass)
+        t = vector(self.h * x[:3])
+        end = turned(self.frame.rotation, t)
+        return Geometry(self._now.R, rotation_of(*end), t), end
 
     def rates(self, x: Array) -> tuple[Array, Array]:
         """ω̂ (3,) in the frame's axes and r̂ (m,)."""

@@ -23,14 +23,14 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.frame_contact import touch
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
-from fenics_rom.mechanics.frame_motion import ZERO, added, dot, rotation_of
+from fenics_rom.mechanics.frame_motion import ZERO, added, dot, rotated, rotated_back, rotation_of
 from fenics_rom.mechanics.largest_turn import check_turn
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.frame_slopes import StepTurn
 from fenics_rom.runtime.steppers.frame_state import FrameState, Shape, in_frame
-from fenics_rom.runtime.steppers.free_balance import FreeBalance
-from fenics_rom.runtime.steppers.free_motion import Motion
+from fenics_rom.runtime.steppers.free_balance import FreeBalance, Motion
+from fenics_rom.runtime.steppers.inertia import times_inertia
 
 
 class FreeFrame(FreeBalance):
@@ -59,6 +59,13 @@ class FreeFrame(FreeBalance):
         self._now = self._now_before = self._moving(q, shape, R, self.frame.turning, self._e)
         if self.ties is not None:
             self.ties.place(self.frame.position, R, q)
+
+    def place(self, frame: FrameState) -> None:
+        """Puts the frame where it is to be; `turning` is here the angular velocity in world axes, rad/s."""
+        R, shape = rotation_of(*frame.rotation), self.forget()
+        L = added(times_inertia(shape.inertia, rotated_back(R, frame.turning)), 1.0, shape.moved)
+        self.frame = frame._replace(turning=rotated(R, L))
+        self.resume(self.auxiliary)
 
     def forget(self) -> Shape:
         """Forgets what was kept of steps that led elsewhere; the shape that the body has."""
@@ -121,15 +128,11 @@ class FreeFrame(FreeBalance):
 
     def renew(self, x: Array) -> None:
         """As in FrameBody of mechanics.frame_contact: contact may have put x far from where it was without."""
-        self.newton.keep(self.jacobian(x))
+        self.newton.keep(self.slopes(x))
 
     def spread(self, change: Push) -> Array:
         """What x changes by, where contact forces change by so much."""
-        assert self.newton.inverse is not None
-        pushed = np.concatenate([change.turning, change.modal])
-        if self._lever is not None:  # the force moves the origin, against which ties push
-            pushed -= np.array(change.force).dot(self._lever)
-        spread: Array = self.newton.inverse.dot(pushed)
+        spread: Array = self.newton.whole[3:].dot(np.concatenate([change.force, change.turning, change.modal]))
         return spread
 
     def _maps(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
@@ -138,21 +141,13 @@ class FreeFrame(FreeBalance):
 
     def _spread_columns(self, columns: Array) -> Array:
         """As in FrameKernel."""
-        assert self.newton.inverse is not None
-        spread: Array = self.newton.inverse[:, 3:].dot(columns)
+        spread: Array = self.newton.whole[3:, 6:].dot(columns)
         return spread
 
     def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
         """As in FrameKernel."""
-        assert self.newton.inverse is not None
-        maps = self._maps(points, turn, arms)
-        if self.ties is not None:
-            self._lever = self.translates * self.ties.lever(turn, self._r)
-            maps -= np.tile(self._lever, (len(arms), 1))
-        W = maps.dot(self.newton.inverse).dot(maps.T)
-        blocks = W.reshape(len(arms), 3, len(arms), 3)
-        for k in range(3):
-            blocks[:, k, :, k] += self.translates
+        maps = np.hstack([np.tile(np.eye(3), (len(arms), 1)), self._maps(points, turn, arms)])
+        W: Array = maps.dot(self.newton.whole).dot(maps.T)
         return W
 
     def _pushed_by(self, contact: ContactSolution, x: Array) -> tuple[Push, float]:

@@ -81,14 +81,6 @@ class TieForces(NamedTuple):
         """Of the forces, W."""
         return float(self.forces.ravel().dot(self.rates.ravel()))
 
-    @property
-    def arms(self) -> Array:
-        """Of a (3, 4 + 3m)."""
-        mean = (self.start.R + self.turn.end) / 2
-        arms = _fields(np.zeros(3), mean, mean, self.start.q)
-        arms[:, 4:] += self.h / 2 * _modes(self.turn.end, self.rate)
-        return arms
-
 
 class GroundTies:
     """Of one contact mode.
@@ -167,46 +159,10 @@ class GroundTies:
         motion[:, 0] = self.compliance(mass) * (2 / self._h * mass * np.array(start) + force - pulled)
         return self._under(turn, motion, x[3:])
 
-    def lever(self, turn: Geometry, r̂: Array) -> Array:
-        """Σ T_ij times ŝ of unit ω̂ and r̂ (3, 3 + m): what the ties lack in force for these, and v̂ in torque."""
-        weights, R, q = self.resistance[0], self.placed.R, self.placed.q
-        modes = weights[4:].reshape(3, -1)
-        arm = (R + turn.end).dot(weights[1:4]) / 2
-        arm += (R.dot(modes.dot(q)) + turn.end.dot(modes.dot(q + self._h * r̂))) / 2
-        return np.hstack([-cross_matrix(arm).dot(turn.middle), turn.middle.dot(modes)])
-
     def speed(self, mass: float) -> float:
         """Of what the pull of springs would do in a step, as √(2 J): corrections are small beside it, or round-off."""
         pull = (2 * abs(self.placed.stored) * self._springs[0, 0]) ** 0.5
         return float(mass**0.5 * self.compliance(mass) * pull)
-
-    def slopes(self, tied: TieForces, mass: float, follows: Vector) -> tuple[Array, Array]:
-        """What turning and modal forces (3 + m, 3 + m), and v̂ (3, 3 + m), change by with ω̂ and r̂.
-
-        `follows`: other forces that turn with the frame, N, which v̂ has to do with.
-        """
-        turn, P, h, m = tied.turn, tied.forces, self._h, len(tied.rate)
-        R, R_end, middle, T, arms = self.placed.R, turn.end, turn.middle, self.resistance, tied.arms
-        mean = (R + R_end) / 2
-        spun = mean @ AXES @ (R.T @ mean)  # ∂J/∂ω̂_k, and h times it ∂R⁺/∂ω̂_k
-        tilted = h / 2 * R @ AXES  # ∂R*/∂ω̂_k
-        by_spin = np.zeros((3, 3, 4 + 3 * m))
-        by_spin[:, :, 1:4] = spun
-        by_spin[:, :, 4:] = (spun[..., None] * (self.placed.q + h * tied.rate)).reshape(3, 3, -1)
-        by_mode = R_end.dot(T[4:].reshape(3, -1)).reshape(3, m, -1).transpose(1, 0, 2)
-        by_x = -np.concatenate([by_spin @ T, by_mode])  # ∂P (3 + m, 3, 4 + 3m), where v̂ stays
-        pushed = by_x[:, :, 0].copy()
-        pushed[:3] += h / 2 * spun @ np.array(follows)
-        by_velocity = self.compliance(mass) * pushed
-        by_x -= by_velocity[:, :, None] * T[0]
-        products = np.matmul(arms, by_x.transpose(0, 2, 1))  # of a f that make the torque
-        products[:3] += h / 2 * by_spin @ P.T
-        products[3:] += h / 2 * np.einsum("ia,jan->nij", R_end, P[:, 4:].reshape(3, 3, m))
-        turning = _axis(products.transpose(1, 2, 0)).T @ middle
-        turning[:3] += _axis(arms.dot(P.T)) @ tilted
-        modal = np.einsum("x,nxm->nm", middle.ravel(), by_x[:, :, 4:].reshape(3 + m, 9, m))
-        modal[:3] += tilted.reshape(3, 9) @ P[:, 4:].reshape(9, m)
-        return np.hstack([turning, modal]).T, by_velocity.T
 
     # Of a body that a base carries, where all but r̂ is given.
 

@@ -21,26 +21,32 @@ JACOBIAN = 4  # iterations that it takes the time of to find one
 class KeptNewton:
     """One such method for all steps of a body.
 
+    Args:
+        eliminated: how many unknowns come before those of x in a Jacobian, whose equations are always fulfilled.
+
     Attributes:
-        inverse: of the Jacobian that is kept; None: there is none.
+        inverse: of the Jacobian that is kept, as far as x goes; None: there is none.
+        whole: all of it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, eliminated: int = 0) -> None:
         self.inverse: Array | None = None
+        self._eliminated = eliminated
         self._steps, self._iterations, self._last = 0, 0, 0  # with it, and in the last step
 
     def keep(self, J: Array) -> Array:
-        """J⁻¹, which is kept from now on.
+        """J⁻¹, all of it, which is kept from now on.
 
         Raises:
             StepError: J is singular.
         """
         try:
-            self.inverse = np.linalg.inv(J)
+            self.whole = np.linalg.inv(J)
         except np.linalg.LinAlgError as error:
             raise StepError("no step was found: its equations are singular; a smaller dt helps") from error
         self._iterations, self._steps = JACOBIAN, 0
-        return self.inverse
+        self.inverse = np.ascontiguousarray(self.whole[self._eliminated :, self._eliminated :])
+        return self.whole
 
     def solve(
         self,
@@ -69,8 +75,10 @@ class KeptNewton:
         for iteration in range(1, MOST_ITERATIONS + 1):
             ρ = residual(x)  # first: the Jacobian takes of it what only the start of the step says
             is_new = is_new or self.inverse is None
-            inverse = self.keep(jacobian(x)) if self.inverse is None else self.inverse
-            change = inverse.dot(ρ)
+            if self.inverse is None:
+                self.keep(jacobian(x))
+            assert self.inverse is not None
+            change = self.inverse.dot(ρ)
             x -= change
             size = size_of(change)
             if not math.isfinite(size):

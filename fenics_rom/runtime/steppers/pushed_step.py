@@ -25,6 +25,7 @@ from fenics_rom.mechanics.frame_contact import hold
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, crossed, vector
 from fenics_rom.mechanics.frame_motion import ZERO, cross_matrix
 from fenics_rom.mechanics.surface_points import NONE, mean_turning_maps, spread_matrix
+from fenics_rom.runtime.steppers.frame_slopes import SPIN
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
 
 
@@ -157,56 +158,46 @@ class PushedStep:
         assert now is not None
         assert points is not None
         R, middle, follows, k = now.turn.start, now.turn.middle, points.follows[:, None, None], len(f)
-        are_forces = np.ones((k, 1, 1))
-        are_forces[points.couples] = 0.0
-        per_force, by_turn = body.translates, -h / 2 * crossed(f.dot(R)).reshape(-1, 3)  # of ∂v̂/∂f; ∂g/∂ω̂
-        by_x, by_force = self._parts_of_velocity(now, points, by_turn)
+        by_turn = -h / 2 * crossed(f.dot(R)).reshape(-1, 3)  # ∂g/∂ω̂
+        by_x, by_force = self._slopes_of_velocity(now, points, by_turn)
         # The torque Σ a × f, of arms that move, too: by half of what points do, or against the centre
-        twists = crossed(f) * are_forces
-        of_arms = h / 2 * np.where(follows, 0.0, twists)
-        torque = np.matmul(of_arms, by_force).sum(axis=0) - crossed(now.arms).transpose(1, 0, 2).reshape(3, -1)
-        followed = h / 2 * twists[points.follows].sum(axis=0)
-        torque -= np.tile(per_force * followed, k) * are_forces.repeat(3)
+        twists, along = h / 2 * crossed(f), np.eye(3, by_x.shape[2])
+        twists[points.couples] = 0.0
+        slopes, levers = body.slopes(x, now.push), np.empty((by_x.shape[2], 3 * k))
+        slopes[SPIN] -= middle.T.dot(np.matmul(twists, np.where(follows, 0.0, by_x) - along).sum(axis=0))
+        slopes[SPIN, SPIN] -= h / 2 * cross_matrix(np.array(now.push.torque).dot(R))
+        slopes[6:, SPIN] -= points.rows.dot(by_turn)
+        torque = np.matmul(np.where(follows, 0.0, twists), by_force).sum(axis=0)
+        torque -= crossed(now.arms).transpose(1, 0, 2).reshape(3, -1)
+        levers[:3] = np.tile(np.eye(3), k)
         for couple in points.couples:
-            torque[:, 3 * couple : 3 * couple + 3] += np.eye(3)
-        levers = np.concatenate([middle.T.dot(torque), _of_world_forces(points.rows, middle)])
-        J, by_translation = body.jacobian(x, now.push), are_forces * np.eye(3)
-        if points.follows.any():
-            by_translation = np.where(follows, np.eye(3) - h / 2 * cross_matrix(middle.dot(x[:3])), by_translation)
-        J[:3] -= middle.T.dot(np.matmul(of_arms, by_x).sum(axis=0))
-        J[:3, :3] -= h / 2 * cross_matrix(np.array(now.push.torque).dot(R))
-        J[3:, :3] -= points.rows.dot(by_turn)
-        if body.ties is not None:  # v̂ is of ω̂ and r̂, too, and ties push against it
-            by_velocity = body.slopes_of_ties(x, now.push)[1]
-            J[:3] += middle.T.dot(followed.dot(by_velocity))
-            levers -= np.tile(per_force * body.ties.lever(now.turn, x[3:]).T, k) * are_forces.repeat(3)
-            by_x = by_x + np.matmul(by_translation, by_velocity)
-        spread, by_x = body.newton.keep(J).dot(levers), by_x.reshape(3 * k, -1)
-        W: Array = by_x.dot(spread) + by_force.reshape(3 * k, 3 * k)
+            there = slice(3 * couple, 3 * couple + 3)
+            levers[:3, there] = 0.0
+            torque[:, there] += np.eye(3)
+        levers[SPIN], levers[6:] = middle.T.dot(torque), _of_world_forces(points.rows, middle)
+        spread, by_x = body.newton.keep(slopes).dot(levers), by_x.reshape(3 * k, -1)
         if body.found is not None:
-            W -= by_x.dot(body.held_back(x, spread))
-        W += np.tile(per_force * by_translation.reshape(3 * k, 3), k) * are_forces.repeat(3)
+            spread[3:] -= body.held_back(x, spread[3:])
+        W: Array = by_x.dot(spread) + by_force.reshape(3 * k, 3 * k)
         return W
 
-    def _parts_of_velocity(self, now: _Try, points: PushedPoints, by_turn: Array) -> tuple[Array, Array]:
-        """∂(u - v̂) of each point by ω̂ and r̂, (k, 3, 3 + m), and by f where these stay, (k, 3, 3 k)."""
-        turn, follows, k = now.turn, points.follows[:, None, None], len(points.nodes)
-        n = 1 + sum(part * part for part in turn.turn) / 4
-        by_ω = crossed(2 * now.arms - self._start.dot(turn.start.T)).dot(turn.middle) / n
-        outward, h = turn.end, self._body.h
-        if follows.any():
-            of_others = crossed(now.arms).dot(turn.start) + h / 2 * np.matmul(turn.start, crossed(now.inside))
-            by_ω, outward = np.where(follows, of_others, by_ω), np.where(follows, turn.middle, outward)
-        if len(points.couples):
-            by_ω[points.couples] = turn.start + h / 2 * np.matmul(turn.start, crossed(now.inside[points.couples]))
-            outward = np.broadcast_to(outward, (k, 3, 3)).copy()
-            outward[points.couples] = turn.middle
-        inside, by_force = np.concatenate([np.zeros((3 * k, 3)), points.rows.T], axis=1), np.zeros((k, 3, 3 * k))
+    def _slopes_of_velocity(self, now: _Try, points: PushedPoints, by_turn: Array) -> tuple[Array, Array]:
+        """∂u of each point by v̂, ω̂ and r̂, (k, 3, 6 + m), and by f where these stay, (k, 3, 3 k)."""
+        turn, follows, couples, k = now.turn, points.follows[:, None, None], points.couples, len(points.nodes)
+        R, middle, h = turn.start, turn.middle, self._body.h
+        by_x, by_force = np.zeros((k, 3, 6 + len(points.rows))), np.zeros((k, 3, 3 * k))
+        turned = R + h / 2 * np.matmul(R, crossed(now.inside))
+        by_x[:, :, :3] = np.eye(3) - np.where(follows, h / 2 * cross_matrix(middle.dot(self._x[:3])), 0.0)
+        by_x[:, :, SPIN] = crossed(2 * now.arms - self._start.dot(R.T)).dot(middle) / (
+            1 + sum(part * part for part in turn.turn) / 4
+        )
+        by_x[:, :, SPIN] = np.where(follows, crossed(now.arms).dot(R) + turned - R, by_x[:, :, SPIN])
+        outward = np.where(follows, middle, turn.end)
+        by_x[couples, :, :3], by_x[couples, :, SPIN], outward[couples] = 0.0, turned[couples], middle
+        by_x[:, :, 6:] = np.matmul(outward, points.rows.T.reshape(k, 3, -1))
         if points.compliance is not None:
-            inside[:, :3] = points.compliance.dot(by_turn)
-            by_force = np.matmul(outward, _of_world_forces(points.compliance, turn.middle).reshape(k, 3, -1))
-        by_x = np.matmul(outward, inside.reshape(k, 3, -1))
-        by_x[:, :, :3] += by_ω
+            by_x[:, :, SPIN] += np.matmul(outward, points.compliance.dot(by_turn).reshape(k, 3, 3))
+            by_force = np.matmul(outward, _of_world_forces(points.compliance, middle).reshape(k, 3, -1))
         return by_x, by_force
 
     def on_nodes(self, P: int) -> Array:
