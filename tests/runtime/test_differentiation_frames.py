@@ -158,6 +158,44 @@ def test_gradient_goes_through_contact_of_what_turns(tmp_path, supports, law):
     check_gradient(at, u, start, directions, ε=1e-3)
 
 
+TIED = {"effects.springs.bed": 'surface = "right"\nstiffness = 20.0'}
+STILL = {name: {"effects.contact.obstacles.floor": obstacle} | effects for name, (effects, obstacle) in LAWS.items()}
+STILL |= {"tied": TIED, "tied on a floor": TIED | STILL["floor"]}
+del STILL["bounces"]
+
+
+@pytest.mark.parametrize("parts", STILL)
+def test_gradient_without_inertia_goes_through_contact_and_springs_to_the_ground(tmp_path, parts):
+    """On a base that draws, lowers and turns the body."""
+    rom = reduced(tmp_path, 'clamped = ["left"]', effects=None, **STILL[parts])
+    at, u, start, directions = along(rom, lowered, size=0.02, steps=14)
+    body, touched = at(*start), 0
+    for row in u:
+        body.step(row)
+        touched += len(body.contact_coordinates) and body.contact_forces().any()
+    assert touched >= 3 or parts == "tied"
+    gradient = check_gradient(at, u, start, directions, ε=1e-3)
+    if parts in ("bare", "tied"):
+        check_stiffness(rom, u, gradient)
+
+
+def check_stiffness(rom, u, gradient):
+    """Derivatives with γ of a body without residual compliance."""
+    random = np.random.default_rng(1)
+    δ = {name: model.eigenvalues * random.uniform(0.5, 1.5, model.order) for name, model in rom.contact_models.items()}
+
+    def value(ε):
+        models = {
+            name: replace(model, eigenvalues=model.eigenvalues + ε * δ[name])
+            for name, model in rom.contact_models.items()
+        }
+        body = fr.Simulator(replace(rom, contact_models=models), H, signals={"base_path": lowered})
+        return fr.differentiate(body, u, squares).value
+
+    slope = sum((gradient.eigenvalues[contact] * along).sum() for contact, along in δ.items())
+    assert slope == pytest.approx((value(1e-5) - value(-1e-5)) / 2e-5, rel=1e-6)
+
+
 @pytest.mark.parametrize("supports", [None, 'clamped = ["left"]'], ids=["free", "carried"])
 def test_gradient_goes_through_switches_between_modes_of_the_same_shapes(tmp_path, supports):
     """Others make modes of the state that they find, and are refused."""

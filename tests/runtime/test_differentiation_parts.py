@@ -99,6 +99,28 @@ def test_gradient_of_large_deformation_goes_through_relaxation_and_contact(law, 
     check_gradient(*along(make, frame, 2e-3 if kind == "stroke" else 0.5, 1.0))
 
 
+@pytest.mark.parametrize("law", ["st_venant_kirchhoff", "neo_hookean"])
+@pytest.mark.parametrize("kind", ["plain", "stroke"])
+@pytest.mark.parametrize("stiffness", [None, 30.0], ids=["rigid", "penalty"])
+def test_gradient_of_equilibria_on_a_base_goes_through_contact_and_large_deformation(law, kind, stiffness):
+    """By a tension or a stroke, on a base that lowers the body onto the floor and turns it."""
+    rom = in_frame(KINDS[kind](soft_rom(law, order=8, contact=True, inertia=False)))
+    points = {name: np.tile(rom.nodes[-1], (len(rows) // 3, 1)) for name, rows in rom.outputs.items()}
+    acting = replace(rom.environment, contact_law=replace(rom.environment.contact_law, stiffness=stiffness))
+    rom = replace(rom, moving_frame=replace(rom.moving_frame, output_points=points), environment=acting)
+
+    def make():
+        return fr.Simulator(rom, H, signals={"base_path": lambda time: lowered(2 * time)})
+
+    at, u, start, directions = along(make, "carried", 0.5, 0.05)
+    body = at(*start)
+    for row in u:
+        body.step(row)
+    assert body.contact_forces().any()
+    start, directions[1:] = [0 * part for part in start], [0 * part for part in start]
+    check_gradient(at, u, start, directions)
+
+
 FREE = {
     "relaxing": {"tendon.rope": PARTS["stroke"]["tendon.rope"], "viscoelasticity": "ratios = [0.5]\ntimes = [0.02]"},
     "pressed": {"pressure.air": 'surface = "top"'},

@@ -15,8 +15,8 @@ import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
+from fenics_rom.runtime.steppers.equilibrium import Equilibrium
 from fenics_rom.runtime.steppers.midpoint import FusedMidpoint
-from fenics_rom.runtime.steppers.quasi_static import QuasiStatic
 from fenics_rom.scene.file import parse_scene
 
 CLOSES_TO = 1e-12  # of the largest energy or work seen
@@ -204,7 +204,7 @@ def test_account_closes_without_inertia(mesh, obstacles):
     still = Models(scene_of(mesh, f"{GRAVITY}[effects.prescribed.push]\nsurface = 'right'{obstacles}"))
     moved = {"push": shaken(3)["push"]} | ({"floor": shaken(3)["floor"]} if obstacles else {})
     run = Reduced(still.rom, signals=moved)
-    assert isinstance(run.body._stepper.kernel, QuasiStatic)
+    assert isinstance(run.body._stepper.kernel, Equilibrium)
     assert ride(run, 100, 5) <= CLOSES_TO
     full = Full(still.system, moved)
     assert ride(full, 30, 5) <= CLOSES_TO

@@ -1,157 +1,272 @@
-"""Large deformation without inertia: every step is an equilibrium.
+"""Steps without inertia: each leads to the next equilibrium
 
-On the way there the loads supply ½ (F + F⁺)·(q⁺ - q), with F = Φ'(q) - Sᵀ f that held the body before, f of the step
-before. A body of linear elasticity stores that; by how much another one stores less is numerical, of second order in
-the step.
+    Φ'(q⁺) = G u + B z + Sᵀ f,
+
+with the columns B of forces z of actuators that are found, of strokes that are given and of guides that rub, and
+contact forces f. Of small strains that is one linear system; else Newton's method finds q⁺ from the equilibrium before,
+under a load that grows in as many parts as it takes.
+
+For contact it is a step of passive midpoint integration with A = h Φ'', from q with v̂ = (q⁺ - q)/h. On the way there
+all forces change linearly: the loads supply ½ (F + F⁺)·(q⁺ - q), with F = Φ'(q) - Sᵀ f that held the body before, f of
+the step before. A body of small strains stores that, but for what rubs; by how much another one stores less is
+numerical, of second order in the step.
 """
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
 from fenics_rom.runtime.steppers.adjoint import contact_adjoint
+from fenics_rom.runtime.steppers.body_parts import BodyParts
+from fenics_rom.runtime.steppers.convergence import MAX_ITERATIONS, MAX_PARTS, is_solved
 from fenics_rom.runtime.steppers.definite import is_definite
-from fenics_rom.runtime.steppers.elastic.sampled import RestingAdjoint
-from fenics_rom.runtime.steppers.held import MAX_ITERATIONS, MAX_PARTS, HeldBody, is_solved
-from fenics_rom.runtime.steppers.held_adjoint import Part
-from fenics_rom.runtime.steppers.held_part import HeldPart
+from fenics_rom.runtime.steppers.elastic.at_rest import Potential, SmallStrains
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
+from fenics_rom.runtime.steppers.parted_kernel import PartedKernel
+from fenics_rom.runtime.steppers.taken_step import residual_taken
 
 if TYPE_CHECKING:
-    from fenics_rom.runtime.steppers.adjoint import StepAdjoint
+    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
+    from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 SMALLEST_DISPLACEMENT = 1e-9  # of the training radius: what is beside it a share of CONVERGENCE_TOLERANCE is at rest
 
 
-class Equilibrium(HeldBody):
-    """A step of a quasi-static run: Φ'(q⁺) = G u, from the step before by Newton's iteration under a growing load.
+class Sought(NamedTuple):
+    """What an equilibrium is sought under."""
 
-    Arguments and attributes as in HeldBody; the velocity stays zero.
+    u: Array  # (p,) without what is found
+    strokes: Array  # that are given, and of guides nothing (n,)
+    obstacles: ObstacleMotion | None
+    start: Array  # q of the equilibrium before (m,)
+
+
+class Found(NamedTuple):
+    """An equilibrium, and what was found in it."""
+
+    q: Array
+    contact: ContactSolution | None
+    reactions: Array  # (n,)
+
+
+class Equilibrium(PartedKernel):
+    """A step to the next equilibrium; the velocity stays zero.
+
+    Args:
+        rom: the reduced models.
+        model: of the contact mode; bodies that deform largely may `enter` others, which share its basis.
+        ledger, interface, residual, parts: as in PartedKernel, with no elastic law.
+
+    Attributes:
+        loads: what acts on the shape.
+        potential: what resists it.
     """
+
+    potential: Potential
+    _base_turn: tuple[Array, Array] | None = None  # R and R⁺ of a base that carries the body
+
+    def __init__(
+        self,
+        rom: Rom,
+        model: ContactModel,
+        ledger: EnergyLedger | None,
+        interface: "ContactInterface | None",
+        residual: "ResidualMotion | None",
+        parts: BodyParts,
+    ):
+        super().__init__(model, ledger, interface, residual, parts)
+        self._rom, self.notes = rom, self._notes_of_parts
+        self._actuators = None if self._found is None else self._found.actuators
+        self._is_linear, self.loads = rom.deformation is None, ShapeLoads(rom, model, self._found)
+        self.potential = SmallStrains(model.eigenvalues) if rom.deformation is None else rom.deformation
+
+    def enter(self, model: ContactModel) -> None:
+        """Makes another contact mode active: the basis is the same, the inputs are others."""
+        self.flush()
+        self._model, self.loads = model, ShapeLoads(self._rom, model, self._found)
+        assert self._extent is not None
+        names = {id(each): name for name, each in self._rom.contact_models.items()}
+        self._extent.enter(names[id(model)], model.inputs.shape[1])
 
     @property
     def energy(self) -> float:
         """Stored, J."""
-        return self._with_carried_energy(self._body.energy(self._coordinates()))
+        return self._with_carried_energy(self.potential.energy(self._coordinates()))
+
+    def set_time_step(self, h: float) -> None:
+        """As in Kernel."""
+        super().set_time_step(h)
+        if isinstance(self.potential, SmallStrains):
+            self._answer_by(self._r, self.potential.solve)
+        elif self._is_linear:
+            self._answer_by(self._r, np.linalg.inv(self.potential.tangent(self._r)).dot)
+
+    def _answer_by(self, q: Array, solve: Callable[[Array], Array]) -> None:
+        """Displacements follow forces (m,) or columns so from now on, near q (m,); those of contact points, too."""
+        self._solve = solve
+        if self._interface is not None:
+            self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ solve(self._Sᵀ) / self.h))
+        if self._found is not None:
+            self._columns = self._found.columns(q)
+            self._spread = solve(self._columns) / self.h
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
-        """As in Kernel."""
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            start, reactions, given = self._coordinates().copy(), self.reactions, u
-            strokes, u = np.empty(0) if self._found is None else self._found.strokes(start), self.loads.without_found(u)
-            given = strokes if self._actuators is None else given[self._actuators.columns]
-            held = elastic = self._body.force(start)
-            if self._interface is not None and self.contact is not None:
-                held = held - self._pushed(self.contact)
-            unbalanced = elastic - self.loads.force(u, start)
-            if self._found is not None:
-                by_strokes, rubbed_before = self._found.actuators.parts(self._found.columns(start), reactions)
-                unbalanced, held = unbalanced - by_strokes - rubbed_before, held - rubbed_before
-            q, share, growth = start, 0.0, 1.0
-            contact: ContactSolution | None = None
-            while share < 1:
-                part = min(share + growth, 1.0)
-                goal = strokes + part * (given - strokes)
-                balance = self._balanced(u, goal, obstacles, start, q, (1 - part) * unbalanced)
-                if balance is None:
-                    growth /= 2
-                    if growth < 1 / MAX_PARTS:
-                        raise StepError(
-                            f"input {u.tolist()}: no equilibrium was found beyond {100 * share:.0f} % of the change of "
-                            "the load in this step; take shorter steps or lower the load"
-                        )
-                else:
-                    (q, contact, reactions), share = balance, part
-            moved, pushed, rubbed_away, lag = q - start, self.loads.force(u, q), 0.0, 0.0
-            if self._found is not None:
-                by_strokes, rubbed = self._found.actuators.parts(self._found.columns(q), reactions)
-                pushed, elastic = pushed + by_strokes, elastic + rubbed
-                rubbed_away, lag = -float(rubbed.dot(moved)), float((rubbed - rubbed_before).dot(moved)) / 2
-            elastic = elastic + pushed
+        """As in Kernel; a StepError also where a load can grow no further."""
+        if self._is_linear:
+            return self._step(u, obstacles)
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # the caller looks at what comes out
+            return self._step(u, obstacles)
+
+    def _step(self, u: Array, obstacles: ObstacleMotion | None) -> float:
+        Φ, found, start, strokes = self.potential, self._found, self._coordinates().copy(), self.reactions
+        if found is not None:
+            u, strokes = found.actuators.split(u)
+            strokes_before, rubbed_before = found.actuators.parts(found.columns(start), self.reactions)
+        elastic, pushed = Φ.force(start), self.loads.force(u, start)
+        lack, held = elastic - pushed, elastic if found is None else elastic - rubbed_before
+        if self.contact is not None and self._interface is not None:
+            held = held - self._pushed(self.contact)
+        sought = Sought(u, strokes, obstacles, start)
+        if self._is_linear:
+            q, contact, reactions = self._linear(sought, lack)
+        else:
+            unbalanced = lack if found is None else lack - strokes_before - rubbed_before
+            q, contact, reactions = self._followed(sought, unbalanced)
+            pushed = self.loads.force(u, q)
+        moved, of_friction, numerical, stored = q - start, 0.0, 0.0, Φ.energy(q)
+        if found is not None:
+            by_strokes, rubbed = found.actuators.parts(found.columns(q), reactions)
+            pushed = pushed + by_strokes
+            of_friction, numerical = float(rubbed.dot(moved)), float((rubbed - rubbed_before).dot(moved)) / 2
+        supplied = float((held + pushed).dot(moved)) / 2
+        if not self._is_linear:
+            balanced = pushed if found is None else pushed + rubbed
             if contact is not None:
-                elastic += self._pushed(contact)
-            E = self._body.strains(q)
-            stored = self._body.energy(q, E)
-            numerical = float(elastic.dot(moved)) / 2 - (stored - self._body.energy(start)) + lag
-            supplied = float((held + pushed).dot(moved)) / 2
-            maps = None if self.residual is None else self.residual.maps
-            residual, of_residual = self._step_residual_at_rest(contact)
-            contacts = self._contacts_at_rest(moved, contact, obstacles, residual)
-            self._leave(StepWork(supplied + of_residual, rubbed_away, contacts, numerical))
-            self.taken = (Part(self.h, start, self._r, moved / self.h, reactions, self._contact_step, maps, None),)
-            np.multiply(q, self._ω, self._e)
-            self.contact, self.reactions = contact, reactions
-            assert self._extent is not None
-            self._extent.look(self.notes, self.loads.with_found(u, reactions), q, E, contact, self.h)
-            return 2 * self._with_carried_energy(stored)
+                balanced = balanced + self._pushed(contact)
+            numerical += float((elastic + balanced).dot(moved)) / 2 - (stored - Φ.energy(start))
+        residual, of_residual = self._step_residual_at_rest(contact)
+        contacts = self._contacts_at_rest(moved, contact, obstacles, residual)
+        self._leave(StepWork(supplied + of_residual, -of_friction, contacts, numerical))
+        np.multiply(q, self._ω, self._e)
+        self.contact, self.reactions = contact, reactions
+        if self._extent is not None:
+            self._extent.look(self.notes, self.loads.with_found(u, reactions), q, None, contact, self.h)
+        return 2 * self._with_carried_energy(stored)
 
-    def _balanced(
-        self, u: Array, given: Array, obstacles: ObstacleMotion | None, start: Array, q: Array, unbalanced: Array
-    ) -> tuple[Array, ContactSolution | None, Array] | None:
-        """A shape near q of given strokes (n,), whose forces are balanced but for a part; contact and reactions.
+    def _linear(self, sought: Sought, lack: Array) -> Found:
+        """The equilibrium of small strains, by forces (m,) that the start lacks but for contact and what is found."""
+        q = sought.start - self._solve(lack)
+        if self._found is None and (self._interface is None or sought.obstacles is None):
+            return Found(q, None, self.reactions)
+        pushed, contact, reactions = self._touch(sought, sought.start, q, self.reactions)
+        return Found(q + self._solve(pushed), contact, reactions)
 
-        None if there is none.
+    def _touch(
+        self, sought: Sought, q: Array, away: Array, reactions: Array
+    ) -> tuple[Array, ContactSolution | None, Array]:
+        """What contact and what is found push with (m,), near q (m,), from where the body would be without it, (m,)."""
+        start, h, found = sought.start, self.h, self._found
+        motion = start, self._r, (away - start) / h, h, sought.obstacles, True
+        if found is None:
+            contact, pushed = self._solve_contact(*motion), 0 * q
+        else:
+            columns, angles = self._columns, found.angles(q)
+            gone = found.strokes(q) - (q - start).dot(columns)
+            targets = found.actuators.resting_rates(sought.strokes, gone, h)
+            reactions, contact = self._solve_actuators(
+                sought.u, columns, self._spread, targets, *motion, angles=angles, before=reactions
+            )
+            pushed = columns.dot(reactions)
+        return pushed if contact is None else pushed + self._pushed(contact), contact, reactions
+
+    def _followed(self, sought: Sought, unbalanced: Array) -> Found:
+        """The equilibrium that a load which grows from nothing leads to, of forces (m,) that the start lacks.
+
+        Raises:
+            StepError: there is none beyond some share of the load.
         """
-        body, before = self._body, math.inf
-        whole_steps = self._interface is None and self._actuators is None
+        share, growth, found = 0.0, 1.0, Found(sought.start, None, self.reactions)
+        strokes = np.empty(0) if self._found is None else self._found.strokes(sought.start)
+        while share < 1:
+            part = min(share + growth, 1.0)
+            towards = sought._replace(strokes=strokes + part * (sought.strokes - strokes))
+            balance = self._balanced(towards, found.q, (1 - part) * unbalanced)
+            if balance is None:
+                growth /= 2
+                if growth < 1 / MAX_PARTS:
+                    raise StepError(
+                        f"input {sought.u.tolist()}: no equilibrium was found beyond {100 * share:.0f} % of the change "
+                        "of the load in this step; take shorter steps or lower the load"
+                    )
+            else:
+                found, share = balance, part
+        return found
+
+    def _balanced(self, sought: Sought, q: Array, unbalanced: Array) -> Found | None:
+        """The equilibrium near q (m,), of forces but for a part (m,); None if there is none."""
+        Φ, before, reactions = self.potential, math.inf, self.reactions
+        whole_steps = self._interface is None and self._found is None
+        assert self._rom.deformation is not None
         for _ in range(MAX_ITERATIONS):
-            elastic, force = body.force(q), self.loads.force(u, q)
-            residual = elastic - force - unbalanced
-            tangent = body.tangent(q)
+            elastic, force, tangent = Φ.force(q), self.loads.force(sought.u, q), Φ.tangent(q)
             stable = is_definite(tangent)
             if not (stable or whole_steps):
                 return None
             # Where all is let go there are no forces left to compare with, but those of hardly any displacement.
-            least = SMALLEST_DISPLACEMENT * body.training_radius * np.abs(tangent).max()
+            least = SMALLEST_DISPLACEMENT * self._rom.deformation.training_radius * np.abs(tangent).max()
             scale = max(*(np.abs(part).max() for part in (elastic, force, unbalanced)), least)
             if not math.isfinite(scale):
                 return None
             try:
-                inverse = np.linalg.inv(tangent)
+                self._answer_by(q, np.linalg.inv(tangent).dot)
             except np.linalg.LinAlgError:
                 return None
-            if self._interface is not None:
-                self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ / self.h))
-            free = (q - inverse.dot(residual) - start) / self.h
-            motion, reactions = (start, self._r, free, self.h, obstacles, True), self.reactions
-            if self._found is None:
-                contact = self._solve_contact(*motion)
-            else:
-                columns, angles = self._found.columns(q), self._found.angles(q)
-                gone = self._found.strokes(q) - (q - start).dot(columns)
-                targets = self._found.actuators.resting_rates(given, gone, self.h)
-                spread = inverse.dot(columns) / self.h
-                reactions, contact = self._solve_actuators(
-                    u, columns, spread, targets, *motion, angles=angles, before=reactions
-                )
-                residual -= columns.dot(reactions)
-            if contact is not None:
-                residual -= self._pushed(contact)
-            error = np.abs(residual).max()
+            lack = elastic - force - unbalanced
+            pushed, contact, reactions = self._touch(sought, q, q - self._solve(lack), reactions)
+            lack = lack - pushed
+            error = np.abs(lack).max()
             if is_solved(error, before, scale):
-                return (q, contact, reactions) if stable else None
+                return Found(q, contact, reactions) if stable else None
             if error > 10 * before and not whole_steps:
                 return None
             before = error
-            q = q - inverse.dot(residual)
+            q = q - self._solve(lack)
         return None
 
-    def adjoint(self, u: Array) -> "StepAdjoint":
+    def check_differentiable(self) -> None:
+        """As in Kernel."""
+
+    def adjoint(self, u: Array) -> "PartedAdjoint":
         """As in Kernel."""
         from fenics_rom.runtime.steppers.acts.found_slopes import FoundIn
+        from fenics_rom.runtime.steppers.elastic.at_rest import RestingAdjoint
+        from fenics_rom.runtime.steppers.held_part import HeldPart
+        from fenics_rom.runtime.steppers.parted_adjoint import Ends, PartedAdjoint
 
-        (h, start, r, v, reactions, solved, residual, _), q = self.taken[0], self._coordinates().copy()
-        contact, is_kink = contact_adjoint(self._interface, solved)
-        found, forces = None, self.loads.without_found(u)
-        if self._found is not None:
-            found = FoundIn(self._found, forces, reactions, h, start, r, v, q).resting_slopes()
-        law, turned = (
-            RestingAdjoint(self._body.tangent(q), h, self._body.force(q)),
-            self.loads.slope(forces, reactions, q),
+        h, z, q, after = (
+            self.h,
+            self.reactions,
+            self._state_before[: len(self._e)] * self._inverse_ω,
+            self._coordinates(),
         )
-        part = HeldPart(h, 0.0, law, self.loads.all_columns(q), turned, h, found, self._Sᵀ, contact, residual, 0 * q)
-        return self._parted_adjoint([part], is_kink)
+        at_rest, after, u, found, given = 0 * q, after.copy(), self.loads.without_found(u), None, None
+        if self._found is not None:
+            found = FoundIn(self._found, u, z, h, q, at_rest, (after - q) / h, after).resting_slopes()
+            given = self._found.stroke_slopes(q).T
+        (residual, rows), (contact, is_kink) = residual_taken(self.residual), contact_adjoint(self._interface)
+        Φ = self.potential
+        law = RestingAdjoint(Φ.tangent(after), h, Φ.force(after), after, self._model if self._is_linear else None)
+        columns, turned = self.loads.all_columns(after), self.loads.slope(u, z, after)
+        acting = columns, turned, h, found, self._Sᵀ, contact, residual
+        part = HeldPart(h, 0.0, law, *acting, at_rest, self._base_turn)
+        return PartedAdjoint((part,), Ends(self._model.safe_frequencies, 0, q, after, rows), is_kink, given)

@@ -112,6 +112,13 @@ class GroundTies:
         self._by_modes = T[4:, 4:].reshape(3, m, 3, m).transpose(0, 2, 1, 3).reshape(9, m * m)
         self._begin()
 
+    @property
+    def within(self) -> Array:
+        """VᵀK_s V (m, m) of the springs on the coordinates, 1/s²."""
+        m = len(self.placed.q)
+        within: Array = np.einsum("aiaj->ij", self._springs[4:, 4:].reshape(3, m, 3, m))
+        return within
+
     def place(self, position: Vector, R: Rotation, q: Array) -> None:
         """Puts the body somewhere, with q (m,)."""
         turned, there, S = np.array(R), np.array(position), self._springs

@@ -26,6 +26,7 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
 from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.body_parts import BodyParts
+from fenics_rom.runtime.steppers.convergence import MAX_ITERATIONS, MAX_PARTS, is_solved
 from fenics_rom.runtime.steppers.definite import is_definite
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
@@ -37,10 +38,6 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
-CONVERGENCE_TOLERANCE = 1e-12  # of the largest force in a step
-STAGNATION_TOLERANCE = 1e-8  # of it: from here on round-off may be what is left
-MAX_ITERATIONS = 30
-MAX_PARTS = 64  # that a step which Newton's iteration does not solve is cut into
 LARGE = 1e15  # J, N² or Pa²: up to there a step of strains of second degree is far from overflow
 FAST_CONTRACTION = 0.1  # up to which the tangent of an earlier iteration will do
 
@@ -133,10 +130,6 @@ class HeldBody(HeldAdjoint):
         self._model, self.loads = model, ShapeLoads(self._rom, model, self._found)
         assert self._extent is not None
         self._extent.enter(self._names[id(model)], model.inputs.shape[1])
-
-    def act_by(self, dead: Array, standing: Array) -> None:
-        """See OnBase."""
-        self.loads.dead, self.loads.standing = dead, standing
 
     @property
     def energy(self) -> float:
@@ -381,8 +374,3 @@ class HeldBody(HeldAdjoint):
         of_contact, of_T = self.contact is not None, (self.tangent, is_new)
         self._expectation = Expected(v, self.reactions, of_contact, middle, residual, *of_T, whole, law.expected)
         return law.expected
-
-
-def is_solved(error: float, before: float, scale: float) -> bool:
-    """Whether forces out of balance, here and an iteration before, are nothing or round-off beside the largest one."""
-    return error <= CONVERGENCE_TOLERANCE * scale or (error <= STAGNATION_TOLERANCE * scale and error > before / 2)

@@ -94,7 +94,7 @@ class HeldAdjoint(PartedKernel):
         before = before if ahead.touched else before._replace(Sᵀ=self._Sᵀ[:, :0])
         of_T = ahead.tangent, ahead.residual, ahead.whole, self.elastic.farthest, ahead.made_tangent
         ends = Ends(self._ω, 0, q, self._coordinates().copy(), rows)
-        given = None if self._found is None else self.loads.stroke_slopes(q)
+        given = None if self._found is None else self._found.stroke_slopes(q).T
         expectation = Expectation(before, law, places, *of_T)
         return PartedAdjoint((part(middle, z, 0.0),), ends, is_kink, given, False, expectation)
 
@@ -117,5 +117,5 @@ class HeldAdjoint(PartedKernel):
         """Of the last step, the last part first."""
         q, q_after = self.taken[0].q, self._coordinates().copy()
         ends = Ends(self._ω, 0, q, q_after, residual_taken(self.residual)[1])
-        given = None if self._found is None else self.loads.stroke_slopes(q)
+        given = None if self._found is None else self._found.stroke_slopes(q).T
         return PartedAdjoint(tuple(parts), ends, is_kink, given)

@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.viscoelasticity import PronySeries
     from fenics_rom.runtime.steppers.adjoint import SwitchAdjoint
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
-    from fenics_rom.runtime.steppers.on_base import OnBase
+    from fenics_rom.runtime.steppers.on_base import CarriedEquilibrium
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
-FrameKernels: TypeAlias = "FreeFrame | CarriedFrame | OnBase"
+FrameKernels: TypeAlias = "FreeFrame | CarriedFrame | CarriedEquilibrium"
 SAME_SPAN = 1e-10  # of coordinates, and of compliances: what contact modes differ by where they have the same shapes
 NOTHING_LEFT = 1e-14  # of a shape: what the next contact mode need not be given
 
@@ -262,9 +262,11 @@ def moving_frame_stepper(
 
     def make_kernel(contact: str, model: ContactModel) -> FrameKernels:
         if not has_inertia:
-            from fenics_rom.runtime.steppers.on_base import resting_kernel  # here, as few bodies have none
+            from fenics_rom.runtime.steppers.on_base import CarriedEquilibrium  # here, as few bodies have none
 
-            return resting_kernel(rom, contact, model, environment, interface, ledger, residual_of(contact), actuators)
+            parts = parts_of(rom, contact, model, law, actuators, series, interface)
+            acting = contact, model, environment, ledger, interface
+            return CarriedEquilibrium(rom, *acting, residual_of(contact), parts)
         is_plain = rom.deformation is None and actuators is None and series is None
         parts = PLAIN if is_plain else parts_of(rom, contact, model, law, actuators, series, interface)
         following = ([], []) if parts.following is None else parts.following.places

@@ -17,7 +17,6 @@ from fenics_rom.runtime.steppers.stepper import FiniteStrainStepper, LinearStepp
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
     from fenics_rom.mechanics.contact_solver import ContactSolver
-    from fenics_rom.runtime.steppers.held import HeldBody
 
 # In a period of the slowest mode, from which on linearly implicit steps come to any error sooner than Newton's; below
 # it they may go astray. Measured: demos/rates/stepper_choice.py.
@@ -86,18 +85,28 @@ def make_stepper(
         suited, reason = _finite_strain_kind(rom, dt, kind, has_inertia)
         first = next(iter(rom.contact_models))
         parts = parts_of(rom, first, rom.contact_models[first], suited, actuators, series, interface)
-        kernel = _held_body(suited)(rom, first, ledger, interface, residual_of(first), parts)
-        return FiniteStrainStepper(rom, dt, interface, kernel, suited, reason)
-    from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
-    from fenics_rom.runtime.steppers.quasi_static import QuasiStatic
+        if has_inertia:
+            from fenics_rom.runtime.steppers.held import HeldBody
 
-    kernel_of = ContactMidpoint if has_inertia else QuasiStatic
+            held = HeldBody(rom, first, ledger, interface, residual_of(first), parts)
+            return FiniteStrainStepper(rom, dt, interface, held, suited, reason)
+        from fenics_rom.runtime.steppers.equilibrium import Equilibrium
+
+        still = Equilibrium(rom, rom.contact_models[first], ledger, interface, residual_of(first), parts)
+        return FiniteStrainStepper(rom, dt, interface, still, suited, reason)
 
     def make_booked_kernel(contact: str) -> Kernel:
         model = rom.contact_models[contact]
+        if not has_inertia:
+            from fenics_rom.runtime.steppers.equilibrium import Equilibrium
+
+            parts = parts_of(rom, contact, model, "linear", actuators, None, interface)
+            return Equilibrium(rom, model, ledger, interface, residual_of(contact), parts)
+        from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
+
         share = None if series is None else rom.relaxing_share(contact)
         carried = residual_of(contact), maxwell_branches(series, 1, model.order, share)
-        return kernel_of(model, ledger, rigid_displacement, interface, actuators, *carried)
+        return ContactMidpoint(model, ledger, rigid_displacement, interface, actuators, *carried)
 
     return LinearStepper(rom, dt, interface, rigid_displacement, make_booked_kernel)
 
@@ -126,14 +135,3 @@ def _finite_strain_kind(rom: Rom, dt: float, kind: str | None, has_inertia: bool
             f"{steps:.3g} steps in a period of the slowest mode, from {limit} on it is sooner exact",
         )
     return "newton", f"{steps:.2g} steps in a period of the slowest mode, below {limit} only iteration is to be trusted"
-
-
-def _held_body(kind: str) -> "type[HeldBody]":
-    """The kernel of a kind; only that one is imported."""
-    if kind == "equilibrium":
-        from fenics_rom.runtime.steppers.equilibrium import Equilibrium
-
-        return Equilibrium
-    from fenics_rom.runtime.steppers.held import HeldBody
-
-    return HeldBody

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.contact import ContactSolution
     from fenics_rom.runtime.steppers.adjoint import SwitchAdjoint
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.equilibrium import Equilibrium
     from fenics_rom.runtime.steppers.held import HeldBody
 
 
@@ -265,7 +266,13 @@ class FiniteStrainStepper(ReducedStepper):
     """One kernel for all contact modes, which share a basis: a switch changes the inputs only, and loses nothing."""
 
     def __init__(
-        self, rom: Rom, dt: float, interface: "ContactInterface | None", kernel: "HeldBody", kind: str, reason: str
+        self,
+        rom: Rom,
+        dt: float,
+        interface: "ContactInterface | None",
+        kernel: "HeldBody | Equilibrium",
+        kind: str,
+        reason: str,
     ):
         self._only_kernel = kernel
         super().__init__(rom, dt, interface, np.empty(0), kind, reason)

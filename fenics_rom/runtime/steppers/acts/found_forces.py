@@ -40,6 +40,14 @@ class FoundForces:
             return self._columns
         return np.array([follower.force(q) for follower in self.followers]).T
 
+    def slope(self, z: Array, q: Array) -> Array:
+        """What forces z (n,) do to the body at q changes by with q, (m, m)."""
+        slope = np.zeros((len(q), len(q)))
+        for force, follows in zip(z, self.followers, strict=False):  # of small strains none follows
+            if force:
+                slope += force * follows.slope(q)
+        return slope
+
     def strokes(self, q: Array) -> Array:
         """(n,) at q, m or m³."""
         if not self.followers:

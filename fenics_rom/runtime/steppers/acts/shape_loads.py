@@ -22,23 +22,17 @@ class ShapeLoads:
         found: the same.
         followers: what inputs follow, with their places.
         dead: forces of inputs of 1 whose direction stays, (m, p); 0 of others.
-        standing: force (m,) that is there without inputs, or (1,) of none.
-        strokes: what those follow that are found, (n,).
-        places: of strokes that are given, in the input (k,).
     """
 
     def __init__(self, rom: Rom, model: ContactModel, found: FoundForces | None):
         width = model.inputs.shape[1]
         self.found, following, self.dead = found, FollowingLoads.of(rom, width, []), model.inputs.copy()
-        self.standing = np.zeros(1)
         self.followers: list[tuple[int, Follower]] = [] if following is None else following.followers
-        self.strokes: list[Follower] = [] if found is None else found.followers
-        self.places = np.empty(0, dtype=int) if found is None else width + found.actuators.columns
         self.dead[:, [column for column, _ in self.followers]] = 0.0
 
     def force(self, u: Array, q: Array) -> Array:
         """Generalized forces (m,) of the inputs u (p,) on the body at q."""
-        return self.with_followers(self.dead.dot(u) + self.standing, u, q)
+        return self.with_followers(self.dead.dot(u), u, q)
 
     def with_followers(self, dead: Array, u: Array, q: Array) -> Array:
         """The same, where those of loads whose direction stays (m,) are known."""
@@ -68,19 +62,7 @@ class ShapeLoads:
         for column, follower in self.followers:
             if size := u.item(column):
                 slope += size * follower.slope(q)
-        for reaction, stroke in zip(reactions, self.strokes, strict=True):
-            if reaction:
-                slope += reaction * stroke.slope(q)
-        return slope
-
-    def stroke_slopes(self, q: Array) -> Array:
-        """What strokes change by with q, (m, n)."""
-        return np.array([stroke.stroke_slope(q) for stroke in self.strokes]).reshape(-1, len(q)).T
-
-    def held(self, reactions: Array) -> tuple[Array, list[Follower]]:
-        """Which of the strokes that are given (n,) forces hold, and what they are of."""
-        held = np.empty(0, dtype=int) if self.found is None else self.found.actuators.held(reactions)
-        return held, [self.strokes[stroke] for stroke in held]
+        return slope if self.found is None else slope + self.found.slope(reactions, q)
 
     def without_found(self, u: Array) -> Array:
         """An input (p,) with 0 for what is found."""

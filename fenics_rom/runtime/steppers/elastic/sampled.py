@@ -246,41 +246,6 @@ class SampledAdjoint(NamedTuple):
         return NONE, NONE
 
 
-class RestingAdjoint(NamedTuple):
-    """An equilibrium of forces Φ'(q⁺), q⁺ = q + h v̂, to go back through; see LawAdjoint."""
-
-    tangent: Array  # at q⁺ (m, m)
-    h: float
-    slope: Array  # Φ' there (m,)
-
-    @property
-    def by_velocity(self) -> Array:
-        """As in LawAdjoint."""
-        return self.h * self.tangent
-
-    @property
-    def by_shape(self) -> Array:
-        """As in LawAdjoint."""
-        return self.tangent
-
-    def after(self, carried: Array, energy: float) -> LawOwed:
-        """As in LawAdjoint."""
-        nothing = np.zeros(len(self.slope))
-        return LawOwed(energy * self.slope, nothing, nothing)
-
-    def before(self, y: Array, owed: LawOwed) -> tuple[Array, Array, Array]:
-        """As in LawAdjoint."""
-        return NONE, np.zeros(len(y)), NONE
-
-    def with_velocity(self, carried: Array, v_: Array) -> Array:
-        """As in LawAdjoint: it is not carried."""
-        return carried
-
-    def by_model(self, y: Array, owed: LawOwed) -> tuple[Array, Array]:
-        """As in LawAdjoint: nothing."""
-        return NONE, NONE
-
-
 def _between(left: Array, D: Array, right: Array) -> Array:
     """Σ leftᵀ D right (m, m) over points, of strain rates (6, P, m) and moduli (6, 6, P)."""
     m = left.shape[-1]

@@ -1,0 +1,11 @@
+"""When Newton's iteration has found a balance of forces."""
+
+CONVERGENCE_TOLERANCE = 1e-12  # of the largest force in a step
+STAGNATION_TOLERANCE = 1e-8  # of it: from here on round-off may be what is left
+MAX_ITERATIONS = 30
+MAX_PARTS = 64  # that a step which it does not solve is cut into
+
+
+def is_solved(error: float, before: float, scale: float) -> bool:
+    """Whether forces out of balance, here and an iteration before, are nothing or round-off beside the largest one."""
+    return error <= CONVERGENCE_TOLERANCE * scale or (error <= STAGNATION_TOLERANCE * scale and error > before / 2)
