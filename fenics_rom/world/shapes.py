@@ -26,6 +26,8 @@ MOST_CORNERS = 200  # of a hull: what touches is looked for among all pairs of i
 class Shape:
     """A rigid convex body of one density, in axes of its own about its centre of mass.
 
+    Distances and cores are those of the obstacle of the same shape, where there is one.
+
     Attributes:
         radius_around: of the ball about the centre of mass that holds it, m.
         volume: m³.
@@ -35,6 +37,7 @@ class Shape:
     radius_around: float = field(init=False, repr=False, compare=False)
     volume: float = field(init=False, repr=False, compare=False)
     squares: Array = field(init=False, repr=False, compare=False)
+    _obstacle: obstacles.Obstacle = field(init=False, repr=False, compare=False)
 
     def inertia(self, density: float) -> tuple[float, Array]:
         """Mass, kg, and inertia about the centre of mass, (3, 3), kg m², at a density in kg/m³."""
@@ -43,31 +46,16 @@ class Shape:
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
-        raise NotImplementedError
+        return self._obstacle.distance(points)
 
     @property
     def core(self) -> tuple[float, Array]:
         """Radius, m, of the largest balls that it holds, infinite of a half-space, and centres (C, 3) of some, m."""
-        raise NotImplementedError
+        return self._obstacle.core
 
     def surface(self) -> tuple[Array, Array]:
         """Vertices (V, 3), m, and triangles (T, 3), counterclockwise from outside."""
         raise NotImplementedError
-
-
-class ObstacleShape(Shape):
-    """A shape that an obstacle of scenes has, too, whose distances are those of that."""
-
-    _obstacle: "obstacles.Sphere | obstacles.Capsule | obstacles.Box"
-
-    @property
-    def core(self) -> tuple[float, Array]:
-        """As of an obstacle."""
-        return self._obstacle.core
-
-    def distance(self, points: Array) -> tuple[Array, Array]:
-        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
-        return self._obstacle.distance(points)
 
 
 @dataclass(frozen=True)
@@ -83,15 +71,14 @@ class RoundShape(Shape):
         vertices = ring * np.stack([radii, radii, heights], axis=1)[:, None]
         low = np.arange(vertices.size // 3).reshape(len(radii), ROUND)[:-1]
         beside = np.roll(low, -1, axis=1)
-        lower = np.stack([low, beside, beside + ROUND], axis=-1)[
-            1:
-        ]  # where the profile begins there is one point alone
+        # Where the profile begins and ends there is one point alone.
+        lower = np.stack([low, beside, beside + ROUND], axis=-1)[1:]
         upper = np.stack([low, beside + ROUND, low + ROUND], axis=-1)[:-1]
         return vertices.reshape(-1, 3), np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)])
 
 
 @dataclass(frozen=True)
-class Sphere(ObstacleShape, RoundShape):
+class Sphere(RoundShape):
     """A ball.
 
     Args:
@@ -99,7 +86,6 @@ class Sphere(ObstacleShape, RoundShape):
     """
 
     radius: float
-    _obstacle: obstacles.Sphere = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         ball = obstacles.Sphere((0.0, 0.0, 0.0), self.radius)
@@ -109,7 +95,7 @@ class Sphere(ObstacleShape, RoundShape):
 
 
 @dataclass(frozen=True)
-class Capsule(ObstacleShape, RoundShape):
+class Capsule(RoundShape):
     """All that is nearer than a radius to a piece of the z axis.
 
     Args:
@@ -119,20 +105,19 @@ class Capsule(ObstacleShape, RoundShape):
 
     radius: float
     length: float
-    _obstacle: obstacles.Capsule = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         _check_positive(self, "length")
         half = self.length / 2
-        _keep(self, _obstacle=obstacles.Capsule((0.0, 0.0, -half), (0.0, 0.0, half), self.radius))
-        r = self._obstacle.radius
+        obstacle = obstacles.Capsule((0.0, 0.0, -half), (0.0, 0.0, half), self.radius)
+        r = obstacle.radius
         rod, ball = math.pi * r**2 * self.length, 4 / 3 * math.pi * r**3
         across = (rod * r**2 / 4 + ball * r**2 / 5) / (rod + ball)
         off_middle = r**2 / 5 + half**2 + 3 / 4 * half * r  # half a ball has its centre of mass at 3r/8
         along = (rod * half**2 / 3 + ball * off_middle) / (rod + ball)
         _keep(self, radius=r, radius_around=r + half, volume=rod + ball, squares=np.diag([across, across, along]))
         angle = np.linspace(-np.pi / 2, np.pi / 2, ROUND // 2)
-        _keep(self, _profile=(r * np.cos(angle), r * np.sin(angle) + half * np.sign(angle)))
+        _keep(self, _obstacle=obstacle, _profile=(r * np.cos(angle), r * np.sin(angle) + half * np.sign(angle)))
 
 
 @dataclass(frozen=True)
@@ -154,6 +139,8 @@ class Cylinder(RoundShape):
         _keep(self, radius_around=math.hypot(r, half), volume=2 * math.pi * r**2 * half)
         _keep(self, squares=np.diag([r**2 / 4, r**2 / 4, half**2 / 3]))
         _keep(self, _profile=(np.array([0.0, r, r, 0.0]), np.array([-half, -half, half, half])))
+        thick = 2 * (r + self.length)  # enough that these sides are never the nearest
+        _keep(self, _obstacle=obstacles.Box((0.0, 0.0, 0.0), (2 * r, thick, self.length)))  # in a plane of its axis
 
     @cached_property
     def prism(self) -> "Hull":
@@ -172,19 +159,12 @@ class Cylinder(RoundShape):
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
-        out = np.hypot(points[:, 0], points[:, 1])
-        radial = np.zeros(points.shape)
-        radial[:, 0] = 1.0  # on the axis
-        np.divide(points[:, :2], out[:, None], out=radial[:, :2], where=out[:, None] > 0)
-        axial = np.zeros(points.shape)
-        axial[:, 2] = np.copysign(1.0, points[:, 2])
-        beside, beyond = out - self.radius, np.abs(points[:, 2]) - self.length / 2
-        away = np.hypot(np.maximum(beside, 0.0), np.maximum(beyond, 0.0))
-        outside = away > 0
-        share = np.where(outside, away, 1.0)
-        of_side = np.where(outside, np.maximum(beside, 0.0) / share, beside >= beyond)
-        of_end = np.where(outside, np.maximum(beyond, 0.0) / share, beside < beyond)
-        return np.where(outside, away, np.maximum(beside, beyond)), of_side[:, None] * radial + of_end[:, None] * axial
+        x, y, z = points.T
+        out = np.hypot(x, y)
+        gaps, normals = self._obstacle.distance(np.stack([out, 0 * out, z], axis=1))
+        across = points[:, :2] / np.where(out > 0, out, 1.0)[:, None]
+        across[out == 0] = 1.0, 0.0  # on the axis
+        return gaps, np.concatenate([normals[:, :1] * across, normals[:, 2:]], axis=1)
 
 
 @dataclass(frozen=True)
@@ -193,21 +173,11 @@ class HalfSpace(Shape):
 
     def __post_init__(self) -> None:
         _keep(self, radius_around=math.inf, volume=math.inf, squares=np.full((3, 3), math.nan))
+        _keep(self, _obstacle=obstacles.HalfSpace((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
 
     def inertia(self, density: float) -> tuple[float, Array]:
         """Refused by a SceneError."""
         raise SceneError("half-space: has no mass; allowed is one that is held, or moves on a given path")
-
-    @property
-    def core(self) -> tuple[float, Array]:
-        """Of a half-space no ball is the largest."""
-        return math.inf, np.empty((0, 3))
-
-    def distance(self, points: Array) -> tuple[Array, Array]:
-        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
-        normals = np.zeros(points.shape)
-        normals[:, 2] = 1.0
-        return points[:, 2].copy(), normals
 
     def surface(self) -> tuple[Array, Array]:
         """A square of its face, 2 m wide."""
@@ -226,9 +196,7 @@ class Polytope(Shape):
     """A shape with flat faces."""
 
     vertices: Array = field(init=False, repr=False, compare=False)  # (V, 3), m
-    loops: list[Array] = field(
-        init=False, repr=False, compare=False
-    )  # corners of each face, counterclockwise from outside
+    loops: list[Array] = field(init=False, repr=False, compare=False)  # corners of faces, counterclockwise from outside
     normals: Array = field(init=False, repr=False, compare=False)  # (F, 3), units, outward
     levels: Array = field(init=False, repr=False, compare=False)  # (F,), m: n·x <= level inside
 
@@ -248,7 +216,7 @@ class Polytope(Shape):
 
 
 @dataclass(frozen=True)
-class Box(ObstacleShape, Polytope):
+class Box(Polytope):
     """A block with flat faces.
 
     Args:
@@ -256,7 +224,6 @@ class Box(ObstacleShape, Polytope):
     """
 
     size: Sequence[float]
-    _obstacle: obstacles.Box = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         box = obstacles.Box((0.0, 0.0, 0.0), self.size)
