@@ -14,9 +14,11 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.frame_motion import cross_matrix
 from fenics_rom.world.collision.contacts import PlacedShape, PlacedSurface
 
 NO_ROWS = np.empty(0, dtype=int)
+NOTHING = np.zeros(3)
 
 
 class Points(NamedTuple):
@@ -33,11 +35,21 @@ class Points(NamedTuple):
 
 
 class Body(Protocol):
-    """A body within a step; forces and velocities are in world axes, (k + j, 3)."""
+    """A body within a step; forces and velocities are in world axes, (k + j, 3).
 
-    @property
-    def account(self) -> EnergyLedger:
-        """Of its energy: `obstacles` is what contacts and joints supplied."""
+    Attributes:
+        is_driven: whether it moves as it is told, whatever forces act.
+        touches: whether others can touch it; joints hold it in any case.
+        has_inertia: whether it moves by its inertia, or as it is told; without, it goes to an equilibrium in each step.
+        takes_couples: whether it is soft and moves freely: two such bodies are pushed at the same places, so that
+            momenta stay.
+        account: of its energy: `obstacles` is what contacts and joints supplied.
+        size: radius of what holds it, m; infinite of a half-space.
+    """
+
+    is_driven, takes_couples, touches, has_inertia = False, False, True, True
+    account: EnergyLedger
+    size: float
 
     @property
     def energy(self) -> float:
@@ -48,34 +60,20 @@ class Body(Protocol):
         """Where the body, or the frame of a soft body, is, and how it moves."""
 
     @property
-    def is_driven(self) -> bool:
-        """Whether it moves as it is told, whatever forces act."""
-
-    @property
-    def touches(self) -> bool:
-        """Whether others can touch it; joints hold it in any case."""
-
-    @property
-    def has_inertia(self) -> bool:
-        """Whether it moves by its inertia, or as it is told; without, it goes to an equilibrium in each step."""
-
-    @property
     def yields(self) -> bool:
         """Whether each of its points yields by itself, beyond what the motions of the whole body allow."""
+        return False
 
     @property
-    def takes_couples(self) -> bool:
-        """Whether it is soft and moves freely: two such bodies are pushed at the same places, so that momenta stay."""
+    def lead(self) -> Array:
+        """How far it is expected to go in half of the step beyond what its velocity says, (3,), m."""
+        return NOTHING
 
     def take(self, inputs: Mapping[str, Any]) -> None:
         """Inputs of the next step by name; what is not named is 0. Raises StepError where there is no such input."""
 
     def begin(self, h: float) -> None:
         """Opens a step of h s; of 0 to look at where it is."""
-
-    @property
-    def size(self) -> float:
-        """Radius of what holds it, m; infinite of a half-space."""
 
     def placed(self) -> PlacedShape | PlacedSurface | None:
         """As it is expected in the middle of the step; None: nothing touches it."""
@@ -85,10 +83,7 @@ class Body(Protocol):
 
     def swerve(self) -> tuple[Array, float]:
         """How much farther than `travel` says it goes as a whole as it was tried last, (3,), and a point beside, m."""
-
-    @property
-    def lead(self) -> Array:
-        """How far it is expected to go in half of the step beyond what its velocity says, (3,), m."""
+        return NOTHING, 0.0
 
     def start_velocities(self, points: Points, places: Array) -> Array:
         """Of the points when the step begins, m/s."""
@@ -101,9 +96,11 @@ class Body(Protocol):
 
     def known_delassus(self, points: Points) -> Array | None:
         """`delassus` where it is known when a step begins, the same array as long as it is the same; else None."""
+        return None
 
     def delassus(self, points: Points, places: Array) -> Array:
         """Mid-step velocities per force, (3 (k + j), 3 (k + j)), m/s/N."""
+        return np.zeros((3 * len(places), 3 * len(places)))
 
     def points_at(self, places: Array, where: str, couples: Array = NO_ROWS) -> Points:
         """Of a joint, where the body begins (j, 3), m; a SceneError, which begins with `where`, if it has none."""
@@ -122,20 +119,46 @@ class Body(Protocol):
 
     def undo(self) -> None:
         """Forgets what was attempted."""
+        return
 
 
-def torque_of(moment: Array) -> Array:
-    """Σ a × f from Σ a fᵀ (3, 3)."""
-    m = moment
-    return np.array((m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]))
+class PointsOfRigid(Body, Protocol):
+    """Where points of a rigid body are, and how they move.
+
+    Attributes:
+        twist: how it moves between two steps: velocity of the centre of mass, m/s, and angular velocity, rad/s.
+    """
+
+    twist: tuple[Array, Array]
+    _R: Array  # (3, 3): world axes of its own between two steps
+    _middle: Array  # (3,), m: of its centre of mass, as it is expected in the middle of the step
+
+    def start_velocities(self, points: Points, places: Array) -> Array:
+        """As in Body."""
+        return moving(points, arms_of(points, places, self._middle, self._R), *self.twist)
+
+    def end_velocities(self, points: Points) -> Array:
+        """As in Body."""
+        return moving(points, points.arms.dot(self._R.T), *self.twist)
+
+    def points_at(self, places: Array, where: str, couples: Array = NO_ROWS) -> Points:
+        """As in Body."""
+        return rigid_points((places - self.pose.position).dot(self._R), couples)
 
 
-def split_couples(points: Points, forces: Array) -> tuple[Array, Array]:
-    """Forces (k + j, 3) without the couples among them, and the sum of these, (3,), N m."""
-    alone = forces.copy()
-    alone[points.couples] = 0.0
-    couple: Array = forces[points.couples].sum(axis=0)
-    return alone, couple
+def arms_of(points: Points, places: Array, centre: Array, R: Array) -> Array:
+    """From the centre of mass of a rigid body to places of contact, and to points of joints by its axes R."""
+    arms = places - centre
+    arms[len(arms) - len(points.arms) :] = points.arms.dot(R.T)
+    return arms
+
+
+def moving(points: Points, arms: Array, v: Array, ω: Array) -> Array:
+    """Velocities v + ω × a of points of a rigid body; of couples ω."""
+    velocities: Array = v + arms.dot(cross_matrix(ω).T)
+    if len(points.couples):
+        velocities[points.couples] = ω
+    return velocities
 
 
 def rigid_points(arms: Array, couples: Array) -> Points:

@@ -11,18 +11,18 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_fit import NEGLIGIBLE, gap, misfit_message
 from fenics_rom.mechanics.base_path import BaseState, checked_base
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_motion import cayley, composed, cross_matrix, rotation_matrix
-from fenics_rom.world.bodies import NO_ROWS, Points, rigid_points
+from fenics_rom.mechanics.frame_geometry import vector
+from fenics_rom.mechanics.frame_motion import added, cayley, composed, cross, rotated, rotation_matrix, rotation_of
+from fenics_rom.world.bodies import NOTHING, Points, PointsOfRigid, arms_of, moving
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.shapes import Shape
 
 MOST_TURNED = 2.0  # rad in a step: beyond it nobody knows which way
 LEAST_COSINE = math.cos(MOST_TURNED / 2)
-_NOTHING = np.zeros(3)
 NO_GAPS = 0.0, 0.0
 
 
-class Driven:
+class Driven(PointsOfRigid):
     """A rigid body whose pose is given.
 
     Args:
@@ -30,8 +30,7 @@ class Driven:
         motion: its pose and twist at a time, s.
     """
 
-    is_driven, yields, takes_couples, has_inertia, energy = True, False, False, True, 0.0
-    lead = np.zeros(3)
+    is_driven, energy = True, 0.0
 
     def __init__(self, shape: Shape | None, motion: Callable[[float], BaseState]):
         self.account, self.shape, self._motion, self.touches = EnergyLedger(), shape, motion, shape is not None
@@ -46,6 +45,11 @@ class Driven:
     def pose(self) -> BaseState:
         """As in Body."""
         return self._start
+
+    @property
+    def twist(self) -> tuple[Array, Array]:  # type: ignore[override]
+        """As in PointsOfRigid."""
+        return self._start.velocity, self._start.angular_velocity
 
     @property
     def end(self) -> BaseState:
@@ -82,7 +86,7 @@ class Driven:
         if not abs(cosine) >= LEAST_COSINE:
             raise StepError(f"it is told to turn by more than {MOST_TURNED:g} rad in a step of {h:g} s")
         R = self._mean = self._middle_rotation = self._R_end = self._R
-        self._v̂, self._ω̂ = (end.position - start.position) / h, _NOTHING
+        self._v̂, self._ω̂ = (end.position - start.position) / h, NOTHING
         self._middle = (start.position + end.position) / 2
         if any(sines):
             turn = np.array(sines) * (2 / cosine)  # Cayley's, of the step
@@ -108,48 +112,15 @@ class Driven:
         size = 1.0 if self.size == np.inf else self.size
         return self._h * self._v̂, self._h * math.hypot(*self._ω̂) * size
 
-    def swerve(self) -> tuple[Array, float]:
-        """As in Body."""
-        return _NOTHING, 0.0
-
-    def start_velocities(self, points: Points, places: Array) -> Array:
-        """As in Body."""
-        arms = places - self._middle
-        arms[len(arms) - len(points.arms) :] = points.arms.dot(self._R.T)
-        velocities: Array = self._start.velocity + arms.dot(cross_matrix(self._start.angular_velocity).T)
-        velocities[points.couples] = self._start.angular_velocity
-        return velocities
-
     def attempt(self, points: Points, places: Array, forces: Array) -> Array:
         """As in Body."""
-        arms = places - self._middle
-        arms[len(arms) - len(points.arms) :] = points.arms.dot(self._mean.T)
-        velocities: Array = self._v̂ + arms.dot(cross_matrix(self._ω̂).T)
-        velocities[points.couples] = self._ω̂
+        velocities = moving(points, arms_of(points, places, self._middle, self._mean), self._v̂, self._ω̂)
         self._power = float(forces.ravel().dot(velocities.ravel()))
         return velocities
-
-    def known_delassus(self, points: Points) -> None:
-        """As in Body: nobody asks."""
-
-    def delassus(self, points: Points, places: Array) -> Array:
-        """As in Body: nothing moves it."""
-        return np.zeros((3 * len(places), 3 * len(places)))
-
-    def points_at(self, places: Array, where: str, couples: Array = NO_ROWS) -> Points:
-        """As in Body."""
-        return rigid_points((places - self._start.position).dot(self._R), couples)
 
     def inverse_mass(self, points: Points) -> Array:
         """As in Body: nothing moves it."""
         return np.zeros((3 * len(points.arms), 3 * len(points.arms)))
-
-    def end_velocities(self, points: Points) -> Array:
-        """As in Body."""
-        arms = points.arms.dot(self._R.T)
-        velocities: Array = self._start.velocity + arms.dot(cross_matrix(self._start.angular_velocity).T)
-        velocities[points.couples] = self._start.angular_velocity
-        return velocities
 
     def kick(self, points: Points, impulses: Array) -> None:
         """As in Body: whoever drives it takes out what it gets."""
@@ -165,5 +136,14 @@ class Driven:
         if self._gaps > NO_GAPS:
             self._misfit = max(self._misfit[0], self._gaps[0]), max(self._misfit[1], self._gaps[1])
 
-    def undo(self) -> None:
-        """As in Body: nothing was changed."""
+
+def mounted(carrier: BaseState, place: BaseState) -> BaseState:
+    """A place on a body, in its axes from its centre of mass, as the body moves: in world axes."""
+    w, x, y, z = carrier.rotation.tolist()
+    ω, arm = vector(carrier.angular_velocity), rotated(rotation_of(w, x, y, z), vector(place.position))
+    return BaseState(
+        np.array(added(vector(carrier.position), 1.0, arm)),
+        np.array(composed((w, x, y, z), place.rotation.tolist())),
+        np.array(added(vector(carrier.velocity), 1.0, cross(ω, arm))),
+        carrier.angular_velocity,
+    )

@@ -11,7 +11,7 @@ which would change sign in every step: it keeps momenta and can only take energy
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,16 +19,39 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, check_known, shown
 from fenics_rom.mechanics.signals import real_numbers_or_nan
-from fenics_rom.world.bodies import Body
-from fenics_rom.world.soft import Soft
-from fenics_rom.world.surface_joint import surface_points
+from fenics_rom.world.bodies import Body, Points
+from fenics_rom.world.soft import CLOSED, Soft
+from fenics_rom.world.surfaces import hold_surface, is_rigid, soft_points, triangles_among
 
 KINDS = ("ball", "hinge", "weld")
 HELD_BY_WELD = 6  # motions of a surface as a whole
 
 
 @dataclass(frozen=True)
-class Joint:
+class _OfTwo:
+    """What all joints have."""
+
+    first: str
+    second: str
+    name: str | None = field(default=None, kw_only=True)
+    start: float = field(default=0.0, kw_only=True)
+    stop: float | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        where = f"joint of {self.first!r} and {self.second!r}"
+        if not 0 <= self.start < np.inf:
+            raise SceneError(f"{where}: start = {self.start!r}: allowed is a time from 0 on, in s")
+        if self.stop is not None and not self.start < self.stop < np.inf:
+            raise SceneError(f"{where}: stop = {self.stop!r}: allowed is a time after its start, {self.start!r} s")
+        for name in (self.first, self.second):
+            if not isinstance(name, str):
+                raise SceneError(f"joint: {shown(name)} was given; allowed is the name of a body")
+        if self.first == self.second:
+            raise SceneError(f"joint: allowed are two bodies, given: {self.first!r} with itself")
+
+
+@dataclass(frozen=True)
+class Joint(_OfTwo):
     """Points of two bodies that stay together.
 
     Args:
@@ -40,26 +63,20 @@ class Joint:
         stop: when it is let go, s; None: never by itself.
     """
 
-    first: str
-    second: str
     points: tuple[tuple[float, float, float], ...]
     means: str = ""
-    name: str | None = None
-    start: float = 0.0
-    stop: float | None = None
 
     def __post_init__(self) -> None:
-        _check_times(self)
+        super().__post_init__()
         points = np.array(self.points, dtype=float)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
             raise SceneError(
                 f"joint of {self.first!r} and {self.second!r}: allowed are points of three finite numbers, m"
             )
-        _check_pair(self.first, self.second)
 
 
 @dataclass(frozen=True)
-class SurfaceJoint:
+class SurfaceJoint(_OfTwo):
     """A surface of a soft body that another body holds.
 
     A weld holds each of its contact points; one that `rigid` in the supports of its scene names as a whole, by three
@@ -75,19 +92,13 @@ class SurfaceJoint:
         name, start, stop: as of a Joint.
     """
 
-    first: str
-    second: str
     surface: str
     kind: str = "weld"
     axis: tuple[float, float, float] | None = None
-    name: str | None = None
-    start: float = 0.0
-    stop: float | None = None
 
     def __post_init__(self) -> None:
-        _check_times(self)
+        super().__post_init__()
         check_known("kind of joint", self.kind, KINDS, SceneError)
-        _check_pair(self.first, self.second)
         if (self.axis is not None) != (self.kind == "hinge"):
             raise SceneError(f"joint of {self.first!r} and {self.second!r}: a hinge has an axis, and no other joint")
         if self.axis is not None:
@@ -118,22 +129,6 @@ def weld(first: str, second: str, point: Sequence[float], size: float = 0.1, **w
     points = tuple(_vector(np.array(about) + corner - corners.mean(axis=0)) for corner in corners)
     said = f"weld at {list(about)}, which holds three points about it, {size:g} m from one another"
     return Joint(first, second, points, said, **when)
-
-
-def _check_times(joint: "AnyJoint") -> None:
-    where = f"joint of {joint.first!r} and {joint.second!r}"
-    if not 0 <= joint.start < np.inf:
-        raise SceneError(f"{where}: start = {joint.start!r}: allowed is a time from 0 on, in s")
-    if joint.stop is not None and not joint.start < joint.stop < np.inf:
-        raise SceneError(f"{where}: stop = {joint.stop!r}: allowed is a time after its start, {joint.start!r} s")
-
-
-def _check_pair(first: str, second: str) -> None:
-    for name in (first, second):
-        if not isinstance(name, str):
-            raise SceneError(f"joint: {shown(name)} was given; allowed is the name of a body")
-    if first == second:
-        raise SceneError(f"joint: allowed are two bodies, given: {first!r} with itself")
 
 
 def _vector(numbers: Sequence[float] | Array) -> tuple[float, float, float]:
@@ -184,9 +179,7 @@ class JointPoints:
         else:
             if not isinstance(one, Soft):
                 raise SceneError(f"{where}surface {joint.surface!r}: allowed is one of a soft body, which comes first")
-            axis = None if joint.axis is None else np.array(joint.axis)
-            whole = not isinstance(other, Soft)
-            self.points, self.on_first = surface_points(one, joint.surface, joint.kind, axis, whole, where)
+            self.points, self.on_first = _hold_surface(one, joint, not isinstance(other, Soft), where)
             order = one.rom.contact_models[joint.surface].order
             if joint.kind == "weld" and order < HELD_BY_WELD and not one.takes_couples:
                 self.warning = (
@@ -197,3 +190,37 @@ class JointPoints:
         self.on_second = other.points_at(self.points, where, self.on_first.couples)
         self.are_forces = np.ones(len(self.points), dtype=bool)
         self.are_forces[self.on_first.couples] = False
+
+
+def _hold_surface(body: Soft, joint: SurfaceJoint, whole: bool, where: str) -> tuple[Array, Points]:
+    """Of the surface that a joint holds of a body, which goes to its contact mode.
+
+    Args:
+        body: a soft one.
+        joint: what holds it.
+        whole: whether a weld may hold it as a whole.
+        where: what errors begin with.
+
+    Returns:
+        Where it begins (j, 3), m, and the points of the body.
+    """
+    surface, axis = joint.surface, None if joint.axis is None else np.array(joint.axis)
+    check_known("contact mode", surface, body.rom.contact_models, SceneError, where)
+    body.switch(surface)
+    numbers = body.rom.contact_models[surface].contact_points
+    nodes = np.searchsorted(body.contact_points, numbers)
+    rigid = is_rigid(body.contact_coordinates[nodes], body.rom.rows_of(numbers))
+    if rigid and joint.kind == "hinge":
+        raise SceneError(
+            f"{where}cannot be closed: surface {surface!r} is rigid, which no hinge holds; weld a rigid body to it, "
+            "and hinge that"
+        )
+    triangles = triangles_among(nodes, body.contact_triangles)
+    yields = body.yields and not rigid
+    held = hold_surface(joint.kind, axis, body.places()[nodes], triangles, whole and not yields, yields)
+    if held.gap > CLOSED * body.size:
+        raise SceneError(
+            f"{where}cannot be closed: its axis leaves surface {surface!r}, by {held.gap:.3g} m; allowed is one in it, "
+            "or a rigid body that is welded to it, and hinged"
+        )
+    return held.places, soft_points(nodes[held.nodes], held.weights)._replace(couples=held.couples)

@@ -11,7 +11,6 @@ from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.free_soft import FreeSoft
-from fenics_rom.world.mount import Mount
 from fenics_rom.world.records import STILL, UPRIGHT, RigidBody, SoftBody
 from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.soft import Soft
@@ -92,7 +91,7 @@ def _soft(
     dt: float,
     is_alone: bool,
 ) -> Soft:
-    mount, where = None, f"body {name!r}"
+    carrier, where = None, f"body {name!r}"
     if record.on is not None:
         if isinstance(record.on, str) and record.on == name:
             raise SceneError(f"body {name!r}: on = {name!r}: allowed is another body, no body carries itself")
@@ -111,12 +110,12 @@ def _soft(
                 f"body {name!r}: on = {record.on!r}: allowed is a rigid body with a motion; to one that moves freely "
                 "a free soft body can be joined"
             )
-        mount = Mount(found, record.pose(where))
+        carrier = found
     rom = given_rom("SoftBody", record.rom)
-    is_free = mount is None and rom.environment is not None and rom.environment.is_moving
+    is_free = carrier is None and rom.environment is not None and rom.environment.is_moving
     pose = record.pose(where)
     if not is_free and (pose.velocity.any() or pose.angular_velocity.any()):
         given = f"velocity = {record.velocity!r}, angular_velocity = {record.angular_velocity!r}"
         raise SceneError(f"{where}: {given}: allowed is 0 of a body that is held or carried; a free one has its own")
     kind = FreeSoft if is_free and rom.moving_frame is not None and not rom.moving_frame.carried else Soft
-    return kind(name, rom, dt, pose, mount, record.signals, is_alone)
+    return kind(name, rom, dt, pose, carrier, record.signals, is_alone)

@@ -35,14 +35,13 @@ from fenics_rom.mechanics.frame_motion import (
 )
 from fenics_rom.mechanics.largest_turn import check_turn
 from fenics_rom.mechanics.signals import real_numbers
-from fenics_rom.world.bodies import NO_ROWS, Points, rigid_points, split_couples, torque_of
+from fenics_rom.world.bodies import NOTHING, Points, PointsOfRigid, arms_of, moving
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.shapes import Shape
 
 TOLERANCE = 1e-16  # of the angular velocity: what the next correction may be
 STAGNATION = 1e-12  # of it: as near as round-off of large forces of joints lets it come
 MOST_ITERATIONS = 50
-NOTHING = np.zeros(3)  # of a force or a torque that nobody gives
 _EYE = np.eye(3)
 
 
@@ -55,7 +54,7 @@ class _Try(NamedTuple):
     turning: Array  # ω̂ (3,) in the body's axes, rad/s
 
 
-class Rigid:
+class Rigid(PointsOfRigid):
     """A rigid body that moves freely.
 
     Args:
@@ -65,8 +64,6 @@ class Rigid:
         pose: where it begins, and how it moves.
         gravity: (3,), m/s².
     """
-
-    is_driven, yields, takes_couples, touches, has_inertia = False, False, False, True, True
 
     def __init__(self, shape: Shape, mass: float, inertia: Array, pose: BaseState, gravity: Array):
         self.account, self.shape, self.size = EnergyLedger(), shape, shape.radius_around
@@ -95,6 +92,11 @@ class Rigid:
     def pose(self) -> BaseState:
         """As in Body."""
         return BaseState(self._p.copy(), np.array(self._q), self._v.copy(), self._R.dot(self._ω))
+
+    @property
+    def twist(self) -> tuple[Array, Array]:  # type: ignore[override]
+        """As in PointsOfRigid."""
+        return self._v, self._R.dot(self._ω)
 
     @property
     def momenta(self) -> tuple[Array, Array]:
@@ -138,35 +140,22 @@ class Rigid:
                 raise StepError(f"input {name!r} = {shown(value)}: allowed are 3 real numbers") from None
         self._force, self._torque = given.values()
 
-    def start_velocities(self, points: Points, places: Array) -> Array:
-        """As in Body."""
-        arms = places - self._middle
-        arms[len(arms) - len(points.arms) :] = points.arms.dot(self._R.T)
-        turning = self._R.dot(self._ω)
-        velocities: Array = self._v + arms.dot(cross_matrix(turning).T)
-        if len(points.couples):
-            velocities[points.couples] = turning
-        return velocities
-
     def attempt(self, points: Points, places: Array, forces: Array) -> Array:
         """As in Body."""
         h, k, τ_given = self._h, len(places) - len(points.arms), self._torque
         if len(points.couples):
-            forces, couple = split_couples(points, forces)
+            forces, couple = _split_couples(points, forces)
             τ_given = τ_given + couple
         force = forces.sum(axis=0)
         v̂ = self._v + h / 2 * ((force + self._force) / self.mass + self._gravity)
         arms = places - (self._p + h / 2 * v̂)
-        τ = torque_of(arms[:k].T.dot(forces[:k])) + τ_given
+        τ = _torque_of(arms[:k].T.dot(forces[:k])) + τ_given
         held = points.arms.T.dot(forces[k:]) if len(points.arms) else None
         ω̂, τ, mean = self._turning(τ, held)
         if held is not None:
             arms[k:] = points.arms.dot(mean.T)
-        self._try, turning = _Try(force, τ, v̂, ω̂), self._R.dot(ω̂)
-        velocities: Array = v̂ + arms.dot(cross_matrix(turning).T)
-        if len(points.couples):
-            velocities[points.couples] = turning
-        return velocities
+        self._try = _Try(force, τ, v̂, ω̂)
+        return moving(points, arms, v̂, self._R.dot(ω̂))
 
     def _turning(self, τ: Array, held: Array | None) -> tuple[Array, Array, Array]:
         """ω̂ under a torque and a moment Σ y fᵀ (3, 3) of joints; the whole torque; and (R + R⁺)/2."""
@@ -178,7 +167,7 @@ class Rigid:
         for _ in range(MOST_ITERATIONS):
             if held is not None:
                 mean = (R + R.dot(cayley((h * x[0], h * x[1], h * x[2])))) / 2
-                whole = τ + torque_of(mean.dot(held))
+                whole = τ + _torque_of(mean.dot(held))
                 t = vector(R.T.dot(whole))
             Ix = rotated(self._columns, x)
             w = added(Ix, half, t)
@@ -212,11 +201,8 @@ class Rigid:
         ω̂ = np.array(x)
         if held is not None:
             mean = (R + R.dot(cayley(h * ω̂))) / 2
-            whole = τ + torque_of(mean.dot(held))
+            whole = τ + _torque_of(mean.dot(held))
         return ω̂, whole, mean
-
-    def known_delassus(self, points: Points) -> None:
-        """As in Body: it depends on how the body moves."""
 
     def delassus(self, points: Points, places: Array) -> Array:
         """As in Body: the derivative of the last attempt, but for how joints turn with the body.
@@ -227,9 +213,7 @@ class Rigid:
             δu = (1 - h/2 (R ω̂)~) δv̂ + δ(R ω̂) × a
         """
         h, R, (force, torque, v̂, ω̂) = self._h, self._R, self._try
-        k = len(places) - len(points.arms)
-        arms = places - (self._p + h / 2 * v̂)
-        arms[k:] = points.arms.dot(R.T)
+        k, arms = len(places) - len(points.arms), arms_of(points, places, self._p + h / 2 * v̂, R)
         spin, per_force = cross_matrix(ω̂), h / 2 / self.mass
         w = self._inertia.dot(ω̂) + h / 2 * R.T.dot(torque)
         A = 2 / h * self._inertia + spin.dot(self._inertia) - cross_matrix(w)
@@ -237,9 +221,7 @@ class Rigid:
         answers = np.zeros((6, 6))
         answers[:3, :3] = per_force * R.dot(bent).dot(R.T)
         answers[3:, 3:] = R.dot(np.linalg.inv(A)).dot(bent.dot(R.T))
-        maps = _maps(arms)
-        if len(points.couples):
-            maps.reshape(-1, 3, 6)[points.couples] = np.eye(3, 6, 3)
+        maps = _maps(points, arms)
         by_joints = maps.dot(answers).dot(maps[3 * k :].T) if len(points.arms) else None
         # Forces of contact, which stay in place, lose the lever h/2 δv̂ by which the centre goes.
         answers[3:, :3] = answers[3:, 3:].dot(cross_matrix(per_force * h / 2 * force))
@@ -248,32 +230,20 @@ class Rigid:
             moved[:, 3 * k :] = by_joints
         return moved
 
-    def points_at(self, places: Array, where: str, couples: Array = NO_ROWS) -> Points:
-        """As in Body."""
-        return rigid_points((places - self._p).dot(self._R), couples)
-
     def inverse_mass(self, points: Points) -> Array:
         """As in Body."""
         answers = np.zeros((6, 6))
         answers[:3, :3], answers[3:, 3:] = np.eye(3) / self.mass, self._R.dot(self._inverse).dot(self._R.T)
-        maps = _maps(points.arms.dot(self._R.T))
-        maps.reshape(-1, 3, 6)[points.couples] = np.eye(3, 6, 3)
+        maps = _maps(points, points.arms.dot(self._R.T))
         moved: Array = maps.dot(answers).dot(maps.T)
         return moved
-
-    def end_velocities(self, points: Points) -> Array:
-        """As in Body."""
-        turning = self._R.dot(self._ω)
-        velocities: Array = self._v + points.arms.dot(self._R.T).dot(cross_matrix(turning).T)
-        velocities[points.couples] = turning
-        return velocities
 
     def kick(self, points: Points, impulses: Array) -> None:
         """As in Body."""
         before = self.energy
-        impulses, couple = split_couples(points, impulses)
+        impulses, couple = _split_couples(points, impulses)
         self._v = self._v + impulses.sum(axis=0) / self.mass
-        self._ℓ = self._ℓ + torque_of(self._R.dot(points.arms.T).dot(impulses)) + couple
+        self._ℓ = self._ℓ + _torque_of(self._R.dot(points.arms.T).dot(impulses)) + couple
         self._ω = self._inverse.dot(self._R.T.dot(self._ℓ))
         self.account.book_contact(self.energy - before, 0.0, 0.0, 0.0)
 
@@ -292,12 +262,26 @@ class Rigid:
         self.account.book(supplied=h * by_loads)
         self.account.book_contact(h * by_others, 0.0, 0.0, 0.0)
 
-    def undo(self) -> None:
-        """As in Body: nothing was changed."""
 
-
-def _maps(arms: Array) -> Array:
-    """Velocities (3 k, 6) of points at arms (k, 3) from the centre of a body that moves, and turns, at unit rates."""
+def _maps(points: Points, arms: Array) -> Array:
+    """As `moving`, of a body that moves, and turns, at unit rates, (3 k, 6)."""
     maps = np.empty((len(arms), 3, 6))
     maps[:, :, :3], maps[:, :, 3:] = _EYE, crossed(arms)
+    if len(points.couples):
+        maps[points.couples, :, :3] = 0.0
+        maps[points.couples, :, 3:] = _EYE
     return maps.reshape(-1, 6)
+
+
+def _torque_of(moment: Array) -> Array:
+    """Σ a × f from Σ a fᵀ (3, 3)."""
+    m = moment
+    return np.array((m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]))
+
+
+def _split_couples(points: Points, forces: Array) -> tuple[Array, Array]:
+    """Forces (k + j, 3) without the couples among them, and the sum of these, (3,), N m."""
+    alone = forces.copy()
+    alone[points.couples] = 0.0
+    couple: Array = forces[points.couples].sum(axis=0)
+    return alone, couple

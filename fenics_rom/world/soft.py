@@ -20,7 +20,6 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.complementarity.solution import largest
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
-from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_geometry import turned_operator
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.rom.rom import Rom
@@ -30,15 +29,15 @@ from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.residual_motion import operator_of
 from fenics_rom.world.acting import acting_in_world
-from fenics_rom.world.bodies import NO_ROWS, Points, rigid_points
+from fenics_rom.world.bodies import NO_ROWS, Body, Points, rigid_points
 from fenics_rom.world.carriers import Carriers
 from fenics_rom.world.collision.contacts import PlacedSurface
+from fenics_rom.world.driven import Driven, mounted
 from fenics_rom.world.handed_forces import Handed, HandedForces, handed
-from fenics_rom.world.surfaces import nearest_carriers, soft_points
+from fenics_rom.world.surfaces import nearest_carriers, soft_points, triangles_among
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.signals import SignalLike
-    from fenics_rom.world.mount import Mount
 
 _ONES = np.ones(3)
 KICKED = ContactMidpoint, CarriedFrame  # steppers of what takes impulses of joints
@@ -47,20 +46,20 @@ NO_POINTS = rigid_points(np.empty((0, 3)), NO_ROWS)
 CLOSED = 1e-6  # of a body's size: so near to the point of a joint one of its own is to be
 
 
-class Soft(Simulator):
+class Soft(Simulator, Body):
     """A soft body among others.
 
     Args:
         name: of the body, for messages.
         rom: the reduced model.
         dt: s.
-        pose: of its frame: of the axes of a held body, of a free body its centre of mass.
-        mount: where another body carries it; None: nothing does.
+        pose: of its frame: of the axes of a held body, of a free body its centre of mass; of a carried body in the
+            carrier's axes, from its centre of mass.
+        carrier: what carries it; None: nothing does.
         is_alone: whether there is no other body: then it is a Simulator, with the obstacles of its scene.
         signals: as of a Simulator.
     """
 
-    is_driven, takes_couples = False, False
     _solver_of: type[ContactSolver] | None = HandedForces
 
     def __init__(
@@ -69,36 +68,37 @@ class Soft(Simulator):
         rom: Rom,
         dt: float,
         pose: BaseState,
-        mount: "Mount | None",
+        carrier: Driven | None,
         signals: "Mapping[str, SignalLike] | None",
         is_alone: bool = False,
     ):
         acting = rom.environment
         self.touches, self.has_inertia = acting.contact_law is not None, acting.has_inertia
         self._said: tuple[str, ...] = ()
-        self.name, self._mount, self._fixed = name, mount, not acting.is_moving
-        self.carrier = None if mount is None else mount.carrier
+        self.name, self.carrier, self._fixed = name, carrier, not acting.is_moving
         self._R, self._held_at = rotation_matrix(pose.rotation), pose
         if is_alone:
             self._solver_of = None
             super().__init__(rom, dt, signals=signals)
+            assert self.ledger is not None
+            self.account = self.ledger
             if not self._fixed:
                 self.place(pose)
             return
-        if (mount is not None) != (rom.moving_frame is not None and acting.is_moving and rom.moving_frame.carried):
-            needs = (
-                "is carried: allowed is on = BODY, one that moves as it is told" if mount is None else "is not carried"
-            )
-            raise SceneError(f"body {name!r}: ROM {rom.name!r} {needs}")
+        if (carrier is not None) != (rom.moving_frame is not None and acting.is_moving and rom.moving_frame.carried):
+            needs = "carried: allowed is on = BODY, one that moves as it is told" if carrier is None else "not carried"
+            raise SceneError(f"body {name!r}: ROM {rom.name!r} is {needs}")
         try:
             rom, acting, self._said = acting_in_world(rom)
         except SceneError as error:
             raise SceneError(f"body {name!r}: {error}") from error
         super().__init__(rom, dt, scene=acting, signals=signals)
         assert self._stepper.interface is not None
+        assert self.ledger is not None
+        self.account, self.size = self.ledger, float(np.linalg.norm(np.ptp(self.contact_coordinates, axis=0))) / 2
         self._handed: HandedForces = self._stepper.interface.solver  # type: ignore[assignment]
         if not self._fixed:
-            self.place(pose if mount is None else mount.start)
+            self.place(pose if carrier is None else mounted(carrier.pose, pose))
         elif acting.loads.get("gravity") is not None and not np.allclose(self._R, np.eye(3)):
             raise SceneError(
                 f"body {name!r}: ROM {rom.name!r} has gravity along axes of its own: allowed is a rotation of a ROM "
@@ -114,13 +114,8 @@ class Soft(Simulator):
         self._power = self._ahead = 0.0  # of forces in the last try, W; how far points may go that nothing holds, m
         self._supplied = 0.0  # by others when the step began, J
         self._went = np.zeros_like(self._handed.points)  # how points moved in the step before, that others touched
-        surface = self._stepper.interface.points.nodes
-        number = np.full(len(rom.nodes), -1)
-        number[surface] = np.arange(len(surface))
-        triangles = number[rom.triangles]
-        self.contact_triangles = triangles[(triangles >= 0).all(axis=1)]
+        self.contact_triangles = triangles_among(self._stepper.interface.points.nodes, rom.triangles)
         self._everywhere = np.arange(len(self.contact_coordinates))
-        self.lead = np.zeros(3)
 
     @property
     def pose(self) -> BaseState:
@@ -137,12 +132,6 @@ class Soft(Simulator):
         return *self._said, *super().warnings
 
     @property
-    def account(self) -> EnergyLedger:
-        """As in Body."""
-        assert self.ledger is not None
-        return self.ledger
-
-    @property
     def _kernel(self) -> BookedKernel:
         """That of the contact mode, which takes steps under contact forces."""
         kernel = self._stepper.kernel
@@ -153,11 +142,6 @@ class Soft(Simulator):
     def yields(self) -> bool:
         """As in Body."""
         return self._kernel.residual is not None
-
-    @property
-    def size(self) -> float:
-        """As in Body."""
-        return float(np.linalg.norm(np.ptp(self.contact_coordinates, axis=0))) / 2
 
     def places(self) -> Array:
         """Of the contact points now, (P, 3) in world axes, m."""
@@ -189,8 +173,8 @@ class Soft(Simulator):
         if h == 0:
             return
         assert self._source is not None
-        if self._mount is not None:
-            self._base = self._mount.end
+        if self.carrier is not None:
+            self._base = mounted(self.carrier.end, self._held_at)
         u = self._by_name((), self._given)
         self._note_input(u)
         inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
@@ -237,10 +221,6 @@ class Soft(Simulator):
         beside = self._velocity - whole
         beside *= beside
         return self._h * whole, 2 * (self._h * math.sqrt(largest(beside.dot(_ONES))) + self._ahead)
-
-    def swerve(self) -> tuple[Array, float]:
-        """As in Body: it is not looked at."""
-        return self.lead, 0.0
 
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""

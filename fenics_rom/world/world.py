@@ -16,8 +16,7 @@ from fenics_rom.world.contact_step import Found, Guide, Pairs, find_forces
 from fenics_rom.world.joint_plan import JointPlan
 from fenics_rom.world.joints import AnyJoint
 from fenics_rom.world.make_bodies import FIXED, make_bodies
-from fenics_rom.world.meetings import check_apart
-from fenics_rom.world.pair_laws import make_meetings
+from fenics_rom.world.meetings import check_apart, make_meetings
 from fenics_rom.world.readings import ReadWorld
 from fenics_rom.world.records import RigidBody, SoftBody
 from fenics_rom.world.shapes import passing_radius

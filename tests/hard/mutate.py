@@ -360,7 +360,7 @@ MUTATIONS = [
         "(2 / (a + np.sqrt(a**2 + 4 * c))) ** 2",
         "1e3 * (2 / (a + np.sqrt(a**2 + 4 * c))) ** 2",
     ),
-    ("world/mount.py", "1.0, cross(ω, arm)", "-1.0, cross(ω, arm)"),
+    ("world/driven.py", "1.0, cross(ω, arm)", "-1.0, cross(ω, arm)"),
     ("runtime/steppers/pushed_step.py", "(self._places - middle)[points", "self._places[points"),
     ("runtime/steppers/pushed_step.py", "J[3:, :3] -= points", "J[3:, :3] += points"),
     ("runtime/steppers/pushed_step.py", "followed = h / 2 * twists[", "followed = 0 * twists["),
