@@ -12,15 +12,12 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.frame_geometry import Geometry, Push
+from fenics_rom.mechanics.frame_geometry import Push
 from fenics_rom.mechanics.frame_motion import ZERO, Vector, added, cross, dot
 from fenics_rom.runtime.steppers.carried_base import Begun, Motion
-from fenics_rom.runtime.steppers.carried_points import CarriedPoints
 from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame, Expected
 from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED
-from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.inertia import MOST_ITERATIONS, pairs
-from fenics_rom.runtime.steppers.kept_newton import KeptNewton
 
 Wrench = tuple[Vector, Vector]
 NO_TURN = 1e-18  # rad: by less coordinates are not coupled, as |G| <= 1 and |I2| <= 1 beside 2/h are below the last bit
@@ -44,14 +41,11 @@ class CarriedBalance(DifferentiableFrame):
         )
         self._inverse: Array | None = None
         self._A: Array | None = None  # the last one that couples all coordinates, and where
-        self._ahead: tuple[Array, Array, Array] | None = None  # of an expected step A but for f̂, its slope, and A⁻¹
-        self._newton = KeptNewton()
         self._coupled_at: tuple[float, ...] = ()
         self._taken: Begun | None = None
         self._free = np.empty(0)
         self._inside_of: tuple[Array, bytes, Array] | None = None  # A, points, and their answer in the frame's axes
-        self._answered: tuple[CarriedPoints, Array] | None = None  # how the frame turns, and the same in the world's
-        self._carried: CarriedPoints | None = None  # the points, in the step
+        self._answered: tuple[tuple[Any, ...], Array] | None = None  # how the frame turns, and the same in the world's
         self._size = (sum(self._inertia0[:3]) / 2 / self._mass) ** 0.5
         self.resume(np.empty(0))
 
@@ -87,7 +81,7 @@ class CarriedBalance(DifferentiableFrame):
 
     def _iterated(self, v: Array) -> Array:
         """The r̂ (m,) of the step by Newton's method from v, which is overwritten."""
-        left = self._newton.solve(v, self._lack, self._slope, self.size, self.scale)
+        left = self.newton.solve(v, self._lack, self._slope, self.size, self.scale)
         if left:
             raise StepError(
                 f"no step of {self.h:g} s was found that bends the body as it does: after {MOST_ITERATIONS} iterations "
@@ -122,6 +116,7 @@ class CarriedBalance(DifferentiableFrame):
         forces = self._forces_as_expected()
         modal = self._loads.modal(forces, step.turn, self._constants)
         step = step._replace(forces=forces, modal=modal, right=step.right + modal - step.modal)
+        self._forces = forces
         if self.elastic is None:
             self._taken = step
         elif self.elastic.is_exact:
@@ -163,37 +158,14 @@ class CarriedBalance(DifferentiableFrame):
         assert step is not None
         if self.elastic is not None and not self.elastic.is_exact:
             lack = self._lack(x) if push is None else self._lack(x) - push.modal
-            return x - self._inverted(step).dot(lack)
-        corrected: Array = self._inverted(step).dot(step.right if push is None else step.right + push.modal)
+            return x - self._inverse_slopes.dot(lack)
+        corrected: Array = self._inverse_slopes.dot(step.right if push is None else step.right + push.modal)
         return corrected
 
     def renew(self, x: Array) -> None:
         """As in FrameBody of mechanics.frame_contact."""
         if self.elastic is not None and not self.elastic.is_exact:
-            self._newton.keep(self._slope(x))
-
-    def _maps(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
-        """As in FrameKernel."""
-        return points.modal_maps(turn)
-
-    def _spread_columns(self, columns: Array) -> Array:
-        """As in FrameKernel."""
-        assert self._taken is not None
-        spread: Array = self._inverted(self._taken).dot(columns)
-        return spread
-
-    def spread(self, change: Push) -> Array:
-        """What x changes by, where contact forces change by so much."""
-        assert self._taken is not None
-        spread: Array = self._inverted(self._taken).dot(change.modal)
-        return spread
-
-    def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
-        """As in FrameKernel."""
-        assert self._taken is not None
-        maps = points.modal_maps(turn)
-        W: Array = maps.dot(self._inverted(self._taken)).dot(maps.T)
-        return W
+            self.newton.keep(self._slope(x))
 
     def size(self, change: Array) -> float:
         """Of velocities, as √(2 J)."""
@@ -205,10 +177,14 @@ class CarriedBalance(DifferentiableFrame):
         rigid = self._mass * (dot(v, v) + self._size**2 * dot(ω, ω))
         return self.size(x) + (float(self._r.dot(self._r)) + rigid) ** 0.5
 
-    def _inverted(self, step: Begun) -> Array:
+    @property
+    def _inverse_slopes(self) -> Array:
+        """As in FrameKernel."""
+        step = self._taken
+        assert step is not None
         if self.elastic is not None and not self.elastic.is_exact:
-            assert self._newton.inverse is not None
-            return self._newton.inverse
+            assert self.newton.inverse is not None
+            return self.newton.inverse
         if self._inverse is None:
             self._inverse = np.linalg.inv(step.A) if step.A.ndim == 2 else np.diag(1 / step.A)
         return self._inverse

@@ -30,9 +30,11 @@ from fenics_rom.mechanics.frame_geometry import Geometry, turned_operator, vecto
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
     Quaternion,
+    Rotation,
     Vector,
     added,
     cross,
+    cross_matrix,
     dot,
     mean,
     rotated,
@@ -42,10 +44,7 @@ from fenics_rom.mechanics.frame_motion import (
 from fenics_rom.mechanics.largest_turn import check_turn
 from fenics_rom.runtime.steppers.carried_balance import CarriedBalance, Wrench
 from fenics_rom.runtime.steppers.carried_base import Begun, Motion, frame_state, motion_of
-from fenics_rom.runtime.steppers.carried_points import CarriedPoints, seen
-from fenics_rom.runtime.steppers.frame_loads import FrameForces
-from fenics_rom.runtime.steppers.frame_slopes import StepTurn
-from fenics_rom.runtime.steppers.frame_state import FrameState, in_frame
+from fenics_rom.runtime.steppers.frame_state import FrameState, Shape, in_frame
 
 
 class CarriedFrame(CarriedBalance):
@@ -92,31 +91,24 @@ class CarriedFrame(CarriedBalance):
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
         super().set_time_step(h)
-        self._A = self._ahead = self._newton.inverse = None
+        self._A = None
         if self.elastic is not None:
             self._products[9] = self._inert
 
-    def reset_buffer(self) -> None:
-        """As in Kernel."""
-        super().reset_buffer()
-        self._A = self._ahead = self._newton.inverse = None
+    def forget(self) -> Shape:
+        """As in FrameKernel."""
+        self._A = None
+        return super().forget()
 
     def rollback(self) -> None:
         """As in Kernel."""
         super().rollback()
-        self._now, self._wrench = self._now_before, self._wrench_before
-        self._square = self._twice_within()
-        self._shape_at(self._now.q, self._r)
+        self._wrench = self._wrench_before
 
-    def resume(self, auxiliary: Array) -> None:
-        """As in Kernel."""
-        super().resume(auxiliary)
-        q, R = self._coordinates().copy(), rotation_of(*self.frame.rotation)
+    def _motion_from(self, q: Array, shape: Shape, R: Rotation) -> Motion:
+        """As in FrameKernel."""
         twist = rotated_back(R, self.frame.velocity), rotated_back(R, self.frame.turning)
-        self._square, self._ahead, self._newton.inverse = self._twice_within(), None, None
-        self._now = self._now_before = motion_of(q, self._shape_at(q, self._r), R, *twist, self._mass)
-        if self.ties is not None:
-            self.ties.place(self.frame.position, R, q)
+        return motion_of(q, shape, R, *twist, self._mass)
 
     def place(self, frame: FrameState) -> None:
         """Puts the base where it is to be; `turning` is its angular velocity in world axes, rad/s."""
@@ -136,7 +128,7 @@ class CarriedFrame(CarriedBalance):
         """As in Kernel."""
         self._free = self._begin_step(u)
         assert self._taken is not None
-        return self._carried_points(self._taken, self._free, self.yielding(self._taken.turn, None))[1]
+        return self._moved_points(self._taken, self._free, self.yielding(self._taken.turn, None))[1]
 
     def answer(self, some: Array) -> Array:
         """As in Kernel."""
@@ -149,10 +141,11 @@ class CarriedFrame(CarriedBalance):
             if self.residual is not None:
                 inside += self.residual.delassus_of(some)
             self._inside_of, self._answered = (step.A, key, inside), None
-        turns = self._carried
-        assert turns is not None
-        if self._answered is None or self._answered[0] is not turns:  # R*ᵀ f is what the frame sees of a force
-            self._answered = turns, turned_operator(turns.outward, self._inside_of[2], turns.middle)
+        turn = step.turn
+        turns = turn.before, turn.after, turn.turn
+        if self._answered is None or self._answered[0] != turns:  # R*ᵀ f is what the frame sees of a force
+            outward = turn.middle + cross_matrix(turn.middle.dot(step.ω̂)).dot(self.h / 2 * turn.end)
+            self._answered = turns, turned_operator(outward, self._inside_of[2], turn.middle)
         return self._answered[1]
 
     def close(self, contact: ContactSolution | None) -> float:
@@ -167,7 +160,7 @@ class CarriedFrame(CarriedBalance):
     def _begin_step(self, u: Array) -> Array:
         """r̂ (m,) of a step without contact."""
         h, now, start = self.h, self._now, self.frame
-        forces = self._begun(u)
+        self._forces = forces = self._begun(u)
         end = start._replace(velocity=ZERO, turning=ZERO) if self.base is None else frame_state(self.base)
         R = rotation_of(*end.rotation)
         v_end, ω_end = rotated_back(R, end.velocity), rotated_back(R, end.turning)
@@ -183,7 +176,7 @@ class CarriedFrame(CarriedBalance):
         if self.elastic is not None:
             return self._strained(self._taken)
         if A.ndim == 2 and before is not None and A is before.A:  # of a base that turns steadily
-            r̂: Array = self._inverted(self._taken).dot(right)
+            r̂: Array = self._inverse_slopes.dot(right)
             return r̂
         self._inverse = None
         return self._solved(A, right)
@@ -197,8 +190,12 @@ class CarriedFrame(CarriedBalance):
             self.places()  # where the step begins, as the residual part now goes on
             yielding, heat = self._step_residual(in_frame(turn, contact))
         if contact is not None:
-            arms, self._touched = self._carried_points(step, r̂, yielding)
-            pushed, power = (seen(contact.forces, arms, turn), float(contact.forces.ravel().dot(self._touched.ravel())))
+            arms, self._touched = self._moved_points(step, r̂, yielding)
+            push = self.push(contact.forces, turn, arms)
+            pushed, power = (
+                (turn.seen(push.force), push.turning),
+                float(contact.forces.ravel().dot(self._touched.ravel())),
+            )
         e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
         q, v̂, ω̂ = e * self._inverse_ω, step.v̂, step.ω̂
         after = motion_of(q, self._shape_at(q, r), turn.after, step.v_end, step.ω_end, self._mass)
@@ -230,13 +227,10 @@ class CarriedFrame(CarriedBalance):
         α = added(ZERO, 1 / self.h, added(now.ω, -1.0, before.ω))
         return a, α, step.ω̂
 
-    def _carried_points(self, step: Begun, r̂: Array, yielding: Array | None) -> tuple[Array, Array]:
+    def _moved_points(self, step: Begun, r̂: Array, yielding: Array | None) -> tuple[Array, Array]:
         """Arms of the contact points from the origin in the middle of the step, m, and velocities, m/s, (P, 3)."""
-        inside = self.points.moved(r̂)
-        if yielding is not None:
-            inside += yielding
-        self._carried = CarriedPoints.of(step.turn, self.h, self._carried)
-        return self._carried.moved(self.places(), inside, step.origin)
+        arms = self.arms(step.turn, r̂, yielding)
+        return arms, self.velocities(step.turn, arms, r̂, yielding) + step.origin
 
     def _wrench_of(self, h: float, step: Begun, r̂: Array, now: Motion, after: Motion, pushed: Wrench | None) -> Wrench:
         """Of the base on the body in a step of h s that led from one motion to another; in world axes.
@@ -276,23 +270,6 @@ class CarriedFrame(CarriedBalance):
         away, turned_by = misfit(start, end, turn, v̂, self.h, self._size)
         self.notes["misfit"] = max(self.notes["misfit"], away)
         self.notes["misfit of turn"] = max(self.notes["misfit of turn"], turned_by)
-
-    @property
-    def _turned_by(self) -> StepTurn:
-        """As in FrameKernel."""
-        step = self._taken
-        assert step is not None
-        return StepTurn(step.turn, self.h, np.array(step.ω̂))
-
-    def _motion_of(self, frame: FrameState, motion: Motion) -> tuple[Array, Array, Array]:
-        """As in FrameKernel; the velocity in the frame's axes."""
-        return np.array(frame.position), np.array(motion.v), np.array(motion.ω)
-
-    @property
-    def _acting_forces(self) -> FrameForces:
-        """As in FrameKernel."""
-        assert self._taken is not None
-        return self._taken.forces
 
     # What contact asks for; see frame_contact.
 

@@ -5,16 +5,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.frame_geometry import Geometry
+from fenics_rom.mechanics.frame_geometry import Geometry, vector
 from fenics_rom.mechanics.frame_motion import rotation_of, turned
 from fenics_rom.runtime.steppers.adjoint import NONE, contact_adjoint
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.strains_adjoint import StrainsAdjoint
-from fenics_rom.runtime.steppers.frame_kernel import FrameKernel
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_slopes import InertiaSlopes, Moving, PointsMoved, StepTurn
 from fenics_rom.runtime.steppers.frame_state import FrameState
 from fenics_rom.runtime.steppers.taken_step import found_taken, linear_taken, residual_taken
+from fenics_rom.runtime.steppers.touched_frame import TouchedFrame
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
@@ -36,7 +36,7 @@ class Expected(NamedTuple):
     passed: tuple[float, Array] | None = None  # h and x of the step before, if that guided it
 
 
-class DifferentiableFrame(FrameKernel):
+class DifferentiableFrame(TouchedFrame):
     """Arguments and attributes as in FrameKernel.
 
     Attributes:
@@ -44,35 +44,25 @@ class DifferentiableFrame(FrameKernel):
     """
 
     expectation: Expected | None = None
-    _now: Any  # how the body moves, and how it did before the step
-    _now_before: Any
 
     def check_differentiable(self) -> None:
         """As in Kernel."""
 
-    @property
-    def _turned_by(self) -> StepTurn:
-        """How the frame turned in the last step."""
-        raise NotImplementedError
-
-    def _motion_of(self, frame: FrameState, motion: Any) -> tuple[Array, Array, Array]:
-        """Position and velocity of the origin, and angular velocity, at one end of the last step."""
-        raise NotImplementedError
-
-    @property
-    def _acting_forces(self) -> FrameForces:
-        """What acted in the frame in the last step."""
-        raise NotImplementedError
+    def _moving(self, frame: FrameState, motion: Any, e: Array, r: Array) -> Moving:
+        """The body at one end of the last step."""
+        v = motion.v if self._constants.carried else frame.velocity
+        return Moving(np.array(frame.position), np.array(v), np.array(motion.ω), e * self._inverse_ω, r.copy())
 
     def adjoint(self, u: Array) -> "PartedAdjoint":
         """As in Kernel."""
         from fenics_rom.runtime.steppers.frame_adjoint import Acting, FramePart
         from fenics_rom.runtime.steppers.parted_adjoint import Ends, PartedAdjoint
 
-        before, after = self._motion_of(self._frame_before, self._now_before), self._motion_of(self.frame, self._now)
         (e, r), (e_after, r_after) = self._state_before.reshape(2, -1), self.state.reshape(2, -1)
-        start = Moving(*before, e * self._inverse_ω, r.copy())
-        end = Moving(*after, e_after * self._inverse_ω, r_after.copy())
+        start = self._moving(self._frame_before, self._now_before, e, r)
+        end = self._moving(self.frame, self._now, e_after, r_after)
+        ω̂ = (start.ω + end.ω) / 2
+        turn = Geometry(self._now_before.R, self._now.R, vector(self.h * ω̂))
         v, (residual, rows_after) = (r + r_after) / 2, residual_taken(self.residual)
         law, moved = self.elastic, (self.h / 2, start.q, end.q, v)
         was = self.expectation if law is not None and law.is_exact else None
@@ -82,14 +72,12 @@ class DifferentiableFrame(FrameKernel):
         edges = start.q + self.h / 2 * r, "velocity"
         if isinstance(law, StrainsCarried):
             edges = start.q + self.h / 2 * law.velocity_before, "law"
-        acting = Acting(
-            self._loads, self._acting_forces, self._following, self._acting, middle, reach, self.ties, *edges
-        )
+        acting = Acting(self._loads, self._forces, self._following, self._acting, middle, reach, self.ties, *edges)
         contact, is_kink = contact_adjoint(self._interface)
         found = found_taken(self._found, u, self.reactions, (self.h, start.q, r.copy(), v, middle), follows=reach > 0)
         part = FramePart(
             InertiaSlopes(self._constants, self._second),
-            self._turned_by,
+            StepTurn(turn, self.h, ω̂),
             (start, end),
             acting,
             law.adjoint() if law is not None else linear_taken(self._model, *moved, None),

@@ -22,16 +22,17 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator, vector
-from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, added, cross_matrix, rotation_matrix
+from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, vector
+from fenics_rom.mechanics.frame_motion import ZERO, Rotation, Vector, added, rotation_matrix, rotation_of
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.body_parts import PLAIN, BodyParts
 from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
 from fenics_rom.runtime.steppers.frame_points import FramePoints
-from fenics_rom.runtime.steppers.frame_state import FrameState, Shape, in_frame
+from fenics_rom.runtime.steppers.frame_state import FrameState, Shape
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.ground_ties import GroundTies
+from fenics_rom.runtime.steppers.kept_newton import KeptNewton
 from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork
 from fenics_rom.runtime.steppers.parted_kernel import PartedKernel
 
@@ -61,7 +62,11 @@ class FrameKernel(PartedKernel):
         frame: where the frame is; set it, then `resume`.
         base: that carries the body, at the end of the next step; None: it stands still, or there is none.
         ties: springs and dashpots to the ground; None where there are none.
+        newton: solves what steps balance, where that is no linear system.
     """
+
+    _now: Any  # how the body moves, and how it did before the step
+    _now_before: Any
 
     def __init__(
         self,
@@ -106,6 +111,11 @@ class FrameKernel(PartedKernel):
         self.frame = self._frame_before = self._at_rest = FrameState((x, y, z), (1.0, 0.0, 0.0, 0.0), ZERO, ZERO)
         self._is_dense = self.elastic is not None or model.damping.ndim == 2
         self._terms = np.empty((2, m))
+        self._eliminated = 0 if frame.carried else 3  # v̂, which contact has to do with, but x has not
+        self.newton = KeptNewton(self._eliminated)
+        # Of an expected step what it was found of, and the inverse slopes that go with that.
+        self._ahead: tuple[Array, ...] | None = None
+        self._forces = loads.at(np.zeros(loads.width))  # of the step
         self._turned_to = self.frame.rotation, np.eye(3)
         self._places: Array | None = None  # of the contact points in this state
         if interface is not None:
@@ -125,14 +135,27 @@ class FrameKernel(PartedKernel):
         self._travel = h * self._ω
         if self.ties is not None:
             self.ties.set_time_step(h)
+        self.newton.inverse = self._ahead = None
         self._elastic_and_inertial = np.stack([self._ω, np.full(len(γ), -2 / h)])
+
+    def reset_buffer(self) -> None:
+        """As in Kernel."""
+        super().reset_buffer()
+        self.forget()
 
     def rollback(self) -> None:
         """As in Kernel."""
         super().rollback()
-        self.frame, self._places = self._frame_before, None
+        self.frame, self._now, self._places = self._frame_before, self._now_before, None
         if self.ties is not None:
             self.ties.rollback()
+        self.forget()
+
+    def forget(self) -> Shape:
+        """Forgets what was kept of steps that led elsewhere; the shape that the body has."""
+        self.newton.inverse = self._ahead = None
+        self._square = self._twice_within()
+        return self._shape_at(self._coordinates(), self._r)
 
     def _with_carried_energy(self, energy: float) -> float:
         """As in BookedKernel; with what springs to the ground store."""
@@ -176,6 +199,14 @@ class FrameKernel(PartedKernel):
         """As in Kernel."""
         self._places = None
         super().resume(auxiliary)
+        q, shape, R = self._coordinates().copy(), self.forget(), rotation_of(*self.frame.rotation)
+        self._now = self._now_before = self._motion_from(q, shape, R)
+        if self.ties is not None:
+            self.ties.place(self.frame.position, R, q)
+
+    def _motion_from(self, q: Array, shape: Shape, R: Rotation) -> Any:
+        """How the body moves from here, of its coordinates q (m,)."""
+        raise NotImplementedError
 
     @property
     def _motion_felt(self) -> tuple[Vector | None, Vector | None, Vector]:
@@ -254,105 +285,6 @@ class FrameKernel(PartedKernel):
     def messages(self) -> tuple[str, ...]:
         """As in Kernel."""
         return *self._watch.messages(self.notes), *super().messages
-
-    def yielding(self, turn: Geometry, contact: ContactSolution | None) -> Array | None:
-        """Mid-step velocity (P, 3) in the frame of the points in the residual part; None where there is none."""
-        if self.residual is None or (contact is None and self.residual.is_at_rest):
-            return None
-        return self.residual.velocity(in_frame(turn, contact))
-
-    def arms(self, turn: Geometry, rate: Array, yielding: Array | None) -> Array:
-        """Of the contact points from the origin in the middle of a step, (P, 3), m."""
-        start, moved = self.places(), self.points.moved(rate)
-        return arms_of(turn, start, start + self.h * (moved if yielding is None else moved + yielding))
-
-    def turn_at(self, x: Array) -> tuple[Geometry, Quaternion]:
-        """How the frame turns at the velocities x that a step solves for, and the quaternion at the end."""
-        raise NotImplementedError
-
-    def geometry(self, x: Array) -> Geometry:
-        """The first of these."""
-        return self.turn_at(x)[0]
-
-    def renew(self, x: Array) -> None:
-        """As in FrameBody of mechanics.frame_contact; nothing where slopes are exact."""
-
-    def velocities(self, turn: Geometry, arms: Array, x: Array, yielding: Array | None) -> Array:
-        """Mid-step velocities (P, 3) of the contact points in world axes, less that of the origin, m/s."""
-        ω̂, r̂ = self.rates(x)
-        inside = self.points.moved(r̂) if yielding is None else self.points.moved(r̂) + yielding
-        return carried_along(turn, arms, ω̂, inside)
-
-    def push(self, forces: Array, turn: Geometry, arms: Array) -> Push:
-        """What forces (P, 3) on the contact points do, N in world axes."""
-        return self.points.push(forces, turn, arms)
-
-    @property
-    def tells_apart(self) -> bool:
-        """Whether W is regular: of a basis alone it is singular where more points touch than it has coordinates."""
-        return self.residual is not None
-
-    def delassus(self, near: Array, turn: Geometry, arms: Array) -> Array:
-        """Mid-step velocities (3 s, 3 s) of those contact points (s,), at arms (s, 3), per force, m/s/N."""
-        W = self._delassus_of(self.points.of(near), turn, arms)
-        if self.residual is None:
-            return W
-        return W + turned_operator(turn.start, self.residual.delassus_of(near), turn.start)
-
-    def moved(self, near: Array, turn: Geometry, arms: Array, change: Array) -> Array:
-        """As in ActuatedBody of mechanics.frame_contact."""
-        return self._maps(self.points.of(near), turn, arms).dot(change)
-
-    def _maps(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
-        """Mid-step velocities (3 s, any) of points at arms (s, 3) per unit of x."""
-        raise NotImplementedError
-
-    def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
-        """The same, of the basis alone."""
-        raise NotImplementedError
-
-    _touched: Array
-
-    @property
-    def touched(self) -> Array:
-        """As in BookedKernel, in world axes."""
-        return self._touched
-
-    def start_velocities(self) -> Array:
-        """Velocities (P, 3) of the contact points in world axes, m/s."""
-        if self.residual is None:
-            return self.basis_velocities
-        beyond: Array = self.residual.points[1].dot(self._rotation.T)
-        return self.basis_velocities + beyond
-
-    @property
-    def basis_velocities(self) -> Array:
-        """The same (P, 3) within the basis: what the points yield beyond it has next to no mass."""
-        inside = self.points.moved(self._r) + self.places().dot(cross_matrix(self.angular_velocity).T)
-        velocities: Array = inside.dot(self._rotation.T) + self.frame.velocity
-        return velocities
-
-    @property
-    def inverse_mass(self) -> Array:
-        """Velocities (3P, 3P), 1/kg, that impulses on the contact points give the shape in a frame that is moved."""
-        return turned_operator(self._rotation, self.points.rows.T.dot(self.points.rows), self._rotation)
-
-    def kick(self, impulses: Array) -> None:
-        """Adds these (P, 3), N s, between two steps, without booking them."""
-        self._r += self.points.rows.dot(impulses.dot(self._rotation).ravel())
-        self.resume(self.auxiliary)
-
-    def kept_velocities(self, turn: Geometry, arms: Array) -> Array:
-        """What `velocities` and that of the origin are with the body's velocities at the start of the step, (P, 3)."""
-        inside = self.points.moved(self._r)
-        if self.residual is not None:
-            inside += self.residual.points[1]
-        velocities: Array = carried_along(turn, arms, np.array(self.angular_velocity), inside)
-        return velocities + self.kept_translation(turn)
-
-    def kept_translation(self, turn: Geometry) -> Vector:
-        """The same of the origin, (3,)."""
-        return self.frame.velocity
 
     def _finish(self, contact: ContactSolution | None, power: float, supplied: float, dissipated: float) -> None:
         """The end of a step but for the state: what is to be booked; contact forces had a power, W."""

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.frame_geometry import Geometry, Push, turning_maps
+from fenics_rom.mechanics.frame_geometry import Geometry, Push
 
 
 class FramePoints(NamedTuple):
@@ -22,10 +22,6 @@ class FramePoints(NamedTuple):
         """Some of them, (s,)."""
         rows = self.rows.reshape(len(self.rows), -1, 3)[:, some].reshape(len(self.rows), -1)
         return FramePoints(self.rest[some], rows)
-
-    def maps(self, turn: Geometry, arms: Array) -> tuple[Array, Array]:
-        """Velocities (3 P, 3) of unit ω̂ and (3 P, m) of unit r̂."""
-        return turning_maps(turn, arms), self.modal_maps(turn)
 
     def modal_maps(self, turn: Geometry) -> Array:
         """Velocities (3 P, m) of unit r̂."""

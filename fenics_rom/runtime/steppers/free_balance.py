@@ -42,7 +42,6 @@ from fenics_rom.runtime.steppers.inertia import (
     times_inertia,
     turn_of_top,
 )
-from fenics_rom.runtime.steppers.kept_newton import KeptNewton
 
 
 class Motion(NamedTuple):
@@ -73,10 +72,6 @@ class FreeBalance(DifferentiableFrame):
         frame, ω = self._constants, self._ω
         parts = frame.inertia1 / ω, self._second / ω / ω[:, None], frame.coupling / ω
         self._surely_definite = definite_up_to(frame.inertia0, *parts)
-        self.newton = KeptNewton(eliminated=3)  # v̂
-        # Of an expected step the slope of f̂, and the inverse Jacobian, whole and of the shape alone.
-        self._ahead: tuple[Array, Array, Array] | None = None
-        self._forces = self._loads.at(np.zeros(self._loads.width))  # of the step
         self._passed: tuple[float, Array] | None = None  # the last step: of h s, by ω̂ and r̂
         self.resume(np.empty(0))
 
@@ -102,7 +97,7 @@ class FreeBalance(DifferentiableFrame):
         """In world axes, (3,), rad/s."""
         return np.array(rotated(self._now.R, self._now.ω))
 
-    def _moving(self, q: Array, shape: Shape, R: Rotation, momentum: Vector, e: Array) -> Motion:
+    def _moving_with(self, q: Array, shape: Shape, R: Rotation, momentum: Vector, e: Array) -> Motion:
         """The body at q, e = √γ q, with an angular momentum in world axes."""
         if not e.dot(e) <= self._surely_definite:
             check_definite(shape.inertia, self._table[COUPLED])

@@ -22,12 +22,9 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.frame_contact import touch
-from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
-from fenics_rom.mechanics.frame_motion import ZERO, added, dot, rotated, rotated_back, rotation_of
+from fenics_rom.mechanics.frame_geometry import Push, vector
+from fenics_rom.mechanics.frame_motion import ZERO, Rotation, added, dot, rotated, rotated_back, rotation_of
 from fenics_rom.mechanics.largest_turn import check_turn
-from fenics_rom.runtime.steppers.frame_loads import FrameForces
-from fenics_rom.runtime.steppers.frame_points import FramePoints
-from fenics_rom.runtime.steppers.frame_slopes import StepTurn
 from fenics_rom.runtime.steppers.frame_state import FrameState, Shape, in_frame
 from fenics_rom.runtime.steppers.free_balance import FreeBalance, Motion
 from fenics_rom.runtime.steppers.inertia import times_inertia
@@ -35,30 +32,6 @@ from fenics_rom.runtime.steppers.inertia import times_inertia
 
 class FreeFrame(FreeBalance):
     """Arguments and attributes as in FrameKernel; `frame.turning` is the angular momentum."""
-
-    def set_time_step(self, h: float) -> None:
-        """As in Kernel."""
-        super().set_time_step(h)
-        self.newton.inverse = self._ahead = None
-
-    def reset_buffer(self) -> None:
-        """As in Kernel."""
-        super().reset_buffer()
-        self.forget()
-
-    def rollback(self) -> None:
-        """As in Kernel."""
-        super().rollback()
-        self._now = self._now_before
-        self.forget()
-
-    def resume(self, auxiliary: Array) -> None:
-        """As in Kernel; the angular velocity is what the angular momentum says."""
-        super().resume(auxiliary)
-        q, shape, R = self._coordinates().copy(), self.forget(), rotation_of(*self.frame.rotation)
-        self._now = self._now_before = self._moving(q, shape, R, self.frame.turning, self._e)
-        if self.ties is not None:
-            self.ties.place(self.frame.position, R, q)
 
     def place(self, frame: FrameState) -> None:
         """Puts the frame where it is to be; `turning` is here the angular velocity in world axes, rad/s."""
@@ -68,10 +41,13 @@ class FreeFrame(FreeBalance):
         self.resume(self.auxiliary)
 
     def forget(self) -> Shape:
-        """Forgets what was kept of steps that led elsewhere; the shape that the body has."""
-        self.newton.inverse = self._passed = self._ahead = None
-        self._square = self._twice_within()
-        return self._shape_at(self._coordinates(), self._r)
+        """As in FrameKernel."""
+        self._passed = None
+        return super().forget()
+
+    def _motion_from(self, q: Array, shape: Shape, R: Rotation) -> Motion:
+        """As in FrameKernel; the angular velocity is what the angular momentum says."""
+        return self._moving_with(q, shape, R, self.frame.turning, self._e)
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
@@ -101,23 +77,6 @@ class FreeFrame(FreeBalance):
             self._expect(x)
         return x
 
-    @property
-    def _turned_by(self) -> StepTurn:
-        """As in FrameKernel."""
-        assert self._passed is not None
-        h, x = self._passed
-        a, b, c = (h * x[:3]).tolist()
-        return StepTurn(Geometry(self._now_before.R, self._now.R, (a, b, c)), h, x[:3].copy())
-
-    def _motion_of(self, frame: FrameState, motion: Motion) -> tuple[Array, Array, Array]:
-        """As in FrameKernel."""
-        return np.array(frame.position), np.array(frame.velocity), np.array(motion.ω)
-
-    @property
-    def _acting_forces(self) -> FrameForces:
-        """As in FrameKernel."""
-        return self._forces
-
     # What contact asks for; see frame_contact.
 
     def corrected(self, x: Array, push: Push | None) -> Array:
@@ -130,25 +89,10 @@ class FreeFrame(FreeBalance):
         """As in FrameBody of mechanics.frame_contact: contact may have put x far from where it was without."""
         self.newton.keep(self.slopes(x))
 
-    def spread(self, change: Push) -> Array:
-        """What x changes by, where contact forces change by so much."""
-        spread: Array = self.newton.whole[3:].dot(np.concatenate([change.force, change.turning, change.modal]))
-        return spread
-
-    def _maps(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
+    @property
+    def _inverse_slopes(self) -> Array:
         """As in FrameKernel."""
-        return np.hstack(points.maps(turn, arms))
-
-    def _spread_columns(self, columns: Array) -> Array:
-        """As in FrameKernel."""
-        spread: Array = self.newton.whole[3:, 6:].dot(columns)
-        return spread
-
-    def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
-        """As in FrameKernel."""
-        maps = np.hstack([np.tile(np.eye(3), (len(arms), 1)), self._maps(points, turn, arms)])
-        W: Array = maps.dot(self.newton.whole).dot(maps.T)
-        return W
+        return self.newton.whole
 
     def _pushed_by(self, contact: ContactSolution, x: Array) -> tuple[Push, float]:
         """What contact forces do at the velocities x, and their power, W."""
@@ -187,7 +131,7 @@ class FreeFrame(FreeBalance):
         e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
         q = e * self._inverse_ω
         heat += self._heat(r̂, q) - h * rubbed
-        motion = self._moving(q, self._shape_at(q, r), turn.after, frame.turning, e)
+        motion = self._moving_with(q, self._shape_at(q, r), turn.after, frame.turning, e)
         if self.ties is not None:
             self.ties.place(frame.position, turn.after, q)
         heat += self._step_residual(in_frame(turn, contact))[1]

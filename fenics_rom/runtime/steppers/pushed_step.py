@@ -23,7 +23,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.frame_contact import hold
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, crossed, vector
-from fenics_rom.mechanics.frame_motion import ZERO, cross_matrix
+from fenics_rom.mechanics.frame_motion import ZERO, cross_matrix, dot
 from fenics_rom.mechanics.surface_points import NONE, mean_turning_maps, spread_matrix
 from fenics_rom.runtime.steppers.frame_slopes import SPIN
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
@@ -188,10 +188,8 @@ class PushedStep:
         by_x, by_force = np.zeros((k, 3, 6 + len(points.rows))), np.zeros((k, 3, 3 * k))
         turned = R + h / 2 * np.matmul(R, crossed(now.inside))
         by_x[:, :, :3] = np.eye(3) - np.where(follows, h / 2 * cross_matrix(middle.dot(self._x[:3])), 0.0)
-        by_x[:, :, SPIN] = crossed(2 * now.arms - self._start.dot(R.T)).dot(middle) / (
-            1 + sum(part * part for part in turn.turn) / 4
-        )
-        by_x[:, :, SPIN] = np.where(follows, crossed(now.arms).dot(R) + turned - R, by_x[:, :, SPIN])
+        own = crossed(2 * now.arms - self._start.dot(R.T)).dot(middle) / (1 + dot(turn.turn, turn.turn) / 4)
+        by_x[:, :, SPIN] = np.where(follows, crossed(now.arms).dot(R) + turned - R, own)
         outward = np.where(follows, middle, turn.end)
         by_x[couples, :, :3], by_x[couples, :, SPIN], outward[couples] = 0.0, turned[couples], middle
         by_x[:, :, 6:] = np.matmul(outward, points.rows.T.reshape(k, 3, -1))
