@@ -219,9 +219,11 @@ def target_slopes(
         return np.full(len(target), -law.stiffness / (law.stiffness * dt / 2 + law.damping)), np.zeros(len(target))
     if quasi_static:
         return np.where(target < 0, -1 / dt, 0.0), np.zeros(len(target))
-    half, later = approach / 2, (gaps * (-1 / dt) + approach / 2) / 2  # to the last bit as they were asked
-    closes = (target == later) & (later < half)  # its gap, in two steps
-    shares = np.where(target == half, 0.5, (1 - law.restitution) / 2)
+    half, bounced = approach / 2, (1 - law.restitution) / 2 * approach
+    later = (half - gaps / dt) / 2
+    off_half, off_bounced, off_later = (np.abs(target - each) for each in (half, bounced, later))  # one is round-off
+    closes = (later < half) & (off_later <= np.minimum(off_half, off_bounced))  # its gap, in two steps
+    shares = np.where(off_half <= off_bounced, 0.5, (1 - law.restitution) / 2)
     by_gap, by_approach = np.where(closes, -1 / (2 * dt), 0.0), np.where(closes, 0.25, shares)
     return by_gap * (target < 0), by_approach * (target < 0)
 

@@ -226,8 +226,10 @@ class Box:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
         local = (points - self._center).dot(self._axes)
         excess = np.maximum(np.abs(local) - self._half, 0.0)
-        across = self._axes * (excess > 0)[:, None, :] @ self._axes.T
-        return _turning(np.copysign(excess, local).dot(self._axes.T), across)
+        # Along its own axes, where what is beyond one face alone has exactly none, however near it is.
+        turning = _turning(np.copysign(excess, local), np.eye(3) * (excess > 0)[:, None, :])
+        curvature: Array = self._axes @ turning @ self._axes.T
+        return curvature
 
 
 def _normalise(vectors: Array, fallback: Array) -> tuple[Array, Array]:

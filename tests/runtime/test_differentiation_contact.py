@@ -237,3 +237,11 @@ def test_curvature_of_obstacles_is_what_normals_turn_by(shape):
     for axis, δ in enumerate(ε * np.eye(3)):
         turned = (shape.distance(points + δ)[1] - shape.distance(points - δ)[1]) / (2 * ε)
         assert shape.curvature(points)[:, :, axis] == pytest.approx(turned, abs=1e-8)
+
+
+def test_faces_of_boxes_are_flat_however_near_a_point_is():
+    box, ways = Box([0.1, 0.2, 0.3], [1, 1, 1], [0.3, -0.5, 0.7]), [0.0, *10.0 ** np.arange(-17, 0)]
+    inside = np.array([0.1, 0.2, 0.3]) + 1e-2
+    gap, out = box.distance(inside[None])
+    points = inside + np.array([way - gap[0] for way in ways])[:, None] * out
+    assert (box.curvature(points) == 0).all()
