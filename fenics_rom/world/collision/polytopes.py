@@ -14,13 +14,10 @@ from numpy import ndarray as Array
 
 from fenics_rom.world.collision.contacts import Contacts, PlacedShape, no_contacts, rigid_contacts
 from fenics_rom.world.collision.manifold import MOST, NUMBERS, clip, thinned
-from fenics_rom.world.shapes import Box, Cylinder, Polytope
+from fenics_rom.world.shapes import Cylinder, Polytope
 
 _PREFERRED = 1e-4  # of the size of the smaller: by so much must another axis be better than the one that is preferred
 _PARALLEL = 1e-3  # sine between edges that have no cross
-_EYE = np.eye(3)
-_SKEW = np.concatenate([np.cross(axis, _EYE).T for axis in _EYE])  # (9, 3): e_i x for each i
-_FACES, _LOOKS = np.arange(0, 12, 2), np.array([-1, -1, -1, 1, 1, 1])
 _MOST_EDGES = 1 << 10  # of a shape
 
 
@@ -48,8 +45,7 @@ def as_polytope(placed: PlacedShape) -> PlacedPolytope:
 def polytope_contacts(first: PlacedPolytope, second: PlacedPolytope, margin: float) -> Contacts:
     """Pairs of two shapes with flat faces that are nearer than a margin, m; at most eight, of edges one."""
     a, b = first.shape, second.shape
-    boxes = isinstance(a, Box) and isinstance(b, Box)
-    axes, gaps = _axes_of_boxes(first, second) if boxes else _axes_of_hulls(first, second)
+    axes, gaps = _separating_axes(first, second)
     tolerance = _PREFERRED * min(a.radius_around, b.radius_around)
     of_a, of_b = len(a.normals), len(a.normals) + len(b.normals)
     along, ranking = gaps.tolist(), []
@@ -70,31 +66,8 @@ def polytope_contacts(first: PlacedPolytope, second: PlacedPolytope, margin: flo
     return found
 
 
-def _axes_of_boxes(first: PlacedPolytope, second: PlacedPolytope) -> tuple[Array, Array]:
-    """Normals from the second to the first, of 6 + 6 faces and 9 crosses of edges, and gaps along them.
-
-    The normals of faces are left out, as `_manifold` knows them.
-    """
-    turn = first.rotation.T.dot(second.rotation)
-    between = (first.position - second.position).dot(first.rotation)
-    axes = np.empty((15, 3))  # in the axes of the first
-    axes[:3], axes[3:6] = _EYE, turn.T
-    axes[6:] = _SKEW.dot(turn).reshape(3, 3, 3).transpose(0, 2, 1).reshape(9, 3)  # e_i x c_j
-    along = axes.dot(between)
-    reach_a, reach_b = np.abs(axes).dot(first.shape.vertices[-1]), np.abs(axes.dot(turn)).dot(second.shape.vertices[-1])
-    apart = np.abs(along) - reach_a - reach_b
-    squares = 1.0 - turn.ravel() ** 2
-    sines = np.sqrt(np.maximum(squares, _PARALLEL**2))
-    gaps = np.full(21, -np.inf)
-    gaps[_FACES + (along[:6] * _LOOKS > 0)] = apart[:6]  # of two faces it is the one that looks at the other box
-    np.divide(apart[6:], sines, out=gaps[12:], where=squares > _PARALLEL**2)
-    normals = np.empty((21, 3))
-    normals[12:] = (axes[6:] * (np.copysign(1.0, along[6:]) / sines)[:, None]).dot(first.rotation.T)
-    return normals, gaps
-
-
-def _axes_of_hulls(first: PlacedPolytope, second: PlacedPolytope) -> tuple[Array, Array]:
-    """As `_axes_of_boxes`: of the faces of both, and of crosses of all directions of their edges."""
+def _separating_axes(first: PlacedPolytope, second: PlacedPolytope) -> tuple[Array, Array]:
+    """Normals from the second to the first, of the faces of both and of crosses of their edges, and gaps along them."""
     edges_a, edges_b = _edges_of(first.shape), _edges_of(second.shape)
     of_a, of_b = (placed.shape.normals.dot(placed.rotation.T) for placed in (first, second))
     along_a, along_b = edges_a.directions.dot(first.rotation.T), edges_b.directions.dot(second.rotation.T)

@@ -1,8 +1,5 @@
 """Surfaces of soft bodies against rigid shapes, and against one another."""
 
-from functools import lru_cache
-from typing import NamedTuple
-
 import numpy as np
 from numpy import ndarray as Array
 
@@ -26,10 +23,9 @@ def soft_on_rigid(first: PlacedSurface, second: PlacedShape, margin: float) -> C
     row = (beside.dot(_ONES) <= reach * reach).nonzero()[0]
     gaps, normals = distance_of(second, points[row])
     near = (gaps <= margin).nonzero()[0]
-    kept = _kept_rows(first.touching[row[near]].tobytes())
-    places = points[row[near]]
-    soft, rigid = Spots(places, kept.nodes, kept.weights, kept.row), Spots(places, kept.none, kept.none, kept.row)
-    return Contacts(soft, rigid, normals[near], gaps[near])
+    kept = first.touching[row[near]]
+    soft, none = _vertices(first, kept), np.zeros((len(kept), 0), dtype=int)
+    return Contacts(soft, Spots(soft.arms, none, none, kept), normals[near], gaps[near])
 
 
 def soft_on_soft(first: PlacedSurface, second: PlacedSurface, margin: float) -> Contacts:
@@ -75,23 +71,6 @@ def _normals(corners: Array) -> Array:
 
 def _dot(a: Array, b: Array) -> Array:
     return np.einsum("ij,ij->i", a, b)
-
-
-class _KeptRows(NamedTuple):
-    """What is the same as long as the same points of a surface are near."""
-
-    row: Array  # (k,)
-    nodes: Array  # as in Spots, of the points, and none of a rigid body
-    weights: Array
-    none: Array
-
-
-@lru_cache(maxsize=256)
-def _kept_rows(row_bytes: bytes) -> _KeptRows:
-    row = np.frombuffer(row_bytes, dtype=int)
-    weights = np.zeros((len(row), 3))
-    weights[:, 0] = 1.0
-    return _KeptRows(row, np.repeat(row[:, None], 3, axis=1), weights, np.zeros((len(row), 0), dtype=int))
 
 
 def _vertices(surface: PlacedSurface, row: Array, numbers: int = 0) -> Spots:
