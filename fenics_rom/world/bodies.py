@@ -165,3 +165,6 @@ def rigid_points(arms: Array, couples: Array) -> Points:
     """Of joints at arms (j, 3) from the centre of mass of a rigid body, in its axes, m."""
     j = len(arms)
     return Points(np.empty((j, 0), dtype=int), np.empty((j, 0)), arms, np.zeros(j, bool), couples)
+
+
+NO_POINTS = rigid_points(np.empty((0, 3)), NO_ROWS)

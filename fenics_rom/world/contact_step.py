@@ -314,7 +314,7 @@ def _guide(pairs: Pairs, known: Guide | None, proximal: float) -> Guide:
         W, yields = np.zeros((3 * len(pairs.places),) * 2), np.zeros(C, dtype=bool)
         for part, operator in zip(parts, operators, strict=True):
             if part.body.yields:
-                _add(W, part, operator)
+                add_operator(W, part, operator)
                 yields[part.pairs[part.pairs < C]] = True
         of_soft = W
     else:
@@ -322,7 +322,7 @@ def _guide(pairs: Pairs, known: Guide | None, proximal: float) -> Guide:
     W = of_soft.copy()
     for part, operator in zip(parts, operators, strict=True):
         if not part.body.yields:
-            _add(W, part, operator)
+            add_operator(W, part, operator)
     guide = Guide(W, yields, proximal)
     guide.soft, guide.of_soft = soft, of_soft
     if known is not None:
@@ -330,7 +330,7 @@ def _guide(pairs: Pairs, known: Guide | None, proximal: float) -> Guide:
     return guide
 
 
-def _add(W: Array, part: Part, operator: Array) -> None:
+def add_operator(W: Array, part: Part, operator: Array) -> None:
     """Adds the operator of a body's points to that of all pairs."""
     sign = None if part.is_one_sided else np.repeat(part.signs, 3)
     signed = operator if sign is None else sign[:, None] * operator * sign

@@ -29,7 +29,7 @@ from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.residual_motion import operator_of
 from fenics_rom.world.acting import acting_in_world
-from fenics_rom.world.bodies import NO_ROWS, Body, Points, rigid_points
+from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Body, Points
 from fenics_rom.world.carriers import Carriers
 from fenics_rom.world.collision.contacts import PlacedSurface
 from fenics_rom.world.driven import Driven, mounted
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 _ONES = np.ones(3)
 KICKED = ContactMidpoint, CarriedFrame  # steppers of what takes impulses of joints
 OTHERS = ObstacleMotion(*np.zeros((3, 1, 3)))  # all that touches it, as one obstacle
-NO_POINTS = rigid_points(np.empty((0, 3)), NO_ROWS)
 CLOSED = 1e-6  # of a body's size: so near to the point of a joint one of its own is to be
 
 

@@ -7,9 +7,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.solution import largest
-from fenics_rom.world.bodies import Body, Points
-from fenics_rom.world.collision.contacts import Contacts, Spots
-from fenics_rom.world.contact_step import Found, Guide, Pairs, Part
+from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Body, Points
+from fenics_rom.world.collision.contacts import Contacts, Spots, no_contacts
+from fenics_rom.world.contact_step import Found, Guide, Pairs, Part, add_operator
 from fenics_rom.world.joints import JointPoints
 from fenics_rom.world.meetings import PENETRATION_TOLERANCE, Meeting, Placed, is_still
 from fenics_rom.world.soft import Soft
@@ -23,6 +23,8 @@ RESTS = 2.5  # times as deep as two bodies are in one another: so far points may
 _ONES = np.ones(3)
 MORE_SWEEPS = 1  # than at first: if there are more W is found anew
 
+_End = tuple[Array, float, Points]  # of pairs on a body: which, with which sign, and where
+
 
 class StepPairs:
     """Finds the pairs of each step.
@@ -30,40 +32,47 @@ class StepPairs:
     Args:
         bodies: all of them.
         meetings: those that may touch.
-        joints: theirs.
     """
 
-    def __init__(self, bodies: Sequence[Body], meetings: Sequence[Meeting], joints: Sequence[JointPoints]):
-        self._bodies, self._meetings, self._joints = bodies, meetings, joints
+    def __init__(self, bodies: Sequence[Body], meetings: Sequence[Meeting]):
+        self._bodies, self._meetings = bodies, meetings
         self._touching = sorted({number for meeting in meetings for number in (meeting.first, meeting.second)})
         self._placed: list[Placed | None] = [None] * len(bodies)  # where what lies still was seen first
         self._sizes = [min(body.size, LARGEST) for body in bodies]
         self._contacts: list[tuple[int, Contacts]] = []
         self._pairs: Pairs | None = None
         self._middle_gaps = np.empty(0)
-        self._joint_forces = np.zeros((sum(len(joint.points) for joint in joints), 3))
+        self._joints = dict[JointPoints, slice]()  # and their rows among all points of joints
+        self._joint_ends: list[list[_End]] = [[] for _ in bodies]  # of them on each body
+        self._held = list[Part]()  # the bodies with these
+        self._joint_forces = np.empty((0, 3))
         self._guide: tuple[Guide, float, list[Array | tuple[Array, Array]]] | None = None
         self._fewest = 0  # sweeps, with the guide
-        self._held: tuple[tuple[Part, ...], list[tuple[Body, Array, Array, Points]]] = (), []
         self._lie = list[Array | tuple[Array, Array]]()  # the bodies in the step, as `_where`
         self._start, self._swung = np.empty((0, 3)), np.empty(0, int)
         self._meeting_of = np.empty(0, dtype=int)  # of each pair
-        self._none = np.empty(0)  # of each, m
-        self._swerve = SWERVES * min((meeting.size for meeting in meetings), default=0.0)
+        self._sizes_met = np.array([meeting.size for meeting in meetings])
+        self._laws = np.array([(each.law.restitution, each.law.friction) for each in meetings]).reshape(-1, 2)
+        self._swerve = SWERVES * self._sizes_met.min(initial=np.inf)
         both = [(bodies[meeting.first], bodies[meeting.second]) for meeting in meetings]
         self._are_rigid = np.array([not any(isinstance(body, Soft) for body in pair) for pair in both], dtype=bool)
         self._yield_at_once = np.array([not all(body.has_inertia for body in pair) for pair in both], dtype=bool)
-        self._deep = -PENETRATION_TOLERANCE * np.array([meeting.size for meeting in meetings])
         self._dissipated = np.zeros(len(meetings))  # by contact, of which what is let out may take, J
 
     def join(self, joints: Sequence[JointPoints]) -> None:
         """Goes on with other joints; those that stay keep their forces."""
-        parts = np.split(self._joint_forces, np.cumsum([len(joint.points) for joint in self._joints])[:-1])
-        known = {id(joint): forces for joint, forces in zip(self._joints, parts, strict=False)}
-        forces = [known.get(id(joint), np.zeros((len(joint.points), 3))) for joint in joints]
+        known, forces = self._joints, [np.empty((0, 3))]
         self._start = self._start[: len(self._start) - len(self._joint_forces)]
-        self._joints, self._joint_forces = joints, np.concatenate([np.zeros((0, 3)), *forces])
-        self._pairs, self._guide, self._held = None, None, ((), [])
+        self._joints, self._joint_ends, count = {}, [[] for _ in self._bodies], 0
+        for joint in joints:
+            rows = np.arange(count, count := count + len(joint.points))
+            self._joints[joint] = slice(count - len(rows), count)
+            self._joint_ends[joint.first].append((rows, 1.0, joint.on_first))
+            self._joint_ends[joint.second].append((rows, -1.0, joint.on_second))
+            forces.append(self._joint_forces[known[joint]] if joint in known else np.zeros((len(rows), 3)))
+        self._joint_forces = np.concatenate(forces)
+        self._held = [_part(*each) for each in zip(self._bodies, self._joint_ends, strict=True) if each[1]]
+        self._pairs = self._guide = None
 
     def of_step(self, h: float, far: bool = False) -> tuple[Pairs, Array, Guide | None]:
         """The pairs of a step of h s that all bodies have begun, forces to begin with, and what may guide.
@@ -87,7 +96,8 @@ class StepPairs:
                 gone[rows] += signs * lead
         gone += h / 2 * before
         gaps = self._middle_gaps - (pairs.normals * gone[:C]).dot(_ONES)
-        gaps[np.abs(gaps) < self._none] = 0.0
+        none = ROUND_OFF * (self._sizes_met * self._are_rigid)[self._meeting_of]
+        gaps[np.abs(gaps) < none] = 0.0
         swung = self._swung if self._swung.any() else None
         pairs = pairs._replace(places=places, before=before, gaps=gaps, swung=swung)
         return pairs, self._start, self._known_guide(h)
@@ -101,7 +111,7 @@ class StepPairs:
         if not C or pairs.gaps.item(pairs.gaps.argmin()) >= 0.0:
             return pairs
         n, depths = pairs.normals, -pairs.gaps
-        is_deep = pairs.are_rigid & (pairs.gaps < self._deep[self._meeting_of])
+        is_deep = pairs.are_rigid & (depths > PENETRATION_TOLERANCE * self._sizes_met[self._meeting_of])
         if not is_deep.any():
             return pairs
         a, pressure = (n * pairs.before[:C]).dot(_ONES), (n * found.forces[:C]).dot(_ONES)
@@ -164,56 +174,43 @@ class StepPairs:
         """Makes the pairs of these contacts, and takes over the forces of those that were there."""
         features = [(meeting, each) for meeting, seen in self._contacts for each in seen.first.feature.tolist()]
         before = dict(zip(features, zip(self._start, self._swung, strict=False), strict=False))
-        rows = [list[tuple[Array, float, Points]]() for _ in self._bodies]
-        normals, gaps, places, laws = [np.empty((0, 3))], [np.empty(0)], [np.empty((0, 3))], [np.empty((2, 0))]
-        count = 0
-        start = []
+        ends: list[list[_End]] = [[] for _ in self._bodies]
+        start, C = list[tuple[Array, int]](), 0
         for number, found in contacts:
-            meeting, k = self._meetings[number], len(found.gaps)
-            own = np.arange(count, count + k)
-            rows[meeting.first].append((own, 1.0, _points(found.first)))
+            meeting = self._meetings[number]
+            own = np.arange(C, C := C + len(found.gaps))
             both = self._bodies[meeting.first].takes_couples and self._bodies[meeting.second].takes_couples
-            rows[meeting.second].append((own, -1.0, _points(found.second, both)))
-            normals.append(found.normals)
-            gaps.append(found.gaps)
-            places.append(found.first.arms)
-            laws.append(np.repeat([[meeting.law.restitution], [meeting.law.friction]], k, axis=1))
+            ends[meeting.first].append((own, 1.0, _points(found.first)))
+            ends[meeting.second].append((own, -1.0, _points(found.second, both)))
             start += [before.get((number, feature), (np.zeros(3), 0)) for feature in found.first.feature.tolist()]
-            count += k
-        for joint in self._joints:
-            k = len(joint.points)
-            own = np.arange(count, count + k)
-            rows[joint.first].append((own, 1.0, joint.on_first))
-            rows[joint.second].append((own, -1.0, joint.on_second))
-            places.append(joint.points)
-            count += k
-        e, μ = np.concatenate(laws, axis=1)
-        sizes = np.array([meeting.size for meeting in self._meetings])
-        self._meeting_of = np.repeat([number for number, _ in contacts], [len(of.gaps) for _, of in contacts]).astype(
-            int
-        )
-        self._none = ROUND_OFF * sizes[self._meeting_of] * self._are_rigid[self._meeting_of]
-        parts = [_part(body, mine) for body, mine in zip(self._bodies, rows, strict=True)]
-        self._contacts, self._middle_gaps, self._guide = contacts, np.concatenate(gaps), None
-        parts = [part for part in parts if len(part.pairs) or not part.body.is_driven]
+        for mine, joined in zip(ends, self._joint_ends, strict=True):
+            mine += [(C + rows, sign, points) for rows, sign, points in joined]
+        counts = [len(found.gaps) for _, found in contacts]
+        self._meeting_of = np.repeat([number for number, _ in contacts], counts).astype(int)
+        e, μ = self._laws[self._meeting_of].T
+        parts = [_part(*each) for each in zip(self._bodies, ends, strict=True) if each[1] or not each[0].is_driven]
         soft_first = sorted(parts, key=lambda part: part.points.nodes.shape[1] == 0)
-        everywhere = np.concatenate(places)
+        self._contacts, self._guide = contacts, None
+        normals, self._middle_gaps, places = self._where_they_are(contacts)
         self._pairs = Pairs(
-            *(tuple(soft_first), everywhere, 0 * everywhere, np.concatenate(normals), self._middle_gaps, μ),
+            *(tuple(soft_first), places, 0 * places, normals, self._middle_gaps, μ),
             *(e, self._are_rigid[self._meeting_of], self._yield_at_once[self._meeting_of]),
-            *(np.zeros(len(e)), (μ > 0)[:, None] / 2),
+            *(np.zeros(C), (μ > 0)[:, None] / 2),
         )
-        forces = np.array([force for force, _ in start]).reshape(-1, 3)
-        self._start = np.concatenate([forces, self._joint_forces])
+        self._start = np.concatenate([np.array([force for force, _ in start]).reshape(-1, 3), self._joint_forces])
         self._swung = np.array([swung for _, swung in start], dtype=int)
 
     def _refresh(self, contacts: list[tuple[int, Contacts]]) -> None:
         """The same pairs as before, where they are now."""
         assert self._pairs is not None
-        found = [found for _, found in contacts]
-        normals, self._middle_gaps = (np.concatenate([part[k] for part in found]) for k in (2, 3))
-        places = np.concatenate([*(part.first.arms for part in found), *(joint.points for joint in self._joints)])
+        normals, self._middle_gaps, places = self._where_they_are(contacts)
         self._contacts, self._pairs = contacts, self._pairs._replace(normals=normals, places=places)
+
+    def _where_they_are(self, contacts: list[tuple[int, Contacts]]) -> tuple[Array, Array, Array]:
+        """Normals (C, 3), gaps (C,) and places (C + J, 3) of contacts, and of joints."""
+        found = [no_contacts(), *(found for _, found in contacts)]
+        places = np.concatenate([*(each.first.arms for each in found), *(joint.points for joint in self._joints)])
+        return np.concatenate([each.normals for each in found]), np.concatenate([each.gaps for each in found]), places
 
     def _known_guide(self, h: float) -> Guide | None:
         """What guided the same pairs, which knows whether bodies lie as they did then."""
@@ -255,44 +252,24 @@ class StepPairs:
 
         Joints of a body that takes none go on as they move.
         """
-        size = len(self._joint_forces)
-        u, left, W = np.zeros((size, 3)), np.zeros((size, 3)), np.zeros((size, 3, size, 3))
-        stopped, parts = np.ones(size, dtype=bool), list[tuple[Body, Array, Array, Points]]()
-        for body, rows, signs, points in self._parts_of_joints():
-            own = body.inverse_mass(points)
+        u, left = np.zeros((2, *self._joint_forces.shape))
+        W, stopped, parts = np.zeros((u.size, u.size)), np.ones(u.shape, dtype=bool), list[Part]()
+        for part in self._held:
+            own = part.body.inverse_mass(part.points)
             if own is None:
-                stopped[rows] = False
+                stopped[part.rows] = False
                 continue
-            parts.append((body, rows, signs, points))
-            u[rows] += signs * body.end_velocities(points)
-            W[_block(rows)] += signs[:, :, None, None] * own.reshape(len(rows), 3, len(rows), 3) * signs[:, 0][:, None]
-        u[~stopped] = W[~stopped] = W[:, :, ~stopped] = 0.0
+            parts.append(part)
+            u[part.rows] += part.signs * part.body.end_velocities(part.points)
+            add_operator(W, part, own)
+        u[~stopped] = W[~stopped.ravel()] = W[:, ~stopped.ravel()] = 0.0
         if not u.any():
             return 0.0
-        W = W.reshape(3 * size, 3 * size)
         impulses = -np.linalg.lstsq(W, u.ravel(), rcond=1e-12)[0].reshape(-1, 3)
-        for body, rows, signs, points in parts:
-            body.kick(points, signs * impulses[rows])
-            left[rows] += signs * body.end_velocities(points)
+        for part in parts:
+            part.body.kick(part.points, part.signs * impulses[part.rows])
+            left[part.rows] += part.signs * part.body.end_velocities(part.points)
         return -float(impulses.ravel().dot((u + left).ravel())) / 2
-
-    def _parts_of_joints(self) -> list[tuple[Body, Array, Array, Points]]:
-        """Of each body that joints hold: which of their points, its signs, and where they are on it."""
-        assert self._pairs is not None
-        if self._held[0] is not self._pairs.parts:
-            C, found = len(self._pairs.normals), []
-            for body, rows, _, signs, _, points in self._pairs.parts:
-                held = (rows >= C).nonzero()[0]
-                if len(held):
-                    kept = points._replace(
-                        nodes=points.nodes[held],
-                        weights=points.weights[held],
-                        follows=points.follows[held],
-                        couples=np.searchsorted(held, points.couples),
-                    )
-                    found.append((body, rows[held] - C, signs[held], kept))
-            self._held = self._pairs.parts, found
-        return self._held[1]
 
     def force_between(self, first: int, second: int, forces: Array) -> Array:
         """Of a step on the first, (3,), N."""
@@ -301,15 +278,12 @@ class StepPairs:
             force += _sign(self._meetings[number], first, second) * forces[row : row + len(contacts.gaps)].sum(axis=0)
             row += len(contacts.gaps)
         for joint in self._joints:
-            force += _sign(joint, first, second) * forces[row : row + len(joint.points)][joint.are_forces].sum(axis=0)
-            row += len(joint.points)
+            force += _sign(joint, first, second) * self.of_joint(joint, forces)[joint.are_forces].sum(axis=0)
         return force
 
     def of_joint(self, joint: JointPoints, values: Array) -> Array:
         """Of values (C + J, 3) of all pairs those of the points of a joint that holds, (k, 3)."""
-        number = next(k for k, each in enumerate(self._joints) if each is joint)
-        start = len(values) - sum(len(each.points) for each in self._joints[number:])
-        return values[start : start + len(joint.points)].copy()
+        return values[len(values) - len(self._joint_forces) :][self._joints[joint]].copy()
 
     def touching(self, forces: Array) -> int:
         """How many pairs of points push, by more than round-off."""
@@ -347,21 +321,17 @@ def _points(spots: Spots, follows: bool = False) -> Points:
     return Points(spots.nodes, spots.weights, np.empty((0, 3)), np.full(len(spots.arms), follows))
 
 
-def _part(body: Body, mine: list[tuple[Array, float, Points]]) -> Part:
-    if not mine:
-        none = Points(np.empty((0, 0), int), np.empty((0, 0)), np.empty((0, 3)), np.empty(0, bool))
-        return Part(body, np.empty(0, int), slice(0, 0), np.empty((0, 1)), True, none)
-    pairs = np.concatenate([pairs for pairs, _, _ in mine])
-    signs = np.concatenate([np.full((len(own), 1), sign) for own, sign, _ in mine])
-    points = _concatenated([points for _, _, points in mine])
-    first, last = int(pairs[0]), int(pairs[-1])
+def _part(body: Body, ends: list[_End]) -> Part:
+    owned, sides, points = zip(*(ends or [(NO_ROWS, 1.0, NO_POINTS)]), strict=True)
+    pairs = np.concatenate(owned)
+    signs = np.concatenate([np.full((len(own), 1), sign) for own, sign in zip(owned, sides, strict=True)])
+    first, last = (int(pairs[0]), int(pairs[-1])) if len(pairs) else (0, -1)
     in_one_piece = last - first == len(pairs) - 1
-    return Part(
-        body, pairs, slice(first, last + 1) if in_one_piece else pairs, signs, bool((signs == signs[0]).all()), points
-    )
+    rows = slice(first, last + 1) if in_one_piece else pairs
+    return Part(body, pairs, rows, signs, len(set(sides)) == 1, _concatenated(points))
 
 
-def _concatenated(points: list[Points]) -> Points:
+def _concatenated(points: Sequence[Points]) -> Points:
     """Points of a body in several meetings and joints."""
     wide = max(part.nodes.shape[1] for part in points)
     starts = np.cumsum([0, *(len(part.nodes) for part in points)])
@@ -378,10 +348,6 @@ def _widened(points: Points, wide: int) -> Points:
     if not more[1][1]:
         return points
     return points._replace(nodes=np.pad(points.nodes, more, mode="edge"), weights=np.pad(points.weights, more))
-
-
-def _block(rows: Array) -> tuple[Array, Array, Array, Array]:
-    return rows[:, None, None, None], np.arange(3)[:, None, None], rows[:, None], np.arange(3)
 
 
 def _sign(of: Meeting | JointPoints, first: int, second: int) -> float:

@@ -107,7 +107,7 @@ class World(ReadWorld):
         of_soft = {body: self._met_by(body) for body in self._soft}
         said = {body.name: body.describe_passing(radii) for body, radii in of_soft.items() if radii}
         self._passing = [f"{name}: {text}" for name, text in said.items() if text]
-        self._step_pairs = StepPairs([] if self._lone else everyone, self._meetings, [])
+        self._step_pairs = StepPairs([] if self._lone else everyone, self._meetings)
         self._found = Found(np.empty((0, 3)), np.empty((0, 3)), 0, 0.0)
         self._residuals = 0, 0.0
         if made:
