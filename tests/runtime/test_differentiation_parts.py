@@ -36,13 +36,14 @@ def small(folder, parts, frame):
     """A ROM of a beam of small strains."""
     mesh = write_arrays(folder / "box.msh", *box_arrays((0.3, 0.03, 0.02), (6, 1, 1)))
     effects = {f"effects.{name}": text for name, text in SMALL[parts].items()}
-    supports = None if frame == "free" else 'clamped = ["left"]'
+    supports = None if frame in ("free", "drifting") else 'clamped = ["left"]'
     contacts = '[contacts.bottom]\nsurface = "bottom"\n[contacts.right]\nsurface = "right"'
     text = scene_text(mesh, supports=supports, damping="alpha = 0.5, beta = 2e-4", contacts=contacts, **effects | TIP)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return fr.reduce(
-            fr.assemble(parse_scene(f'frame = "{"fixed" if frame == "held" else "moving"}"\n{text}')), order=8
+            fr.assemble(parse_scene(f'frame = "{"fixed" if frame in ("held", "drifting") else "moving"}"\n{text}')),
+            order=8,
         )
 
 
@@ -78,6 +79,24 @@ def test_gradient_of_small_strains_goes_through_all_that_acts(tmp_path, parts, f
         pytest.skip("a chamber needs a body that encloses it")
     rom, signals = small(tmp_path, parts, frame), {"base_path": lowered} if frame == "carried" else {}
     at, u, start, directions = along(lambda: fr.Simulator(rom, H, signals=signals), frame, AMPLITUDE[parts], 1.0)
+    check_gradient(at, u, start, directions)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_gradient_of_a_body_that_drifts_goes_through_contact(tmp_path):
+    """Of rigid motions of small size, in a frame that stays."""
+    rom = small(tmp_path, "touched", "drifting")
+
+    def make():
+        return fr.Simulator(rom, H)
+
+    at, u, start, directions = along(make, "held", AMPLITUDE["touched"], 1.0)
+    u[:, 2] -= 10.0
+    body = at(*start)
+    for row in u:
+        body.step(row)
+    assert len(start[0]) > rom.rigid == 6
+    assert body.contact_forces().any()
     check_gradient(at, u, start, directions)
 
 

@@ -113,7 +113,7 @@ class StepPart(Protocol):
 class Ends(NamedTuple):
     """The state on both sides of a step, but for a frame; all shapes with rigid displacements."""
 
-    ω: Array  # (m,), 1 for rigid motions
+    ω: Array  # (m,), infinite for rigid motions
     rigid: int
     q: Array
     q_after: Array
@@ -197,9 +197,8 @@ class PartedAdjoint(NamedTuple):
         if len(after.frame):
             place_[: shape.start], velocity_[: shape.start] = after.frame[:6] + reads.place, after.frame[6:12]
         by_e, by_r = after.state.reshape(2, -1)
-        place_[shape], velocity_[shape] = ω * by_e + reads.q, by_r
-        if ρ:
-            place_[shape][:ρ] = after.rigid + reads.q[:ρ]
+        of_e = np.concatenate([after.rigid, ω[len(after.rigid) :] * by_e[len(after.rigid) :]])
+        place_[shape], velocity_[shape] = of_e + reads.q, by_r
         if energy:
             stored = self.parts[0].stored()
             place_, velocity_ = place_ + energy * stored[0], velocity_ + energy * stored[1]
