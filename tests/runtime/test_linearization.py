@@ -5,13 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import acted_on
-from products import kinds
+from bodies import acted_on, box_arrays, scene_text, write_arrays
+from products import DAMPING, FLOOR, INERTIA, kinds
+from step_differences import differ_steps
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, StepError, StructureError
 from fenics_rom.mechanics.viscoelasticity import PronySeries
-from fenics_rom.runtime import linearization, step_derivative
+from fenics_rom.runtime import linearization
+from fenics_rom.scene.file import parse_scene
 
 DT = 1e-3
 EXACT = 1e-12  # relative
@@ -93,7 +95,7 @@ def test_a_step_from_another_state_is_as_the_state_space_says(rom_of, kind):
 
 def by_differences(patched):
     """Has derivatives be those of steps from states nearby, whatever kernels tell."""
-    patched.setattr(linearization, "differentiate_step", step_derivative.differ_steps)
+    patched.setattr(linearization, "differentiate_step", differ_steps)
 
 
 @pytest.mark.parametrize(
@@ -124,6 +126,24 @@ def test_adjoints_and_differences_of_steps_agree(rom_of, kind, monkeypatch):
     if kind == ("held", "contact"):
         assert "g[" in "".join(exact.states)
         assert np.abs(np.linalg.eigvals(exact.A)).max() <= 1 + 1e-9
+
+
+@pytest.mark.parametrize("order", [6, 92])
+def test_where_nothing_acts_in_a_run_the_state_space_is_that_of_the_linear_body(tmp_path, order):
+    """Of a ROM with obstacles that a simulator leaves out, which takes steps of either kernel; and it may drift."""
+    mesh = write_arrays(tmp_path / "box.msh", *box_arrays((0.3, 0.03, 0.02), (6, 2, 2)))
+    text = scene_text(
+        mesh, supports=None, effects=INERTIA + DAMPING + FLOOR, **{"outputs.tip": "points = [[0.3, 0, 0]]"}
+    )
+    rom = fr.reduce(fr.assemble(parse_scene(text)), order=order)
+    alone = replace(rom.environment, contact_law=None)
+    body, u = fr.Simulator(rom, DT, scene=alone), np.array([1e-3, 2e-3, -3e-3])
+    for _ in range(5):
+        body.step(u)
+    plant, linear = rom.state_space(body.contact, at=body, u=u), replace(rom, environment=alone)
+    for found, expected in zip(plant, linear.state_space(body.contact, dt=DT), strict=True):
+        assert found.shape == expected.shape
+        assert np.abs(found - expected).max(initial=0.0) <= EXACT * np.abs(expected).max(initial=0.0)
 
 
 def test_equilibria_on_a_floor_have_derivatives_and_kinks(rom_of, monkeypatch):

@@ -139,7 +139,6 @@ def differentiate_taken(
     `switches`: whether the contact modes of the plan were asked for; else obstacles may ask for others.
     """
     rom, kernel, (q, r) = body.rom, body.integrator.kernel, body.state
-    kernel.check_differentiable()
     run = _Run(body, u, plan, names, switches)
     read, energies = run.forwards()
     value, slopes, energy_slopes = evaluate(objective, body, names, read, energies)

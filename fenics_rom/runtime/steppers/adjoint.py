@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StructureError
-
 if TYPE_CHECKING:
     from fenics_rom.mechanics.base_path import BaseState
     from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
     from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs
+    from fenics_rom.rom.contact_model import ContactModel
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
 
     ContactStep = Callable[[], tuple[Pairs | None, SolvedPairs | None]]  # as `ContactSolver.last_step`
@@ -80,7 +79,7 @@ class SameBasis:
 
 
 class GoneBackThrough:
-    """What a kernel has so that its steps can be gone back through; here: they cannot.
+    """What a kernel has so that its steps can be gone back through.
 
     Attributes:
         tangent: a matrix that steps carry along, made in an earlier one; empty where there is none.
@@ -89,10 +88,7 @@ class GoneBackThrough:
 
     tangent: Array = NONE
     rows_first: bool = True
-
-    def check_differentiable(self) -> None:
-        """A StructureError where `adjoint` does not know the steps."""
-        raise StructureError("steps of this body are not differentiated")
+    _model: "ContactModel"
 
     def adjoint(self, u: Array) -> StepAdjoint:
         """The last step, under u (p,), to go back through."""
@@ -100,7 +96,8 @@ class GoneBackThrough:
 
     def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
         """Derivatives with q and r (m,) of a state that is put in, from those with all that a step begins with."""
-        raise NotImplementedError
+        by_e, by_r = after.state.reshape(2, -1)
+        return np.concatenate([after.rigid, (np.sqrt(self._model.eigenvalues) * by_e)[len(after.rigid) :]]), by_r
 
 
 def pose_pulled_back(pose: "BaseState", frame_: Array) -> dict[str, Array]:

@@ -291,9 +291,6 @@ class ContactMidpoint(BookedKernel):
         self.reactions = found
         return square
 
-    def check_differentiable(self) -> None:
-        """As in Kernel."""
-
     def adjoint(self, u: Array) -> "PartedAdjoint":
         """As in Kernel."""
         from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
@@ -312,7 +309,7 @@ class ContactMidpoint(BookedKernel):
         law = linear_taken(self._model, h / 2, q, q_after, v, self.branches)
         columns = self._model.inputs
         part = HeldPart(h, 2 / h, law, columns, None, 0.0, found, self._Sᵀ, contact, residual, r_after)
-        ends = Ends(self._model.safe_frequencies, ρ, q, q_after, rows)
+        ends = Ends(self._model.safe_frequencies, q, q_after, rows)
         return PartedAdjoint((part,), ends, is_kink, given, rows_first=True)
 
 

@@ -45,9 +45,6 @@ class DifferentiableFrame(TouchedFrame):
 
     expectation: Expected | None = None
 
-    def check_differentiable(self) -> None:
-        """As in Kernel."""
-
     def _moving(self, frame: FrameState, motion: Any, e: Array, r: Array) -> Moving:
         """The body at one end of the last step."""
         v = motion.v if self._constants.carried else frame.velocity
@@ -85,7 +82,7 @@ class DifferentiableFrame(TouchedFrame):
             residual,
             None if contact is None else self._touched_points(contact, start, v),
         )
-        ends, given = Ends(self._model.safe_frequencies, 0, start.q, end.q, rows_after), None
+        ends, given = Ends(self._model.safe_frequencies, start.q, end.q, rows_after), None
         if self._found is not None:
             given = self._found.stroke_slopes(start.q).T
         expectation = None

@@ -243,9 +243,6 @@ class Equilibrium(PartedKernel):
             q = q - self._solve(lack)
         return None
 
-    def check_differentiable(self) -> None:
-        """As in Kernel."""
-
     def adjoint(self, u: Array) -> "PartedAdjoint":
         """As in Kernel."""
         from fenics_rom.runtime.steppers.acts.found_slopes import FoundIn
@@ -269,4 +266,4 @@ class Equilibrium(PartedKernel):
         columns, turned = self.loads.all_columns(after), self.loads.slope(u, z, after)
         acting = columns, turned, h, found, self._Sᵀ, contact, residual
         part = HeldPart(h, 0.0, law, *acting, at_rest, self._base_turn)
-        return PartedAdjoint((part,), Ends(self._model.safe_frequencies, 0, q, after, rows), is_kink, given)
+        return PartedAdjoint((part,), Ends(self._model.safe_frequencies, q, after, rows), is_kink, given)

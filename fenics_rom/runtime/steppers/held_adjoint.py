@@ -66,9 +66,6 @@ class HeldAdjoint(PartedKernel):
         """Tells how contact was solved last; None where nothing can touch."""
         return None if self._interface is None else self._interface.solver.last_step
 
-    def check_differentiable(self) -> None:
-        """As in Kernel."""
-
     def adjoint(self, u: Array) -> "StepAdjoint":
         """As in Kernel."""
         forces = self.loads.without_found(u)
@@ -93,7 +90,7 @@ class HeldAdjoint(PartedKernel):
         before = part(ahead.middle, ahead.reactions, h / 2)
         before = before if ahead.touched else before._replace(Sᵀ=self._Sᵀ[:, :0])
         of_T = ahead.tangent, ahead.residual, ahead.whole, self.elastic.farthest, ahead.made_tangent
-        ends = Ends(self._ω, 0, q, self._coordinates().copy(), rows)
+        ends = Ends(self._ω, q, self._coordinates().copy(), rows)
         given = None if self._found is None else self._found.stroke_slopes(q).T
         expectation = Expectation(before, law, places, *of_T)
         return PartedAdjoint((part(middle, z, 0.0),), ends, is_kink, given, False, expectation)
@@ -116,6 +113,6 @@ class HeldAdjoint(PartedKernel):
     def _parted_adjoint(self, parts: list[HeldPart], is_kink: bool) -> "StepAdjoint":
         """Of the last step, the last part first."""
         q, q_after = self.taken[0].q, self._coordinates().copy()
-        ends = Ends(self._ω, 0, q, q_after, residual_taken(self.residual)[1])
+        ends = Ends(self._ω, q, q_after, residual_taken(self.residual)[1])
         given = None if self._found is None else self._found.stroke_slopes(q).T
         return PartedAdjoint(tuple(parts), ends, is_kink, given)

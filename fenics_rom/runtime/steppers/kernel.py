@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.runtime.steppers.adjoint import GoneBackThrough, StateAdjoint
+from fenics_rom.runtime.steppers.adjoint import GoneBackThrough
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
@@ -312,11 +312,6 @@ class BookedKernel(Kernel):
 
         rates, before = columns.T.dot(free), self.reactions if before is None else before
         return self._actuators.solve(u, rates, W, targets, before, None if obstacles is None else touch, angles)
-
-    def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
-        """As in Kernel."""
-        by_e, by_r = after.state.reshape(2, -1)
-        return np.concatenate([after.rigid, (self._ω * by_e)[len(after.rigid) :]]), by_r
 
     def _with_carried_energy(self, energy: float) -> float:
         """An energy with what is stored in the residual part and in branches, too, J."""

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fenics_rom.mechanics.contact import ObstacleMotion
+    from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
 
 LARGEST_FUSED_ORDER = {1: 75, 2: 90}  # order up to which one product is the faster, by the dimensions of the damping
 PAGES = 64  # steps that are booked together
@@ -104,6 +105,19 @@ class _MidpointKernel(Kernel):
         if self._booked < self._page:
             self._book(supplied[self._booked :], dissipated[self._booked :])
         return self._rows[: self._page + 1], self._inputs[: self._page], supplied, dissipated
+
+    def adjoint(self, u: Array) -> "PartedAdjoint":
+        """As in Kernel."""
+        from fenics_rom.runtime.steppers.held_part import HeldPart
+        from fenics_rom.runtime.steppers.parted_adjoint import Ends, PartedAdjoint
+        from fenics_rom.runtime.steppers.taken_step import linear_taken
+
+        h, model, ω = self.h, self._model, self._model.safe_frequencies
+        (e, r), (e_after, r_after) = self._rows[self._page - 1 : self._page + 1].reshape(2, 2, -1).copy()
+        q, q_after, nowhere = e / ω, e_after / ω, np.empty((model.order, 0))
+        law = linear_taken(model, h / 2, q, q_after, (r + r_after) / 2, None)
+        part = HeldPart(h, 2 / h, law, model.inputs, None, 0.0, None, nowhere, None, None, r_after)
+        return PartedAdjoint((part,), Ends(ω, q, q_after, None), False, rows_first=True)
 
     def _works(self, pages: slice) -> tuple[Array, Array]:
         """What was supplied and dissipated in each step from one of these pages on, J."""

@@ -114,7 +114,6 @@ class Ends(NamedTuple):
     """The state on both sides of a step, but for a frame; all shapes with rigid displacements."""
 
     ω: Array  # (m,), infinite for rigid motions
-    rigid: int
     q: Array
     q_after: Array
     rows_after: Array | None  # of the residual part (n, 3P)
@@ -192,12 +191,12 @@ class PartedAdjoint(NamedTuple):
 
     def pull_back(self, after: StateAdjoint, reads: Reads) -> StepSlopes:
         """As in StepAdjoint."""
-        (ω, ρ, q, q_after, rows_after), energy, shape = self.ends, reads.energy, self.parts[0].shape
+        (ω, q, q_after, rows_after), energy, shape = self.ends, reads.energy, self.parts[0].shape
         place_, velocity_ = np.zeros((2, shape.start + len(q)))
         if len(after.frame):
             place_[: shape.start], velocity_[: shape.start] = after.frame[:6] + reads.place, after.frame[6:12]
-        by_e, by_r = after.state.reshape(2, -1)
-        of_e = np.concatenate([after.rigid, ω[len(after.rigid) :] * by_e[len(after.rigid) :]])
+        (by_e, by_r), ρ = after.state.reshape(2, -1), len(after.rigid)
+        of_e = np.concatenate([after.rigid, ω[ρ:] * by_e[ρ:]])
         place_[shape], velocity_[shape] = of_e + reads.q, by_r
         if energy:
             stored = self.parts[0].stored()
@@ -238,7 +237,7 @@ class PartedAdjoint(NamedTuple):
         both[:ρ] = 0.0
         before = StateAdjoint(
             both,
-            place_[shape][:ρ].copy() if ρ else after.rigid,
+            place_[shape][:ρ].copy(),
             np.concatenate([rows_.ravel(), own_] if self.rows_first else [own_, rows_.ravel()]),
             forces_,
             tangent_,
