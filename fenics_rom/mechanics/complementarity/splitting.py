@@ -20,7 +20,6 @@ does not settle, and bodies with few pairs, are for Newton's method (`batched_ne
 Arrays hold bodies along their last axis and axes x, y, z along their first, as the elementwise operations want them.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -37,9 +36,7 @@ TOLERANCE = 4e-7  # residual, as a share of the velocities that the forces have 
 FLOOR = 1e-3  # of λmax, that λmin is taken to be at least
 MOST_ITERATIONS = 80
 ROUND_OFF = 0.7  # times that of single precision: changes at which iterations in it stop
-GROUP_BYTES = 1 << 19  # of an array of bodies that go through the iterations together: all of them stay in the cache
-LEAVES_AT = 0.75  # of a group: when so few go on, the others are taken out of the arrays
-POOLED_AT = 0.3  # of a group: when so few go on, they wait for those of the other groups
+LEAVES_AT = 0.75  # of the bodies: when so few go on, the others are taken out of the arrays
 POINTS_AT = 12  # from so many on, it is found how few of them move while all others stick,
 MOVING_AT = 0.25  # if these are no more than such a share of them
 RARE = 0.04  # of the bodies: points that move in fewer are not among them
@@ -137,22 +134,21 @@ class Splitting:
 
     def _go_on(self, problems: Problems, forces: Array, u: Array, bodies: Array) -> Array:
         """Has the points of these bodies move at u; those that this does not settle. It finds forces and another u."""
-        waiting = [bodies[:0]]
-        for group in _groups(bodies, self.W):
-            places = in_one_piece(group)
-            part, velocity = problems.of(places), taken(u, places)
-            spare = _Spare.of(part)
-            change = np.subtract(velocity, part.q, out=spare.second)
-            own = _times(self._stiffness, change, spare.first)  # ρ f
-            own -= velocity
-            found = _projected(own, part, spare)
-            now = np.subtract(found, own, out=spare.second)
-            off = np.subtract(now, velocity, out=spare.product)
-            left = (_largest(off, off) > TOLERANCE * part.scale).nonzero()[0]
-            put(u, places, now)
-            put(forces, places, np.divide(found, self.ρ, out=found))
-            waiting.append(group[left])
-        return np.concatenate(waiting)
+        if not len(bodies):
+            return bodies
+        places = in_one_piece(bodies)
+        part, velocity = problems.of(places), taken(u, places)
+        spare = _Spare.of(part)
+        change = np.subtract(velocity, part.q, out=spare.second)
+        own = _times(self._stiffness, change, spare.first)  # ρ f
+        own -= velocity
+        found = _projected(own, part, spare)
+        now = np.subtract(found, own, out=spare.second)
+        off = np.subtract(now, velocity, out=spare.product)
+        left = bodies[_largest(off, off) > TOLERANCE * part.scale]
+        put(u, places, now)
+        put(forces, places, np.divide(found, self.ρ, out=found))
+        return left
 
     def _learn_moving(self, u: Array, bodies: Array) -> None:
         """Learns which few points move of bodies that did not settle, the same in most, unless they are known."""
@@ -186,26 +182,14 @@ class Splitting:
         """Iterates forces and velocities (3, P, B) of these bodies; those that did not settle."""
         if not len(bodies):
             return bodies
-        z, waiting, begun = np.empty(u.shape, iteration.N2.dtype), [], MOST_ITERATIONS
-        for group in _groups(bodies, iteration.N2):
-            places = in_one_piece(group)
-            begin = self.ρ * taken(forces, places)
-            begin -= taken(u, places)
-            put(z, places, begin)
-        for group in _groups(bodies, iteration.N2):
-            left, count = iteration.run(problems, z, group, int(POOLED_AT * len(group)), 0)
-            waiting.append(left)
-            begun = min(begun, count)
-        pooled, unsettled = np.concatenate(waiting), [bodies[:0]]
-        for group in _groups(pooled, iteration.N2):
-            unsettled.append(iteration.run(problems, z, group, 0, begun)[0])
-        for group in _groups(bodies, iteration.N2):
-            places = in_one_piece(group)
-            own = taken(z, places)
-            found = _projected(own, problems.of(places).astype(z.dtype))
-            put(u, places, found - own)
-            put(forces, places, found / self.ρ)
-        return np.concatenate(unsettled)
+        places, dtype = in_one_piece(bodies), iteration.N2.dtype
+        part = problems.of(places).astype(dtype)
+        z = (self.ρ * taken(forces, places) - taken(u, places)).astype(dtype, copy=False)
+        left = iteration.run(part, z)
+        found = _projected(z, part)
+        put(u, places, found - z)
+        put(forces, places, found / self.ρ)
+        return bodies[left]
 
 
 class _Moving(NamedTuple):
@@ -230,17 +214,11 @@ class _Iteration(NamedTuple):
     N2: Array  # 2 N, (3P, 3P)
     stop: float  # at changes that are so small a share of the velocities
 
-    def run(self, problems: Problems, z: Array, bodies: Array, least: int, begun: int) -> tuple[Array, int]:
-        """Iterates z (3, P, B) of bodies until no more than `least` go on; those, and how many iterations it took.
-
-        `begun`: iterations that were taken before.
-        """
-        part, count = problems.of(bodies).astype(z.dtype), begun
-        own = taken(z, bodies)
-        spare, half = _Spare.of(part), RELAXATION / 2
-        still = self.stop / half * part.scale
-        while count < MOST_ITERATIONS:
-            count += 2
+    def run(self, problems: Problems, z: Array) -> Array:
+        """Iterates z (3, P, B), contiguous; the bodies that did not settle."""
+        bodies, part, own, half = np.arange(z.shape[-1]), problems, z, RELAXATION / 2
+        spare, still, left = _Spare.of(part), self.stop / half * part.scale, bodies
+        for _ in range(0, MOST_ITERATIONS, 2):
             first, second = spare.first, spare.second
             for change in (first, second):
                 twice = _projected(own, part, spare, times=2)
@@ -255,16 +233,16 @@ class _Iteration(NamedTuple):
             own += np.multiply(second, share, out=first)
             goes_on = _largest(second, second) > still
             left = goes_on.nonzero()[0]
-            if len(left) <= least:
-                put(z, in_one_piece(bodies), own)
-                return bodies[left], count
+            if not len(left):
+                break
             if len(left) <= LEAVES_AT * len(bodies):
                 settled = (~goes_on).nonzero()[0]
                 put(z, bodies[settled], taken(own, settled))
                 bodies, own, part, still = bodies[left], taken(own, left), part.of(left), still[left]
-                spare = _Spare.of(part)
-        put(z, in_one_piece(bodies), own)
-        return bodies, count
+                spare, left = _Spare.of(part), np.arange(len(left))
+        if own is not z:
+            put(z, bodies, own)
+        return bodies[left]
 
 
 class _Spare(NamedTuple):
@@ -287,13 +265,6 @@ class _Spare(NamedTuple):
         pairs, none = np.empty((4, *problems.due.shape), dtype), np.zeros(problems.due.shape, dtype)
         all_due = bool(problems.due.min(initial=1.0) == 1)
         return _Spare(w, first, second, product, pairs, none, all_due, float(np.finfo(dtype).tiny))
-
-
-def _groups(bodies: Array, matrix: Array) -> Iterator[Array]:
-    """Bodies, so few at a time that arrays (3, P, B), in the precision of a matrix (3P, 3P), stay in the cache."""
-    size = max(1, GROUP_BYTES // matrix[0].nbytes)
-    for first in range(0, len(bodies), size):
-        yield bodies[first : first + size]
 
 
 def _times(matrix: Array, vectors: Array, out: Array) -> Array:
