@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -17,7 +16,7 @@ from fenics_rom.world.records import RigidBody
 from fenics_rom.world.shapes import HalfSpace
 from fenics_rom.world.world import World
 
-TRACK = {"pose": 7, "velocity": 6, "energy": 1, "supplied": 1, "dissipated": 1, "exchanged": 1}
+TRACK = {"pose": (7,), "velocity": (6,), "energy": (), "supplied": (), "dissipated": (), "exchanged": ()}
 
 
 class WorldRecorder:
@@ -43,9 +42,8 @@ class WorldRecorder:
         self._rows = {step: row for row, step in enumerate(self._kept.tolist())}
         self._snapshot_rows = {step: row for row, step in enumerate(self._snapshot_steps.tolist())}
         S = len(self._kept)
-        self._account = {name: np.zeros(S) for name in ("energy", "supplied", "dissipated", "lost", "numerical")}
-        self._contact = {name: np.zeros(S) for name in ("obstacles", "contact", "friction")}
-        self._tracks = {name: {key: np.zeros((S, width)) for key, width in TRACK.items()} for name in world.names}
+        self._account = np.zeros((8, S))  # energy, and the sums of the ledger
+        self._tracks = {name: {key: np.zeros((S, *of)) for key, of in TRACK.items()} for name in world.names}
         self._forces: dict[str, Array] = {}
         self._surfaces = {name: _surface(world, name) for name in world.names}
         self._nodes = self._places()
@@ -68,12 +66,7 @@ class WorldRecorder:
 
     def _sample_numbers(self, row: int) -> None:
         world = self._world
-        ledger = world.ledger
-        now = (world.energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching, ledger.numerical)
-        for values, number in zip(self._account.values(), now, strict=True):
-            values[row] = number
-        for name, values in self._contact.items():
-            values[row] = getattr(ledger, name)
+        self._account[:, row] = world.energy, *(total for total, _ in world.ledger.sums)
         for name, track in self._tracks.items():
             pose, account = world.pose(name), world.account(name)
             track["pose"][row] = *pose.position, *pose.rotation
@@ -100,18 +93,14 @@ class WorldRecorder:
 
     def record(self, name: str, settings: Mapping[str, float] | None = None) -> Trajectory:
         """The finished run; settings: more than the step and the number of coordinates."""
-        world, counts = self._world, [len(vertices) for vertices, _, _ in self._surfaces.values()]
-        ends = np.cumsum(counts)
-        tracks = {}
-        for (body, track), count, end in zip(self._tracks.items(), counts, ends, strict=True):
-            kept: dict[str, Any] = {key: of[:, 0] if of.shape[1] == 1 else of for key, of in track.items()}
+        world, tracks, triangles, end = self._world, dict[str, BodyTrack](), list[Array](), 0
+        for body, (vertices, of, _) in self._surfaces.items():
+            triangles.append(of + end)
+            rows = np.array([end, end := end + len(vertices)])
             kind = "rigid" if isinstance(world.bodies[body], RigidBody) else "soft"
-            tracks[body] = BodyTrack(rows=np.array([end - count, end]), kind=kind, **kept)
-        triangles = [
-            of + end - count for (_, of, _), count, end in zip(self._surfaces.values(), counts, ends, strict=True)
-        ]
+            tracks[body] = BodyTrack(rows=rows, kind=kind, **self._tracks[body])
         own = {"every": self._every} if self._every > 1 else {}
-        energy, supplied, dissipated, lost, numerical = self._account.values()
+        energy, supplied, dissipated, lost, numerical, *of_contact = self._account
         return Trajectory(
             name=name,
             model="reduced",
@@ -133,7 +122,7 @@ class WorldRecorder:
             warnings=world.warnings,
             effects=("contact", "friction"),
             forces=self._forces,
-            contact_account=self._contact,
+            contact_account=dict(zip(("obstacles", "contact", "friction"), of_contact, strict=True)),
             obstacles=self._grounds,
             obstacle_motion=self._moved,
             bodies=tracks,

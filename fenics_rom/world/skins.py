@@ -7,15 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.base_path import rotation_vectors
-from fenics_rom.mechanics.frame_motion import quaternion_of, quaternion_of_vector, rotation_matrix
+from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.skin import BESIDE, BETWEEN, Intrusion, Skin
 from fenics_rom.mechanics.skin_path import CHECK_INTERVAL, MOST_PLACES, Instant, Placement, moved_between
 from fenics_rom.mechanics.skin_watch import SkinWatch
 from fenics_rom.runtime.skin_looks import Mark, SkinPlaces
 from fenics_rom.runtime.steppers.contact_interface import skin_of
 from fenics_rom.world.collision.contacts import PlacedShape, PlacedSurface
-from fenics_rom.world.collision.round_shapes import distance_of
 from fenics_rom.world.collision.soft_surfaces import soft_on_soft
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.make_bodies import AnyBody
@@ -24,53 +22,19 @@ from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.soft import Soft
 
 
-class PlacedIntruder(NamedTuple):
-    """A rigid body as it lies, as what may get into a soft one."""
-
-    placed: PlacedShape
-
-    def distance(self, points: Array) -> tuple[Array, Array]:
-        """As of an Intruder."""
-        return distance_of(self.placed, points)
-
-    @property
-    def core(self) -> tuple[float, Array]:
-        """As of an Intruder."""
-        radius, centres = self.placed.shape.core
-        return radius, self.placed.position + centres.dot(self.placed.rotation.T)
-
-    def after(self, before: "PlacedIntruder", share: float) -> "PlacedIntruder":
-        """As of an Intruder."""
-        (shape, position, R), (_, start, R_start) = self.placed, before.placed
-        turn = rotation_vectors(quaternion_of(R @ R_start.T)[None])[0]
-        there = start + share * (position - start), rotation_matrix(quaternion_of_vector(share * turn)) @ R_start
-        return PlacedIntruder(PlacedShape(shape, *there))
-
-    def moved(self, before: "PlacedIntruder") -> float:
-        """As of an Intruder."""
-        (shape, position, R), (_, start, R_start) = self.placed, before.placed
-        gone, turned = position - start, (R - R_start).ravel()
-        moved = math.sqrt(gone.dot(gone))
-        if turned.any() and math.isfinite(shape.radius_around):
-            moved += math.sqrt(turned.dot(turned)) * shape.radius_around
-        return moved
-
-
 class _Watched(NamedTuple):
-    """A soft body, and who may get into it."""
+    """A soft body."""
 
     body: Soft
     watch: SkinWatch  # by rigid bodies and soft ones
     places: SkinPlaces
-    rigid: Mapping[str, Rigid | Driven]  # that may get into it, by name
-    soft: Sequence[str]
 
 
 class _Since(NamedTuple):
     """Where bodies were at the last look."""
 
     soft: Mapping[str, Mark]
-    rigid: Mapping[str, PlacedIntruder]  # those that may get into soft ones
+    rigid: Mapping[str, PlacedShape]  # those that may get into soft ones
 
 
 class WorldSkins:
@@ -82,25 +46,32 @@ class WorldSkins:
     """
 
     def __init__(self, bodies: Mapping[str, AnyBody], meetings: Sequence[Meeting]):
-        names = list(bodies)
-        self._meetings = {frozenset((names[each.first], names[each.second])): each for each in meetings}
-        self._joined = {pair for pair, meeting in self._meetings.items() if not meeting.is_on}
         self._watched = dict[str, _Watched]()
         for name, body in bodies.items():
-            if not isinstance(body, Soft) or not body.touches or not len(body.rom.triangles):
-                continue
-            met = {frozenset((names[meeting.first], names[meeting.second])) for meeting in meetings}
-            others = [other for other in names if other != name and {name, other} in met]
-            skin = skin_of(body.rom)
-            rigid = {other: there for other in others if not isinstance(there := bodies[other], Soft)}
-            soft = [other for other in others if other not in rigid]
-            self._watched[name] = _Watched(body, SkinWatch(skin, f"body {name!r}"), SkinPlaces(body, skin), rigid, soft)
+            if isinstance(body, Soft) and body.touches and len(body.rom.triangles):
+                skin = skin_of(body.rom)
+                self._watched[name] = _Watched(body, SkinWatch(skin, f"body {name!r}"), SkinPlaces(body, skin))
+        self._into = dict[tuple[str, str], Meeting]()  # of a soft body and a rigid one
+        self._between = dict[tuple[str, str], Meeting]()  # of two soft ones
+        self._rigid = dict[str, Rigid | Driven]()
+        names = list(bodies)
+        for meeting in meetings:
+            both = names[meeting.first], names[meeting.second]
+            one, other = sorted(both, key=lambda name: (name not in self._watched, name))
+            if other in self._watched:
+                self._between[one, other] = meeting
+            elif one in self._watched and not isinstance(body := bodies[other], Soft):
+                self._into[one, other], self._rigid[other] = meeting, body
+        self._joined = {pair for pair, meeting in self._meetings if not meeting.is_on}
         self._next_look = min((each.watch.next_look for each in self._watched.values()), default=0)
-        self._rigid = {name: body for each in self._watched.values() for name, body in each.rigid.items()}
         self._since = self._now()
         self._soft_room = 0.0  # how far soft bodies may move before they are looked at, m
         self._leave_out_carriers()
         self._check_start()
+
+    @property
+    def _meetings(self) -> list[tuple[tuple[str, str], Meeting]]:
+        return [*self._into.items(), *self._between.items()]
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -113,57 +84,50 @@ class WorldSkins:
             return False
         if steps >= self._next_look:
             return True
-        went = {f"body {name!r}": _intruder(body).moved(self._since.rigid[name]) for name, body in self._rigid.items()}
+        rigid = {name: _placed(body).moved(self._since.rigid[name]) for name, body in self._rigid.items()}
         soft = {name: each.places.moved(self._since.soft[name]) for name, each in self._watched.items()}
         for name, each in self._watched.items():
-            rigid = max((went[f"body {other!r}"] for other in each.rigid), default=0.0)
-            others = max((soft[other] for other in each.soft if other in soft), default=-soft[name])
-            if soft[name] + rigid > each.watch.room or soft[name] + others > self._soft_room:
+            went = max((rigid[other] for one, other in self._into if one == name), default=0.0)
+            if soft[name] + went > each.watch.room:
                 return True
-        return False
+        return any(soft[one] + soft[other] > self._soft_room for one, other in self._between)
 
     def look(self, steps: int, time: float) -> None:
         """Looks where bodies are when so many steps were taken, at a time, s."""
         before, self._since = self._since, self._now()
         self._soft_room = math.inf
+        self._let_go()
         for name, each in self._watched.items():
-            self._let_go(name, each)
-            met = [other for other in each.rigid if self._meet(name, other)]
-            then, now = (self._instant(each, since.soft[name], since.rigid, met) for since in (before, self._since))
-            now = now._replace(body=_placement(each))
-            each.watch.look(steps, time, now, then)
+            met = [other for one, other in self._into if one == name and self._meet((one, other))]
+            then, now = ({f"body {other!r}": of.rigid[other] for other in met} for of in (before, self._since))
+            was = Instant(_placement(each, before.soft[name]), then)
+            each.watch.look(steps, time, Instant(_placement(each), now), was)
             self._next_look = each.watch.next_look
-        for name, each in self._watched.items():
-            for other in each.soft:
-                if other in self._watched and name < other and self._meet(name, other):
-                    self._look_at_soft(name, other, before.soft, time)
+        for pair in self._between:
+            if self._meet(pair):
+                self._look_at_soft(*pair, before.soft, time)
 
     def _now(self) -> _Since:
         marks = {name: each.places.mark() for name, each in self._watched.items()}
-        return _Since(marks, {name: _intruder(body) for name, body in self._rigid.items()})
+        return _Since(marks, {name: _placed(body) for name, body in self._rigid.items()})
 
-    def _instant(self, each: _Watched, mark: Mark, rigid: Mapping[str, PlacedIntruder], met: Sequence[str]) -> Instant:
-        return Instant(_placement(each, mark), {f"body {other!r}": rigid[other] for other in met})
-
-    def _meet(self, one: str, other: str) -> bool:
+    def _meet(self, pair: tuple[str, str]) -> bool:
         """Whether they touch: what is joined does not, nor what was let go and is still in one another."""
-        pair = frozenset((one, other))
-        return self._meetings[pair].is_on and pair not in self._joined
+        return (self._into.get(pair) or self._between[pair]).is_on and pair not in self._joined
 
-    def _let_go(self, name: str, each: _Watched) -> None:
-        """Takes note of who is joined to a body, and who of those let go has come out of it."""
-        for other in (*each.rigid, *each.soft):
-            pair = frozenset((name, other))
-            if not self._meetings[pair].is_on:
+    def _let_go(self) -> None:
+        """Takes note of who is joined, and who of those let go has come out of the other one."""
+        for pair, meeting in self._meetings:
+            if not meeting.is_on:
                 self._joined.add(pair)
-            elif pair in self._joined and not self._is_in(name, other):
+            elif pair in self._joined and not self._is_in(*pair):
                 self._joined.remove(pair)
 
     def _is_in(self, name: str, other: str) -> bool:
+        if other in self._watched:
+            return bool(self._found_in_each_other(name, other))
         each = self._watched[name]
-        if other in each.rigid:
-            return bool(each.watch.skin.intrusions(_placement(each).whole(), _intruder(each.rigid[other])))
-        return other in self._watched and bool(self._found_in_each_other(name, other))
+        return bool(each.watch.skin.intrusions(_placement(each).whole(), _placed(self._rigid[other])))
 
     def _look_at_soft(self, name: str, other: str, before: Mapping[str, Mark], time: float) -> None:
         """Looks at where two soft bodies are, and at where they were since the last look."""
@@ -189,27 +153,25 @@ class WorldSkins:
 
     def _leave_out_carriers(self) -> None:
         """What a body is mounted on may begin in it, where it is held."""
-        for each in self._watched.values():
-            for there in each.rigid.values():
-                if each.body.carrier is there:
-                    gaps, _ = _intruder(there).distance(_placement(each).whole())
-                    each.watch.skin.leave_out(gaps)
+        for name, other in self._into:
+            each, there = self._watched[name], self._rigid[other]
+            if each.body.carrier is there:
+                each.watch.skin.leave_out(_placed(there).distance(_placement(each).whole())[0])
 
     def _check_start(self) -> None:
-        for name, each in self._watched.items():
-            there = {f"body {other!r}": _intruder(of) for other, of in each.rigid.items() if self._meet(name, other)}
-            each.watch.check_start(_placement(each).whole(), there)
-            for other in each.soft:
-                if other not in self._watched or name > other or not self._meet(name, other):
-                    continue
-                for into, who, found in self._found_in_each_other(name, other):
-                    into.watch.refuse(f"body {who!r}", found)
+        for name, other in filter(self._meet, self._into):
+            each, there = self._watched[name], _placed(self._rigid[other])
+            each.watch.check_start(_placement(each).whole(), {f"body {other!r}": there})
+        for pair in filter(self._meet, self._between):
+            for into, who, found in self._found_in_each_other(*pair):
+                into.watch.refuse(f"body {who!r}", found)
 
 
-def _intruder(body: Rigid | Driven) -> PlacedIntruder:
+def _placed(body: Rigid | Driven) -> PlacedShape:
+    """As it lies now."""
     pose, shape = body.pose, body.shape
     assert shape is not None
-    return PlacedIntruder(PlacedShape(shape, pose.position, rotation_matrix(pose.rotation)))
+    return PlacedShape(shape, pose.position, rotation_matrix(pose.rotation))
 
 
 def _placement(each: _Watched, mark: Mark | None = None) -> Placement:

@@ -1,21 +1,48 @@
 """What is known of two bodies that may touch, and what is found."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.base_path import rotation_vectors
+from fenics_rom.mechanics.frame_motion import quaternion_of, quaternion_of_vector, rotation_matrix
 from fenics_rom.world.shapes import Shape
 
 _NO_NODES, _NO_WEIGHTS = np.zeros((1 << 16, 0), dtype=int), np.zeros((1 << 16, 0))
 
 
 class PlacedShape(NamedTuple):
-    """A rigid body as it lies."""
+    """A rigid body as it lies; it may get into a soft one, as an Intruder."""
 
     shape: Shape
     position: Array  # of its centre of mass, (3,), m
     rotation: Array  # (3, 3): world axes of its own
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Distances (P,), m, and normals (P, 3) at points (P, 3), m, in world axes."""
+        gaps, normals = self.shape.distance((points - self.position).dot(self.rotation))
+        return gaps, normals.dot(self.rotation.T)
+
+    @property
+    def core(self) -> tuple[float, Array]:
+        """As of an Intruder."""
+        radius, centres = self.shape.core
+        return radius, self.position + centres.dot(self.rotation.T)
+
+    def after(self, before: "PlacedShape", share: float) -> "PlacedShape":
+        """As of an Intruder."""
+        turn = share * rotation_vectors(quaternion_of(self.rotation @ before.rotation.T)[None])[0]
+        position = before.position + share * (self.position - before.position)
+        return PlacedShape(self.shape, position, rotation_matrix(quaternion_of_vector(turn)) @ before.rotation)
+
+    def moved(self, before: "PlacedShape") -> float:
+        """As of an Intruder."""
+        moved, turned = math.dist(self.position, before.position), (self.rotation - before.rotation).ravel()
+        if turned.any() and math.isfinite(self.shape.radius_around):
+            moved += math.sqrt(turned.dot(turned)) * self.shape.radius_around
+        return moved
 
 
 class PlacedSurface(NamedTuple):

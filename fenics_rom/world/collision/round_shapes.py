@@ -24,19 +24,13 @@ def round_contacts(first: PlacedShape, second: PlacedShape, margin: float) -> Co
         start = first.position - line / 2
         shares, feature = _touching_shares(second, start, line, shape.radius)
     centres = start + shares[:, None] * line
-    gaps, normals = distance_of(second, centres)
+    gaps, normals = second.distance(centres)
     gaps = gaps - shape.radius
     near = gaps <= margin
     if not near.any():
         return no_contacts()
     places = centres - (shape.radius + gaps / 2)[:, None] * normals
     return rigid_contacts(places[near], normals[near], gaps[near], feature[near])
-
-
-def distance_of(placed: PlacedShape, points: Array) -> tuple[Array, Array]:
-    """Distances (P,), m, and normals (P, 3) of a shape as it lies, at points (P, 3), m, in world axes."""
-    gaps, normals = placed.shape.distance((points - placed.position).dot(placed.rotation))
-    return gaps, normals.dot(placed.rotation.T)
 
 
 def _touching_shares(other: PlacedShape, start: Array, line: Array, radius: float) -> tuple[Array, Array]:
@@ -49,14 +43,14 @@ def _touching_shares(other: PlacedShape, start: Array, line: Array, radius: floa
     low, high = np.zeros(3), np.ones(3)
     for _ in range(_STAGES):
         shares = low[:, None] + (high - low)[:, None] * _PARTS
-        _, normals = distance_of(other, start + shares.reshape(-1, 1) * line)
+        _, normals = other.distance(start + shares.reshape(-1, 1) * line)
         below = (normals.dot(line) / length).reshape(3, -1) < _LEVELS[:, None]
         passed = below.argmin(axis=1)  # the first that is not below
         passed[below.all(axis=1)] = len(_PARTS)
         rows = np.arange(3)
         low, high = (shares[rows, np.clip(k, 0, len(_PARTS) - 1)] for k in (passed - 1, passed))
     shares = (low + high) / 2
-    gaps, _ = distance_of(other, start + shares[:, None] * line)
+    gaps, _ = other.distance(start + shares[:, None] * line)
     begin, nearest, end = shares
     if gaps[1] < min(gaps[0], gaps[2]) - 1e-6 * radius or (end - begin) * length < _ONE_PLACE * radius:
         apart = np.abs(shares - nearest) * length > _ONE_PLACE * radius

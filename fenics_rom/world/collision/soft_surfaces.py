@@ -5,7 +5,6 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.world.collision.contacts import Contacts, PlacedShape, PlacedSurface, Spots, joined
-from fenics_rom.world.collision.round_shapes import distance_of
 
 _REACH = 0.5  # of the longest side of a triangle's box: points that are deeper inside have passed it
 _SIDEWAYS = 0.5  # cosine: points behind a triangle that are farther to its side are beside an open surface, not inside
@@ -21,7 +20,7 @@ def soft_on_rigid(first: PlacedSurface, second: PlacedShape, margin: float) -> C
     reach = second.shape.radius_around + margin
     beside *= beside
     row = (beside.dot(_ONES) <= reach * reach).nonzero()[0]
-    gaps, normals = distance_of(second, points[row])
+    gaps, normals = second.distance(points[row])
     near = (gaps <= margin).nonzero()[0]
     kept = first.touching[row[near]]
     soft, none = _vertices(first, kept), np.zeros((len(kept), 0), dtype=int)
