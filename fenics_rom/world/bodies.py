@@ -75,8 +75,8 @@ class Body(Protocol):
     def begin(self, h: float) -> None:
         """Opens a step of h s; of 0 to look at where it is."""
 
-    def placed(self) -> PlacedShape | PlacedSurface | None:
-        """As it is expected in the middle of the step; None: nothing touches it."""
+    def placed(self) -> PlacedShape | PlacedSurface:
+        """As it is expected in the middle of the step, of what others can touch."""
 
     def travel(self) -> tuple[Array, float]:
         """How far it goes as a whole in the step, (3,), and how far a point of it may go beside that, m."""

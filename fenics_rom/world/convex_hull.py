@@ -44,13 +44,7 @@ def _tetrahedron(points: Array, size: float) -> dict[tuple[int, int, int], tuple
         raise SceneError("hull: points: allowed are points that do not lie in one plane, given: points that do")
     if height[d] > 0:  # across[c] then points into the tetrahedron from the face (a, c, b), as c x b does
         b, c = c, b
-    triangles = [(a, c, b), (a, b, d), (b, c, d), (c, a, d)]
-    inside = points[[a, b, c, d]].mean(axis=0)
-    outward = []
-    for triangle in triangles:
-        normal, level = _plane(points, triangle)
-        outward.append(triangle if normal.dot(inside) < level else triangle[::-1])
-    return {triangle: _plane(points, triangle) for triangle in outward}
+    return {triangle: _plane(points, triangle) for triangle in [(a, c, b), (a, b, d), (b, c, d), (c, a, d)]}
 
 
 def _plane(points: Array, triangle: tuple[int, int, int]) -> tuple[Array, float]:
@@ -67,9 +61,8 @@ def _edges(face: tuple[int, ...]) -> list[tuple[int, int]]:
 def _merge(points: Array, faces: dict[tuple[int, int, int], tuple[Array, float]]) -> list[list[int]]:
     """Triangles of one plane become a polygon, without the corners that lie on its edges."""
     planes: list[tuple[Array, set[int]]] = []
-    for triangle, (normal, _) in sorted(
-        faces.items(), key=lambda item: -_area(points, item[0])
-    ):  # slivers know no normal
+    by_size = sorted(faces.items(), key=lambda item: -_area(points, item[0]))  # slivers know no normal
+    for triangle, (normal, _) in by_size:
         plane = next((corners for other, corners in planes if other.dot(normal) > 1 - 1e-10), None)
         if plane is None:
             planes.append((normal, plane := set()))

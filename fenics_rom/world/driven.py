@@ -103,9 +103,10 @@ class Driven(PointsOfRigid):
         about = (h / 2 * (start.angular_velocity + end.angular_velocity)).tolist()
         return gap(went, said, NEGLIGIBLE * size), gap(turned, about, NEGLIGIBLE)
 
-    def placed(self) -> PlacedShape | None:
+    def placed(self) -> PlacedShape:
         """As in Body."""
-        return None if self.shape is None else PlacedShape(self.shape, self._middle, self._middle_rotation)
+        assert self.shape is not None
+        return PlacedShape(self.shape, self._middle, self._middle_rotation)
 
     def travel(self) -> tuple[Array, float]:
         """As in Body: what touches a half-space that turns is near to where it begins."""

@@ -6,7 +6,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, PointMotion
-from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_solver import ContactSolver
 
 
@@ -54,18 +53,7 @@ class HandedForces(ContactSolver):
         """See ContactSolver."""
         return self.reached
 
-    def solve(
-        self,
-        points: PointMotion,
-        delassus: Array,
-        dt: float,
-        obstacles: ObstacleMotion,
-        quasi_static: bool = False,
-        settled: Settled | None = None,
-        is_patient: bool = True,
-    ) -> ContactSolution | None:
+    def solve(self, points: PointMotion, delassus: Array, *_: Any, **__: Any) -> Handed | None:
         """See ContactSolver."""
         self.delassus = delassus
-        if not len(self.reached):
-            return None
-        return handed(self.forces, self.reached)
+        return handed(self.forces, self.reached) if len(self.reached) else None

@@ -7,7 +7,7 @@ from fenics_rom.arguments import is_number
 from fenics_rom.errors import SceneError, StepError, check_known, shown
 from fenics_rom.world.bodies import Body
 from fenics_rom.world.joints import AnyJoint, JointPoints
-from fenics_rom.world.meetings import Meeting, overlap
+from fenics_rom.world.meetings import Meeting
 
 
 class JointPlan:
@@ -107,17 +107,14 @@ class JointPlan:
         self.next_change = min([*stops, *(self._all[name].start for name in self._due)], default=math.inf)
         if self._inside:
             self.next_change = -math.inf
-        names, joined = list(self._bodies), [{self._all[k].first, self._all[k].second} for k in self.points]
+        joined = [{self._all[name].first, self._all[name].second} for name in self.points]
         for meeting in self._meetings:
-            is_joined = {names[meeting.first], names[meeting.second]} in joined
-            meeting.is_on = not is_joined and not any(meeting is inside for inside in self._inside)
+            meeting.is_on = set(meeting.names) not in joined and not any(meeting is inside for inside in self._inside)
 
     def _let_go(self, joint: AnyJoint) -> None:
         """Takes note where bodies that were joined are inside one another."""
-        names = list(self._bodies)
         for meeting in self._meetings:
-            both = {names[meeting.first], names[meeting.second]}
-            if both == {joint.first, joint.second} and (depth := self._depth(meeting)):
+            if set(meeting.names) == {joint.first, joint.second} and (depth := self._depth(meeting)):
                 self._inside.append(meeting)
                 self.warnings.append(
                     f"{joint.first} and {joint.second} were {depth:.2g} m inside one another when their joint was let "
@@ -126,7 +123,5 @@ class JointPlan:
 
     def _depth(self, meeting: Meeting) -> float:
         """How deep two bodies are inside one another now, m; 0 where they are not."""
-        for body in self._bodies.values():
-            body.begin(0.0)
-        contacts = overlap(meeting, [body.placed() for body in self._bodies.values()])
+        contacts = meeting.overlap(list(self._bodies.values()))
         return 0.0 if contacts is None else -float(contacts.gaps.min())

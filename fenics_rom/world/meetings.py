@@ -28,6 +28,7 @@ class Meeting:
 
     Attributes:
         first, second: their numbers.
+        names: theirs.
         law: how they meet.
         size: of the smaller, m.
         contacts: of the last look; None where they were far from one another.
@@ -36,25 +37,32 @@ class Meeting:
 
     first: int
     second: int
+    names: tuple[str, str]
     law: ContactLaw
     size: float
     contacts: Contacts | None = None
     is_on: bool = True
     _looked_at: tuple[Placed, Placed] | None = None
 
-    def look(self, first: Placed, second: Placed, margin: float) -> None:
-        """Finds the contacts that are nearer than a margin, m."""
+    def look(self, first: Placed, second: Placed, margin: float, anew: bool = False) -> None:
+        """Finds the contacts that are nearer than a margin, m; `anew`: also where both are where they were."""
         if not self.is_on:
             self.contacts = self._looked_at = None
             return
-        if self._looked_at is not None and first is self._looked_at[0] and second is self._looked_at[1]:
+        known = None if anew else self._looked_at
+        if known is not None and first is known[0] and second is known[1]:
             return
         contacts = find_contacts(first, second, margin)
         self.contacts, self._looked_at = contacts if len(contacts.gaps) else None, (first, second)
 
-    def forget(self) -> None:
-        """Looks again, wherever the bodies are."""
-        self._looked_at = None
+    def overlap(self, bodies: Sequence[Body]) -> Contacts | None:
+        """Where the two, among all bodies, are inside one another now by more than round-off; None: they are not."""
+        first, second = bodies[self.first], bodies[self.second]
+        for body in (first, second):
+            body.begin(0.0)
+        contacts = find_contacts(first.placed(), second.placed(), 0.0)
+        is_inside = len(contacts.gaps) and contacts.gaps.min() < -PENETRATION_TOLERANCE * self.size
+        return contacts if is_inside else None
 
 
 def make_meetings(
@@ -74,17 +82,17 @@ def make_meetings(
     Raises:
         SceneError: names that nobody has, two laws of a pair, or one of bodies that do not touch.
     """
-    laws, separate, names = _laws(pairs, bodies), _pairs_apart(apart, bodies), list(bodies)
+    laws, separate = _laws(pairs, bodies), _pairs_apart(apart, bodies)
     for pair in laws:
         why = "as `apart` says" if pair in separate else "as the scene of one of them names no effects.contact"
         if pair in separate or not all(bodies[name].touches for name in pair):
             raise SceneError(f"pairs: {' and '.join(sorted(pair))}: have no contact, {why}: allowed is one of both")
     meetings = []
-    for a, b in combinations(range(len(names)), 2):
-        both, one, other = frozenset((names[a], names[b])), bodies[names[a]], bodies[names[b]]
+    for (a, (first, one)), (b, (second, other)) in combinations(enumerate(bodies.items()), 2):
+        both, size = frozenset((first, second)), min(one.size, other.size)
         touch = one.touches and other.touches and both not in separate
         if touch and not (one.is_driven and other.is_driven):
-            meetings.append(Meeting(a, b, laws.get(both, law), min(one.size, other.size)))
+            meetings.append(Meeting(a, b, (first, second), laws.get(both, law), size))
     return meetings
 
 
@@ -118,27 +126,14 @@ def is_still(now: Placed | None, then: Placed | None, size: float) -> bool:
     return bool(moved.max() <= STILL * size and turned.max() <= STILL)
 
 
-def check_apart(bodies: Sequence[Body], names: Sequence[str], meetings: Sequence[Meeting]) -> None:
+def check_apart(bodies: Sequence[Body], meetings: Sequence[Meeting]) -> None:
     """A StepError where a body begins inside of another one."""
-    for body in bodies:
-        body.begin(0.0)
-    placed = [body.placed() for body in bodies]
     for meeting in meetings:
-        contacts = overlap(meeting, placed) if meeting.is_on else None
+        contacts = meeting.overlap(bodies) if meeting.is_on else None
         if contacts is not None:
-            deepest = int(contacts.gaps.argmin())
+            deepest, (first, second) = int(contacts.gaps.argmin()), meeting.names
             raise StepError(
-                f"allowed are bodies that begin outside of one another, but {names[meeting.first]!r} is "
-                f"{-contacts.gaps[deepest]:.3g} m inside {names[meeting.second]!r} at "
+                f"allowed are bodies that begin outside of one another, but {first!r} is "
+                f"{-contacts.gaps[deepest]:.3g} m inside {second!r} at "
                 f"{contacts.first.arms[deepest].round(9).tolist()}; move one of them, or name both in `apart`"
             )
-
-
-def overlap(meeting: Meeting, placed: Sequence[Placed | None]) -> Contacts | None:
-    """Where two bodies, as all lie, are inside one another by more than round-off; None where they are not."""
-    one, other = placed[meeting.first], placed[meeting.second]
-    assert one is not None
-    assert other is not None
-    contacts = find_contacts(one, other, 0.0)
-    is_inside = len(contacts.gaps) and contacts.gaps.min() < -PENETRATION_TOLERANCE * meeting.size
-    return contacts if is_inside else None

@@ -54,10 +54,8 @@ class WorldSkins:
         self._into = dict[tuple[str, str], Meeting]()  # of a soft body and a rigid one
         self._between = dict[tuple[str, str], Meeting]()  # of two soft ones
         self._rigid = dict[str, Rigid | Driven]()
-        names = list(bodies)
         for meeting in meetings:
-            both = names[meeting.first], names[meeting.second]
-            one, other = sorted(both, key=lambda name: (name not in self._watched, name))
+            one, other = sorted(meeting.names, key=lambda name: (name not in self._watched, name))
             if other in self._watched:
                 self._between[one, other] = meeting
             elif one in self._watched and not isinstance(body := bodies[other], Soft):
@@ -105,7 +103,7 @@ class WorldSkins:
             self._next_look = each.watch.next_look
         for pair in self._between:
             if self._meet(pair):
-                self._look_at_soft(*pair, before.soft, time)
+                self._look_at_soft(pair, before.soft, time)
 
     def _now(self) -> _Since:
         marks = {name: each.places.mark() for name, each in self._watched.items()}
@@ -120,36 +118,43 @@ class WorldSkins:
         for pair, meeting in self._meetings:
             if not meeting.is_on:
                 self._joined.add(pair)
-            elif pair in self._joined and not self._is_in(*pair):
+            elif pair in self._joined and not self._is_in(pair):
                 self._joined.remove(pair)
 
-    def _is_in(self, name: str, other: str) -> bool:
-        if other in self._watched:
-            return bool(self._found_in_each_other(name, other))
-        each = self._watched[name]
-        return bool(each.watch.skin.intrusions(_placement(each).whole(), _placed(self._rigid[other])))
+    def _is_in(self, pair: tuple[str, str]) -> bool:
+        if pair in self._between:
+            return bool(self._in_each_other(pair, self._placements(pair)))
+        each = self._watched[pair[0]]
+        return bool(each.watch.skin.intrusions(_placement(each).whole(), _placed(self._rigid[pair[1]])))
 
-    def _look_at_soft(self, name: str, other: str, before: Mapping[str, Mark], time: float) -> None:
+    def _placements(self, pair: tuple[str, str]) -> list[Placement]:
+        return [_placement(self._watched[name]) for name in pair]
+
+    def _look_at_soft(self, pair: tuple[str, str], before: Mapping[str, Mark], time: float) -> None:
         """Looks at where two soft bodies are, and at where they were since the last look."""
-        one, two = self._watched[name], self._watched[other]
-        now, then = (_placement(one), _placement(two)), (_placement(one, before[name]), _placement(two, before[other]))
-        stride = _spacing(one.watch.skin, two.watch.skin)
-        self._soft_room = min(
-            self._soft_room, max(stride, one.watch.skin.room_beside(two.watch.skin, *(each.few for each in now)))
-        )
-        went = sum(moved_between(Instant(start, {}), Instant(end, {})) for start, end in zip(then, now, strict=True))
+        now, then = self._placements(pair), [_placement(self._watched[name], before[name]) for name in pair]
+        one, two = (self._watched[name].watch.skin for name in pair)
+        stride = _spacing(one, two)
+        self._soft_room = min(self._soft_room, max(stride, one.room_beside(two, *(each.few for each in now))))
+        ways = list(zip(then, now, strict=True))
+        went = sum(moved_between(Instant(start, {}), Instant(end, {})) for start, end in ways)
         places = min(max(1, math.ceil(went / stride)), MOST_PLACES)
-        for number in range(1, places + 1):
-            a, b = (
-                end.after(start, number / places) if number < places else end
-                for start, end in zip(then, now, strict=True)
-            )
-            for into, who, found in _in_each_other((name, one, a), (other, two, b)):
+        for share in (number / places for number in range(1, places + 1)):
+            there = [end.after(start, share) if share < 1 else end for start, end in ways]
+            for into, who, found in self._in_each_other(pair, there):
                 into.watch.note(f"body {who!r}", time, found)
 
-    def _found_in_each_other(self, name: str, other: str) -> list[tuple[_Watched, str, list[Intrusion]]]:
-        one, two = self._watched[name], self._watched[other]
-        return _in_each_other((name, one, _placement(one)), (other, two, _placement(two)))
+    def _in_each_other(
+        self, pair: tuple[str, str], there: Sequence[Placement]
+    ) -> list[tuple[_Watched, str, list[Intrusion]]]:
+        """Of two soft bodies the one that is in the other, which, and how deep; of both the deeper one."""
+        skins, (a, b) = [self._watched[name].watch.skin for name in pair], [each.whole() for each in there]
+        if (a.min(axis=0) > b.max(axis=0)).any() or (b.min(axis=0) > a.max(axis=0)).any():
+            return []
+        found = _deepest(skins[1], b, skins[0], a), _deepest(skins[0], a, skins[1], b)
+        depths = [max((each.depth for each in of), default=0.0) for of in found]
+        into = int(depths[1] >= depths[0])
+        return [(self._watched[pair[into]], pair[1 - into], found[into])] if found[into] else []
 
     def _leave_out_carriers(self) -> None:
         """What a body is mounted on may begin in it, where it is held."""
@@ -163,7 +168,7 @@ class WorldSkins:
             each, there = self._watched[name], _placed(self._rigid[other])
             each.watch.check_start(_placement(each).whole(), {f"body {other!r}": there})
         for pair in filter(self._meet, self._between):
-            for into, who, found in self._found_in_each_other(*pair):
+            for into, who, found in self._in_each_other(pair, self._placements(pair)):
                 into.watch.refuse(f"body {who!r}", found)
 
 
@@ -183,21 +188,6 @@ def _placement(each: _Watched, mark: Mark | None = None) -> Placement:
 def _spacing(one: Skin, two: Skin) -> float:
     """Of the nodes of both, m."""
     return float(max(np.median(one.spacing), np.median(two.spacing)))
-
-
-def _in_each_other(
-    one: tuple[str, _Watched, Placement], two: tuple[str, _Watched, Placement]
-) -> list[tuple[_Watched, str, list[Intrusion]]]:
-    """Of two soft bodies the one that is in the other, which, and how deep; of both the deeper one."""
-    (first, a, a_there), (second, b, b_there) = one, two
-    places = a_there.whole(), b_there.whole()
-    if (places[0].min(axis=0) > places[1].max(axis=0)).any() or (places[1].min(axis=0) > places[0].max(axis=0)).any():
-        return []
-    in_b = _deepest(a.watch.skin, places[0], b.watch.skin, places[1])
-    in_a = _deepest(b.watch.skin, places[1], a.watch.skin, places[0])
-    if max((each.depth for each in in_a), default=0.0) > max((each.depth for each in in_b), default=0.0):
-        return [(a, second, in_a)]
-    return [(b, first, in_b)] if in_b else []
 
 
 def _deepest(inner: Skin, inside: Array, outer: Skin, around: Array) -> list[Intrusion]:

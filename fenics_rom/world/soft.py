@@ -208,10 +208,8 @@ class Soft(Simulator, Body):
             nodes = points.nodes[: len(gaps)]
             np.minimum.at(self._handed.point_gaps, nodes.ravel(), np.repeat(gaps, nodes.shape[1]))
 
-    def placed(self) -> PlacedSurface | None:
+    def placed(self) -> PlacedSurface:
         """As in Body."""
-        if not self.touches:
-            return None
         return PlacedSurface(self._start + self._h / 2 * self._velocity, self.contact_triangles, self._everywhere)
 
     def travel(self) -> tuple[Array, float]:

@@ -37,7 +37,7 @@ class StepPairs:
     def __init__(self, bodies: Sequence[Body], meetings: Sequence[Meeting]):
         self._bodies, self._meetings = bodies, meetings
         self._touching = sorted({number for meeting in meetings for number in (meeting.first, meeting.second)})
-        self._placed: list[Placed | None] = [None] * len(bodies)  # where what lies still was seen first
+        self._placed = dict[int, Placed]()  # where what lies still was seen first
         self._sizes = [min(body.size, LARGEST) for body in bodies]
         self._contacts: list[tuple[int, Contacts]] = []
         self._pairs: Pairs | None = None
@@ -152,20 +152,17 @@ class StepPairs:
         for number in self._touching:
             body = self._bodies[number]
             now, travels[number] = body.placed(), body.travel()
-            if not is_still(now, placed[number], self._sizes[number]):
+            if not is_still(now, placed.get(number), self._sizes[number]):
                 placed[number] = now
         swerves = {number: self._bodies[number].swerve() for number in self._touching} if far else {}
         for number, meeting in enumerate(self._meetings):
-            one, other = placed[meeting.first], placed[meeting.second]
-            assert one is not None
-            assert other is not None
             (whole, beside), (other_whole, other_beside) = travels[meeting.first], travels[meeting.second]
             nearer = 2 * math.hypot(*(whole - other_whole))
             if far:
                 (more, beyond), (other_more, other_beyond) = swerves[meeting.first], swerves[meeting.second]
                 nearer += 3 * math.hypot(*(more - other_more)) + beyond + other_beyond
-                meeting.forget()
-            meeting.look(one, other, nearer + beside + other_beside + NEAR * meeting.size)
+            margin = nearer + beside + other_beside + NEAR * meeting.size
+            meeting.look(placed[meeting.first], placed[meeting.second], margin, anew=far)
             if meeting.contacts is not None:
                 found.append((number, meeting.contacts))
         return found

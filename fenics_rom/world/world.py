@@ -101,8 +101,7 @@ class World(ReadWorld):
         if self._lone is not None:
             self._lone_step, self._lone_name = self._lone.step, self._lone.name
             self.step = self._step_alone  # type: ignore[method-assign]
-        if self._meetings:
-            check_apart(everyone, self._names, self._meetings)
+        check_apart(everyone, self._meetings)
         self._skins = WorldSkins({} if self._lone else self._bodies, self._meetings)
         of_soft = {body: self._met_by(body) for body in self._soft}
         said = {body.name: body.describe_passing(radii) for body, radii in of_soft.items() if radii}
@@ -132,9 +131,7 @@ class World(ReadWorld):
 
     def _met_by(self, body: Soft) -> dict[str, float]:
         """Radii, m, by name, of the rigid bodies that a soft one may meet."""
-        on = [meeting for meeting in self._meetings if meeting.is_on]
-        pairs = [{self._names[meeting.first], self._names[meeting.second]} for meeting in on]
-        others = {name for pair in pairs if body.name in pair for name in pair}
+        others = {name for each in self._meetings if each.is_on and body.name in each.names for name in each.names}
         rigid = {name: record for name, record in self.bodies.items() if name in others}
         return {name: passing_radius(record.shape) for name, record in rigid.items() if isinstance(record, RigidBody)}
 
