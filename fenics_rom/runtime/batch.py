@@ -18,7 +18,7 @@ from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.batch_arrays import Bodies, select_bodies
+from fenics_rom.runtime.batch_arrays import Bodies, checked_bases, checked_inputs, select_bodies
 from fenics_rom.runtime.batched_bodies import BatchedBodies
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.separate_bodies import SeparateBodies
 
 ON_ERROR = "raise", "hold", "reset"
+ALLOWED_BASES = "allowed are finite numbers and a unit quaternion; all bodies were left as they were"
 MOST_BODIES = 10**8  # of which even the smallest take some ten GB
 
 
@@ -97,6 +98,7 @@ class Batch(BatchedBodies):
         h = checked_dt(dt)
         self._bodies = self._one_by_one(h) if self._why else self._together(h)
         self.rom = self._bodies.rom
+        self._shape = self.size, self.inputs
 
     def _together(self, dt: float) -> "JointBodies":
         from fenics_rom.runtime.joint_bodies import JointBodies
@@ -181,7 +183,10 @@ class Batch(BatchedBodies):
         """
         selected = self._select(bodies)
         self._check_frame()
-        self._bodies.place(base, selected)
+        given, refused = checked_bases(base, len(selected), "base")
+        if len(refused):
+            raise StepError(f"base of body {selected[refused[0]]}: {ALLOWED_BASES}")
+        self._bodies.place(given, selected)
 
     def switch(self, contact: str | Sequence[str] | Array, bodies: Bodies = None) -> None:
         """Makes other contact modes active; states are projected, and never gain energy by it.
@@ -231,7 +236,15 @@ class Batch(BatchedBodies):
                 they were.
         """
         check_known("choice of on_error", on_error, ON_ERROR, StepError)
-        held = self._bodies.step(u, base, on_error)
+        bodies = self._bodies
+        u, held = checked_inputs(u, self._shape, bodies.dtype, bodies.input_limit, bodies.steps, on_error)
+        if base is not None:
+            where = f"step {self.steps}"
+            base, refused = checked_bases(base, self.size, f"{where}: base")
+            if len(refused) and on_error == "raise":
+                raise StepError(f"{where}, body {refused[0]}: base: {ALLOWED_BASES}")
+            held = np.union1d(held, refused)
+        held = bodies.step(u, base, held, on_error)
         if on_error == "reset" and len(held):
             self._bodies.reset(held, "hold")
         return held

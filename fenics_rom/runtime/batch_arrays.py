@@ -101,7 +101,7 @@ def checked_inputs(
 
 
 def checked_bases(base: object, count: int, where: str) -> tuple[BaseState, Array]:
-    """Bases of so many bodies, as arrays, and which of these no base can have.
+    """Bases of so many bodies, as arrays of all, and which of these no base can have.
 
     Raises:
         StepError: arrays of other shapes.
@@ -124,8 +124,7 @@ def checked_bases(base: object, count: int, where: str) -> tuple[BaseState, Arra
     length = np.sqrt(np.einsum("bi,bi->b", rotation, rotation))
     sound = np.abs(length - 1) <= UNIT_TOLERANCE  # NaN is not, either
     sound &= np.isfinite(np.hstack([position, velocity, turning])).all(axis=1)
-    unit = rotation / np.where(sound, length, 1.0)[:, None]
-    return BaseState(position, unit, velocity, turning), (~sound).nonzero()[0]
+    return BaseState(position, rotation, velocity, turning), (~sound).nonzero()[0]
 
 
 def stacked_state(q: Array, r: Array, shape: tuple[int, int]) -> Array:

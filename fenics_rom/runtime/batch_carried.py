@@ -16,7 +16,7 @@ from fenics_rom.mechanics.environment import DETAILS
 from fenics_rom.mechanics.frame_motion import rotation_of, world_displacement
 from fenics_rom.mechanics.largest_turn import LARGEST_TURN
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.batch_arrays import checked_bases
+from fenics_rom.runtime.batch_arrays import distinct
 from fenics_rom.runtime.batch_carried_step import CarriedMode, CarriedStep, lengths, products_of, turned_by
 from fenics_rom.runtime.steppers.moving_frame import quasi_rigid
 
@@ -39,7 +39,7 @@ class _Taken(NamedTuple):
 
 
 class BatchCarried:
-    """How bodies of a ROM move that bases carry; see BatchStepper.
+    """How bodies of a ROM move that bases carry.
 
     Args:
         rom: of displacements that strain, without contact.
@@ -79,14 +79,14 @@ class BatchCarried:
         self.reset(np.arange(size))
 
     def set_time_step(self, h: float) -> None:
-        """See BatchStepper."""
+        """Of all bodies, s."""
         self._h = h
         self._goes[:] = False
         for mode in self._modes:
             mode.set_time_step(h)
 
     def begin(self, bodies: Array, q: Array, r: Array) -> None:
-        """See BatchStepper; bases stay."""
+        """Bodies (B,) are put to q and r (B, m); their bases stay."""
         self.misfit[bodies], self.distrusted[bodies], self._goes[bodies] = 0.0, False, False
 
     def reset(self, bodies: Array) -> None:
@@ -94,33 +94,20 @@ class BatchCarried:
         base = self._environment.base_at(0.0) or STILL._replace(position=self._frame.origin)
         self.place(BaseState(*(np.tile(part, (len(bodies), 1)) for part in base)), bodies)
 
-    def entered(self, bodies: Array) -> None:
-        """Nothing is to be done."""
-
     def place(self, base: BaseState, bodies: Array) -> None:
         """Puts the bases of bodies (B,) somewhere."""
         parts = tuple(part.copy() for part in self.base)  # those of the last step stay as they are
-        for part, given in zip(parts, base, strict=True):
+        for part, given in zip(parts, _with_unit_rotations(base), strict=True):
             part[bodies] = given
         self.base = BaseState(*parts)
         self._goes[bodies] = False
 
-    def move_base(self, base: BaseState | None, times: Array, where: str, on_error: str) -> Array:
-        """Notes where bases are at the end of the next step, that begins at times (B,), s; bodies whose base is none.
-
-        Raises:
-            StepError: arrays of other shapes; or, if that is asked for, a base that is none.
-        """
-        refused = np.empty(0, int)
+    def move_base(self, base: BaseState | None, times: Array, held: Array) -> None:
+        """Notes where bases are at the end of a step that begins at times (B,), s; those of held bodies stay."""
         if base is not None:
-            ends, refused = checked_bases(base, len(times), f"{where}: base")
-            if len(refused) and on_error == "raise":
-                raise StepError(
-                    f"{where}, body {refused[0]}: base: allowed are finite numbers and a unit quaternion; all bodies "
-                    "were left as they were"
-                )
+            ends = _with_unit_rotations(base)
         else:
-            instants, which = np.unique(times, return_inverse=True)
+            instants, which = distinct(times)
             bases = [self._environment.base_at(time + self._h) for time in instants]
             known = [state for state in bases if state is not None]
             still = np.zeros_like(self.base.velocity)
@@ -131,12 +118,11 @@ class BatchCarried:
             )
         parts = [np.array(part) for part in ends]
         for part, now in zip(parts, self.base, strict=True):
-            part[refused] = now[refused]
+            part[held] = now[held]
         self._ends = BaseState(*parts)
-        return refused
 
     def energy(self, bodies: Array, q: Array, r: Array) -> Array:
-        """See BatchStepper."""
+        """Stored (B,), of bodies at q and r (B, m), J."""
         energy, modes = np.empty(len(bodies)), self._mode[bodies]
         for k, own in _parts(modes):
             m = len(self._modes[k].γ)
@@ -145,7 +131,7 @@ class BatchCarried:
         return energy
 
     def step(self, mode: Array, q: Array, r: Array, u: Array) -> tuple[Array, Array]:
-        """See BatchStepper."""
+        """Mid-step velocities (m, B) from q and r (m, B) under u (B, p), not finite where lost; works (2, B), J."""
         v, works = np.zeros_like(q), np.empty((2, len(mode)))
         self._pending = _Taken(mode.copy(), q, r, u, self.base, self._ends)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -156,7 +142,7 @@ class BatchCarried:
         return v, works
 
     def accept(self, held: Array, q: Array) -> None:
-        """See BatchStepper."""
+        """The step is taken, to q (m, B), but for bodies that are held."""
         before, self._taken, self._goes[:] = self.base, self._pending, True
         self._goes[held] = False
         self.base = BaseState(
@@ -224,6 +210,12 @@ class BatchCarried:
             size, of = lengths(off), np.maximum(*map(lengths, largest))
             np.maximum(misfit, np.where(size > least, size / np.where(of > 0, of, np.inf), 0.0), out=misfit)
         return misfit
+
+
+def _with_unit_rotations(base: BaseState) -> BaseState:
+    """Bases (B, ...) whose quaternions, which are of length 1 to a tolerance, are so to round-off."""
+    length = np.sqrt(products_of(base.rotation, base.rotation))
+    return base._replace(rotation=base.rotation / np.where(length > 0, length, 1.0)[:, None])
 
 
 def _parts(mode: Array) -> list[tuple[int, Array]]:

@@ -99,9 +99,6 @@ class BatchDeformation:
         """Bodies are in another contact mode: tangents are made anew."""
         self._now.stale[:, bodies] = True
 
-    def reset(self, bodies: Array) -> None:
-        """Nothing is left to do after `begin`."""
-
     def begin(self, bodies: Array, q: Array, r: Array) -> None:
         """Bodies (B,) are put to q and r (B, m)."""
         now, strains = self._now, self._tables.at(q.T)

@@ -48,7 +48,7 @@ class JointState:
     _environment: "ActiveEnvironment | None"
     _works: Array
     _ones: Array
-    _input_limit: float
+    input_limit: float  # N, of all columns
     ledger: bool
     _account: Array
 
@@ -56,11 +56,6 @@ class JointState:
     def dt(self) -> float:
         """Time step, s."""
         return self._dt
-
-    @property
-    def inputs(self) -> int:
-        """Columns p of the input."""
-        return self._models.contact_columns + sum(self.rom.actuators.values())
 
     @property
     def contact(self) -> Array:
@@ -86,16 +81,16 @@ class JointState:
     @property
     def friction(self) -> Array:
         """(size,)."""
-        return self._with_contact().friction.copy()
+        return self._touching.friction.copy()
 
     @friction.setter
     def friction(self, μ: Array) -> None:
-        self._with_contact().friction[:] = μ
+        self._touching.friction[:] = μ
 
     @property
     def inexact(self) -> Array:
         """(size,)."""
-        return self._with_contact().inexact.copy()
+        return self._touching.inexact.copy()
 
     @property
     def frozen(self) -> Array:
@@ -125,17 +120,17 @@ class JointState:
     @property
     def base(self) -> "BaseState":
         """Of arrays (size, 3) and (size, 4)."""
-        return self._with_base().base
+        return self._on_bases.base
 
     @property
     def base_wrench(self) -> tuple[Array, Array]:
         """(size, 3), N and N m."""
-        return self._with_base().wrench
+        return self._on_bases.wrench
 
     @property
     def base_misfit(self) -> Array:
         """(size,)."""
-        return self._with_base().misfit.copy()
+        return self._on_bases.misfit.copy()
 
     @property
     def reactions(self) -> dict[str, Array]:
@@ -144,12 +139,12 @@ class JointState:
 
     def contact_force(self, obstacle: str) -> Array:
         """(size, 3), N."""
-        return self._with_contact().resultant(obstacle)
+        return self._touching.resultant(obstacle)
 
     @property
     def point_forces(self) -> Array:
         """(size, P, 3), N."""
-        return self._with_contact().point_forces
+        return self._touching.point_forces
 
     @property
     def layout(self) -> BatchLayout:
@@ -219,14 +214,14 @@ class JointState:
         energy: Array = (np.einsum("bm,bm->b", x, x) + np.einsum("bm,bm->b", r, r)) / 2
         return energy if self._contacts is None else energy + self._contacts.residual.stored(bodies, modes)
 
-    def _with_contact(self) -> "BatchContact":
-        if self._contacts is None:
-            raise StepError(f"nothing can touch bodies of ROM {self.rom.name!r}: allowed is a scene with contact")
+    @property
+    def _touching(self) -> "BatchContact":
+        assert self._contacts is not None
         return self._contacts
 
-    def _with_base(self) -> "BatchCarried":
-        if self._carried is None:
-            raise StepError(f"no base carries bodies of ROM {self.rom.name!r}: allowed is a scene with a moving frame")
+    @property
+    def _on_bases(self) -> "BatchCarried":
+        assert self._carried is not None
         return self._carried
 
     def _read_output(self, part: int, output: str) -> Array:
@@ -243,10 +238,10 @@ class JointState:
         """What acts by itself in the step of each body, in the middle of it, (size, loads)."""
         times, which = distinct(self._account[TIME] + self._dt / 2)
         loads = np.array([environment.loads_at(time) for time in times])
-        bad = np.flatnonzero(~(np.abs(loads) <= self._input_limit).all(axis=1))
+        bad = np.flatnonzero(~(np.abs(loads) <= self.input_limit).all(axis=1))
         if len(bad):
             raise StepError(
                 f"loads at {times[bad[0]]:g} s: {loads[bad[0]].tolist()}: allowed are numbers within "
-                f"{self._input_limit:.0e}; all bodies were left as they were"
+                f"{self.input_limit:.0e}; all bodies were left as they were"
             )
         return loads[which]

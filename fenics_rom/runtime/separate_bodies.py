@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
-from numpy.typing import ArrayLike
 
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.batch_arrays import checked_bases, checked_inputs, stacked_state
+from fenics_rom.runtime.batch_arrays import stacked_state
 from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.tension_watch import pulled_columns
@@ -23,8 +22,6 @@ from fenics_rom.runtime.tension_watch import pulled_columns
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import SignalLike
     from fenics_rom.runtime.joint_bodies import JointBodies
-
-LARGEST_INPUT = 1e75  # as of bodies that are stepped together in double precision
 
 
 class _Before(NamedTuple):
@@ -50,8 +47,13 @@ class _Before(NamedTuple):
 class SeparateBodies:
     """Bodies that are stepped one after another; arguments, properties and methods as of `Batch`.
 
-    Inputs, states, obstacles and bases are checked here; `bodies` are indices.
+    States and obstacles are checked here; `bodies` are indices.
+
+    Attributes:
+        input_limit, dtype: of inputs, as of bodies that are stepped together in double precision.
     """
+
+    input_limit, dtype = 1e75, np.dtype(float)
 
     def __init__(
         self, rom: Rom, size: int, dt: float, ledger: bool, signals: "Mapping[str, SignalLike]", detail: str | None
@@ -269,16 +271,10 @@ class SeparateBodies:
 
     def place(self, base: BaseState, bodies: Array) -> None:
         """As of `Batch`."""
-        _, refused = checked_bases(base, len(bodies), "base")
-        if len(refused):
-            raise StepError(
-                f"base of body {bodies[refused[0]]}: allowed are finite numbers and a unit quaternion; all bodies "
-                "were left as they were"
-            )
         before, done = [self.bodies[body].pose for body in bodies], 0
         try:
             for k, body in enumerate(bodies):
-                self.bodies[body].place(_own(base, k))
+                self.bodies[body].place(BaseState(*(part[k] for part in base)))
                 done = k + 1
         except StepError as error:
             for pose, body in zip(before[:done], bodies, strict=False):
@@ -328,26 +324,15 @@ class SeparateBodies:
         for mode, body in zip(modes, bodies, strict=True):
             self.bodies[body].switch(names[mode])
 
-    def step(self, u: ArrayLike, base: BaseState | None, on_error: str) -> Array:
-        """As of `Batch`, but for "reset"."""
-        size, most, actuators = len(self.bodies), max(self._widths.values()), sum(self.rom.actuators.values())
-        shape, where = (size, most + actuators), f"step {self.steps}"
-        u, held = checked_inputs(u, shape, np.dtype(float), LARGEST_INPUT, self.steps, on_error)
-        stays = self.frozen.copy()
+    def step(self, u: Array, base: BaseState | None, held: Array, on_error: str) -> Array:
+        """As of `Batch`, but for "reset", under inputs and bases that are fine but for those of bodies held."""
+        most, where, stays = max(self._widths.values()), f"step {self.steps}", self.frozen.copy()
         stays[held] = True
-        if base is not None:
-            _, refused = checked_bases(base, size, f"{where}: base")
-            if len(refused) and on_error == "raise":
-                raise StepError(
-                    f"{where}, body {refused[0]}: base: allowed are finite numbers and a unit quaternion; all bodies "
-                    "were left as they were"
-                )
-            stays[refused] = True
         taken: list[_Before] = []
         for number, body in enumerate(self.bodies):
             if stays[number]:
                 continue
-            own = None if base is None else _own(base, number)
+            own = None if base is None else BaseState(*(part[number] for part in base))
             before = _Before.of(body) if on_error == "raise" else None
             try:
                 body.step(self._input_of(body, u[number], most), base=own)
@@ -367,9 +352,3 @@ class SeparateBodies:
         """What of an input is a body's, without columns that only other contact modes have."""
         own = self._widths[body.nearest_contact] if min(self._widths.values()) < most else most
         return u if own == most else np.concatenate([u[:own], u[most:]])
-
-
-def _own(base: BaseState, body: int) -> BaseState:
-    """Of bases of all bodies, or one for all, that of one, to the bit as it was given."""
-    parts = (np.asarray(part, dtype=float) for part in base)
-    return BaseState(*(part if part.ndim == 1 else part[body] for part in parts))

@@ -124,7 +124,7 @@ MUTATIONS = [
     ("runtime/batch_residual.py", ".reshape(3, -1).T @ self._axes", ".reshape(3, -1).T"),
     ("runtime/batch_contact_mode.py", 'work += np.einsum("apb,apb->b", forces, yields)', "pass"),
     ("runtime/batch_contact_mode.py", "4 / h**2 * a", "a / 4"),
-    ("runtime/batch_step.py", "if contacts is None or not any(couplings) else w.copy()", "if True else w"),
+    ("runtime/joint_bodies.py", "if contacts is None or not any(couplings) else w.copy()", "if True else w"),
     ("mechanics/batch_contact_solver.py", "response.push[added] *= share[:, None]", "pass"),
     ("mechanics/batch_contact_solver.py", "share * (given[added] + share", "(given[added] + share"),
     ("mechanics/batch_contact_solver.py", "again = ~settled", "again = ~settled & False"),
