@@ -15,12 +15,14 @@ from fenics_rom.mechanics.complementarity import (
     Frames,
     KeptLaw,
     batched_newton,
+    frictional,
     of_other_pairs,
 )
 from fenics_rom.mechanics.complementarity import solve as solve_pairs
 from fenics_rom.mechanics.complementarity.batched_newton import BatchedNewton
 from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
 from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
+from fenics_rom.mechanics.complementarity.interior_point import STARTS
 from fenics_rom.mechanics.complementarity.linearised import Linearisation, LinearisationByVelocities
 from fenics_rom.mechanics.complementarity.problems import Problems
 from fenics_rom.mechanics.complementarity.solution import statuses_of
@@ -472,27 +474,26 @@ def test_units_do_not_matter():
         np.testing.assert_allclose(scaled, f * force, atol=1e-8 * np.abs(f).max() * force)
 
 
-@pytest.mark.parametrize("method", ["search_interior", "follow_path"])
-def test_each_method_behind_newtons_comes_to_a_solution(method):
-    """Newton's method may only finish what the others began: from zero it is not tried."""
+@pytest.mark.parametrize("start", STARTS)
+def test_interior_points_come_to_solutions_from_each_start(start, monkeypatch):
+    """Newton's method may only finish what they began: from zero it is not tried."""
+    monkeypatch.setattr(frictional, "STARTS", (start,))
     rng = np.random.default_rng(10)
     solved = 0
     for _ in range(20):
         W, q, n = random_problem(rng, 8, 14)
         frames = Frames(n)
         problem = FrictionalProblem(Delassus(W).framed(frames), *frames.turned(q), 0.3)
-        arguments = () if method == "search_interior" else (0.3, 10)
-        if getattr(problem, method)(*arguments):
+        if problem.search_interior():
             solved += 1
             assert violation(W, q, n, 0.3, frames.in_space(problem.best)) < 1e-9
     assert solved >= 18
 
 
-def test_interior_points_alone_come_to_solutions(monkeypatch):
+def test_interior_points_and_pivots_alone_come_to_solutions(monkeypatch):
     """Without Newton's method or an active set to finish what they began."""
     monkeypatch.setattr(FrictionlessProblem, "search_active_set", lambda self, λ: False)
     monkeypatch.setattr(FrictionalProblem, "search_newton", lambda self, *arguments: False)
-    monkeypatch.setattr(FrictionalProblem, "follow_path", lambda self, *path: False)
     rng = np.random.default_rng(11)
     for μ in (0.0, 0.3):
         for _ in range(10):
@@ -509,7 +510,7 @@ def test_what_cannot_be_stopped_is_refused():
 
 
 def test_contact_without_friction_whose_matrix_cannot_be_inverted_is_no_crash(monkeypatch):
-    """Far from a solution, numbers of the interior points overflow: forces were not found, and a step is to be cut."""
+    """Far from a solution numbers overflow: forces were not found, and a step is to be cut."""
 
     def singular(*given):
         raise np.linalg.LinAlgError("Singular matrix")
@@ -517,6 +518,6 @@ def test_contact_without_friction_whose_matrix_cannot_be_inverted_is_no_crash(mo
     W = np.eye(3)
     problem = FrictionlessProblem(Delassus(W).framed(Frames(np.array([[0.0, 0.0, 1.0]]))), np.full((3, 1), -1.0))
     monkeypatch.setattr(problem, "search_active_set", lambda start: False)
-    monkeypatch.setattr(problem, "search_interior", singular)
+    monkeypatch.setattr(problem, "search_by_pivots", singular)
     with pytest.raises(StepError, match="no forces found"):
         problem.solve(np.zeros((3, 1)))

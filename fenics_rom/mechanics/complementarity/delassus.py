@@ -290,9 +290,3 @@ class FramedDelassus:
         if self.added:
             moved[0] += self.added * forces[0]
         return moved
-
-    def softened(self, share: float) -> "FramedDelassus":
-        """The same with a share of each pair's compliance added to it."""
-        W = self.operator.matrix.copy()
-        W.ravel()[:: len(W) + 1] += share * np.repeat(self.compliance, 3)
-        return Delassus(W).framed(self.frames, self.added)

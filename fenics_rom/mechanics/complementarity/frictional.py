@@ -1,4 +1,4 @@
-"""Contact with Coulomb's friction: semismooth Newton, then interior points, then paths of shrinking compliance.
+"""Contact with Coulomb's friction: semismooth Newton, then interior points.
 
 With z = f - ρ u for any ρ > 0 the conditions are f = P(z), P(z) = z_n⁺ n + z_t min(1, μ z_n⁺/|z_t|) (Alart & Curnier,
 CMAME 92, 1991), which tells for each pair whether it is open, sticks or slips. Newton's method on it is an active-set
@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity.delassus import FramedDelassus
-from fenics_rom.mechanics.complementarity.interior_point import find_interior_point
+from fenics_rom.mechanics.complementarity.interior_point import STARTS, find_interior_point
 from fenics_rom.mechanics.complementarity.linearised import Linearisation, LinearisationByVelocities, linearised
 from fenics_rom.mechanics.complementarity.solution import (
     CONVERGENCE_TOLERANCE,
@@ -32,9 +32,7 @@ from fenics_rom.mechanics.complementarity.solution import (
 SHARES = REGULAR_SHARE, 1.0  # ρ in parts of each pair's stiffness; where one share cycles, another may not
 _FIRST_COMPLIANCE = 1e-4  # proximal, to begin with: where W hardly tells forces apart, Newton's method would cycle
 _FIRST_ITERATIONS = 8  # of Newton's method, with it
-_PATH_RESIDUAL = 1e-6  # below it following a path, the slowest method, is not worth its time
-_PATHS = ((0.3, 10), (0.6, 30))  # of shrinking compliance: the factor, and Gauss-Seidel sweeps where Newton cycles
-_PATH_TOLERANCE = 1e-6  # of Newton's method on a path
+_NEAR_ENOUGH = 1e-6  # residual below which other starts of the interior-point method are not worth their time
 
 
 class _Law(NamedTuple):
@@ -120,12 +118,8 @@ class FrictionalProblem:
             raise StepError(f"contact of {self.q.shape[1]} pairs: Newton's method found no forces")
         if not found:
             with np.errstate(all="ignore"):  # what diverges ends
-                converged = self.search_interior()
-                if not converged and not self.error <= _PATH_RESIDUAL * self.speed:
-                    with suppress(np.linalg.LinAlgError):  # of compliances whose squares overflow
-                        converged = any(self.follow_path(*path) for path in _PATHS)
-            if not converged:
-                check_residual(self.error / self.speed, self.q.shape[1], self.iterations)
+                self.search_interior()
+            check_residual(self.error / self.speed, self.q.shape[1], self.iterations)
         law = self._to_keep(near, is_steady)
         law = None if law is None else law.after(kept)
         return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, law)
@@ -205,8 +199,16 @@ class FrictionalProblem:
 
     def search_interior(self) -> bool:
         """Whether Newton's method arrives from an approximation by an interior-point method."""
+        for start in STARTS:
+            if self._search_interior_from(start):
+                return True
+            if self.error <= _NEAR_ENOUGH * self.speed:
+                break
+        return False
+
+    def _search_interior_from(self, start: tuple[float, float]) -> bool:
         forces, residual, iterations, finished = find_interior_point(
-            self.operator.matrix, self.q, self.μ, self.compliance, self.search_newton
+            self.operator.matrix, self.q, self.μ, self.compliance, self.search_newton, start
         )
         self.iterations += iterations
         if finished or not (residual <= NEGLIGIBLE_RESIDUAL / 10 and np.isfinite(forces).all()):
@@ -214,39 +216,3 @@ class FrictionalProblem:
         self.best, self.error = forces, residual * self.speed
         self.velocities = self._velocities(self.best)
         return True
-
-    def follow_path(self, factor: float, sweeps: int) -> bool:
-        """Whether Newton's method arrives along solutions of problems with a compliance that shrinks by the factor."""
-        f, path_compliance = np.zeros_like(self.q), 10.0
-        while path_compliance > PROXIMAL_COMPLIANCE:
-            softer = FrictionalProblem(self.operator.softened(path_compliance), self.q, self.μ)
-            softer._take_share(SHARES[not softer.operator.is_regular])
-            if not softer.search_newton(f, tolerance=_PATH_TOLERANCE):
-                softer.search_newton(softer.sweep_pairs(softer.best, sweeps), tolerance=_PATH_TOLERANCE)
-            self.iterations += softer.iterations
-            f = softer.best
-            if path_compliance < 0.01 and self.search_newton(f):
-                return True
-            path_compliance *= factor
-        return False
-
-    def sweep_pairs(self, forces: Array, sweeps: int) -> Array:
-        """Forces (3, C) after that many sweeps of block Gauss-Seidel: slow, but it gets nearer where Newton cycles.
-
-        One pair after the other, normal before tangent (Jean, CMAME 177, 1999).
-        """
-        f, q, C = forces.copy(), self.q, self.q.shape[1]
-        W, floor = self.operator.matrix.reshape(3, C, 3 * C), 1e-12 * self.compliance
-        blocks = self.operator.matrix.reshape(3, C, 3, C).diagonal(axis1=1, axis2=3).transpose(2, 0, 1)
-        normal_compliance = np.maximum(blocks[:, 0, 0], floor)
-        tangential_compliance = np.maximum(np.linalg.eigvalsh(blocks[:, 1:, 1:])[:, -1], floor)
-        for _ in range(sweeps):
-            self.iterations += 1
-            before = f.copy()
-            for i in range(C):
-                f[0, i] = max(0.0, f[0, i] - (W[0, i].dot(f.ravel()) + q[0, i]) / normal_compliance[i])
-                t = f[1:, i] - (W[1:, i].dot(f.ravel()) + q[1:, i]) / tangential_compliance[i]
-                f[1:, i] = t * min(1.0, self.μ * f[0, i] / max(np.sqrt(t.dot(t)), 1e-300))
-            if np.abs(f - before).max() <= 1e-15 * np.abs(f).max():
-                break
-        return f

@@ -1,4 +1,4 @@
-"""Contact without friction: a linear complementarity problem, by a primal-dual active set or by interior points."""
+"""Contact without friction: a linear complementarity problem, by a primal-dual active set or by Lemke's pivots."""
 
 from contextlib import suppress
 
@@ -6,20 +6,14 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.delassus import FramedDelassus
+from fenics_rom.mechanics.complementarity.pivoting import solve_by_pivots
 from fenics_rom.mechanics.complementarity.solution import (
     CONVERGENCE_TOLERANCE,
-    FINISH_REDUCTION,
-    FIRST_FINISH_RESIDUAL,
-    INTERIOR_POINT_ACCURACY,
-    INTERIOR_POINT_ITERATIONS,
-    NEGLIGIBLE_RESIDUAL,
     NEWTON_ITERATIONS,
     PROXIMAL_COMPLIANCE,
     STAGNATION_RESIDUAL,
-    STEP_FRACTION,
     KeptLaw,
     Solution,
-    centering,
     check_residual,
     largest,
 )
@@ -39,11 +33,9 @@ class FrictionlessProblem:
     def solve(self, start: Array, kept: KeptLaw | None = None) -> Solution:
         """See `complementarity.solve`."""
         if not self.search_active_set(start[0]):
-            converged = False
             with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):  # what diverges ends
-                converged = self.search_interior()
-            if not converged:
-                check_residual(self.error / self.speed, len(self.r), self.iterations)
+                self.search_by_pivots()
+            check_residual(self.error / self.speed, len(self.r), self.iterations)
         return self._solution(self._to_keep(kept))
 
     def _solution(self, kept: KeptLaw | None) -> Solution:
@@ -89,42 +81,13 @@ class FrictionlessProblem:
         stagnates = before / 2 < self.error <= STAGNATION_RESIDUAL * self.speed
         return error <= CONVERGENCE_TOLERANCE * self.speed or stagnates
 
-    def search_interior(self) -> bool:
-        """Whether the active set settles from an approximation by Mehrotra's predictor-corrector method (1992)."""
+    def search_by_pivots(self) -> bool:
+        """Whether the active set settles from the forces that pivots find."""
         root = np.sqrt(self.compliance)
         M, p = self.M / (root * root[:, None]), self.r / root
         scale = float(np.abs(p).max())
-        p /= scale
-        y, z = np.ones_like(p), np.ones_like(p)
-        finish_residual, error = FIRST_FINISH_RESIDUAL, np.inf
-        for _ in range(INTERIOR_POINT_ITERATIONS):
-            self.iterations += 1
-            τ = float(y.dot(z)) / len(y)
-            residual = M.dot(y) + p - z
-            error = max(float(np.abs(residual).max()), τ)
-            if not INTERIOR_POINT_ACCURACY < error < 1 / INTERIOR_POINT_ACCURACY:
-                break
-            if error < finish_residual:
-                finish_residual = error / FINISH_REDUCTION
-                if self.search_active_set(scale * y / root):
-                    return True
-            G = M.copy()
-            G.ravel()[:: len(y) + 1] += z / y
-            target = -y * z
-            for is_corrector in (False, True):
-                Δy = np.linalg.solve(G, target / y - residual)
-                Δz = M.dot(Δy) + residual
-                α = min(_step_to_border(y, Δy), _step_to_border(z, Δz))
-                if not is_corrector:
-                    target += centering(α, τ) - Δy * Δz
-            y, z = y + STEP_FRACTION * α * Δy, z + STEP_FRACTION * α * Δz
-        if not (error <= NEGLIGIBLE_RESIDUAL / 10 and np.isfinite(y).all()):
+        y = solve_by_pivots(M, p / scale)
+        if y is None:
             return False
-        self.best, self.error = scale * y / root, error * self.speed
-        return True
-
-
-def _step_to_border(y: Array, Δy: Array) -> float:
-    """The largest α <= 1 with y + α Δy >= 0."""
-    falls = Δy < 0
-    return min(1.0, float((y[falls] / -Δy[falls]).min(initial=1.0)))
+        λ = scale * y / root
+        return self._arrives_at(λ) or self.search_active_set(λ)

@@ -1,7 +1,7 @@
 """Linear complementarity problems, w = M z + q, 0 <= w ⟂ z >= 0, by Lemke's pivots (Cottle, Pang & Stone 1992, 4.4).
 
 They lead from one set of numbers that are 0 to the next as an artificial one falls, and so cannot cycle as methods do
-that change sets by their signs. Made for some dozens of numbers: a pivot passes over all of (n, 2 n + 2).
+that change sets by their signs. A pivot passes over all of (n, 2 n + 2).
 """
 
 import numpy as np

@@ -15,17 +15,12 @@ ADVICE = "; a smaller dt, less friction or the penalty variant (stiffness) may h
 LARGEST_RESIDUAL = 1e-3  # accepted, and told, where no method gets further: there may be no solution at all
 PROXIMAL_COMPLIANCE = 1e-9  # added to a system, in parts of each pair's own
 NEWTON_ITERATIONS = 12  # where they suffice they are rarely more than five
-INTERIOR_POINT_ITERATIONS = 40  # where they suffice they are rarely more than fifteen
-INTERIOR_POINT_ACCURACY = 1e-14  # no interior-point method gets further
-FIRST_FINISH_RESIDUAL = 1e-3  # of an interior-point method: from here on Newton's method may finish, and
-FINISH_REDUCTION = 100  # tries again each time the residual has fallen by this factor
 REGULAR_SHARE = 0.4  # ρ in parts of each pair's stiffness, where W is regular
 NEAR = 1e-2  # q of a step and of the next, as a share of the velocities, between which no other law is looked for
 _CALM = 8  # steps without a correction, after which forces are told from fewer steps
 _MOST_LACKED = 8  # steps from which is told what forces will lack
 _MOST_WEAR = 256  # of an inverse, see KeptLaw.worn
 MOST_KEPT = 3  # linearised laws besides that of the last step
-STEP_FRACTION = 0.9  # of the way to the border of the cones that an interior-point method goes
 
 
 def largest(values: Array) -> float:
@@ -131,8 +126,3 @@ def check_residual(residual: float, pairs: int, iterations: int) -> None:
             f"contact of {pairs} pairs: no forces found that stop them: after {iterations} iterations the residual is "
             f"{residual:.1e} of the velocities, allowed is {LARGEST_RESIDUAL:.0e}{ADVICE}"
         )
-
-
-def centering(α: float, τ: float) -> float:
-    """The complementarity to aim at, where the predictor gets by α to the border from the complementarity τ."""
-    return max((1 - α) ** 3, 0.1) * τ
