@@ -44,7 +44,7 @@ def make_bodies(
             raise SceneError(f"body {name!r}: allowed are a RigidBody and a SoftBody, given: {record!r}"[:200])
     for name, record in records.items():
         if isinstance(record, SoftBody):
-            bodies[name] = _soft(name, record, records, bodies, dt, len(records) == 1 and not joined)
+            bodies[name] = _soft(name, record, _carrier(name, records, bodies), dt, len(records) == 1 and not joined)
     return {name: bodies[name] for name in (FIXED, *records)}
 
 
@@ -83,34 +83,28 @@ def _check_driven(name: str, record: RigidBody) -> None:
         )
 
 
-def _soft(
-    name: str,
-    record: SoftBody,
-    records: Mapping[str, RigidBody | SoftBody],
-    bodies: Mapping[str, AnyBody],
-    dt: float,
-    is_alone: bool,
-) -> Soft:
-    carrier, where = None, f"body {name!r}"
-    if record.on is not None:
-        if isinstance(record.on, str) and record.on == name:
+def _carrier(name: str, records: Mapping[str, RigidBody | SoftBody], bodies: Mapping[str, AnyBody]) -> Driven | None:
+    """What carries a soft body; None: nothing does."""
+    chain = [name]
+    while (on := getattr(records[chain[-1]], "on", None)) is not None:
+        check_known("body", on, records, SceneError, f"body {chain[-1]!r}: on: ")
+        if on == name and len(chain) == 1:
             raise SceneError(f"body {name!r}: on = {name!r}: allowed is another body, no body carries itself")
-        check_known("body", record.on, records, SceneError, f"body {name!r}: on: ")
-        chain: list[str] = [name]
-        on: str | None = record.on
-        while on is not None:
-            if on in chain:
-                raise SceneError(f"body {name!r}: on: {' is on '.join([*chain, on])}: allowed is no circle")
-            chain.append(on)
-            carrying = records[on]
-            on = carrying.on if isinstance(carrying, SoftBody) else None
-        found = bodies.get(record.on)
-        if not isinstance(found, Driven):
-            raise SceneError(
-                f"body {name!r}: on = {record.on!r}: allowed is a rigid body with a motion; to one that moves freely "
-                "a free soft body can be joined"
-            )
-        carrier = found
+        if on in chain:
+            raise SceneError(f"body {name!r}: on: {' is on '.join([*chain, on])}: allowed is no circle")
+        chain.append(on)
+    if len(chain) == 1:
+        return None
+    if not isinstance(carrier := bodies.get(chain[1]), Driven):
+        raise SceneError(
+            f"body {name!r}: on = {chain[1]!r}: allowed is a rigid body with a motion; to one that moves freely "
+            "a free soft body can be joined"
+        )
+    return carrier
+
+
+def _soft(name: str, record: SoftBody, carrier: Driven | None, dt: float, is_alone: bool) -> Soft:
+    where = f"body {name!r}"
     rom = given_rom("SoftBody", record.rom)
     is_free = carrier is None and rom.environment is not None and rom.environment.is_moving
     pose = record.pose(where)

@@ -392,6 +392,8 @@ def test_what_cannot_be_is_refused_with_where_and_how_much():
         fr.World({"soft": fr.SoftBody("plate.h5", on="soft")}, 1e-3)
     with pytest.raises(fr.SceneError, match="'a': on: a is on b is on a: allowed is no circle"):
         fr.World({"a": fr.SoftBody("plate.h5", on="b"), "b": fr.SoftBody("plate.h5", on="a")}, 1e-3)
+    with pytest.raises(fr.SceneError, match=r"body 'b': on: .*'nobody'"):
+        fr.World({"a": fr.SoftBody("plate.h5", on="b"), "b": fr.SoftBody("plate.h5", on="nobody")}, 1e-3)
     with pytest.raises(fr.StepError, match="body 'top': it would turn by 5 rad"):
         fr.World({"top": fr.RigidBody(Sphere(0.1), mass=1.0, angular_velocity=(0, 0, 500))}, 1e-2).step()
 
