@@ -79,8 +79,7 @@ class Driven(PointsOfRigid):
         if given is self._given and self._is_still:
             return
         start, end = self._start, checked_base(given, f"its motion at {self.time + h:g} s")
-        self._given = given
-        self._end = end
+        self._given, self._end = given, end
         w, x, y, z = start.rotation.tolist()
         cosine, *sines = composed((w, -x, -y, -z), end.rotation.tolist())
         if not abs(cosine) >= LEAST_COSINE:

@@ -193,16 +193,9 @@ class JointPoints:
 
 
 def _hold_surface(body: Soft, joint: SurfaceJoint, whole: bool, where: str) -> tuple[Array, Points]:
-    """Of the surface that a joint holds of a body, which goes to its contact mode.
+    """Where a joint holds the surface of a body, which goes to its contact mode: (j, 3), m, and points of the body.
 
-    Args:
-        body: a soft one.
-        joint: what holds it.
-        whole: whether a weld may hold it as a whole.
-        where: what errors begin with.
-
-    Returns:
-        Where it begins (j, 3), m, and the points of the body.
+    `whole`: whether a weld may hold it as a whole; `where`: what errors begin with.
     """
     surface, axis = joint.surface, None if joint.axis is None else np.array(joint.axis)
     check_known("contact mode", surface, body.rom.contact_models, SceneError, where)

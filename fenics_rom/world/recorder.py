@@ -152,11 +152,6 @@ def _half_space(pose: BaseState) -> obstacles.HalfSpace:
 
 def _coordinates(world: World) -> int:
     """Number of coordinates of all bodies that move freely."""
-    count = 0
-    for name, body in world.bodies.items():
-        if isinstance(body, RigidBody):
-            count += 0 if body.is_driven else 6
-        else:
-            simulator = world.simulator(name)
-            count += simulator.rom.contact_models[simulator.contact].order
-    return count
+    soft = [world.simulator(name) for name, body in world.bodies.items() if not isinstance(body, RigidBody)]
+    rigid = [body for body in world.bodies.values() if isinstance(body, RigidBody) and not body.is_driven]
+    return 6 * len(rigid) + sum(body.rom.contact_models[body.contact].order for body in soft)

@@ -75,7 +75,9 @@ class Soft(Simulator, Body):
         self.touches, self.has_inertia = acting.contact_law is not None, acting.has_inertia
         self._said: tuple[str, ...] = ()
         self.name, self.carrier, self._fixed = name, carrier, not acting.is_moving
-        self._R, self._held_at = rotation_matrix(pose.rotation), pose
+        self._held_at = pose
+        self._at: Array = pose.position if self._fixed else np.zeros(3)
+        self._R: Array = rotation_matrix(pose.rotation) if self._fixed else np.eye(3)
         if is_alone:
             self._solver_of = None
             super().__init__(rom, dt, signals=signals)
@@ -167,7 +169,7 @@ class Soft(Simulator, Body):
                 self.switch(nearest)
         self._h, self._tried, self._is_open = h, False, h > 0 and self._kernel.answers_linearly
         self._start = self.places()
-        self._velocity = self._turned(self._kernel.start_velocities()) if self.has_inertia else self._went
+        self._velocity = self._kernel.start_velocities().dot(self._R.T) if self.has_inertia else self._went
         self._handed.reached = np.empty(0, dtype=int)
         if h == 0:
             return
@@ -187,7 +189,7 @@ class Soft(Simulator, Body):
         if self._is_open:
             if isinstance(kernel, CarriedFrame):
                 kernel.base = inputs.base
-            self._free = self._turned(kernel.open(inputs.u))
+            self._free = kernel.open(inputs.u).dot(self._R.T)
             if not math.isfinite(self._free.sum()):
                 self._leave_finite(inputs.u)
         elif not self.has_inertia:
@@ -244,7 +246,7 @@ class Soft(Simulator, Body):
         self._power = 0.0
         if not len(forces):
             return forces
-        touched = self._turned(self._kernel.touched)
+        touched = self._kernel.touched.dot(self._R.T)
         velocities = self._carriers.mean(points, touched)
         self._power = float(forces.ravel().dot(velocities.ravel()))
         self._carriers.turn(points, self._start + self._h / 2 * touched)
@@ -254,7 +256,7 @@ class Soft(Simulator, Body):
     def _hand(self, points: Points, forces: Array) -> Handed:
         """Forces at points, as the stepper has them of its contact points."""
         spread, nodes = self._carriers.spread(points, forces)
-        return handed(self._into_frame(spread), nodes)
+        return handed(spread.dot(self._R), nodes)
 
     def _answer(self, points: Points) -> tuple[Array, Array]:
         """Velocities of points without forces, and per force."""
@@ -316,7 +318,7 @@ class Soft(Simulator, Body):
         """As in Body."""
         kernel = self._kernel
         assert isinstance(kernel, KICKED)
-        return self._carriers.mean(points, self._turned(kernel.basis_velocities))
+        return self._carriers.mean(points, kernel.basis_velocities.dot(self._R.T))
 
     def inverse_mass(self, points: Points) -> Array | None:
         """As in Body: of others than those that take impulses what is left at joints stays."""
@@ -365,12 +367,4 @@ class Soft(Simulator, Body):
 
     def to_world(self, places: Array) -> Array:
         """Places (any, 3) of a body as it simulates it, in world axes, m."""
-        return places if not self._fixed else self._held_at.position + places.dot(self._R.T)
-
-    def _turned(self, vectors: Array) -> Array:
-        turned: Array = vectors.dot(self._R.T) if self._fixed else vectors
-        return turned
-
-    def _into_frame(self, vectors: Array) -> Array:
-        turned: Array = vectors.dot(self._R) if self._fixed else vectors
-        return turned
+        return self._at + places.dot(self._R.T)

@@ -22,6 +22,7 @@ GUIDES = 1e-9  # of arms, and rad: by so much bodies may have moved since W was 
 RESTS = 2.5  # times as deep as two bodies are in one another: so far points may move in a step of what rests there
 _ONES = np.ones(3)
 MORE_SWEEPS = 1  # than at first: if there are more W is found anew
+_NONE = no_contacts()
 
 _End = tuple[Array, float, Points]  # of pairs on a body: which, with which sign, and where
 
@@ -205,7 +206,7 @@ class StepPairs:
 
     def _where_they_are(self, contacts: list[tuple[int, Contacts]]) -> tuple[Array, Array, Array]:
         """Normals (C, 3), gaps (C,) and places (C + J, 3) of contacts, and of joints."""
-        found = [no_contacts(), *(found for _, found in contacts)]
+        found = [_NONE, *(found for _, found in contacts)]
         places = np.concatenate([*(each.first.arms for each in found), *(joint.points for joint in self._joints)])
         return np.concatenate([each.normals for each in found]), np.concatenate([each.gaps for each in found]), places
 
@@ -301,7 +302,7 @@ def _are_same(now: tuple[int, Contacts], then: tuple[int, Contacts]) -> bool:
 
 
 def _equal(a: Array, b: Array) -> bool:
-    return a is b or (a.shape == b.shape and bool((a == b).all()))
+    return a is b or (a.shape == b.shape and a.tobytes() == b.tobytes())
 
 
 def _lies_as(now: Array | tuple[Array, Array], then: Array | tuple[Array, Array]) -> bool:

@@ -37,10 +37,8 @@ def hold_surface(
     holds its mean place, a hinge two points of an axis there, as far apart as the surface reaches.
 
     Args:
-        kind: "ball", "hinge" or "weld".
-        axis: of a hinge, of any length.
-        places: of the nodes (n, 3), m.
-        triangles: (t, 3) of these.
+        kind, axis: as of a SurfaceJoint.
+        places, triangles: of the nodes (n, 3), m, and between these (t, 3).
         whole: whether a weld holds it as a whole.
         yields: whether each node yields by itself.
     """

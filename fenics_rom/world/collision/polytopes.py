@@ -89,12 +89,7 @@ def _separating_axes(first: PlacedPolytope, second: PlacedPolytope) -> tuple[Arr
 def _manifold(reference: PlacedPolytope, other: PlacedPolytope, face: int, side: float, margin: float) -> Contacts:
     """The face of `other` that is most against a face of `reference`, clipped to it.
 
-    Args:
-        reference: whose face it is.
-        other: the other shape.
-        face: number of its face.
-        side: 1 where the normal of contact is the face's, -1 where it is against it.
-        margin: pairs that are farther apart are left out, m.
+    `side`: 1 where the normal of contact is the face's, -1 where it is against it.
     """
     shape, rotation = reference.shape, reference.rotation
     normal = rotation.dot(shape.normals[face])
