@@ -53,11 +53,3 @@ def unit_tension_forces(points: Array) -> Array:
     """Forces (K, 3) of a tension of 1 N on the points (K, 3): -∂ℓ/∂points of the length ℓ."""
     segments, lengths = measure_segments(points)
     return sum_end_forces(segments / lengths)
-
-
-def unit_tension_slopes(points: Array, moves: Array) -> Array:
-    """What these forces (K, 3) change by with moves (K, 3) of the points: a symmetric map."""
-    segments, lengths = measure_segments(points)
-    directions, changes = segments / lengths, np.diff(moves, axis=0)
-    across = changes - directions * np.einsum("ki,ki->k", directions, changes)[:, None]
-    return sum_end_forces(across / lengths)

@@ -23,13 +23,7 @@ from fenics_rom.mechanics.hyperelastic import (
     strain,
     stress,
 )
-from fenics_rom.mechanics.tendon import (
-    cable_length,
-    measure_segments,
-    turning_angles,
-    turning_slopes,
-    unit_tension_slopes,
-)
+from fenics_rom.mechanics.tendon import cable_length, measure_segments, turning_angles, turning_slopes
 from fenics_rom.rom.content import ByContent
 
 _UNIT = np.eye(3)
@@ -50,11 +44,6 @@ class ReducedTendon(ByContent):
         segments /= np.sqrt((segments * segments).dot(sums))
         return segments.dot(pulled)
 
-    def pull_back(self, q: Array, w: Array) -> Array:
-        """∂(w·force)/∂q (m,)."""
-        moves = (self.shapes @ w).reshape(-1, 3)
-        return unit_tension_slopes(self._moved(q), moves).ravel() @ self.shapes
-
     def slope(self, q: Array) -> Array:
         """∂force/∂q (m, m), symmetric."""
         segments, lengths = measure_segments(self._moved(q))
@@ -66,6 +55,10 @@ class ReducedTendon(ByContent):
     def stroke(self, q: Array) -> float:
         """By how much it is shorter than at rest, m."""
         return cable_length(self.points) - cable_length(self._moved(q))
+
+    def stroke_slope(self, q: Array) -> Array:
+        """∂stroke/∂q (m,)."""
+        return self.force(q)
 
     def angles(self, q: Array) -> Array:
         """By which it turns at each guide (K - 2,), rad."""
@@ -266,14 +259,6 @@ def monomial_slopes(q: Array) -> Array:
     slopes[products, i] = q[j]
     slopes[products, j] += q[i]
     return slopes
-
-
-def monomials_back(q: Array, z: Array) -> Array:
-    """∂(z·monomials)/∂q (m,)."""
-    m, (i, j) = len(q), _upper_triangle(len(q))
-    of_products = z[m + 1 :]
-    back: Array = z[1 : m + 1] + np.bincount(i, of_products * q[j], m) + np.bincount(j, of_products * q[i], m)
-    return back
 
 
 @cache

@@ -9,7 +9,7 @@ from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.acts.followers import Follower, follower, follower_of_tendon
+from fenics_rom.runtime.steppers.acts.following import Follower, follower
 
 
 class FoundForces:
@@ -31,7 +31,7 @@ class FoundForces:
         if body is not None:
             tendons = body.tendons
             self.followers = [follower(body, name) for name in actuators.names]
-            self.followers += [follower_of_tendon(tendons[name].up_to(guide)) for name, guide in actuators.guides]
+            self.followers += [tendons[name].up_to(guide) for name, guide in actuators.guides]
             self._rubbing = [tendons[name] for name in dict.fromkeys(name for name, _ in actuators.guides)]
 
     def columns(self, q: Array) -> Array:
@@ -70,7 +70,7 @@ class FoundForces:
         """∂(Bᵀv)/∂q (n, m) of the columns B at q, with v (m,) as it is."""
         if not self.followers:
             return np.zeros(self._columns.T.shape)
-        return np.array([follower.pull_back(q, v) for follower in self.followers])
+        return np.array([follower.slope(q).T.dot(v) for follower in self.followers])
 
     def angle_slopes(self, q: Array) -> Array:
         """What angles at guides change by with q, (n, m)."""
@@ -87,8 +87,9 @@ class FoundForces:
         shared, k = sum(rom.actuators.values()) + sum(rom.loads.values()), len(actuators.names)
         places = (shared + actuators.columns[k:]).tolist()
         tendons = rom.deformation.tendons
-        followers = (follower_of_tendon(tendons[name].up_to(guide)) for name, guide in actuators.guides)
-        return list(zip(places, followers, strict=True))
+        return [
+            (place, tendons[name].up_to(guide)) for place, (name, guide) in zip(places, actuators.guides, strict=True)
+        ]
 
     def begin(self, u: Array, q: Array, r: Array, h: float) -> "FoundInStep":
         """In a step of h s under u (p,), from q and r (m,)."""
