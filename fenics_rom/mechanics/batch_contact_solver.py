@@ -7,8 +7,8 @@ Arrays hold bodies along their last axis and axes x, y, z along the first but fo
 flat ground whose normal is the last axis, normals are None (`complementarity.normals`): a third less to be done.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -44,10 +44,6 @@ class BatchMotion(NamedTuple):
     velocity: Array  # at its start, (3, P, B), m/s
     free_velocity: Array  # in its middle, if no contact forces act, (3, P, B), m/s
 
-    def of(self, bodies: Array) -> "BatchMotion":
-        """Of some of the bodies."""
-        return BatchMotion(*(taken(part, bodies) for part in self))
-
 
 class Response(NamedTuple):
     """What T bodies do under contact forces."""
@@ -55,15 +51,6 @@ class Response(NamedTuple):
     push: Array  # (T, m) what that adds to what drives them
     yields: Array  # (3, P, T) what it adds to the velocities of their residual parts, m/s
     work: Array  # (T,) of the forces at what they add to the velocities of the points, fᵀ W f, W
-
-
-class TouchingBodies(Protocol):
-    """Bodies of one kind, and how forces move them."""
-
-    operator: Splitting
-
-    def respond(self, forces: Array) -> Response:
-        """To forces (3, P, T) on the points, N."""
 
 
 class BatchForces(NamedTuple):
@@ -115,7 +102,8 @@ class BatchContactSolver:
         self,
         motion: BatchMotion,
         distances: tuple[Array, Array | None],
-        bodies: TouchingBodies,
+        operator: Splitting,
+        respond: Callable[[Array], Response],
         dt: float,
         obstacles: BatchObstacles,
         friction: Array,
@@ -129,7 +117,8 @@ class BatchContactSolver:
         Args:
             motion: what the points do, and would do without contact.
             distances: at the start of the step.
-            bodies: how forces move them.
+            operator: W of all bodies.
+            respond: what bodies do under forces (3, P, T) on their points, N.
             dt: h, s.
             obstacles: how they move.
             friction: μ (B,).
@@ -137,20 +126,17 @@ class BatchContactSolver:
             forces, u: (3, P, B) of the step before; may be made those of this one.
             swung: (O, P, B) in how many steps in a row pairs were not stopped; see `Braking`.
         """
-        approaches = self._approaches(motion, distances, dt, obstacles, pushed)
-        touching = approaches.due.any(axis=(0, 1)).nonzero()[0]
+        pairs = self._pairs(motion, distances, dt, obstacles, pushed)
+        touching = pairs.due.any(axis=(0, 1)).nonzero()[0]
         if not len(touching):
             return None
         if len(touching) < len(friction):
-            motion, obstacles, approaches = motion.of(touching), obstacles.of(touching), approaches.of(touching)
-            distances = taken(distances[0], touching), _of(distances[1], touching)
-            friction, forces, u = friction[touching], taken(forces, touching), taken(u, touching)
-            swung = taken(swung, touching)
+            pairs, friction = pairs.of(touching), friction[touching]
+            forces, u, swung = (taken(part, touching) for part in (forces, u, swung))
         forces, u = np.ascontiguousarray(forces), np.ascontiguousarray(u)
-        pairs = self._pairs(motion, distances, dt, obstacles, approaches)
         chosen = _Chosen.of_pairs(pairs, friction)
         alone, settled = np.zeros(len(touching), bool), np.ones(len(touching), bool)
-        settled[bodies.operator.look(chosen.problems, forces, u)] = False
+        settled[operator.look(chosen.problems, forces, u)] = False
         several = len(self._obstacles) > 1
         if several:
             alone |= np.count_nonzero(pairs.due, axis=0).max(axis=0) > 1
@@ -162,39 +148,17 @@ class BatchContactSolver:
             if not again.all():
                 left = again.nonzero()[0]
                 part, found, pending = part.of(left), (taken(found[0], left), taken(found[1], left)), pending[left]
-            alone[pending[bodies.operator.search(part.problems, *found)]] = True
+            alone[pending[operator.search(part.problems, *found)]] = True
             if several:
                 alone[pending] |= pairs.of(pending).others_due(part, found[1])
             if part is not chosen:
                 put(forces, pending, found[0])
                 put(u, pending, found[1])
             again = part.to_solve_again(*found, np.ones(len(pending), bool), braking, pending)
-        response = bodies.respond(forces)
+        response = respond(forces)
         work = chosen.make_passive(forces, response)
         of_points = chosen.obstacle, chosen.problems.normals, u, braking.swung
         return BatchForces(touching, forces, response, work, *of_points, touching[alone])
-
-    def _approaches(
-        self,
-        motion: BatchMotion,
-        distances: tuple[Array, Array | None],
-        dt: float,
-        obstacles: BatchObstacles,
-        pushed: Array,
-    ) -> "_Approaches":
-        """How fast every pair comes near, and whether it is due; see ContactSolver._all_pairs."""
-        gaps, normals = distances
-        approach, normal_velocity = (along(part[None], normals) for part in (motion.velocity, motion.free_velocity))
-        if obstacles.velocities.any():
-            moving = along(obstacles.velocities[:, :, None], normals)
-            approach, normal_velocity = approach - moving, normal_velocity - moving
-        half_change = (obstacles.velocities - obstacles.velocities_before) / 2
-        if half_change.any():
-            half_change = half_change[:, :, None] * pushed[:, None]
-            approach = approach + along(half_change, normals)
-        level = gaps / -dt
-        np.maximum(level, (level + approach / 2) / 2, out=level)
-        return _Approaches(normal_velocity, approach, level, normal_velocity < level, half_change)
 
     def _pairs(
         self,
@@ -202,11 +166,21 @@ class BatchContactSolver:
         distances: tuple[Array, Array | None],
         dt: float,
         obstacles: BatchObstacles,
-        approaches: "_Approaches",
+        pushed: Array,
     ) -> "_Pairs":
-        """What the law says of every pair; see ContactSolver._all_pairs."""
-        (gaps, normals), w, e = distances, obstacles.velocities[:, :, None], self._law.restitution
-        normal_velocity, approach, level, due, half_change = approaches
+        """How fast every pair comes near, and what the law says of it; see ContactSolver._all_pairs."""
+        (gaps, normals), e = distances, self._law.restitution
+        relative, free = motion.velocity[None], motion.free_velocity[None]
+        if len(obstacles.velocities) > 1 or obstacles.velocities.any():
+            w = obstacles.velocities[:, :, None]
+            relative, free = relative - w, free - w
+        # What pushes keeps to an obstacle that changes its velocity.
+        half_change = (obstacles.velocities - obstacles.velocities_before) / 2
+        if half_change.any():
+            relative = relative + half_change[:, :, None] * pushed[:, None]
+        approach, normal_velocity = along(relative, normals), along(free, normals)
+        level = gaps / -dt
+        np.maximum(level, (level + approach / 2) / 2, out=level)
         target = (approach / 2 - gaps / dt) / 2
         np.minimum(target, approach / 2, out=target)
         if e > 0:
@@ -218,32 +192,9 @@ class BatchContactSolver:
             target[-gaps / dt > np.abs(approach) + np.abs(normal_velocity) + speed] = 0.0
         # What is far, and due by nothing but forces on others, would tell of velocities that there are not.
         missed, target = target, np.maximum(target, -np.abs(normal_velocity).max(axis=(0, 1)))
-        relative, free = (motion.velocity / 2)[None], motion.free_velocity[None]
-        if len(w) > 1 or w.any():
-            relative, free = relative - w / 2, free - w
-        if half_change.ndim == 4:
-            relative = relative + half_change / 2
-        subtract_along(relative, approach / 2, normals)
-        return _Pairs(normals, free, normal_velocity, level, target, missed, relative, due)
-
-
-def _of(normals: Array | None, bodies: Array) -> Array | None:
-    """Normals of some of the bodies."""
-    return None if normals is None else taken(normals, bodies)
-
-
-class _Approaches(NamedTuple):
-    """How every pair comes near in one step; velocities in m/s."""
-
-    normal_velocity: Array  # mid-step without contact, relative, (O, P, B)
-    approach: Array  # relative normal velocity at the start of the step, (O, P, B)
-    level: Array  # normal velocities below which a pair takes part, (O, P, B)
-    due: Array  # whether it takes part without contact forces, (O, P, B)
-    half_change: Array  # what obstacles that push change their velocities by, half of it, (O, 3, P, B); (O, 3, B): 0
-
-    def of(self, bodies: Array) -> "_Approaches":
-        """Those of some of the bodies."""
-        return _Approaches(*(taken(part, bodies) for part in self))
+        due, tangential = normal_velocity < level, relative / 2
+        subtract_along(tangential, approach / 2, normals)
+        return _Pairs(normals, free, normal_velocity, level, target, missed, tangential, due)
 
 
 class _Pairs(NamedTuple):
@@ -259,8 +210,9 @@ class _Pairs(NamedTuple):
     due: Array  # whether it takes part without contact forces, (O, P, B)
 
     def of(self, bodies: Array) -> "_Pairs":
-        """Those of some of the bodies, beside several obstacles."""
-        return _Pairs(_of(self.normals, bodies), *(taken(part, bodies) for part in self[1:]))
+        """Those of some of the bodies."""
+        normals = None if self.normals is None else taken(self.normals, bodies)
+        return _Pairs(normals, *(taken(part, bodies) for part in self[1:]))
 
     def others_due(self, chosen: "_Chosen", u: Array) -> Array:
         """Bodies (B,) with a pair that comes too close under the forces of those that were chosen, which lead to u."""

@@ -272,7 +272,7 @@ class BatchContact:
             self._reach / 2 * np.sqrt(np.einsum("bm,bm->b", w, w)) + self._fastest[own]
         )
         pushed = taken(self._pushed, own).copy()
-        problem = motion, distances, kind, h, obstacles
+        problem = motion, distances, kind.operator, kind.respond, h, obstacles
         before = taken(self._forces, own), taken(self._u, own), taken(self._swung, own).copy()
         found = self._solver.solve(*problem, self.friction[own], pushed, *before)
         works, touching, push = np.zeros((3, B)), np.empty(0, int), np.empty((0, x.shape[1]))

@@ -59,7 +59,7 @@ class BatchContactMode:
         return rates.reshape(2, *residual.shape[1:])
 
     def respond(self, forces: Array) -> Response:
-        """As `TouchingBodies` has it."""
+        """What bodies do under forces (3, P, T) on their points, N."""
         f = forces.reshape(len(self.S), -1)
         push, yields = f.T @ self._push, (self._yields @ f).reshape(forces.shape)
         work = np.einsum("bm,bm->b", push @ self._work, push)
