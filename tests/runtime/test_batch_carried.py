@@ -142,6 +142,16 @@ def test_a_base_that_fails_stops_only_its_body(rom):
         assert reset.time[2] == 0
 
 
+def test_a_step_that_is_refused_tells_no_tension(rom):
+    batch, pushes = fr.Batch(rom, 2, 1e-2), np.zeros(4)
+    pushes[3] = -1.0
+    with pytest.raises(StepError, match="turns by more than"):
+        batch.step(pushes, base=batch.base._replace(angular_velocity=np.full((2, 3), 400.0)))
+    assert batch.least_tensions["flexor"].tolist() == [0.0, 0.0]
+    batch.step(pushes)
+    assert batch.least_tensions["flexor"].tolist() == [-1.0, -1.0]
+
+
 def test_bases_follow_the_environment_at_the_time_of_their_bodies(rom):
     there = BaseState(np.array([1.0, 2.0, 3.0]), quaternion_of_vector((0, 0, 2.0)), np.ones(3), np.array([0, 0, 1.0]))
     path = {"base_path": lambda t: there._replace(position=there.position + t)}
