@@ -33,10 +33,11 @@ class BatchBraking:
 
     Args:
         swung: (P, B) in how many steps in a row, before this one, points were not stopped.
+        targets: c_t (3, P, B) that are asked for at first, m/s.
     """
 
-    def __init__(self, swung: Array):
-        self._swung = swung
+    def __init__(self, swung: Array, targets: Array):
+        self._swung, self._targets = swung, targets
         self._helped: Array | None = None  # (P, B) points that are not stopped in this one
         self._shares: _Shares | None = None
 
@@ -44,6 +45,24 @@ class BatchBraking:
     def swung(self) -> Array | None:
         """The same with this step (P, B); None: in none."""
         return None if self._helped is None else swung_with(self._helped, self._swung)
+
+    def ask_anew(self, bodies: Array, problems: Problems, targets: Array, which: Array) -> None:
+        """Forgets what was decided of some (S,) of the bodies (T,), as more pairs take part; see `asks_less`.
+
+        The power of friction is that of all of them.
+        """
+        if self._helped is None:
+            return
+        which = which[taken(self._helped, bodies[which]).any(axis=0)]
+        if not len(which):
+            return
+        own = bodies[which]
+        first = taken(self._targets, own)
+        put(problems.q, which, taken(problems.q, which) + taken(targets, which) - first)
+        put(targets, which, first)
+        put(self._helped, own, np.zeros((len(self._helped), len(own)), bool))
+        if self._shares is not None:
+            self._shares.forget(own)
 
     def asks_less(
         self, bodies: Array, problems: Problems, targets: Array, forces: Array, u: Array, settled: Array
@@ -76,7 +95,7 @@ class BatchBraking:
         taken_out = helps.any(axis=0)
         if taken_out.any():
             if self._helped is None:
-                self._helped = np.zeros(self._swung.shape, bool)
+                self._helped, self._targets = np.zeros(self._swung.shape, bool), self._targets.copy()
             put(self._helped, among, taken(self._helped, among) | helps)
         swings = helps & (taken(self._swung, among) >= SWINGS)
         if self._shares is None and swings.any():
@@ -107,6 +126,13 @@ class _Shares:
         self._last, self._count = np.full(bodies, np.nan), np.zeros(bodies)
         self._knows, self._slopes = np.zeros(bodies, bool), np.zeros((2, 3, points, bodies))
         self._looked, self._whole = np.zeros((2, 3, points, bodies)), np.zeros((3, points, bodies))
+
+    def forget(self, bodies: Array) -> None:
+        """Begins anew with bodies (S,)."""
+        self.share[bodies], self.swinging[bodies], self._knows[bodies] = 1.0, False, False
+        self._below[bodies], self._above[bodies], self._left[bodies] = 0.0, 1.0, MOST_LOOKS
+        self._last[bodies], self._count[bodies] = np.nan, 0.0
+        put(self._whole, bodies, np.zeros((*self._whole.shape[:2], len(bodies))))
 
     def take_out(self, bodies: Array, are_taken: Array, whole: Array, look: _Look) -> None:
         """Points of bodies (S,) are asked for nothing; `whole` (3, P, S) is what those that swing were asked for."""

@@ -141,7 +141,8 @@ class BatchContactSolver:
         if several:
             alone |= np.count_nonzero(pairs.due, axis=0).max(axis=0) > 1
             alone |= pairs.others_due(chosen, u) & settled
-        braking = BatchBraking(swung[0] if len(swung) == 1 else _picked(swung, chosen.obstacle))
+        of_points = swung[0] if len(swung) == 1 else _picked(swung, chosen.obstacle)
+        braking = BatchBraking(of_points, chosen.tangential_target)
         part, found, pending = chosen, (forces, u), np.arange(len(touching))
         again = chosen.to_solve_again(forces, u, settled, braking, pending)
         while again.any():
@@ -264,8 +265,12 @@ class _Chosen(NamedTuple):
         """
         again = ~settled
         if not again.all():
+            missed = self._add_missed(u, settled)
+            if missed.any():
+                again |= missed
+                braking.ask_anew(bodies, self.problems, self.tangential_target, missed.nonzero()[0])
+                settled = settled & ~missed
             again |= braking.asks_less(bodies, self.problems, self.tangential_target, forces, u, settled)
-            again |= self._add_missed(u, settled)
         return again
 
     def _add_missed(self, u: Array, settled: Array) -> Array:

@@ -62,6 +62,10 @@ class Braking:
             self.targets = np.where(self.helped, self.share * self._whole, targets)
         self.look_anew()
 
+    def anew(self, targets: Array) -> "Braking":
+        """Nothing decided, for other c_t (k, n): what pairs are not stopped depends on which take part with them."""
+        return Braking(targets, self._swung)
+
     def look_anew(self) -> None:
         """Looks for the share again, from that of now."""
         self._below, self._above, self._left, self._known = 0.0, 1.0, MOST_LOOKS, b""

@@ -58,6 +58,11 @@ class Pairs:
         """
         return self.braking is not None and self.braking.stop_asking(active)
 
+    def ask_friction_anew(self) -> None:
+        """Forgets which c_t are others, as more pairs take part: the power of friction is that of all of them."""
+        if self.braking is not None and self.braking.helped is not None:
+            self.braking = self.braking.anew(self.relative[1:] / 2)
+
     def asks_less(
         self, active: Array, forces: Array, velocities: Array, problem: PairsProblem, friction: float
     ) -> bool:

@@ -199,14 +199,14 @@ class ContactSolver:
                 start[active] = pair_forces
             search = ContactSearch(start, search.residual, search.with_law(key, solution.kept), pairs.frames)
             point_forces = self._at_points(start)
-            repeat = pairs.asks_less(active, forces, velocities, problem, self.law.friction)
+            missed = None
             if len(active) < len(chosen):
                 moved = self._of_pairs(moved_by(delassus, point_forces).reshape(-1, 3))
                 missed = ((normals * moved).dot(_ONES) + pairs.free[0] < pairs.level) > chosen
-                if largest(missed):
-                    chosen |= missed
-                    repeat = True
-            if not repeat:
+            if missed is not None and largest(missed):
+                chosen |= missed
+                pairs.ask_friction_anew()
+            elif not pairs.asks_less(active, forces, velocities, problem, self.law.friction):
                 break
             is_tried = False  # others than those that did not do what they did
             key = chosen.tobytes()

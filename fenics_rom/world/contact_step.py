@@ -373,15 +373,15 @@ def _law(pairs: Pairs, guide: Guide, free: Array, f: Array, asked: _Asked) -> Ar
         f_active, u = guide.solve(active, q, n[active], pairs.friction[active], forces[active], asked.rounds)
         forces = np.zeros(forces.shape)
         forces[active] = f_active
+        if (missed := ((n * guide.moved(forces)).dot(_ONES) + speed < level) > chosen).any():
+            chosen |= missed
+            continue
         negligible = WORK_ROUND_OFF * float(np.abs(f_active).max()) * float(np.abs(q).max())
         friction = f_active - (n[active] * f_active).dot(_ONES)[:, None] * n[active]
         response = partial(guide.response, active, n[active], pairs.friction[active], f_active, u)
         is_changed = asked.braking.asks_less(active, friction.T, u.T, negligible, response)
         asked.rounds = min(asked.rounds + is_changed, MOST_ROUNDS)
-        missed = ((n * guide.moved(forces)).dot(_ONES) + speed < level) > chosen
-        if missed.any():
-            chosen |= missed
-        elif not is_changed:
+        if not is_changed:
             break
     else:
         forces = np.zeros(forces.shape)

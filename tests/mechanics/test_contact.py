@@ -12,6 +12,7 @@ from fenics_rom.mechanics import contact_solver
 from fenics_rom.mechanics.braking import Braking
 from fenics_rom.mechanics.complementarity import solve
 from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ObstacleMotion, PointMotion, moved_by
+from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
@@ -626,6 +627,20 @@ def test_friction_stops_as_much_as_it_can_without_doing_work():
     assert shares[:10] == 10 * [0.0]  # until then of what friction would help nothing is asked
     assert sum(0 < share < 1 for share in shares) >= 2
     assert set(shares[-10:]) == {1.0}
+
+
+@pytest.mark.parametrize("seed", [315, 319, 327])
+def test_what_friction_stops_does_not_depend_on_which_pair_is_found_first(seed):
+    """Friction is judged by its power on all pairs that take part, also those that only forces on others bring in."""
+    random, still = np.random.default_rng(seed), ObstacleMotion(*np.zeros((3, 1, 3)))
+    A = random.normal(size=(6, 6))
+    W, v = A @ A.T + 0.1 * np.eye(6), random.normal(size=(2, 3)) * [1, 1, 0.1]
+    points, settled = PointMotion(np.zeros((2, 3)), v, random.normal(size=(2, 3))), Settled()
+    one_by_one, _, at_once = (
+        ContactSolver(np.zeros((2, 3)), [FLOOR], ContactLaw(friction=0.8)).solve(points, W, 1e-2, still, settled=known)
+        for known in (None, settled, settled)  # the second sweep knows which pairs take part
+    )
+    np.testing.assert_allclose(one_by_one.forces, at_once.forces, atol=1e-9)
 
 
 def test_each_pair_is_told_to_help_but_once():
