@@ -66,11 +66,11 @@ QUICK = ["floor, friction", "shapes, friction", "switched"]
 pytestmark = pytest.mark.filterwarnings("ignore:the surface is", "ignore:switching", "ignore:.*contact points leave")
 
 
-def reduced(folder, effects):
+def reduced(folder, effects, **parts):
     mesh = write_arrays(folder / "box.msh", *box_arrays((0.4, 0.2, 0.1), (4, 2, 2), 0.2))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)
-        return fr.reduce(fr.assemble(acted_on(mesh, effects, **PARTS)), order=8)
+        return fr.reduce(fr.assemble(acted_on(mesh, effects, **PARTS | parts)), order=8)
 
 
 @pytest.fixture(scope="module")
@@ -99,8 +99,9 @@ class Case:
         body = self.body()
         self.u = 4.0 * random.standard_normal((STEPS, body.inputs)).cumsum(axis=0)
         self.u[:, 2] -= 40.0
-        self.state = 1e-5 * random.standard_normal(body.state[0].shape), 1e-4 * random.standard_normal(8)
-        self.directions = [random.standard_normal(self.u.shape), *1e-4 * random.standard_normal((2, 8))]
+        order = body.model.order
+        self.state = 1e-5 * random.standard_normal(order), 1e-4 * random.standard_normal(order)
+        self.directions = [random.standard_normal(self.u.shape), *1e-4 * random.standard_normal((2, order))]
 
     def body(self):
         return fr.Simulator(self.rom, H, scene=self, signals=self.signals)
@@ -179,6 +180,26 @@ def test_gradient_goes_through_what_friction_stops_in_part(damped, monkeypatch, 
     case.gradient()
     assert any(0 < share < 1 for share in shares)
     check(case)
+
+
+RELAXES = "viscoelasticity = { ratios = [0.6, 0.3], times = [5e-3, 0.05] }\n"
+SPRING = 'springs.bed = { surface = "right", stiffness = 3e5 }\n'
+RELAXING = {  # parts of the scene, residual compliance
+    "yielding points": ({}, True),
+    "stiff points": ({}, False),
+    "spring, yielding points": ({"effects": SPRING}, True),
+    "spring, stiff points": ({"effects": SPRING}, False),
+    "loose": ({"supports": None}, True),
+}
+
+
+@pytest.mark.parametrize("name", RELAXING)
+def test_gradient_goes_through_switches_of_a_material_that_relaxes(tmp_path, name):
+    """Strains of its branches are projected, too; beside a spring that does not relax they are made smaller."""
+    parts, residual = RELAXING[name]
+    effects = RELAXES + parts.get("effects", "") + EFFECTS
+    rom = reduced(tmp_path, effects, supports=parts.get("supports", 'clamped = ["left"]'))
+    check(Case(rom, *CASES["switched"][:2], residual, *CASES["switched"][3:]))
 
 
 def test_gradient_with_damping_goes_through_contact(rom):

@@ -246,15 +246,26 @@ class LinearStepper(ReducedStepper):
 
     def switch_adjoint(self, contact: str) -> "SwitchAdjoint":
         """As in ReducedStepper."""
-        from fenics_rom.runtime.steppers.switch_adjoint import ProjectionAdjoint, ResidualSwitch
+        from fenics_rom.runtime.steppers.switch_adjoint import ProjectionAdjoint, ResidualSwitch, StrainsSwitch
 
-        if self.kernel.branches is not None:
-            raise StructureError("materials that relax: switches of contact modes are not differentiated")
-        left, right, residual = self.kernel.residual, self._kernel_of(contact).residual, None
-        if left is not None and right is not None:
-            e = self.state[self._rom.rigid : len(self.state) // 2].copy()
-            residual = ResidualSwitch(left.part, right.part, left.state.reshape(4, -1).copy(), e)
-        return ProjectionAdjoint(*self._projections.between(self.contact_mode, contact), residual)
+        potential, kinetic = self._projections.between(self.contact_mode, contact)
+        left, right, rigid, residual, branches = self.kernel, self._kernel_of(contact), self._rom.rigid, None, None
+        there, here = left.branches, right.branches
+        strains = np.zeros((0, len(potential.T))) if there is None else there.state[:, 0].copy()
+        if left.residual is not None and right.residual is not None:
+            rows = left.residual.carried.reshape(-1, len(left.residual.part.compliance)).copy()
+            held = self.state[rigid : len(self.state) // 2].copy(), strains[:, rigid:]
+            residual = ResidualSwitch(left.residual.part, right.residual.part, rows, *held)
+        if there is not None and here is not None:
+            projected, shares = strains @ potential.T, None
+            if residual is not None:
+                beside = zip(strains[:, rigid:], residual.rows[4::2], strict=True)
+                projected[:, rigid:] = [residual.projected(*each) for each in beside]
+                projected[:, :rigid] = 0.0
+            if there.share is not None and here.share is not None:
+                shares = there.share, here.share
+            branches = StrainsSwitch(there.coefficients[1][:, None], strains, projected, shares)
+        return ProjectionAdjoint(potential, kinetic, residual, branches)
 
     def _kernel_of(self, contact: str) -> Kernel:
         if contact not in self._kernels:

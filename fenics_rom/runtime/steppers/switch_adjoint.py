@@ -15,26 +15,68 @@ class ResidualSwitch(NamedTuple):
 
     left: ResidualPart
     entered: ResidualPart
-    rows: Array  # [g, y, ġ, ẏ] (4, 3P) before it
+    rows: Array  # [g, y, ġ, ẏ] and w and R w of each branch, (4 + 2N, 3P), before it
     e: Array  # (m - rigid,) before it
+    strains: Array  # of branches, (N, m - rigid), before it
 
-    def pull_back(self, to_e: Array, after: Array) -> tuple[Array, Array]:
-        """Derivatives with e and the rows before from those after, as ResidualMotion.carry_over makes them."""
-        here, there = self.entered, self.left
-        g, y, ġ, ẏ = self.rows
+    def projected(self, e: Array, g: Array) -> Array:
+        """What becomes of e (m - rigid,) and of what was beside it, g (3P,)."""
+        there = self.left
         strained = there.points[:, : len(there.basis)].T @ g - there.basis @ (there.basis_points.T @ g)
-        e_after = here.basis.T @ (there.basis @ self.e + strained)
-        y_after = there.basis_points @ self.e + y - here.basis_points @ e_after
-        most = float(self.e @ self.e + g @ y - e_after @ e_after)
-        to_y, by_most = carried_back(here, y_after, most, after[:2])
+        projected: Array = self.entered.basis.T @ (there.basis @ e + strained)
+        return projected
+
+    def pull_back(self, to_e: Array, to_strains: Array, after: Array) -> tuple[Array, Array, Array]:
+        """Derivatives with e, the strains of branches and the rows before from those after it.
+
+        They are made as by ResidualMotion.carry_over and carry_branches.
+        """
+        here, there = self.entered, self.left
+        ġ, ẏ = self.rows[2:4]
         inertia = (there.time_constant / here.time_constant) ** 2
-        to_ẏ, by_motion = carried_back(here, ẏ, inertia * float(ġ @ ẏ), after[2:])
+        to_ẏ, by_motion = carried_back(here, ẏ, inertia * float(ġ @ ẏ), after[2:4])
         by_motion *= inertia
+        e, rows = self._shape_back(self.e, self.rows[:2], to_e, after[:2])
+        strains, parts = np.zeros(self.strains.shape), [rows, np.array([by_motion * ẏ, to_ẏ + by_motion * ġ])]
+        for k, strain in enumerate(self.strains):
+            own = slice(4 + 2 * k, 6 + 2 * k)
+            strains[k], rows = self._shape_back(strain, self.rows[own], to_strains[k], after[own])
+            parts.append(rows)
+        return e, strains, np.concatenate(parts)
+
+    def _shape_back(self, e: Array, rows: Array, to_e: Array, after: Array) -> tuple[Array, Array]:
+        """Those with e and [g, y] (2, 3P) before, from those after."""
+        here, there = self.entered, self.left
+        g, y = rows
+        e_after = self.projected(e, g)
+        y_after = there.basis_points @ e + y - here.basis_points @ e_after
+        to_y, by_most = carried_back(here, y_after, float(e @ e + g @ y - e_after @ e_after), after)
         to_e = here.basis @ (to_e - here.basis_points.T @ to_y - 2 * by_most * e_after)
-        rows = np.array(
-            [by_most * y + strained_back(there, to_e), to_y + by_most * g, by_motion * ẏ, to_ẏ + by_motion * ġ]
+        rows = np.array([by_most * y + strained_back(there, to_e), to_y + by_most * g])
+        return there.basis.T @ to_e + there.basis_points.T @ to_y + 2 * by_most * e, rows
+
+
+class StrainsSwitch(NamedTuple):
+    """Strains of branches at a switch, which are made smaller where they would store more after it than before."""
+
+    ratios: Array  # g (N, 1)
+    strains: Array  # (N, m_start) before it
+    projected: Array  # (N, m_end), not yet made smaller
+    shares: tuple[Array, Array] | None  # of MaxwellBranches, before and after it; None: strains store what they do
+
+    def pull_back(self, after: Array) -> tuple[Array, Array]:
+        """Derivatives with those that are projected, (N, m_end), and beside that with those before, (N, m_start)."""
+        if self.shares is None:
+            return after, np.zeros(self.strains.shape)
+        of_start, of_end = (
+            self.ratios * x @ P for x, P in zip((self.strains, self.projected), self.shares, strict=True)
         )
-        return there.basis.T @ to_e + there.basis_points.T @ to_y + 2 * by_most * self.e, rows
+        most, stored = float((self.strains * of_start).sum()), float((self.projected * of_end).sum())
+        if stored <= most:
+            return after, np.zeros(self.strains.shape)
+        scale, slope = np.sqrt(max(most, 0.0) / stored), float((after * self.projected).sum())
+        by_most = scale * slope / most if most > 0 else 0.0
+        return scale * (after - slope / stored * of_end), by_most * of_start
 
 
 class ProjectionAdjoint(NamedTuple):
@@ -43,16 +85,27 @@ class ProjectionAdjoint(NamedTuple):
     potential: Array
     kinetic: Array
     residual: ResidualSwitch | None
+    branches: StrainsSwitch | None
 
     def pull_back(self, after: StateAdjoint) -> StateAdjoint:
         """As in SwitchAdjoint."""
-        rigid, rows = len(after.rigid), after.auxiliary
+        rigid, end, of_strains = len(after.rigid), len(self.potential), np.empty(0)
         e, r = after.state.reshape(2, -1)
         start = np.concatenate([self.potential.T @ e, self.kinetic.T @ r])
+        strains, rows = np.zeros((0, end)), after.auxiliary
+        if self.branches is not None:
+            own = len(rows) - self.branches.projected.size
+            strains, of_strains = self.branches.pull_back(rows[own:].reshape(-1, end))
+            rows, back = rows[:own], strains @ self.potential
         if self.residual is not None:
-            start[rigid : self.potential.shape[1]], both = self.residual.pull_back(e[rigid:], rows.reshape(4, -1))
-            rows = both.ravel()
-        return StateAdjoint(start, after.rigid, rows, after.forces, after.tangent)
+            of_points = rows.reshape(len(self.residual.rows), -1)
+            shape, of_branches, both = self.residual.pull_back(e[rigid:], strains[:, rigid:], of_points)
+            start[rigid : self.potential.shape[1]], rows = shape, both.ravel()
+            if self.branches is not None:
+                back[:, :rigid], back[:, rigid:] = 0.0, of_branches
+        if self.branches is not None:
+            of_strains = of_strains + back
+        return StateAdjoint(start, after.rigid, np.concatenate([rows, of_strains.ravel()]), after.forces, after.tangent)
 
 
 class SpanAdjoint(NamedTuple):
