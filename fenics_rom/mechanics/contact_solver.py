@@ -152,7 +152,7 @@ class ContactSolver:
             motion = PairsMotion.of(search.frames_along(normals), free, relative, asked, slides)
             of_delassus = partial(self.operator_of, delassus), partial(self._moved, delassus)
             chosen, beside = motion.outwards < motion.asked.level, search
-            while (law := LawToFollow.of(beside, motion.frames, chosen)) is not None:
+            while (law := LawToFollow.of(beside, chosen)) is not None:
                 followed = follow_contact(self.law, law, motion, *of_delassus)
                 if followed is None:
                     break

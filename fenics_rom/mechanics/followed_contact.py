@@ -13,22 +13,13 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.braking import WORK_ROUND_OFF
-from fenics_rom.mechanics.complementarity import (
-    Delassus,
-    FollowedLaw,
-    Frames,
-    KeptLaw,
-    Solution,
-    follow,
-    of_other_pairs,
-)
+from fenics_rom.mechanics.complementarity import Delassus, FollowedLaw, Frames, KeptLaw, Solution, follow
 from fenics_rom.mechanics.complementarity.solution import is_none, largest
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.contact_pairs import Asked, NormalLaw
 from fenics_rom.mechanics.contact_search import ContactSearch
 
 _ONES, _HALF = np.ones(3), np.array(0.5)
-_MOST_OTHERS = 3  # pairs that take part, and did not, or the other way round, for which it pays to go on
 
 
 class PairsMotion(NamedTuple):
@@ -90,27 +81,11 @@ class LawToFollow(NamedTuple):
     kept: KeptLaw
 
     @classmethod
-    def of(cls, search: ContactSearch, frames: Frames, chosen: Array) -> "LawToFollow | None":
-        """That of a step in which they did so, too, or, where steps take no search, all but a few; None elsewhere.
-
-        Args:
-            search: what the step before left.
-            frames: of all pairs.
-            chosen: (O P,) those that take part.
-        """
+    def of(cls, search: ContactSearch, chosen: Array) -> "LawToFollow | None":
+        """That of those that take part (O P,), by what earlier steps left; None where these tell nothing of them."""
         key = chosen.tobytes()
-        own = search.law_of(key)
-        if own is not None and own.has_inverse:
-            return cls(chosen, key, own)
-        known = [(np.frombuffer(pairs, dtype=bool), law) for pairs, law in search.laws if law.inverse is not None]
-        if not known or not search.is_steady or is_none(chosen):
-            return None
-        before, law = min(known, key=lambda each: np.count_nonzero(each[0] != chosen))
-        if np.count_nonzero(before != chosen) > _MOST_OTHERS:
-            return None
-        if not frames.are_alike and any(frames.of(pairs.nonzero()[0]).are_alike for pairs in (before, chosen)):
-            return None  # they are in other axes
-        return cls(chosen, key, of_other_pairs(law, before, chosen))
+        kept = search.law_of(key)
+        return None if kept is None or kept.inverse is None else cls(chosen, key, kept)
 
 
 class Followed(NamedTuple):

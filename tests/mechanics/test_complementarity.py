@@ -16,7 +16,6 @@ from fenics_rom.mechanics.complementarity import (
     KeptLaw,
     batched_newton,
     frictional,
-    of_other_pairs,
 )
 from fenics_rom.mechanics.complementarity import solve as solve_pairs
 from fenics_rom.mechanics.complementarity.batched_newton import BatchedNewton
@@ -25,7 +24,6 @@ from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProble
 from fenics_rom.mechanics.complementarity.interior_point import STARTS
 from fenics_rom.mechanics.complementarity.linearised import Linearisation, LinearisationByVelocities
 from fenics_rom.mechanics.complementarity.problems import Problems
-from fenics_rom.mechanics.complementarity.solution import statuses_of
 from fenics_rom.mechanics.complementarity.splitting import TOLERANCE, Splitting
 
 seeds = st.integers(0, 2**32 - 1)
@@ -412,36 +410,6 @@ def test_what_forces_lack_goes_on_as_cubic_polynomials_through_every_other_step(
             break
     assert known[:10] == [1, 2, 3, 4, 5, 6, 7, 8, 8, 8]
     assert known[10:] == [8] * 8 + [6]
-
-
-def test_a_law_of_other_pairs_is_that_which_is_linearised_for_them():
-    """To round-off, whether what leaves stuck or slipped; forces, too, if velocities asked for those of before."""
-    rng = np.random.default_rng(16)
-    W, q, n = random_problem(rng, 12, 60)
-
-    def law_of(some):
-        rows = (3 * some[:, None] + np.arange(3)).ravel()
-        operator = Delassus(W[np.ix_(rows, rows)]).lasting(Frames(n[some]))
-        return FollowedLaw(operator, q[some].T.copy(), 0.5, n[some].T.copy())
-
-    def kept_of(some):
-        """Where those do what they do among all of them."""
-        there = looked._replace(z=looked.z[:, some], length=looked.length[some], cone=looked.cone[some])
-        law, statuses = law_of(some), statuses_of(there.length, there.cone)
-        inverse = law.inverse(there)
-        return KeptLaw(statuses, inverse, law.q, (inverse @ asked[:, some].ravel()).reshape(3, -1))
-
-    asked = rng.standard_normal((3, 12))
-    looked = law_of(np.arange(12)).at(50 * (n.T + 0.4 * rng.standard_normal((3, 12))))
-    closed, slips = looked.cone > 0, looked.length > looked.cone
-    before = np.delete(np.arange(12), np.flatnonzero(~closed)[0])  # one that is open comes
-    taken = {0, np.flatnonzero(closed & slips)[0], np.flatnonzero(closed & ~slips)[0]}
-    now = np.array(sorted(set(range(12)) - taken))
-    among = np.isin(np.arange(12), before), np.isin(np.arange(12), now)
-    changed, expected = of_other_pairs(kept_of(before), *among), kept_of(now)
-    assert changed.statuses == expected.statuses
-    for one, other in ((changed.inverse, expected.inverse), (changed.forces, expected.forces)):
-        np.testing.assert_allclose(one, other, atol=1e-11 * np.abs(other).max(), rtol=0)
 
 
 def test_singular_operators_are_told():

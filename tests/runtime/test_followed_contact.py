@@ -317,17 +317,3 @@ def test_what_a_followed_step_found_is_told_as_that_of_a_search(roms, monkeypatc
     nothing = CONVERGENCE_TOLERANCE * np.abs(found.problem.q).max()  # up to that velocities are stopped
     for one, other in zip(*told, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-8 * np.abs(other).max() + nothing, rtol=0)
-
-
-def test_where_a_point_leaves_or_comes_a_step_need_not_search(roms):
-    """As points on a ball that are shaken hop: of steps in which others take part than before many are followed."""
-    signals = {"push": shakes(np.random.default_rng(2), 60.0)}
-    body, before, followed = fr.Simulator(roms["big ball"], 1e-3, signals=signals), b"", []
-    solver = body.integrator.interface.solver
-    for _ in range(STEPS):
-        body.step()
-        key = solver.search.laws[0][0] if solver.search.laws else b""
-        followed += [solver.follows] if key != before else []
-        before = key
-    assert len(followed) > 20
-    assert np.mean(followed) > 0.3

@@ -13,7 +13,6 @@ determine near where it was.
 
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.complementarity.changed_pairs import of_other_pairs
 from fenics_rom.mechanics.complementarity.delassus import Delassus, FramedDelassus, Frames
 from fenics_rom.mechanics.complementarity.following import FollowedLaw, follow
 from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem, response
@@ -29,7 +28,6 @@ __all__ = [
     "KeptLaw",
     "Solution",
     "follow",
-    "of_other_pairs",
     "response",
     "solve",
 ]
@@ -61,7 +59,7 @@ def solve(
         StepError: no method came to a solution.
     """
     frames = operator.frames
-    if may_follow and kept is not None and kept.has_inverse and (frames.are_alike or not operator.added):
+    if may_follow and kept is not None and (frames.are_alike or not operator.added):
         (lasting,) = frames.to_lasting_axes(frames.in_space(q))
         axes, normals = operator.operator.lasting(frames, operator.added), frames.lasting_normals
         law = FollowedLaw(operator if normals is None else axes, lasting, friction, normals)

@@ -13,8 +13,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.cones import project
-from fenics_rom.mechanics.complementarity.delassus import FramedDelassus
-from fenics_rom.mechanics.complementarity.linearised import inverse_in_space, linearised
+from fenics_rom.mechanics.complementarity.delassus import FramedDelassus, Frames
+from fenics_rom.mechanics.complementarity.linearised import linearised
 from fenics_rom.mechanics.complementarity.solution import (
     CONVERGENCE_TOLERANCE,
     STAGNATION_RESIDUAL,
@@ -86,10 +86,12 @@ class FollowedLaw:
         compliance, z, length, cone = self._compliance[0], looked.z, looked.length, looked.cone
         if self._normals is None:
             return linearised(self.operator, self.friction, compliance, z, length, cone).inverse()
-        return inverse_in_space(self._W, self.friction, compliance, self._normals, z, length, cone)
+        framed = FramedDelassus(self.operator.operator, Frames(np.ascontiguousarray(self._normals.T)), 0.0)
+        (z,) = framed.frames.turned(z.T)
+        return framed.in_lasting_axes(linearised(framed, self.friction, compliance, z, length, cone).inverse())
 
 
-def follow(law: FollowedLaw, last: KeptLaw) -> Solution | None:
+def follow(law: FollowedLaw, kept: KeptLaw) -> Solution | None:
     """What steps with the inverse of a law that was linearised before lead to; None where they do not.
 
     What the first of them lacks is of second order in what has changed since the last time step; where motion is
@@ -97,10 +99,9 @@ def follow(law: FollowedLaw, last: KeptLaw) -> Solution | None:
 
     Args:
         law: of now.
-        last: of the step before, if the same pairs took part.
+        kept: of the step before, if the same pairs took part.
     """
     q, speed, before = law.q, largest(np.abs(law.q)), np.inf
-    kept = last.nearest(q, speed)
     inverse, found = kept.inverse, None
     if inverse is None:
         return None
@@ -116,7 +117,7 @@ def follow(law: FollowedLaw, last: KeptLaw) -> Solution | None:
         if found is None:  # not a number
             return None
         if error <= CONVERGENCE_TOLERANCE * speed or before / 2 < found.error <= STAGNATION_RESIDUAL * speed:
-            now = _to_keep(law, found, before, step, last, kept, statuses, inverse, linear)
+            now = _to_keep(law, found, step, kept, statuses, inverse, linear)
             return Solution(found.projected, found.velocities, 0, found.error / speed, now)
         is_slow = not error < SLOWEST * before
         if law.friction and (is_slow or error > LOOKED_INTO * speed):
@@ -142,17 +143,9 @@ def _changed(statuses: bytes, others: bytes) -> int:
 
 
 def _to_keep(
-    law: FollowedLaw,
-    found: _Looked,
-    before: float,
-    step: int,
-    last: KeptLaw,
-    kept: KeptLaw,
-    statuses: bytes,
-    inverse: Array,
-    linear: Array,
+    law: FollowedLaw, found: _Looked, step: int, kept: KeptLaw, statuses: bytes, inverse: Array, linear: Array
 ) -> KeptLaw:
-    """After forces were found in so many corrections, of which the last began with an error of `before`."""
+    """After forces were found in so many corrections."""
     wear, forces = kept.worn(step), found.projected
     if kept.is_worn:
         wear = 0
@@ -161,7 +154,4 @@ def _to_keep(
     if inverse is not kept.inverse:
         linear = kept.forces + inverse.dot((law.q - kept.q).ravel()).reshape(forces.shape)
     lacking = kept.foreseen(forces - linear, step > 0 and inverse is kept.inverse)
-    now = KeptLaw(statuses, inverse, law.q, forces, *lacking, wear)
-    if kept is not last or inverse is not kept.inverse:
-        return now.after(last)
-    return now._replace(earlier=last.earlier) if step else now  # where the last one does at once, it is enough
+    return KeptLaw(statuses, inverse, law.q, forces, *lacking, wear)

@@ -101,15 +101,10 @@ class FrictionalProblem:
         self, start: Array, kept: KeptLaw | None = None, is_steady: bool = False, is_patient: bool = True
     ) -> Solution:
         """See `complementarity.solve`."""
-        near, frames = None, self.operator.frames
-        if kept is not None:
-            near = kept.nearest(frames.to_lasting_axes(frames.in_space(self.q))[0], self.speed)
-        if not self.operator.is_regular:
-            self._take_share(SHARES[1])
+        if self.operator.is_regular:
+            start = self._nearer(start)
         else:
-            start = self._nearer(
-                start if near is None or near is kept else frames.turned(frames.from_lasting_axes(near.forces))[0]
-            )
+            self._take_share(SHARES[1])
         found = self.search_newton(start, _FIRST_COMPLIANCE, _FIRST_ITERATIONS)
         if not found:
             self._take_share(SHARES[self.operator.is_regular])
@@ -120,8 +115,7 @@ class FrictionalProblem:
             with np.errstate(all="ignore"):  # what diverges ends
                 self.search_interior()
             check_residual(self.error / self.speed, self.q.shape[1], self.iterations)
-        law = self._to_keep(near, is_steady)
-        law = None if law is None else law.after(kept)
+        law = self._to_keep(kept, is_steady)
         return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, law)
 
     def _take_share(self, share: float) -> None:

@@ -11,7 +11,6 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.delassus import FramedDelassus
 
-_TINY = 1e-300
 LEAST_SINGULAR = 1e-13  # of the largest singular value, of what counts as determined
 
 
@@ -166,40 +165,3 @@ class LinearisationByVelocities:
 def _turned(first: Array, second: Array, cos: Array, sin: Array) -> tuple[Array, Array]:
     """Two components in axes that are turned by an angle."""
     return cos * first + sin * second, cos * second - sin * first
-
-
-def inverse_in_space(
-    W: Array, friction: float, compliance: Array, normals: Array, z: Array, length: Array, cone: Array
-) -> Array:
-    """`Linearisation.inverse` along the axes of space, in which every pair has a normal of its own, (3, C).
-
-    With D = ∂P/∂z of every pair, as in `frictional`, forces change by δf = D (δf - ρ (W δf + δq)). What sticks has
-    D = 1, and what slips to d has D = (n + μ d) nᵀ + μ z_n/|z_t| (1 - n nᵀ - d dᵀ). Other arguments as in
-    Linearisation.
-
-    Raises:
-        LinAlgError: there is none.
-    """
-    n, C, closed = normals, len(length), cone > 0
-    share = cone / (np.maximum(length, cone) + _TINY)
-    d = z - np.einsum("ac,ac->c", z, n) * n
-    d *= (closed & (length > cone)) / (length + _TINY)
-    D = ((closed - share) * n + friction * d)[:, None] * n - share * d[:, None] * d
-    _diagonal(D)[:] += share
-    G, right = np.einsum("abc,bcj->acj", D, W.reshape(3, C, -1)) / compliance[:, None], np.zeros((3, C, 3, C))
-    _blocks(G.reshape(right.shape))[:] -= D
-    G = G.reshape(3 * C, -1)
-    _diagonal(G)[:] += 1.0
-    _blocks(right)[:] = D / -compliance
-    inverse: Array = np.linalg.solve(G, right.reshape(G.shape))
-    return inverse
-
-
-def _diagonal(matrix: Array) -> Array:
-    """A view of the diagonal of (k, k, ...)."""
-    return np.einsum("aa...->a...", matrix)
-
-
-def _blocks(matrix: Array) -> Array:
-    """A view (3, 3, C) of what of (3, C, 3, C) belongs to one pair."""
-    return np.einsum("acbc->abc", matrix)

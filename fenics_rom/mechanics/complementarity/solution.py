@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
@@ -16,11 +15,9 @@ LARGEST_RESIDUAL = 1e-3  # accepted, and told, where no method gets further: the
 PROXIMAL_COMPLIANCE = 1e-9  # added to a system, in parts of each pair's own
 NEWTON_ITERATIONS = 12  # where they suffice they are rarely more than five
 REGULAR_SHARE = 0.4  # ρ in parts of each pair's stiffness, where W is regular
-NEAR = 1e-2  # q of a step and of the next, as a share of the velocities, between which no other law is looked for
 _CALM = 8  # steps without a correction, after which forces are told from fewer steps
 _MOST_LACKED = 8  # steps from which is told what forces will lack
 _MOST_WEAR = 256  # of an inverse, see KeptLaw.worn
-MOST_KEPT = 3  # linearised laws besides that of the last step
 
 
 def largest(values: Array) -> float:
@@ -51,12 +48,6 @@ class KeptLaw(NamedTuple):
     lacked: tuple[Array, ...] = ()  # what they did in the last steps, the last one first
     calm: int = 0  # steps since one was corrected, or was told from fewer of these
     wear: int = 0  # of the inverse
-    earlier: "tuple[KeptLaw, ...]" = ()  # those of the steps before: what rubs often does the same in every other step
-
-    @property
-    def has_inverse(self) -> bool:
-        """Whether this or one of those before does."""
-        return self.inverse is not None or any(law.inverse is not None for law in self.earlier)
 
     def worn(self, corrections: int) -> int:
         """`wear` after a step with so many: one more hardly pays to find the inverse anew, several do."""
@@ -86,23 +77,6 @@ class KeptLaw(NamedTuple):
         if len(lacked) < 8:
             return 3 * (lacked[1] - lacked[3]) + lacked[5], lacked, calm
         return 4 * (lacked[1] + lacked[5]) - 6 * lacked[3] - lacked[7], lacked, calm
-
-    def nearest(self, q: Array, speed: float) -> "KeptLaw":
-        """Of this and those before the one whose q is nearest; this, where it is near. `speed`: largest |q|, m/s."""
-        if not self.earlier or largest(np.abs(self.q - q)) <= NEAR * speed:
-            return self
-        return min((self, *self.earlier), key=lambda law: largest(np.abs(law.q - q)))
-
-    def after(self, earlier: "KeptLaw | None") -> "KeptLaw":
-        """The same with those of the steps before."""
-        if earlier is None or not (self.slips or earlier.earlier or earlier.slips):
-            return self
-        return self._replace(earlier=(earlier._replace(earlier=()), *earlier.earlier)[:MOST_KEPT])
-
-    @property
-    def slips(self) -> bool:
-        """Whether a pair did."""
-        return any(self.statuses[: len(self.statuses) // 2])
 
 
 class Solution(NamedTuple):

@@ -140,7 +140,7 @@ class ContactMidpoint(BookedKernel):
         assert self._interface is not None
         solver, chosen = self._interface.solver, begun.margin < 0.0
         search = solver.search
-        while (law := LawToFollow.of(search, begun.frames, chosen)) is not None:
+        while (law := LawToFollow.of(search, chosen)) is not None:
             pairs = self._steady_pairs(points, law, begun)
             found = pairs.step(begun, law.kept)
             if found is None:

@@ -16,13 +16,7 @@ from fenics_rom.mechanics.braking import WORK_ROUND_OFF
 from fenics_rom.mechanics.complementarity import Delassus, KeptLaw
 from fenics_rom.mechanics.complementarity.cones import project
 from fenics_rom.mechanics.complementarity.following import SLOWEST, FollowedLaw
-from fenics_rom.mechanics.complementarity.solution import (
-    CONVERGENCE_TOLERANCE,
-    NEAR,
-    STAGNATION_RESIDUAL,
-    Solution,
-    largest,
-)
+from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE, STAGNATION_RESIDUAL, Solution, largest
 from fenics_rom.mechanics.followed_contact import Followed
 from fenics_rom.runtime.steppers.followed_points import FollowedPoints, PairsBegun
 
@@ -169,25 +163,20 @@ class SteadyPairs:
         self._strongest, self._fastest = int(np.abs(f).argmax()), int(np.abs(q).argmax())  # others may be now
         return by_friction > 2 * WORK_ROUND_OFF * abs(f.item(self._strongest) * q.item(self._fastest))
 
-    def _solve(self, q: Array, n: Array | None, last: KeptLaw) -> KeptLaw | None:
+    def _solve(self, q: Array, n: Array | None, kept: KeptLaw) -> KeptLaw | None:
         """Sets forces by the kept law, and by what it makes of what they lack, and what they do.
 
         Args:
             q: (3C,) what they have to stop, m/s.
             n: normals (3, C) of what is round, else None.
-            last: the law as the last step left it.
+            kept: the law as the last step left it.
 
         Returns:
             The law to go on with; None where there is more to look into.
         """
-        kept, length = last, math.sqrt(q.dot(q))
-        if last.earlier:
-            change = q - last.q.ravel()
-            if math.sqrt(change.dot(change)) > NEAR * abs(q.item(self._fastest)):  # else no component is, either
-                kept = last.nearest(q.reshape(3, -1), largest(np.abs(q)))
         if kept.inverse is None:
             return None
-        is_steady = not (last.earlier or last.lacked) and isinstance(last.lacking, float)
+        length, is_steady = math.sqrt(q.dot(q)), not kept.lacked and isinstance(kept.lacking, float)
         if not (is_steady or self._turn is None):
             return None
         if kept is not self._law:
@@ -222,7 +211,7 @@ class SteadyPairs:
             self._acts.dot(f, self._does)
         self._f, self._velocities = f, u
         if is_steady and not corrections:
-            return last  # it says the same of the next step
+            return kept  # it says the same of the next step
         if self._turn is not None:
             return None  # it is not as steady as that
         reached = f if corrections else projected
@@ -235,12 +224,11 @@ class SteadyPairs:
             size = math.sqrt(np.vdot(lacking, lacking)) * self._softest
             is_negligible = size <= NEGLIGIBLE * CONVERGENCE_TOLERANCE * largest(np.abs(q))
         at = q.reshape(3, -1).copy(), reached.reshape(3, -1), 0.0 if is_negligible else lacking
-        earlier = last.earlier if corrections else ()
-        now = KeptLaw(kept.statuses, kept.inverse, *at, lacked, calm, kept.worn(corrections), earlier)
+        now = KeptLaw(kept.statuses, kept.inverse, *at, lacked, calm, kept.worn(corrections))
         if kept.is_worn and self._friction:  # without friction there is none to be found anew
             now = self._linearised(now, kept, n)
-        if kept is not last or now.inverse is not kept.inverse:
-            return now.after(last)
+        if now.inverse is not kept.inverse:
+            return now
         self._law, self._φ = now, (now.forces + now.lacking).ravel() - Jq
         return now
 
