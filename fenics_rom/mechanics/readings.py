@@ -31,25 +31,17 @@ from fenics_rom.mechanics.hyperelastic import (
 )
 
 READING_UNITS = {
-    **{
-        "length": "m",
-        "volume": "m3",
-        "contact_pressure": "Pa",
-        "strain": "1",
-        "von_mises_stress": "Pa",
-        "stress": "Pa",
-    },
+    "length": "m",
+    "volume": "m3",
+    "contact_pressure": "Pa",
+    "strain": "1",
+    "von_mises_stress": "Pa",
+    "stress": "Pa",
     "marker": "m",
 }
 COMPONENTS = ("xx", "yy", "zz", "yz", "xz", "xy")
-STRESS_PARTS = (
-    *COMPONENTS,
-    "principal 1",
-    "principal 2",
-    "principal 3",
-    "von Mises",
-    "spread",
-)  # what is read at a point
+PRINCIPAL = ("principal 1", "principal 2", "principal 3")
+STRESS_PARTS = (*COMPONENTS, *PRINCIPAL, "von Mises", "spread")  # what is read at a point
 VON_MISES = STRESS_PARTS.index("von Mises")
 READING_WORDS = {name: name.replace("_", " ") for name in READING_UNITS} | {
     "von_mises_stress": "von Mises stress",
@@ -150,12 +142,9 @@ class SurfaceReading:
     def read(self, body: ReadableBody) -> Array:
         """Its values."""
         H = (self.operator @ body.coordinates()).reshape(3, 3, -1)
-        E = small_strain(H) if body.law is None else strain(H)
         if self.quantity == "strain":
-            return (E / VOIGT_SHEAR).T
-        if body.law is None:
-            return von_mises(linear_stress(E, self.first_lame, self.shear))
-        return von_mises(cauchy_stress(H, stress(body.law, E, self.first_lame, self.shear)))
+            return ((small_strain(H) if body.law is None else strain(H)) / VOIGT_SHEAR).T
+        return von_mises(stress_of(body.law, H, self.first_lame, self.shear))
 
 
 @dataclass(frozen=True)
@@ -192,11 +181,7 @@ class StressReading:
     def read(self, body: ReadableBody) -> Array:
         """Its values."""
         H = (self.operator @ body.coordinates()).reshape(3, 3, -1)
-        if body.law is None:
-            σ = linear_stress(small_strain(H), self.first_lame, self.shear)
-        else:
-            σ = cauchy_stress(H, stress(body.law, strain(H), self.first_lame, self.shear))
-        σ = σ.reshape(6, -1, len(self.value_shares)).sum(axis=1)
+        σ = stress_of(body.law, H, self.first_lame, self.shear).reshape(6, -1, len(self.value_shares)).sum(axis=1)
         of_corner = np.searchsorted(self.value_corners, np.arange(len(self.corner_points)))
         spreads = np.maximum.reduceat(σ, of_corner, axis=1) - np.minimum.reduceat(σ, of_corner, axis=1)
         at = self._at_points(np.add.reduceat(σ * self.value_shares, of_corner, axis=1))
@@ -279,9 +264,11 @@ def projected(reading: Reading, basis: Array) -> Reading:
     return replace(reading, operator=np.asarray(reading.operator @ basis))
 
 
-def cauchy_stress(H: Array, S: Array) -> Array:
-    """F S Fᵀ / det F (6, P), Pa, of displacement gradients (3, 3, P) and second Piola-Kirchhoff stresses (6, P), Pa."""
-    F = H.transpose(2, 0, 1) + np.eye(3)
+def stress_of(law: str | None, H: Array, λ: Array, μ: Array) -> Array:
+    """Cauchy's stress F S Fᵀ / det F (6, P), Pa, of displacement gradients (3, 3, P) by a law; None: linear."""
+    if law is None:
+        return linear_stress(small_strain(H), λ, μ)
+    F, S = H.transpose(2, 0, 1) + np.eye(3), stress(law, strain(H), λ, μ)
     σ = F @ S[VOIGT_INDEX].transpose(2, 0, 1) @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
     i, j = VOIGT_PAIRS.T
     components: Array = σ[:, i, j].T
