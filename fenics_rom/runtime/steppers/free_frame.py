@@ -33,6 +33,8 @@ from fenics_rom.runtime.steppers.inertia import times_inertia
 class FreeFrame(FreeBalance):
     """Arguments and attributes as in FrameKernel; `frame.turning` is the angular momentum."""
 
+    wrench = ZERO, ZERO  # of a base, which there is none of
+
     def place(self, frame: FrameState) -> None:
         """Puts the frame where it is to be; `turning` is here the angular velocity in world axes, rad/s."""
         R, shape = rotation_of(*frame.rotation), self.forget()

@@ -52,16 +52,6 @@ class Start(NamedTuple):
     reactions: Array  # (n,) that the search for forces begins with
 
 
-class Solved(NamedTuple):
-    """Where a step, or a part of one, goes to, and what was found in it."""
-
-    v: Array  # v̂ (m,)
-    supplied: Array  # forces of inputs and strokes (m,)
-    rubbed: Array | None  # those at guides
-    contact: ContactSolution | None
-    reactions: Array  # (n,)
-
-
 class Touched(NamedTuple):
     """What was found near a velocity."""
 
@@ -70,11 +60,6 @@ class Touched(NamedTuple):
     held: Array | None  # forces of strokes (m,)
     rubbed: Array | None  # those at guides
     pushed: Array | None  # all of them, and those of contact
-
-    def solved(self, v: Array, force: Array) -> Solved:
-        """A step with v̂ under forces of inputs (m,)."""
-        held = force if self.held is None else force + self.held
-        return Solved(v, held, self.rubbed, self.contact, self.reactions)
 
 
 class Solution(NamedTuple):
@@ -214,12 +199,18 @@ class HeldBody(HeldAdjoint):
         touched = self._touch(found, v, middle, Start(q, r, h, obstacles, self.reactions))
         if touched.pushed is not None:
             v += self._solve(touched.pushed)
-        e, _, work = self._taken(law, q, h, touched.solved(v, force))
+        e, _, work = self._taken(law, q, h, v, force, touched)
         return Solution(e, v + v - r, touched.contact, touched.reactions, work, ())
 
-    def _taken(self, law: ElasticLaw, q: Array, h: float, solved: Solved) -> tuple[Array, Array, StepWork]:
-        """Takes a step of h s, or a part of one, from q (m,): e, and q as the next one will have it, and its work."""
-        v, force, rubbed, contact, _ = solved
+    def _taken(
+        self, law: ElasticLaw, q: Array, h: float, v: Array, force: Array, touched: Touched
+    ) -> tuple[Array, Array, StepWork]:
+        """Takes a step of h s, or a part of one, from q (m,): e, and q as the next one will have it, and its work.
+
+        By v̂ (m,), under a force of inputs (m,).
+        """
+        contact, _, held, rubbed, _ = touched
+        force = force if held is None else force + held
         e = (q + h * v) * self._ω
         after = e * self._inverse_ω
         heat = law.close(v, after) - (0.0 if rubbed is None else h * float(rubbed.dot(v)))
@@ -255,19 +246,19 @@ class HeldBody(HeldAdjoint):
             goal = u if parts == 1 else self._towards(u, strokes, (part + 1) / parts)
             if obstacles is not None and parts > 1:
                 start = start._replace(obstacles=obstacles.part(part / parts, 1 / parts, self.h))
-            solved = self._iterated(law, goal, start)
+            v, force, touched = self._iterated(law, goal, start)
             maps = None if self.residual is None else self.residual.maps
-            e, q, work = self._taken(law, start.q, h, solved)
+            e, q, work = self._taken(law, start.q, h, v, force, touched)
             branches = None if self.branches is None else self.branches.adjoint()
-            taken.append(Part(h, start.q, start.r, solved.v, solved.reactions, self._contact_step, maps, branches))
+            taken.append(Part(h, start.q, start.r, v, touched.reactions, self._contact_step, maps, branches))
             works.append(work)
-            start = start._replace(q=q, r=solved.v + solved.v - start.r, reactions=solved.reactions)
+            start = start._replace(q=q, r=v + v - start.r, reactions=touched.reactions)
         work = StepWork(
             sum(work.supplied for work in works),
             sum(work.dissipated for work in works),
             sum((work.contacts for work in works), ()),
         )
-        return Solution(e, start.r, solved.contact, solved.reactions, work, tuple(taken))
+        return Solution(e, start.r, touched.contact, touched.reactions, work, tuple(taken))
 
     def _towards(self, u: Array, strokes: Array | None, share: float) -> Array:
         """An input (p,) with strokes that have gone a share of the way from where they were (n,)."""
@@ -277,8 +268,8 @@ class HeldBody(HeldAdjoint):
         towards[columns] = strokes + share * (u[columns] - strokes)
         return towards
 
-    def _iterated(self, law: ElasticLaw, u: Array, start: Start) -> Solved:
-        """A step under u (p,) by Newton's method.
+    def _iterated(self, law: ElasticLaw, u: Array, start: Start) -> tuple[Array, Array, Touched]:
+        """v̂ (m,) of a step under u (p,) by Newton's method, the force of inputs (m,) and what was found in it.
 
         Raises:
             StepError: it does not converge, or no forces were found on the way.
@@ -305,7 +296,7 @@ class HeldBody(HeldAdjoint):
                 lack -= touched.pushed
             error = np.abs(lack).max()
             if is_solved(error, before, scale):
-                return touched.solved(v, force)
+                return v, force, touched
             is_slow = error > FAST_CONTRACTION * before and not is_fresh
             if is_slow:
                 law.renew(v)

@@ -17,7 +17,6 @@ from fenics_rom.errors import StepError, StructureError, check_known
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.environment import DETAILS
-from fenics_rom.mechanics.frame_motion import ZERO
 from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepperState, StepResult
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
@@ -142,8 +141,7 @@ class MovingFrameStepper(ReducedStepper):
         self.kernel.state[:] = np.concatenate([np.sqrt(there.eigenvalues) * held[:, 0], held[:, 1]])
         self.kernel.frame, self.kernel.contact, self.kernel.notes = left.frame, left.contact, left.notes
         self.kernel.reactions = left.reactions
-        if not (isinstance(self.kernel, FreeFrame) or isinstance(left, FreeFrame)):
-            self.kernel.wrench = left.wrench
+        self.kernel.wrench = left.wrench
         self.kernel.resume(carried)
         if self.kernel.residual is not None and left.residual is not None:
             self.kernel.residual.take_over(left.residual)
@@ -194,8 +192,8 @@ class MovingFrameStepper(ReducedStepper):
 
     def snapshot(self) -> StepperState:
         """As in ReducedStepper."""
-        wrench = (ZERO, ZERO) if isinstance(self.kernel, FreeFrame) else self.kernel.wrench
-        return super().snapshot()._replace(frame=FrameSnapshot(self.kernel.frame, self._carried_along, wrench))
+        frame = FrameSnapshot(self.kernel.frame, self._carried_along, self.kernel.wrench)
+        return super().snapshot()._replace(frame=frame)
 
     def check(self, contact: str, state: StepperState) -> None:
         """As in ReducedStepper."""
@@ -215,8 +213,7 @@ class MovingFrameStepper(ReducedStepper):
         self._enter(contact)
         self.kernel.frame = state.frame.frame
         super().restore(contact, state, dt)
-        if not isinstance(self.kernel, FreeFrame):
-            self.kernel.wrench = state.frame.wrench
+        self.kernel.wrench = state.frame.wrench
 
     def _kernel_of(self, contact: str) -> FrameKernels:
         if self._carried_along is not None:
