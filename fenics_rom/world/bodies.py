@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_motion import cross_matrix
-from fenics_rom.world.collision.contacts import PlacedShape, PlacedSurface
+from fenics_rom.world.collision.contacts import Placed
 
 NO_ROWS = np.empty(0, dtype=int)
 NOTHING = np.zeros(3)
@@ -75,7 +75,7 @@ class Body(Protocol):
     def begin(self, h: float) -> None:
         """Opens a step of h s; of 0 to look at where it is."""
 
-    def placed(self) -> PlacedShape | PlacedSurface:
+    def placed(self) -> Placed:
         """As it is expected in the middle of the step, of what others can touch."""
 
     def travel(self) -> tuple[Array, float]:
@@ -123,15 +123,14 @@ class Body(Protocol):
 
 
 class PointsOfRigid(Body, Protocol):
-    """Where points of a rigid body are, and how they move.
+    """Where points of a rigid body are, and how they move."""
 
-    Attributes:
-        twist: how it moves between two steps: velocity of the centre of mass, m/s, and angular velocity, rad/s.
-    """
-
-    twist: tuple[Array, Array]
     _R: Array  # (3, 3): world axes of its own between two steps
     _middle: Array  # (3,), m: of its centre of mass, as it is expected in the middle of the step
+
+    @property
+    def twist(self) -> tuple[Array, Array]:
+        """Between two steps: velocity of the centre of mass, m/s, and angular velocity, rad/s."""
 
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""

@@ -1,7 +1,6 @@
 """Which contact points of a soft body carry the points that others push or hold, and by how much."""
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -10,35 +9,27 @@ from fenics_rom.mechanics.surface_points import mean_turning_maps, spread_matrix
 from fenics_rom.world.bodies import Points
 
 
-class _Reached(NamedTuple):
-    """Contact points that forces at some points of the surface act on."""
-
-    points: Points
-    nodes: Array  # (s,)
-    are_nodes: bool  # whether each of the points is a contact point, and none is between them, or a couple
-    is_each_once: bool  # and no two are the same
-
-
 class Carriers:
     """Of a body with P contact points; values and forces are (P, 3) there, and (k, 3) at points."""
 
     def __init__(self, P: int):
         self._count = P
-        self._reached = _Reached(Points(*np.empty((4, 0, 3))), np.empty(0, dtype=int), False, False)
+        self._points: Points | None = None
         self._turning = np.empty((0, 3, 3, 3))  # how surfaces that couples act on turn, per velocity of their points
 
-    def _reach(self, points: Points) -> _Reached:
-        """Of these points; kept as long as they are the same."""
-        if self._reached.points is not points:
-            nodes = np.unique(points.nodes[points.weights != 0])
-            are_nodes = bool(points.weights.shape[1]) and bool((points.weights[:, 0] == 1.0).all())
-            are_nodes = are_nodes and not len(points.couples)
-            self._reached = _Reached(points, nodes, are_nodes, are_nodes and len(nodes) == len(points.nodes))
-        return self._reached
+    def _reach(self, points: Points) -> None:
+        """Finds which contact points forces at these points act on; kept as long as they are the same."""
+        if self._points is points:
+            return
+        self._points, self._nodes = points, np.unique(points.nodes[points.weights != 0])
+        on_nodes = bool(points.weights.shape[1]) and bool((points.weights[:, 0] == 1.0).all())
+        self._are_nodes = on_nodes and not len(points.couples)  # and none is between them
+        self._is_each_once = self._are_nodes and len(self._nodes) == len(points.nodes)
 
     def mean(self, points: Points, values: Array) -> Array:
         """Values at points; of couples how their surfaces turn."""
-        if self._reach(points).are_nodes:
+        self._reach(points)
+        if self._are_nodes:
             mean: Array = values[points.nodes[:, 0]]
             return mean
         mean = (points.weights[:, :, None] * values[points.nodes]).sum(axis=1)
@@ -54,22 +45,24 @@ class Carriers:
 
     def spread(self, points: Points, forces: Array) -> tuple[Array, Array]:
         """Forces on contact points by those at points, and which may have some (s,)."""
-        spread, reached = np.zeros((self._count, 3)), self._reach(points)
-        if reached.is_each_once:
+        self._reach(points)
+        spread = np.zeros((self._count, 3))
+        if self._is_each_once:
             spread[points.nodes[:, 0]] = forces
         else:
             shares, couples = points.weights[:, :, None] * forces[:, None, :], points.couples
             if len(couples):
                 shares[couples] = np.matmul(forces[couples, None, None], self._turning)[:, :, 0]
             np.add.at(spread, points.nodes, shares)
-        return spread, reached.nodes
+        return spread, self._nodes
 
     def operator(self, points: Points, of_nodes: Callable[[Array], Array]) -> Array:
         """Velocities of points per force, (3 k, 3 k), from what gives those of contact points (s,), (3 s, 3 s).
 
         Of contact points alone it is that.
         """
-        if self._reach(points).are_nodes:
+        self._reach(points)
+        if self._are_nodes:
             return of_nodes(points.nodes[:, 0])
         turning = self._turning if len(points.couples) else ()  # that of before, where there is no couple
         nodes, spread = spread_matrix(points.nodes, points.weights, points.couples, turning)

@@ -28,15 +28,19 @@ class Driven(PointsOfRigid):
     Args:
         shape: m; None: nothing touches it.
         motion: its pose and twist at a time, s.
+
+    Attributes:
+        motion: as given; by another one it moves from the next step on.
+        end: where the step that has begun leads.
     """
 
     is_driven, energy = True, 0.0
 
     def __init__(self, shape: Shape | None, motion: Callable[[float], BaseState]):
-        self.account, self.shape, self._motion, self.touches = EnergyLedger(), shape, motion, shape is not None
+        self.account, self.shape, self.motion, self.touches = EnergyLedger(), shape, motion, shape is not None
         self.size = 0.0 if shape is None else shape.radius_around
         self.time = 0.0
-        self._start = self._end = motion(0.0)
+        self._start = self.end = motion(0.0)
         self._R = self._R_end = rotation_matrix(self._start.rotation)
         self._given, self._is_still = self._start, False
         self._gaps = self._misfit = NO_GAPS  # of a step, and at most, m and rad, between where it went and its twists
@@ -47,22 +51,13 @@ class Driven(PointsOfRigid):
         return self._start
 
     @property
-    def twist(self) -> tuple[Array, Array]:  # type: ignore[override]
+    def twist(self) -> tuple[Array, Array]:
         """As in PointsOfRigid."""
         return self._start.velocity, self._start.angular_velocity
-
-    @property
-    def end(self) -> BaseState:
-        """Where the step that has begun leads."""
-        return self._end
 
     def warnings(self, name: str) -> tuple[str, ...]:
         """Whether it, of some name, jumped, or went otherwise than its velocities say."""
         return misfit_message(*self._misfit, driven=name)
-
-    def follow(self, motion: Callable[[float], BaseState]) -> None:
-        """Moves by another function of time, s, from the next step on."""
-        self._motion = motion
 
     def take(self, inputs: Mapping[str, Any]) -> None:
         """As in Body: it has none."""
@@ -75,11 +70,11 @@ class Driven(PointsOfRigid):
         if h == 0:
             self._middle, self._middle_rotation = self._start.position, self._R
             return
-        given = self._motion(self.time + h)
+        given = self.motion(self.time + h)
         if given is self._given and self._is_still:
             return
         start, end = self._start, checked_base(given, f"its motion at {self.time + h:g} s")
-        self._given, self._end = given, end
+        self._given, self.end = given, end
         w, x, y, z = start.rotation.tolist()
         cosine, *sines = composed((w, -x, -y, -z), end.rotation.tolist())
         if not abs(cosine) >= LEAST_COSINE:
@@ -132,7 +127,7 @@ class Driven(PointsOfRigid):
         """As in Body: what others do on it, whoever drives it takes out."""
         self.account.book_contact(self._h * self._power, 0.0, 0.0, 0.0)
         self.account.book(supplied=-self._h * self._power)
-        self._start, self._R, self.time = self._end, self._R_end, self.time + self._h
+        self._start, self._R, self.time = self.end, self._R_end, self.time + self._h
         if self._gaps > NO_GAPS:
             self._misfit = max(self._misfit[0], self._gaps[0]), max(self._misfit[1], self._gaps[1])
 

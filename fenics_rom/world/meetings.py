@@ -13,13 +13,11 @@ import numpy as np
 from fenics_rom.errors import SceneError, StepError, check_known
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.world.bodies import Body
-from fenics_rom.world.collision.contacts import Contacts, PlacedShape, PlacedSurface
+from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape
 from fenics_rom.world.collision.find import find_contacts
 
 STILL = 1e-10  # rad, and of the body's size: poses that differ by less are the same
 PENETRATION_TOLERANCE = 1e-9  # of the smaller body: as deep as round-off may have put it
-
-Placed = PlacedShape | PlacedSurface
 
 
 @dataclass

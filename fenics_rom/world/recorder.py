@@ -8,7 +8,6 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics import obstacles
-from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.trajectory.bodies import BodyTrack
 from fenics_rom.trajectory.trajectory import Trajectory
@@ -48,9 +47,10 @@ class WorldRecorder:
         self._surfaces = {name: _surface(world, name) for name in world.names}
         self._nodes = self._places()
         self._snapshots = np.zeros((len(self._snapshot_steps), *self._nodes.shape))
-        grounds = {name: body for name, body in world.bodies.items() if _is_half_space(body)}
-        self._grounds = {name: _half_space(world.pose(name)) for name in grounds}
-        self._moved = {name: np.zeros((len(self._snapshot_steps), 3)) for name in grounds}
+        poses = {name: world.pose(name) for name, body in world.bodies.items() if _is_half_space(body)}
+        planes = {name: (pose.position, rotation_matrix(pose.rotation)[:, 2]) for name, pose in poses.items()}
+        self._grounds = {name: obstacles.HalfSpace(tuple(at), tuple(normal)) for name, (at, normal) in planes.items()}
+        self._moved = {name: np.zeros((len(self._snapshot_steps), 3)) for name in poses}
         self.sample(0)
 
     def sample(self, step: int) -> None:
@@ -144,10 +144,6 @@ def _surface(world: World, name: str) -> tuple[Array, Array, Array]:
 
 def _is_half_space(body: object) -> bool:
     return isinstance(body, RigidBody) and isinstance(body.shape, HalfSpace)
-
-
-def _half_space(pose: BaseState) -> obstacles.HalfSpace:
-    return obstacles.HalfSpace(tuple(pose.position), tuple(rotation_matrix(pose.rotation)[:, 2]))
 
 
 def _coordinates(world: World) -> int:

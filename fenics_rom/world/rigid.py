@@ -94,7 +94,7 @@ class Rigid(PointsOfRigid):
         return BaseState(self._p.copy(), np.array(self._q), self._v.copy(), self._R.dot(self._ω))
 
     @property
-    def twist(self) -> tuple[Array, Array]:  # type: ignore[override]
+    def twist(self) -> tuple[Array, Array]:
         """As in PointsOfRigid."""
         return self._v, self._R.dot(self._ω)
 

@@ -64,7 +64,6 @@ class WorldSkins:
         self._next_look = min((each.watch.next_look for each in self._watched.values()), default=0)
         self._since = self._now()
         self._soft_room = 0.0  # how far soft bodies may move before they are looked at, m
-        self._leave_out_carriers()
         self._check_start()
 
     @property
@@ -156,17 +155,14 @@ class WorldSkins:
         into = int(depths[1] >= depths[0])
         return [(self._watched[pair[into]], pair[1 - into], found[into])] if found[into] else []
 
-    def _leave_out_carriers(self) -> None:
-        """What a body is mounted on may begin in it, where it is held."""
+    def _check_start(self) -> None:
         for name, other in self._into:
             each, there = self._watched[name], self._rigid[other]
-            if each.body.carrier is there:
+            if each.body.carrier is there:  # what carries a body may begin in it, where it is held
                 each.watch.skin.leave_out(_placed(there).distance(_placement(each).whole())[0])
-
-    def _check_start(self) -> None:
         for name, other in filter(self._meet, self._into):
-            each, there = self._watched[name], _placed(self._rigid[other])
-            each.watch.check_start(_placement(each).whole(), {f"body {other!r}": there})
+            each, there = self._watched[name], self._rigid[other]
+            each.watch.check_start(_placement(each).whole(), {f"body {other!r}": _placed(there)})
         for pair in filter(self._meet, self._between):
             for into, who, found in self._in_each_other(pair, self._placements(pair)):
                 into.watch.refuse(f"body {who!r}", found)

@@ -8,10 +8,10 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.solution import largest
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Body, Points
-from fenics_rom.world.collision.contacts import Contacts, Spots, no_contacts
+from fenics_rom.world.collision.contacts import Contacts, Placed, Spots, no_contacts
 from fenics_rom.world.contact_step import Found, Guide, Pairs, Part, add_operator
 from fenics_rom.world.joints import JointPoints
-from fenics_rom.world.meetings import PENETRATION_TOLERANCE, Meeting, Placed, is_still
+from fenics_rom.world.meetings import PENETRATION_TOLERANCE, Meeting, is_still
 from fenics_rom.world.soft import Soft
 
 NEAR = 0.01  # of the smaller body: what is nearer is looked at in every step, besides what can be reached
@@ -57,6 +57,7 @@ class StepPairs:
         self._swerve = SWERVES * self._sizes_met.min(initial=np.inf)
         both = [(bodies[meeting.first], bodies[meeting.second]) for meeting in meetings]
         self._are_rigid = np.array([not any(isinstance(body, Soft) for body in pair) for pair in both], dtype=bool)
+        self._none = ROUND_OFF * np.where(self._are_rigid, self._sizes_met, 0.0)  # gaps that are none, m
         self._yield_at_once = np.array([not all(body.has_inertia for body in pair) for pair in both], dtype=bool)
         self._dissipated = np.zeros(len(meetings))  # by contact, of which what is let out may take, J
 
@@ -97,8 +98,7 @@ class StepPairs:
                 gone[rows] += signs * lead
         gone += h / 2 * before
         gaps = self._middle_gaps - (pairs.normals * gone[:C]).dot(_ONES)
-        none = ROUND_OFF * (self._sizes_met * self._are_rigid)[self._meeting_of]
-        gaps[np.abs(gaps) < none] = 0.0
+        gaps[np.abs(gaps) < self._none[self._meeting_of]] = 0.0
         swung = self._swung if self._swung.any() else None
         pairs = pairs._replace(places=places, before=before, gaps=gaps, swung=swung)
         return pairs, self._start, self._known_guide(h)

@@ -13,6 +13,7 @@ from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.world.contact_step import Found, Guide, Pairs, find_forces
+from fenics_rom.world.driven import Driven
 from fenics_rom.world.joint_plan import JointPlan
 from fenics_rom.world.joints import AnyJoint
 from fenics_rom.world.make_bodies import FIXED, make_bodies
@@ -194,9 +195,9 @@ class World(ReadWorld):
     def drive(self, name: str, motion: Any) -> None:
         """Moves a rigid body that has a `motion` by another one, from the next step on."""
         body = self._body(name)
-        if not body.is_driven:
+        if not isinstance(body, Driven):
             raise StepError(f"body {name!r} moves freely: allowed is one that has a motion")
-        body.follow(motion)  # type: ignore[union-attr]
+        body.motion = motion
 
     def step(self, inputs: Mapping[str, Mapping[str, Any]] | None = None) -> None:
         """Advances by dt.

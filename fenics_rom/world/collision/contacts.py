@@ -53,6 +53,9 @@ class PlacedSurface(NamedTuple):
     touching: Array  # rows of the points that may touch
 
 
+Placed = PlacedShape | PlacedSurface
+
+
 class Spots(NamedTuple):
     """Where k contacts are on a body."""
 

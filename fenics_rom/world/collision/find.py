@@ -1,13 +1,11 @@
 """Where two bodies touch, or are about to."""
 
-from fenics_rom.world.collision.contacts import Contacts, PlacedShape, PlacedSurface, no_contacts
+from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, no_contacts
 from fenics_rom.world.collision.flat_ground import contacts_on_ground
 from fenics_rom.world.collision.polytopes import as_polytope, polytope_contacts
-from fenics_rom.world.collision.round_shapes import is_round, round_contacts
+from fenics_rom.world.collision.round_shapes import round_contacts
 from fenics_rom.world.collision.soft_surfaces import soft_on_rigid, soft_on_soft
-from fenics_rom.world.shapes import HalfSpace, Sphere
-
-Placed = PlacedShape | PlacedSurface
+from fenics_rom.world.shapes import Capsule, HalfSpace, Sphere
 
 
 def find_contacts(first: Placed, second: Placed, margin: float) -> Contacts:
@@ -34,8 +32,8 @@ def _rigid_contacts(first: PlacedShape, second: PlacedShape, margin: float) -> C
         return contacts_on_ground(first, second, margin)
     if isinstance(a, HalfSpace):
         return contacts_on_ground(second, first, margin).mirrored
-    if is_round(a) and not isinstance(b, Sphere):
+    if isinstance(a, Sphere | Capsule) and not isinstance(b, Sphere):
         return round_contacts(first, second, margin)
-    if is_round(b):
+    if isinstance(b, Sphere | Capsule):
         return round_contacts(second, first, margin).mirrored
     return polytope_contacts(as_polytope(first), as_polytope(second), margin)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.world.collision.contacts import Contacts, PlacedShape, no_contacts, rigid_contacts
-from fenics_rom.world.shapes import Capsule, Shape, Sphere
+from fenics_rom.world.shapes import Capsule, Sphere
 
 _LEVELS = np.array([-0.05, 0.0, 0.05])  # slopes of the distance along a capsule: between the outer two it lies on
 _PARTS = np.linspace(0.0, 1.0, 9)
@@ -58,8 +58,3 @@ def _touching_shares(other: PlacedShape, start: Array, line: Array, radius: floa
     else:
         kept = np.array([True, False, True])
     return shares[kept], np.flatnonzero(kept)
-
-
-def is_round(shape: Shape) -> bool:
-    """Whether `round_contacts` knows what to do with it as the first."""
-    return isinstance(shape, Sphere | Capsule)
