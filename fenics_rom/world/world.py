@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -214,6 +215,7 @@ class World(ReadWorld):
             self._check_inputs(inputs)
         if self._time + h / 2 >= self._joints.next_change:
             self._go_on_with_joints(self._joints.change(self._time + h / 2))
+        before = copy(self._step_pairs)
         try:
             pairs, found, guide = self._find(inputs or {})
             for soft in self._soft:
@@ -221,7 +223,9 @@ class World(ReadWorld):
         except BaseException as error:
             for body in bodies.values():
                 body.undo()
-            if isinstance(error, StepError) and (shorter := self._step_that_would_do(inputs or {})):
+            shorter = self._step_that_would_do(inputs or {}) if isinstance(error, StepError) else None
+            self._step_pairs = before
+            if shorter:
                 raise StepError(f"{error}; steps of {shorter:.3g} s would do") from error
             raise
         for body in bodies.values():

@@ -1,5 +1,7 @@
 """What comes to rest lies on the floor, at any step: heights against the exact ones, and energy that never grows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -102,3 +104,24 @@ def test_a_step_that_is_refused_names_one_that_would_do(monkeypatch):
     assert (world.steps, world.dt) == (0, 5e-2)
     world.dt = 0.00625
     world.step()
+
+
+def test_forces_stay_those_of_the_last_step_where_one_is_refused(monkeypatch):
+    """One box lies, another one falls on it: pairs come and go, also in the steps that are refused."""
+    box, falling = fr.RigidBody(Box((0.1,) * 3), density=500, position=(0, 0, 0.05)), (0, 0, -8.0)
+    other = replace(box, position=(0, 0, 0.17), velocity=falling)
+    world = fr.World({"ground": GROUND, "box": box, "other": other}, 1e-3, gravity=(0, 0, -9.81))
+
+    def refuse(*_):
+        raise fr.StepError("no forces were found")
+
+    for _ in range(10):
+        world.step()
+        before = world.force_between("box", "ground"), world.force_between("other", "box"), world.touching
+        with monkeypatch.context() as patch:
+            patch.setattr(world_module, "find_forces", refuse)
+            with pytest.raises(fr.StepError):
+                world.step()
+        np.testing.assert_array_equal(world.force_between("box", "ground"), before[0])
+        np.testing.assert_array_equal(world.force_between("other", "box"), before[1])
+        assert world.touching == before[2]
