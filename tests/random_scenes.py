@@ -39,11 +39,11 @@ Array = np.ndarray
 ACCOUNT = 1e-11  # of the turnover, and of momenta
 BY_NEWTON = 1e-10  # the same where full order solves a step by Newton's method, to 1e-12 of the forces or round-off
 SAME = 1e-9  # of the largest displacement: two programs of the same equations
-FOUND = 1e-8  # the same with forces of contact, which are found to 1e-12 of velocities in each step
 ROUND_OFF = 1e-12  # change of what moves a body, by which is seen how a difference of round-off grows
 GROWTH = 1e3  # by how much more two programs may differ than that change does
 MEANINGLESS = 1e-3  # of the largest displacement: from there on an event is decided by round-off, in either program
 HALVED = 4.0  # differences by which halves of steps differ from whole ones, which are as large for other steps
+WAVERING = 0.05  # power of friction on what it is to stop, of the largest: by W, which is not quite A⁻¹, it may be none
 TOGETHER = 1e-5  # of forces of contact that a batch finds for all bodies at once, see mechanics/batch_contact_solver.py
 EPS = np.finfo(float).eps
 ORDER = 6
@@ -99,14 +99,14 @@ def _whole_laws(scene: Drawn, found: Outcome) -> None:
     reduced.judge("all modes", scene, found)
     whole.judge("full order", scene, found)
     count = min(len(each.shapes) for each in (reduced, changed, whole, *halved))
-    count = min([count, *reduced.not_alike[:1], *whole.not_alike[:1]])
+    count = min([count, *reduced.not_alike[:1], *whole.not_alike[:1], *reduced.wavers_beside(whole)])
     if not count or (halved and scene.touches):  # halves of steps meet obstacles at other times
         return
     size = np.maximum.accumulate([np.abs(x).max() for x in reduced.shapes[:count]])
     size += 1e-5 * np.abs(system.body.nodes).max()  # of smaller motions round-off of places shows
     grown = np.maximum.accumulate(reduced.beside(changed, count) / size)
     parted = reduced.beside(whole, count) / size
-    allowed = np.maximum(FOUND if scene.touches else SAME, GROWTH * grown)
+    allowed = np.maximum(SAME, GROWTH * grown)
     if halved:
         allowed += HALVED * np.maximum.accumulate(reduced.beside(halved[0], count) / size)
     is_told = allowed <= MEANINGLESS
@@ -189,6 +189,7 @@ class Run:
     shapes: list[Array] = field(default_factory=list)
     not_alike: list[int] = field(default_factory=list)
     error: str = ""
+    stopped: list[tuple[bytes, float]] = field(default_factory=list)  # see stopped_by_friction, of each step
     missed: float = 0.0  # of the account, J
     turnover: float = 0.0  # J
     moved: float = 0.0  # of momenta, of those at the start
@@ -196,6 +197,11 @@ class Run:
     def beside(self, other: "Run", count: int) -> Array:
         """Largest differences of displacements after each of so many steps, (count,), m."""
         return np.array([np.abs(x - y).max() for x, y in zip(self.shapes[:count], other.shapes, strict=False)])
+
+    def wavers_beside(self, other: "Run") -> list[int]:
+        """The first step in which friction stops others there, as it is all but too little to stop them."""
+        both = enumerate(zip(self.stopped, other.stopped, strict=False))
+        return [step for step, (a, b) in both if a[0] != b[0] and min(a[1], b[1]) <= WAVERING][:1]
 
     def judge(self, name: str, scene: Drawn, found: Outcome) -> None:
         """Notes whether its laws are kept."""
@@ -220,9 +226,11 @@ def run(body, scene: Drawn, share: float = 1.0, parts: int = 1) -> Run:
             done.turnover = max(done.turnover + np.abs(now - booked).sum(), body.energy)
             done.missed, booked = max(done.missed, abs(body.energy - stored - now @ [1, -1, -1, -1])), now
             done.shapes.append(body.displacement().copy())
-            stepper = body.integrator.kernel if isinstance(body, fr.Simulator) else body.stepper
+            of_body = body.integrator if isinstance(body, fr.Simulator) else body.stepper
+            stepper = getattr(of_body, "kernel", of_body)
             is_cut = getattr(stepper, "parted", 0) or getattr(stepper, "notes", {}).get("cut", 0)
             contact = stepper.contact
+            done.stopped.append(stopped_by_friction(of_body.interface))
             if is_cut or (contact is not None and is_wedged(contact, "rigid = " in scene.text)):
                 done.not_alike.append(step)
             if scene.is_alone:
@@ -231,6 +239,17 @@ def run(body, scene: Drawn, share: float = 1.0, parts: int = 1) -> Run:
     except FenicsRomError as error:
         done.error = f"{type(error).__name__}: {error}"
     return done
+
+
+def stopped_by_friction(interface) -> tuple[bytes, float]:
+    """Which pairs friction may not stop in the last step, and its power on the others, of the largest it could have."""
+    solved = None if interface is None else interface.solver.solved
+    if solved is None or solved.pairs.braking is None:
+        return b"", np.inf
+    helped, sliding, friction = solved.pairs.braking.helped, solved.problem.sliding, solved.forces[1:]
+    most = (np.linalg.norm(friction, axis=0) * np.linalg.norm(sliding, axis=0)).sum()
+    power = abs((friction * (solved.velocities[1:] + sliding)).sum())
+    return b"" if helped is None else np.flatnonzero(helped).tobytes(), power / most if most > 0 else np.inf
 
 
 def is_wedged(contact: ContactSolution, is_rigid: bool) -> bool:
