@@ -1,6 +1,7 @@
 """The public names and their modules: for type checkers and editors, and for `__init__.py`, which loads them."""
 
 from fenics_rom import errors as errors
+from fenics_rom.compilation import compiled as compiled
 from fenics_rom.errors import CompareError as CompareError
 from fenics_rom.errors import DataError as DataError
 from fenics_rom.errors import FenicsRomError as FenicsRomError

@@ -7,6 +7,7 @@ import stand_ins
 from bodies import PLATE, scene_text, write_box
 
 import fenics_rom as fr
+from fenics_rom.mechanics import make_contact_solver
 from fenics_rom.scene.file import parse_scene
 
 pytest.MonkeyPatch.setattr = stand_ins.watch(pytest.MonkeyPatch.setattr)
@@ -34,6 +35,12 @@ def _gmsh_in_this_process():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(foreign_file, "read_arrays", arrays_found_here)
         yield
+
+
+@pytest.fixture
+def numpy_alone(monkeypatch):
+    """Nothing runs compiled, whatever is installed: of what is done for NumPy's sake."""
+    monkeypatch.setattr(make_contact_solver, "compiled", lambda: False)
 
 
 @pytest.fixture(scope="session")

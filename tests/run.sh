@@ -14,6 +14,8 @@ fi
 unset PYTHONDONTWRITEBYTECODE # some hundred times Python is started, and would compile the package each time
 mapfile -t alone < <(grep -rl --include='test_*.py' 'mark\.alone' tests)
 
+with_numba=(tests/test_compilation.py tests/mechanics/test_{compiled_contact,contact}.py tests/runtime/test_{compiled_steps,every_use,differentiation_contact,energy_laws,residual_compliance}.py)
+
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 summaries=() failed=0
@@ -25,7 +27,9 @@ part() { # NAME PYTEST ARGUMENT ...
   summaries+=("$name: $(tail -n 1 "$log")")
 }
 
+export FENICS_ROM_COMPILED=0 # NumPy is the reference; what runs compiled is held to it below
 part "on all cores" "$@" -m "not alone" --numprocesses auto --maxprocesses 4 --dist loadfile
 part "alone" "$@" -m alone "${alone[@]}" # what starts ranks of its own, or goes by the clock
+FENICS_ROM_COMPILED=1 part "compiled" "$@" "${with_numba[@]}" --numprocesses auto --maxprocesses 4 --dist loadfile
 printf '=== %s\n' "${summaries[@]}"
 exit "$failed"

@@ -1,6 +1,7 @@
 """What may import what: the runtime runs where there is no FEniCSx, and each folder stands on those below it alone."""
 
 import ast
+import os
 import subprocess
 import sys
 from graphlib import CycleError, TopologicalSorter
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import fenics_rom
+from fenics_rom.compilation import VARIABLE
 
 PACKAGE = Path(fenics_rom.__file__).parent
 DATA = Path(__file__).parent / "data"
@@ -20,7 +22,7 @@ NOT_IN_THE_RUNTIME = FENICSX | {"scipy", "matplotlib", "rich", "viser", "pyvista
 # Folders, and files outside any, from the bottom to the top: what each may import of the package, anywhere in a file,
 # and which packages of others. FACE is `import fenics_rom` itself, which loads what is asked for.
 FACE = "__init__"
-GROUND = {"errors", "arguments", "version", "io", "mechanics"}
+GROUND = {"errors", "arguments", "version", "compilation", "io", "mechanics"}
 DATA_OF_A_RUN = GROUND | {"rom", "trajectory"}
 OFFLINE = GROUND | {"scene", "system"}
 BELOW_APPLICATIONS = (
@@ -43,8 +45,9 @@ MAY_IMPORT = {
     "version": (set(), set()),
     "arguments": ({"errors"}, set()),
     "lazy_import": ({"errors"}, set()),
+    "compilation": ({"errors"}, {"numba"}),
     "io": ({"errors", "arguments", "version"}, {"numpy", "h5py"}),
-    "mechanics": ({"errors", "arguments"}, {"numpy"}),
+    "mechanics": ({"errors", "arguments", "compilation"}, {"numpy"}),
     "scene": (GROUND | {"trajectory"}, {"numpy", "pydantic", "pydantic_core"}),
     "system": (GROUND | {"scene"}, {"numpy", "scipy"}),
     "rom": (GROUND, {"numpy", "h5py"}),
@@ -74,7 +77,9 @@ sys.meta_path.insert(0, Refuse())
 
 
 def python(code, *arguments):
-    return subprocess.run([sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True)
+    environment = os.environ | {VARIABLE: "0"}  # numba, where it is, brings what it needs
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, env=environment)
 
 
 def imports(file):

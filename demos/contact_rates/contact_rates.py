@@ -34,6 +34,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.append(str(Path(__file__).parents[1] / "poke"))
+os.environ["FENICS_ROM_COMPILED"] = "0"  # rates of NumPy alone: compiled.py has both
 
 from force_errors import COMPARED, table_of_errors
 from pad_batches import VERY_MANY, table_of_batches, table_of_very_many

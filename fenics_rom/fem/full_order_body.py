@@ -7,8 +7,8 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution
-from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.make_contact_solver import make_contact_solver
 from fenics_rom.mechanics.skin_path import Instant, Placement, moved_between
 from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
@@ -29,7 +29,7 @@ class FullOrderInterface:
         assert law is not None
         self._algebra = system.algebra
         self.points = system.points_of_contact()
-        self.solver = ContactSolver(self.points.coordinates, list(environment.obstacles.values()), law)
+        self.solver = make_contact_solver(self.points.coordinates, list(environment.obstacles.values()), law)
         self.solve, self._environment = self.solver.solve, environment
         self._watch = SkinWatch(system.skin())
         self._seen: Instant | None = None

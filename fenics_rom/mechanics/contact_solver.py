@@ -61,6 +61,7 @@ class ContactSolver:
 
     Attributes:
         search: all that it keeps of the past, to begin the next search with.
+        follows: whether the last step took no search.
     """
 
     _considered: Pairs | None = None
@@ -73,7 +74,8 @@ class ContactSolver:
         self._delassus, self._operators = np.empty((0, 0)), dict[bytes, tuple[Array, Delassus]]()
         self._rule: NormalRule | None = None
         self._offsets, self._placed = np.empty((0, 3)), list[Array]()  # the points at rest, less these
-        self._followed: Callable[[], tuple[Pairs, SolvedPairs]] | None = None  # tells of the last step, if it was
+        self._told: Callable[[], tuple[Pairs, SolvedPairs | None]] | None = None  # of it, if it took no search
+        self.follows = False
         self._begun = b"", self.search  # velocities at its start, and what was kept of the past then
 
     @property
@@ -138,10 +140,8 @@ class ContactSolver:
         Raises:
             StepError: no forces found; the next step begins as this one did.
         """
-        self._considered, self._solved, self._followed, search = None, None, None, self.search
+        search = self._begin(points)
         was_steady = search.is_steady
-        if (speeds := points.velocity.tobytes()) != self._begun[0]:  # else it is asked again in the same step
-            self._begun = speeds, search
         gaps, normals = self._distances(points.displacement, obstacles.start)
         gap, w = gaps.item(gaps.argmin()), obstacles.velocities(dt)
         asked = self._asked(gaps, gap, obstacles, dt, quasi_static)
@@ -225,6 +225,13 @@ class ContactSolver:
             power = float(forces[0].dot(closing - pairs.compliance * forces[0] if pairs.compliance else closing))
         return ContactSolution(point_forces, iterations, active, normals.take(active, axis=0), pair_forces, w, power)
 
+    def _begin(self, points: PointMotion) -> ContactSearch:
+        """Forgets the last step; what the search of this one begins with."""
+        self._considered, self._solved, self._told, self.follows = None, None, None, False
+        if (speeds := points.velocity.tobytes()) != self._begun[0]:  # else it is asked again in the same step
+            self._begun = speeds, self.search
+        return self.search
+
     def _touch_nothing(self) -> None:
         """Takes note of a step in which nothing swings."""
         if self.search.swung is not None:
@@ -269,33 +276,19 @@ class ContactSolver:
             found_so = pairs, gaps, active, problem, f, u, False
             return pairs, SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found_so)
 
-        self._followed, among, normals, w = known, forces, frames.normals, obstacles.velocities(dt)
+        self._told, self.follows = known, True
+        among, normals, w = forces, frames.normals, obstacles.velocities(dt)
         if len(active) < len(forces):
             among, normals = forces.take(active, axis=0), normals.take(active, axis=0)
         return ContactSolution(self._at_points(forces), 0, active, normals, among, w, power)
 
     @property
-    def follows(self) -> bool:
-        """Whether the last step took no search."""
-        return self._followed is not None
-
-    @property
     def last_step(self) -> Callable[[], tuple[Pairs | None, SolvedPairs | None]]:
-        """Tells what `considered` and `solved` are now, also when other steps followed."""
-        if self._followed is not None:
-            return self._followed
+        """Tells, also when other steps followed, what the law asked, where a pair could be due, and what was found."""
+        if self._told is not None:
+            return self._told
         known = self._considered, self._solved
         return lambda: known
-
-    @property
-    def considered(self) -> Pairs | None:
-        """What the law asked of all pairs in the last step; None where none could be due."""
-        return self.last_step()[0]
-
-    @property
-    def solved(self) -> SolvedPairs | None:
-        """How its forces were found; None where nothing touched."""
-        return self.last_step()[1]
 
     def _relative(self, points: PointMotion, obstacles: ObstacleMotion, w: Array) -> tuple[Array, Array]:
         """Velocities of all pairs (O P, 3), m/s, in the middle of the step without contact, and at its start."""

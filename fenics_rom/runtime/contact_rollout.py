@@ -49,12 +49,17 @@ class ContactRollout:
         body, rows, taken = self._body, list[Array](), 0
         self._last, self._same = (), 0  # whatever was in between
         while taken < len(u):
+            if (rolled := self._roll(u[taken : taken + LONGEST_BLOCK], names)) is not None:
+                if names:
+                    rows.append(rolled[_due(every, first + taken)])
+                taken += len(rolled)
+                continue
             block = self._block(u[taken:-1])  # the last step is taken by itself
             if block is not None:
                 kept_map, steps = block
-                due = np.arange(len(steps.inputs))[every - 1 - (first + taken) % every :: every]
-                if names and len(due):
-                    rows.append(steps.states[1:][due] @ self._output_columns(kept_map, names))
+                if names:
+                    read = steps.states[1:][_due(every, first + taken)]
+                    rows.append(read @ self._output_columns(kept_map, names))
                 taken += len(steps.inputs)
                 continue
             body.step(u[taken][: body.inputs])
@@ -63,6 +68,33 @@ class ContactRollout:
             if names and (first + taken) % every == 0:
                 rows.append(np.concatenate([body.displacement(name).ravel() for name in names])[None])
         return rows
+
+    def _roll(self, u: Array, names: tuple[str, ...]) -> Array | None:
+        """Takes steps by compiled loops, and reads outputs after each, (steps, width); None where they took none.
+
+        Where the contact mode follows the obstacles, steps are taken one by one.
+        """
+        body, environment, kernel = self._body, self._body.environment, self._body.integrator.kernel
+        if not environment.stands_still or environment.mark is not None or body.switches_itself:
+            return None
+        taken = kernel.roll(u, environment.step_input(u[0][: body.inputs], body.time, body.dt).obstacles)
+        if taken is None:
+            return None
+        body.steps += len(taken.steps.q)
+        body.watch(kernel.state[: body.model.order], taken.last.square, body.time, len(taken.steps.q))
+        body.look_at_skin()
+        return self._read(taken.steps.q, taken.steps.carried, names)
+
+    def _read(self, q: Array, carried: Array, names: tuple[str, ...]) -> Array:
+        """Displacements of outputs (n, width) from q (n, m) and what is carried beyond the basis (n, 3P) or (n, 0)."""
+        body, rom, residual = self._body, self._body.rom, self._body.integrator.kernel.residual
+        rows = np.concatenate([np.empty((0, rom.basis.shape[1])), *(rom.outputs[name] for name in names)])
+        read: Array = q @ (rows @ body.model.coordinates).T
+        if residual is not None:
+            read += carried @ strained_back(
+                residual.part, (rows[:, rom.rigid :] / np.sqrt(rom.stiffness[rom.rigid :])).T
+            )
+        return read
 
     def _count(self) -> None:
         """Takes note of what all pairs did in the last step."""
@@ -213,3 +245,8 @@ class ContactRollout:
             columns += [by_force, np.zeros_like(by_force)]
         made: Array = np.hstack(columns).T
         return made
+
+
+def _due(every: int, taken: int) -> slice:
+    """Which of the steps after so many are read, one in every so many."""
+    return slice(every - 1 - taken % every, None, every)

@@ -15,6 +15,7 @@ from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ObstacleMo
 from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
+from fenics_rom.mechanics.make_contact_solver import make_contact_solver
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 
 G = 9.81  # m/s²
@@ -33,7 +34,7 @@ class Points:
         n = points.size
         self.M = np.diag(np.repeat(np.broadcast_to(mass, len(points)), 3))
         self.K, self.D = (np.zeros((n, n)) if m is None else m for m in (K, D))
-        self.contact, self.h = ContactSolver(points, obstacles, law), h
+        self.contact, self.h = make_contact_solver(points, obstacles, law), h
         self.points, self.offsets = points, np.zeros((len(obstacles), 3))
         self.force, self.v = (np.array(np.broadcast_to(a, points.shape)).ravel() for a in (force, v))
         self.x, self.work, self.heat = np.zeros(n), 0.0, 0.0
@@ -178,7 +179,7 @@ def test_rest_is_rest(h, law):
     for _ in range(600):
         body.step()
     assert np.abs(body.v).max() <= 1e-11 * G * h  # springs of 1e3: some eps of what they pull
-    assert body.gap >= -1e-15
+    assert body.gap >= -10 * np.finfo(float).eps * P  # of places up to P - 1
     before = body.x.copy()
     for _ in range(20):
         body.step()
@@ -458,7 +459,7 @@ def test_a_point_inside_is_held_but_not_pushed_out_quasi_statically():
     assert body.position[0, 2] == pytest.approx(-0.1, abs=1e-15)
 
 
-def test_what_slides_steadily_is_solved_at_once():
+def test_what_slides_steadily_is_solved_at_once(numpy_alone):
     """The last forces are kept, and are the solution of the next step."""
     body = Points(
         np.eye(3) * [1, 1, 0], [FLOOR, WALL], ContactLaw(friction=0.3), 1e-3, K=chain(3, 1e4), force=(0, 0, -G),
@@ -542,7 +543,7 @@ def test_asked_again_in_a_step_the_law_is_the_same():
         np.testing.assert_allclose(found.forces, [[0.0, 0.0, 0.5]], atol=1e-12)
 
 
-def test_a_failed_search_changes_nothing(monkeypatch):
+def test_a_failed_search_changes_nothing(monkeypatch, numpy_alone):
     """After an error the same step comes out as if there had been none."""
 
     def fails(*arguments):
@@ -610,7 +611,7 @@ def test_friction_stops_as_much_as_it_can_without_doing_work():
     body, shares = rubbed(friction=5.0), []
     for _ in range(100):
         body.step()
-        found = body.contact.solved
+        found = body.contact.last_step()[1]
         braking, problem = found.pairs.braking, found.problem
         work = (found.forces[1:] * (found.velocities[1:] + problem.sliding)).sum()
         scale = np.abs(found.forces).max() * np.abs(problem.q).max()

@@ -34,7 +34,10 @@ CASES = {
 }
 SAME = 1e-9  # of the largest displacement: searches are exact to 1e-12 of the velocities that they stop
 
-pytestmark = pytest.mark.filterwarnings("ignore:the surface is", "ignore:.*contact points leave")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:the surface is", "ignore:.*contact points leave"),
+    pytest.mark.usefixtures("numpy_alone"),  # for compiled steps see test_compiled_steps.py
+]
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import scipy.linalg
 from bodies import acted_on, box_arrays, dense, write_arrays
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomWarning, FileError, SceneError, StepError, StructureError
+from fenics_rom.errors import FenicsRomWarning, FileError, SceneError, StepError
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.mechanics.viscoelasticity import PronySeries
 from fenics_rom.reduction.frequency_response import full_responses
@@ -321,12 +321,6 @@ def test_run_may_relax_otherwise_or_not_at_all(mesh, rom):
     tips = [tip(rom), tip(rom, stiff), tip(rom, elastic)]
     assert tips[1:] == pytest.approx([tip(other) for other in made_so], rel=1e-9)
     assert len({round(value, 9) for value in tips}) == 3
-
-
-def test_gradient_does_not_go_through_switches_of_branches(rom):
-    body, (first, second, *_) = fr.Simulator(rom, 1e-3), rom.contact_models
-    with pytest.raises(StructureError, match="materials that relax: switches of contact modes are not differentiated"):
-        fr.differentiate(body, np.zeros((2, 3)), lambda *_: (0.0, {}, None), contact=[first, second])
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleM
 from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.contact_solver import ContactSolver
+from fenics_rom.mechanics.make_contact_solver import make_contact_solver
 from fenics_rom.mechanics.obstacles import smallest_radius
 from fenics_rom.mechanics.skin import Skin
 from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
@@ -87,14 +88,14 @@ def contact_interface(
 ) -> ContactInterface | None:
     """The interface of a reduced body in an environment; None where nothing can touch it.
 
-    `solver_of`: what finds forces; None: ContactSolver.
+    `solver_of`: what finds forces; None: what make_contact_solver makes.
     """
     law = environment.environment.contact_law
     if law is None:
         return None
     nodes = {name: model.contact_points for name, model in rom.contact_models.items()}
     points = ContactPoints(nodes, rom.contact_surfaces, rom.nodes, rom.points_between)
-    solver = (solver_of or ContactSolver)(points.coordinates, list(environment.obstacles.values()), law)
+    solver = (solver_of or make_contact_solver)(points.coordinates, list(environment.obstacles.values()), law)
     rows = points.columns(lambda nodes: rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]).T).T
     radii = {name: smallest_radius(obstacle) for name, obstacle in environment.obstacles.items()}
     passing = points.describe_passing(radii, rom.triangles, rom.nodes)

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import compiled
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, is_zero
 from fenics_rom.mechanics.contact_search import TangentPlanes
@@ -28,7 +29,7 @@ from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.runtime.steppers.adjoint import contact_adjoint
 from fenics_rom.runtime.steppers.contact_interface import CONTACT, MOTION
 from fenics_rom.runtime.steppers.followed_points import FollowedPoints, LinearBody, PairsBegun
-from fenics_rom.runtime.steppers.kernel import BookedKernel, ContactWorks, StepWork, symmetric
+from fenics_rom.runtime.steppers.kernel import BOOKED_TOGETHER, BookedKernel, ContactWorks, StepWork, symmetric
 from fenics_rom.runtime.steppers.residual_motion import operator_of
 from fenics_rom.runtime.steppers.steady_pairs import SteadyPairs
 from fenics_rom.runtime.steppers.taken_step import found_taken, linear_taken, residual_taken
@@ -39,6 +40,8 @@ _Step = tuple[Array, Array, Array]
 FEWEST_KEPT_PAIRS, MOST_KEPT_NUMBERS = 4, 400_000  # sets of pairs that were followed last, and of their matrices
 
 if TYPE_CHECKING:
+    from fenics_rom.runtime.compiled.linear_step import Step
+    from fenics_rom.runtime.steppers.compiled_step import CompiledStep, StepsTaken
     from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
 
 
@@ -55,6 +58,7 @@ class ContactMidpoint(BookedKernel):
     """The midpoint step with contact. Arguments and attributes as in BookedKernel."""
 
     _inverse_mass: Array | None = None
+    _compiled: "CompiledStep | None" = None
     _points: FollowedPoints | None = None
     _at_planes: FollowedPoints | None = None  # the same where they stay on what is round
     _pairs: dict[tuple[FollowedPoints, bytes], SteadyPairs]  # of these, of those sets that were followed last
@@ -79,11 +83,36 @@ class ContactMidpoint(BookedKernel):
         self._pushed_by, self._heat_of = (A.__mul__ if A.ndim == 1 else A.dot for A in (self._a, self._Ra))
         self._elastic_and_inertial = np.stack([-self._ω, np.full(self._model.order, 2 / h)])
         self._travel = h * self._ω
+        self._compiled = self._compiled_step()
+
+    def _compiled_step(self) -> "CompiledStep | None":
+        """What takes steps where loops are compiled, and there is nothing that they do not know."""
+        solver = None if self._interface is None else self._interface.solver
+        if not compiled() or solver is None or self._actuators is not None or self.branches is not None:
+            return None
+        from fenics_rom.mechanics.compiled_contact import CompiledContact  # here, as numba takes time to import
+        from fenics_rom.runtime.compiled.linear_step import Body, State
+        from fenics_rom.runtime.steppers.compiled_step import CompiledStep
+
+        if not isinstance(solver, CompiledContact):
+            return None
+        A, heat = (each if each.ndim == 2 else np.diag(each) for each in (self._a, self._Ra))
+        (R, *times), (beyond, beyond_before) = (np.empty((0, 0)), 0.0, 1.0, 0.0, 0.0), np.zeros((2, 4, 0))
+        if self.residual is not None:
+            (R, *times), (beyond, beyond_before) = self.residual.numbers, self.residual.states
+        inputs, points = np.ascontiguousarray(self._model.inputs), np.ascontiguousarray(self._Sᵀ)
+        of_points = points, solver.points, self._delassus
+        body = Body(self._ω, self._inverse_ω, inputs, A, heat, *of_points, R, *times)
+        before = self._state_before.reshape(2, -1), self._rigid_before, beyond_before
+        state = State(self._halves, self._rigid_displacement, beyond, *before)
+        return CompiledStep(body, state, solver, self.h)
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
         if self._actuators is not None:
             return self._step_by_strokes(self._actuators, u, obstacles)
+        if self._compiled is not None and obstacles is not None and (taken := self._compiled.take(u, obstacles)):
+            return self._end_compiled(*taken)
         points = self._points_to_follow(obstacles)
         if points is not None and points.solver.search.planes is not None:
             points = self._points_at_planes(points, points.solver.search.planes)
@@ -91,6 +120,41 @@ class ContactMidpoint(BookedKernel):
             return self._end_followed_step(points, *found)
         step = self._begin_step(u)
         return self._end_step(step, self._solve_contact(self._coordinates(), self._r, step[2], self.h, obstacles))
+
+    def _end_compiled(self, step: "Step", contact: ContactSolution | None) -> float:
+        """Takes note of a step that compiled loops have taken; twice the stored energy, J."""
+        works: ContactWorks = ()
+        if contact is not None:
+            work = ContactWork(step.by_obstacles, step.contact, step.friction)
+            works = (lambda: work,)
+        if len(self._owed) == BOOKED_TOGETHER:
+            self.flush()
+        self._owed.append(StepWork(step.supplied, step.dissipated, works))
+        self._note_touch(contact)
+        return step.square
+
+    def _note_touch(self, contact: ContactSolution | None) -> None:
+        """Takes note of contact in the last step, which compiled loops have taken."""
+        assert self._compiled is not None
+        self._contact_before, self._reactions_before, self._notes_before = self.contact, self.reactions, self.notes
+        self.contact = contact
+        if contact is not None:
+            self._at_touch = None, None if self.residual is None else self._compiled.beyond
+
+    def roll(self, inputs: Array, obstacles: ObstacleMotion) -> "StepsTaken | None":
+        """Takes steps under inputs (n, p) among obstacles that stand still, as many as loops find; None: none."""
+        if self._compiled is None:
+            return None
+        taken = self._compiled.take_many(inputs, obstacles)
+        if taken is None:
+            return None
+        self.flush()
+        if self._ledger is not None:
+            supplied, dissipated, by_obstacles, contact, friction = map(math.fsum, taken.steps.works.T)
+            self._ledger.book(supplied=supplied, dissipated=dissipated)
+            self._ledger.book_contact(by_obstacles, contact, friction, 0.0)
+        self._note_touch(taken.contact)
+        return taken
 
     def _points_to_follow(self, obstacles: ObstacleMotion | None) -> FollowedPoints | None:
         """The contact points, where pairs may do what they did in the step before."""

@@ -96,6 +96,16 @@ class ResidualMotion:
         self._added[:] = np.array([y, ẏ, (inertia * ẏ - y) / a])[:, :4]
 
     @property
+    def states(self) -> tuple[Array, Array]:
+        """[g, y, ġ, ẏ] (4, 3P) now, and before the last step."""
+        return self.state.reshape(4, -1), self._before.reshape(4, -1)
+
+    @property
+    def numbers(self) -> tuple[Array, float, float, float, float]:
+        """R (3P, 3P), m/N, and 2τ²/h, a, β + (θ - ½) h and τ, s."""
+        return self._R, *self._relaxation, self._τ
+
+    @property
     def part(self) -> ResidualPart:
         """What the contact mode lacks."""
         return self._part

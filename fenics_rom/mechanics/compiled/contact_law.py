@@ -1,0 +1,222 @@
+"""The contact law of one step, as `mechanics.contact_solver` has it, compiled: what takes part, what it asks, forces.
+
+Where it takes more than sweeps over pairs, as where W does not tell forces apart and they shrink slowly, or where what
+friction stops is to be shared (`mechanics.braking`), it says so, and NumPy's methods take the step from its beginning.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import kernel
+from fenics_rom.mechanics.compiled.coulomb import add_motion, find_by_sweeps, frame_along
+
+NOTHING, FOUND, OTHERWISE = 0, 1, 2  # what came of it: nothing touches; forces; that it is to be found otherwise
+STAGNATION = 1e-11  # of the velocities that forces stop: see `complementarity.solution`
+WORK_ROUND_OFF, BACK = 1e-12, 1 + 1e-9  # see `mechanics.braking` and `mechanics.contact_pairs`
+MOST_ROUNDS = 60  # of forces for a set of pairs, and what it asks of them
+
+
+class Law(NamedTuple):
+    """The law in steps of h s, as numbers."""
+
+    h: float
+    restitution: float
+    friction: float
+    rate: float  # by which a gap is closed, 1/s: -1/h, or -k/(k h/2 + d) of springs and dashpots
+    compliance: float  # of each pair along its normal, m/s/N; 0 of the rigid law
+    is_at_rest: bool  # without inertia
+    swings: int  # steps in a row after which what friction did not stop is asked for a share: see `mechanics.braking`
+
+
+class Pairs(NamedTuple):
+    """What the law says of N pairs in a step, and found; set by `find_forces`."""
+
+    axes: Array  # (N, 3, 3) frames: rows n, t1 and t2
+    free: Array  # (N, 3) relative mid-step velocities without contact, in the frames, m/s
+    relative: Array  # (N, 3) those at the start of the step
+    target: Array  # (N, 3): c, then c_t, m/s
+    level: Array  # (N,) normal velocities below which a pair takes part, m/s
+    chosen: Array  # (N,) whether it does
+    helped: Array  # (N,) whether friction is not asked to stop it
+    forces: Array  # (N, 3) along the axes of space, N
+
+
+def pairs_from(forces: Array) -> Pairs:
+    """Of N pairs whose search begins with forces (N, 3)."""
+    N = len(forces)
+    vectors = np.empty((3, N, 3))
+    flags = np.empty((2, N), dtype=bool)
+    axes = np.empty((N, 3, 3))
+    return Pairs(axes, vectors[0], vectors[1], vectors[2], np.empty(N), flags[0], flags[1], forces.copy())
+
+
+class Found(NamedTuple):
+    """What came of a search."""
+
+    status: int
+    sweeps: int
+    normal_power: float  # Σ λ s, W
+    residual: float  # of the velocities that forces stop
+    any_helped: bool
+
+
+@kernel
+def ask(
+    law: Law, gaps: Array, free: Array, velocity: Array, w: Array, w_before: Array, before: Array, pairs: Pairs
+) -> None:
+    """Sets what the law says of every pair, obstacle after obstacle.
+
+    Args:
+        law: the law.
+        gaps: of the pairs (N,), m.
+        free, velocity: of the points (P, 3) in the middle of the step without contact and at its start, m/s.
+        w, w_before: of the obstacles (O, 3) in this step and in the one before, m/s.
+        before: forces of the step before (N, 3), N.
+        pairs: with normals, the first rows of frames, and forces to begin with; the rest is set.
+    """
+    P = len(free)
+    slides = law.friction > 0 and not law.is_at_rest
+    gap = gaps.min()
+    for c in range(len(gaps)):
+        o, p, axes, relative = c // P, c % P, pairs.axes[c], pairs.relative[c]
+        frame_along(axes)
+        # What keeps touching an obstacle that accelerates has its velocity between the steps.
+        share = 0.5 if before[c, 0] != 0 or before[c, 1] != 0 or before[c, 2] != 0 else 0.0
+        for k in range(3):
+            pairs.free[c, k] = relative[k] = 0.0
+            for j in range(3):
+                pairs.free[c, k] += axes[k, j] * (free[p, j] - w[o, j])
+                relative[k] += axes[k, j] * (velocity[p, j] - w[o, j] + share * (w[o, j] - w_before[o, j]))
+        approach = relative[0]
+        closing = gaps[c] * law.rate
+        if law.compliance > 0:
+            level = target = closing
+        elif law.is_at_rest:
+            level = target = min(closing, 0.0)
+        else:
+            stopped = approach / 2
+            later = (closing + stopped) / 2
+            level, target = max(closing, later), min(stopped, later)
+            bounces = law.restitution == 1.0 or pairs.free[c, 0] >= approach * BACK * (1 + law.restitution)
+            if law.restitution > 0 and bounces:
+                target = approach * (1 - law.restitution) / 2
+            if gap < 0:
+                speed = math.sqrt(w[o, 0] ** 2 + w[o, 1] ** 2 + w[o, 2] ** 2)
+                if closing > abs(approach) + abs(pairs.free[c, 0]) + speed:
+                    target = 0.0
+            target = min(target, 0.0)
+        pairs.level[c], pairs.target[c, 0] = level, target
+        pairs.target[c, 1] = relative[1] / 2 if slides else 0.0
+        pairs.target[c, 2] = relative[2] / 2 if slides else 0.0
+        pairs.chosen[c], pairs.helped[c] = pairs.free[c, 0] < level, False
+
+
+@kernel
+def find_forces(law: Law, W: Array, P: int, swung: Array, pairs: Pairs) -> Found:
+    """Contact forces of a step of which `ask` has said what the law asks.
+
+    Args:
+        law: the law.
+        W: the Delassus operator (3P, 3P), m/s/N.
+        P: number of points.
+        swung: (N,) in how many steps in a row friction did not stop a pair.
+        pairs: what takes part, what is asked and forces are set; unless the status is OTHERWISE these are what came.
+    """
+    N, sweeps, any_helped = len(pairs.level), 0, False
+    slides = law.friction > 0 and not law.is_at_rest
+    for _ in range(MOST_ROUNDS):
+        active = pairs.chosen.nonzero()[0]
+        C = len(active)
+        if C == 0:
+            return Found(NOTHING, 0, 0.0, 0.0, False)
+        touched = np.zeros(P, dtype=np.bool_)
+        for c in active:
+            touched[c % P] = True
+        few = touched.nonzero()[0]
+        among, part = np.arange(P), W
+        if 2 * len(few) <= P:
+            among[few], part = np.arange(len(few)), part_of(W, few)
+        points, axes = np.empty(C, dtype=np.int64), np.empty((C, 3, 3))
+        q, f, u, speed = np.empty((C, 3)), np.empty((C, 3)), np.empty((C, 3)), 0.0
+        for i in range(C):
+            c = active[i]
+            points[i], axes[i] = among[c % P], pairs.axes[c]
+            for k in range(3):
+                q[i, k] = pairs.free[c, k] - pairs.target[c, k]
+                f[i, k] = 0.0
+                for j in range(3):
+                    f[i, k] += axes[i, k, j] * pairs.forces[c, j]
+                speed = max(speed, abs(q[i, k]))
+        moved = np.empty(len(part))
+        count, error = find_by_sweeps(part, points, axes, q, law.friction, law.compliance, f, u, moved)
+        sweeps += count
+        if not error <= STAGNATION * speed:
+            return Found(OTHERWISE, sweeps, 0.0, error / speed, False)
+        pairs.forces[:] = 0.0
+        largest = 0.0
+        for i in range(C):
+            for j in range(3):
+                pairs.forces[active[i], j] = axes[i, 0, j] * f[i, 0] + axes[i, 1, j] * f[i, 1] + axes[i, 2, j] * f[i, 2]
+                largest = max(largest, abs(f[i, j]))
+        missed = False
+        if C < N:
+            if len(part) < len(W):
+                moved = np.zeros(len(W))
+                for i in range(C):
+                    c = active[i]
+                    add_motion(W, c % P, pairs.forces[c, 0], pairs.forces[c, 1], pairs.forces[c, 2], moved)
+            for c in range(N):
+                if not pairs.chosen[c]:
+                    n, at = pairs.axes[c, 0], 3 * (c % P)
+                    if (
+                        n[0] * moved[at] + n[1] * moved[at + 1] + n[2] * moved[at + 2] + pairs.free[c, 0]
+                        < pairs.level[c]
+                    ):
+                        pairs.chosen[c] = missed = True
+        if missed:  # the power of friction is that of all pairs: what it is not to stop is decided anew
+            any_helped = False
+            for c in range(N if slides else 0):
+                pairs.helped[c] = False
+                pairs.target[c, 1], pairs.target[c, 2] = pairs.relative[c, 1] / 2, pairs.relative[c, 2] / 2
+            continue
+        repeat = False
+        if slides:
+            negligible = WORK_ROUND_OFF * largest * speed
+            asked, power = 0.0, 0.0
+            for i in range(C):
+                c = active[i]
+                asked += f[i, 1] * pairs.target[c, 1] + f[i, 2] * pairs.target[c, 2]
+                power += f[i, 1] * (u[i, 1] + pairs.target[c, 1]) + f[i, 2] * (u[i, 2] + pairs.target[c, 2])
+            if (any_helped or asked > negligible) and power > negligible:
+                for i in range(C):
+                    c = active[i]
+                    first, second = pairs.target[c, 1], pairs.target[c, 2]
+                    work = f[i, 1] * (u[i, 1] + first) + f[i, 2] * (u[i, 2] + second)
+                    if work > negligible and (first != 0 or second != 0):
+                        if swung[c] >= law.swings:
+                            return Found(OTHERWISE, sweeps, 0.0, 0.0, False)
+                        pairs.helped[c], any_helped, repeat = True, True, True
+                        pairs.target[c, 1] = pairs.target[c, 2] = 0.0
+        if not repeat:
+            power = 0.0
+            for i in range(C):
+                c = active[i]
+                power += f[i, 0] * (u[i, 0] + pairs.target[c, 0] - law.compliance * f[i, 0])
+            return Found(FOUND, sweeps, power, error / speed, any_helped)
+    return Found(OTHERWISE, sweeps, 0.0, 0.0, False)
+
+
+@kernel
+def part_of(W: Array, few: Array) -> Array:
+    """What is of some points (s,) in an operator (3P, 3P), (3s, 3s)."""
+    part = np.empty((3 * len(few), 3 * len(few)))
+    for i in range(len(few)):
+        for k in range(3):
+            row = W[3 * few[i] + k]
+            for j in range(len(few)):
+                for m in range(3):
+                    part[3 * i + k, 3 * j + m] = row[3 * few[j] + m]
+    return part

@@ -1,0 +1,186 @@
+"""Contact forces of a step by compiled loops, where numba is; those that these do not find are `ContactSolver`'s."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics import braking
+from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs, ask, find_forces, pairs_from
+from fenics_rom.mechanics.compiled.shapes import measure
+from fenics_rom.mechanics.complementarity import Frames
+from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_pairs import Pairs as AskedPairs
+from fenics_rom.mechanics.contact_pairs import Settled, SolvedPairs
+from fenics_rom.mechanics.contact_search import ContactSearch
+from fenics_rom.mechanics.contact_solver import ContactSolver
+from fenics_rom.mechanics.obstacles import Obstacle
+
+
+class Told(NamedTuple):
+    """What compiled loops found in a step."""
+
+    law: Law
+    pairs: Pairs
+    gaps: Array  # (N,), m
+    forces: Array  # on the points (P, 3), N
+    sweeps: int
+    normal_power: float | None  # W
+    touches: bool
+    any_helped: bool
+    swung: Array | None  # of the steps before
+
+    def solution(self, w: Array) -> ContactSolution:
+        """The same as of any search; w: velocities of the obstacles (O, 3), m/s."""
+        active = self.active
+        normals = self.pairs.axes[active, 0]
+        return ContactSolution(
+            self.forces, self.sweeps, active, normals, self.pairs.forces[active], w, self.normal_power
+        )
+
+    @property
+    def active(self) -> Array:
+        """Pairs (C,) that took part."""
+        active: Array = self.pairs.chosen.nonzero()[0]
+        return active
+
+    def search(self, before: ContactSearch) -> ContactSearch:
+        """What the next one begins with."""
+        asked = self.braking
+        swung = None if asked is None else asked.swung
+        return before._replace(forces=self.pairs.forces, swung=swung)
+
+    @property
+    def braking(self) -> braking.Braking | None:
+        """What friction was asked to stop; None where nothing slides."""
+        if self.law.friction == 0 or self.law.is_at_rest:
+            return None
+        asked = braking.Braking(np.ascontiguousarray(self.pairs.target[:, 1:].T), self.swung)
+        if self.any_helped:
+            asked.helped, asked.share = self.pairs.helped, 0.0
+        return asked
+
+    def known(
+        self,
+        solver: ContactSolver,
+        points: Callable[[], PointMotion],
+        delassus: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+    ) -> Callable[[], tuple[AskedPairs, SolvedPairs | None]]:
+        """Tells what the law asked, and how forces were found; arguments as in `CompiledContact.keep`."""
+        begins, chosen = solver.search.forces, self.pairs.chosen
+
+        def known() -> tuple[AskedPairs, SolvedPairs | None]:
+            pairs, active = self.asked(), self.active
+            if not self.touches:
+                return pairs, None
+            _, operator = solver.operator_of(delassus, chosen, chosen.tobytes())
+            problem = pairs.problem(active, operator, begins, False)
+            (f,) = problem.frames.turned(self.pairs.forces.take(active, axis=0))
+            found = pairs, self.gaps, active, problem, f, problem.operator.moved(f) + problem.q, False
+            return pairs, SolvedPairs(points(), obstacles.start, delassus, dt, self.law.is_at_rest, *found)
+
+        return known
+
+    def asked(self) -> AskedPairs:
+        """What the law said of all pairs."""
+        pairs = self.pairs
+        free, relative = (np.ascontiguousarray(each.T) for each in (pairs.free, pairs.relative))
+        frames = Frames(np.ascontiguousarray(pairs.axes[:, 0]))
+        return AskedPairs(
+            frames,
+            free,
+            relative,
+            pairs.level,
+            np.ascontiguousarray(pairs.target[:, 0]),
+            self.law.compliance,
+            self.braking,
+        )
+
+
+class CompiledContact(ContactSolver):
+    """Of obstacles whose shapes are compiled. Arguments and attributes as in ContactSolver.
+
+    Attributes:
+        shapes: rows of the obstacles, see `shape_rows`.
+    """
+
+    def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw, shapes: Array):
+        super().__init__(points, obstacles, law)
+        self.shapes = shapes
+        self._nothing_swung = np.zeros(len(self.points) * len(shapes), dtype=np.int64)
+        self._in_steps: tuple[tuple[ContactLaw, float, bool], Law] | None = None
+
+    def law_in_steps(self, dt: float, quasi_static: bool = False) -> Law:
+        """The law in steps of dt, s, as numbers."""
+        law, asked = self.law, (self.law, dt, quasi_static)
+        if self._in_steps is None or self._in_steps[0] != asked:
+            rate, compliance = -1 / dt, 0.0
+            if law.stiffness is not None:
+                damper = law.stiffness * dt / 2 + law.damping
+                rate, compliance = -law.stiffness / damper, 1 / damper
+            numbers = Law(dt, law.restitution, law.friction, rate, compliance, quasi_static, braking.SWINGS)
+            self._in_steps = asked, numbers
+        return self._in_steps[1]
+
+    def swung(self, search: ContactSearch) -> Array:
+        """In how many steps in a row friction did not stop pairs, (N,)."""
+        return self._nothing_swung if search.swung is None else search.swung
+
+    def solve(
+        self,
+        points: PointMotion,
+        delassus: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool = False,
+        settled: Settled | None = None,
+        is_patient: bool = True,
+    ) -> ContactSolution | None:
+        """As in ContactSolver."""
+        start = self._begin(points)
+        if settled is None:
+            told = self._find(points, delassus, dt, obstacles, quasi_static, start.forces)
+            if told is not None:
+                return self.keep(told, lambda: points, delassus, dt, obstacles)
+        return super().solve(points, delassus, dt, obstacles, quasi_static, settled, is_patient)
+
+    def keep(
+        self, told: Told, points: Callable[[], PointMotion], delassus: Array, dt: float, obstacles: ObstacleMotion
+    ) -> ContactSolution | None:
+        """Contact of a step that compiled loops found; the next search begins with it. None where nothing touches.
+
+        `points` tells, if someone asks, what the points do; delassus, dt and obstacles are as in `solve`.
+        """
+        self._told, self.follows = told.known(self, points, delassus, dt, obstacles), False
+        if not told.touches:
+            self._touches = False
+            self._touch_nothing()
+            return None
+        self._touches, self.search = True, told.search(self.search)
+        return told.solution(obstacles.velocities(dt))
+
+    def _find(
+        self,
+        points: PointMotion,
+        delassus: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool,
+        start: Array,
+    ) -> Told | None:
+        """Forces of a step; None where loops did not find them. start: (N, 3) to begin with, N."""
+        law, pairs, begun = self.law_in_steps(dt, quasi_static), pairs_from(start), self._begun[1]
+        gaps, w, P = np.empty(len(start)), obstacles.velocities(dt), len(self.points)
+        measure(self.shapes, obstacles.start, self.points + points.displacement, gaps, pairs.axes[:, 0])
+        free, velocity = map(np.ascontiguousarray, (points.free_velocity, points.velocity))
+        ask(law, gaps, free, velocity, w, obstacles.velocities_before, begun.forces, pairs)
+        found = find_forces(law, np.ascontiguousarray(delassus), P, self.swung(begun), pairs)
+        if found.status == OTHERWISE:
+            return None
+        forces = pairs.forces if len(self.shapes) == 1 else pairs.forces.reshape(-1, P, 3).sum(axis=0)
+        power = found.normal_power if law.friction > 0 else None
+        touches = found.status == FOUND
+        return Told(law, pairs, gaps, forces, found.sweeps, power, touches, found.any_helped, begun.swung)

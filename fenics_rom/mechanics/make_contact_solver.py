@@ -1,0 +1,22 @@
+"""What finds contact forces: compiled loops where there are any, else NumPy."""
+
+from collections.abc import Sequence
+
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import compiled
+from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.mechanics.contact_solver import ContactSolver
+from fenics_rom.mechanics.obstacles import Obstacle
+
+
+def make_contact_solver(points: Array, obstacles: Sequence[Obstacle], law: ContactLaw) -> ContactSolver:
+    """Of points (P, 3), m, and obstacles that meet by a law; compiled if all their shapes are."""
+    if compiled():
+        from fenics_rom.mechanics.compiled.shapes import shape_rows  # here, as numba takes time to import
+        from fenics_rom.mechanics.compiled_contact import CompiledContact
+
+        shapes = shape_rows(obstacles)
+        if shapes is not None:
+            return CompiledContact(points, obstacles, law, shapes)
+    return ContactSolver(points, obstacles, law)

@@ -1,0 +1,133 @@
+"""Contact as it is compiled is that of NumPy: the same distances, the same pairs, the same forces."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fenics_rom.compilation import compiled
+from fenics_rom.mechanics import contact_solver
+from fenics_rom.mechanics.braking import SWINGS
+from fenics_rom.mechanics.compiled.shapes import measure, shape_rows
+from fenics_rom.mechanics.contact import ContactLaw, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_search import ContactSearch
+from fenics_rom.mechanics.contact_solver import ContactSolver
+from fenics_rom.mechanics.make_contact_solver import make_contact_solver
+from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
+
+pytestmark = pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off")
+SHAPES = (
+    HalfSpace([0.1, -0.2, 0.3], [1, 2, -2]),
+    Sphere([0.1, 0.0, -0.1], 0.3),
+    Capsule([0, 0, 0], [0.4, -0.2, 0.3], 0.2),
+    Box([0.1, 0.2, -0.1], [0.6, 0.9, 1.2], [0.5, -0.4, 0.8]),
+)
+H, EPS = 1e-3, float(np.finfo(float).eps)
+seeds = st.integers(0, 2**32 - 1)
+
+
+@given(seeds)
+@settings(deadline=None)
+def test_distances_are_those_of_numpy(seed):
+    random = np.random.default_rng(seed)
+    points, offsets = random.uniform(-1, 1, (9, 3)), random.uniform(-0.1, 0.1, (len(SHAPES), 3))
+    gaps, normals = np.empty(9 * len(SHAPES)), np.empty((9 * len(SHAPES), 3))
+    measure(shape_rows(SHAPES), offsets, points, gaps, normals)
+    for o, shape in enumerate(SHAPES):
+        own = slice(9 * o, 9 * o + 9)
+        gap, normal = shape.distance(points - offsets[o])
+        np.testing.assert_allclose(gaps[own], gap, atol=50 * EPS, rtol=0)
+        np.testing.assert_allclose(normals[own], normal, atol=50 * EPS / np.abs(gap).min(), rtol=0)
+
+
+def test_inside_and_in_the_middle_distances_are_those_of_numpy():
+    """Where there is no direction: at a centre, at the end of an axis, in a box, on its face and its edge."""
+    points = [[0.1, 0.0, -0.1], [0.0, 0.0, 0.0], [0.11, 0.2, -0.1], [0.12, 0.25, -0.3]]
+    upright = Box([0, 0, 0], [2, 2, 2])
+    shapes, points = (*SHAPES, upright), np.array([*points, [1.0, 0.3, 0.2], [1.0, 1.0, 0.2], [0.5, -0.9, 0.1]])
+    gaps, normals = np.empty(len(points) * len(shapes)), np.empty((len(points) * len(shapes), 3))
+    measure(shape_rows(shapes), np.zeros((len(shapes), 3)), points, gaps, normals)
+    known = [shape.distance(points) for shape in shapes]
+    np.testing.assert_allclose(gaps, np.concatenate([gap for gap, _ in known]), atol=50 * EPS, rtol=0)
+    along = (normals * np.concatenate([normal for _, normal in known])).sum(axis=1)
+    exact = np.concatenate([np.abs(gap) > 1e-9 for gap, _ in known])
+    np.testing.assert_allclose(along[exact], 1.0, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=50 * EPS)
+
+
+LAWS = {
+    "frictionless": ContactLaw(),
+    "friction": ContactLaw(friction=0.6),
+    "restitution": ContactLaw(friction=0.3, restitution=0.7),
+    "elastic": ContactLaw(restitution=1.0),
+    "springs": ContactLaw(friction=0.4, stiffness=2e4, damping=20.0),
+}
+
+
+def problem(random, law, quasi_static):
+    """A solver whose points meet two obstacles, one of which moves, and a random step."""
+    P = random.integers(1, 12)
+    points = random.uniform(-0.2, 0.2, (P, 3)) * [1, 1, 0]
+    obstacles = HalfSpace([0, 0, 0], [0, 0, 1]), Sphere([0.3, 0, 0.0], 0.15 if quasi_static else 0.25)
+    A = random.normal(size=(3 * P, 3 * P))
+    W = 1e-3 * (A @ A.T / (3 * P) + 0.3 * np.eye(3 * P))
+    reach = random.uniform(-1e-6, 2e-3, P)[:, None] * [0, 0, 1]
+    velocity, free = random.normal(size=(2, P, 3)) * 0.5
+    free[:, 2] -= 0.5
+    start = np.zeros((2, 3))
+    end = np.array([[0, 0, 0], random.normal(size=3) * 2e-4])
+    before = np.array([[0, 0, 0], random.normal(size=3) * 0.2])
+    return points, obstacles, PointMotion(reach, velocity, free), W, ObstacleMotion(start, end, before)
+
+
+@pytest.mark.parametrize("quasi_static", [False, True], ids=["dynamic", "at rest"])
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+@given(seeds)
+@settings(deadline=None, max_examples=60)
+def test_forces_are_those_of_numpy(law, quasi_static, seed):
+    random = np.random.default_rng(seed)
+    points, obstacles, motion, W, moved = problem(random, law, quasi_static)
+    solver, reference = make_contact_solver(points, obstacles, law), ContactSolver(points, obstacles, law)
+    assert type(solver) is not type(reference)
+    N = 2 * len(points)
+    begun = ContactSearch(
+        random.uniform(0, 10, (N, 3)) * (random.random((N, 1)) < 0.5),
+        swung=random.integers(0, SWINGS, N) if law.friction else None,
+    )
+    solver.search = reference.search = begun
+    one, other = (each.solve(motion, W, H, moved, quasi_static) for each in (solver, reference))
+    assert (one is None) == (other is None)
+    if one is None:
+        return
+    (asked, solved), (asked_there, solved_there) = solver.last_step(), reference.last_step()
+    stopped = np.abs(solved_there.problem.q).max()
+    if solved_there.is_loose or (asked_there.braking is not None and asked_there.braking.swinging is not None):
+        return
+    np.testing.assert_array_equal(one.pairs, other.pairs)
+    np.testing.assert_allclose(asked.level, asked_there.level, atol=1e-12)
+    np.testing.assert_allclose(solved.problem.q, solved_there.problem.q, atol=1e-12)
+    stiff = 1 / np.linalg.eigvalsh(W)[0]  # the most force that a velocity takes
+    np.testing.assert_allclose(one.pair_forces, other.pair_forces, atol=1e-9 * stopped * stiff, rtol=0)
+    np.testing.assert_allclose(solved.velocities, solved_there.velocities, atol=1e-9 * stopped, rtol=0)
+    if law.friction:
+        assert one.normal_power == pytest.approx(other.normal_power, abs=1e-8 * stopped**2 * stiff)
+        swung = [np.zeros(N) if each.search.swung is None else each.search.swung for each in (solver, reference)]
+        np.testing.assert_array_equal(*swung)
+
+
+def test_what_loops_do_not_find_numpy_does(monkeypatch):
+    """A point that friction turned round in step after step is asked for the share of its velocity that it can stop."""
+    law, asked, known = ContactLaw(friction=0.5), [], contact_solver.solve
+
+    def solve(*given):
+        asked.append(given)
+        return known(*given)
+
+    monkeypatch.setattr(contact_solver, "solve", solve)
+    still, motion = ObstacleMotion(*np.zeros((3, 1, 3))), [[[0, 0, 0]], [[1.0, 0, 0]], [[-0.2, 0, -1.0]]]
+    for swung, is_asked in ((SWINGS - 1, False), (SWINGS, True)):
+        solver = make_contact_solver(np.zeros((1, 3)), [HalfSpace([0, 0, 0], [0, 0, 1])], law)
+        solver.search = solver.search._replace(swung=np.array([swung]))
+        found = solver.solve(PointMotion(*np.array(motion)), 1e-3 * np.eye(3), H, still)
+        assert found is not None
+        assert bool(asked) is is_asked
