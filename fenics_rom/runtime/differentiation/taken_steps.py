@@ -22,7 +22,8 @@ from fenics_rom.runtime.differentiation.gradient import Objective, RolloutGradie
 from fenics_rom.runtime.rollout import ConstantInterval
 from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.simulator import Simulator
-from fenics_rom.runtime.steppers.adjoint import Reads, StateAdjoint, StepAdjoint, SwitchAdjoint, pose_pulled_back
+from fenics_rom.runtime.steppers.adjoint import Reads, StateAdjoint, SwitchAdjoint, pose_pulled_back
+from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
 
 MEMORY = 512e6  # bytes of the steps that are recorded at once, beside a block
 BLOCKS = 8  # that hold as many steps; of very long runs there are as many blocks as steps in each
@@ -34,7 +35,7 @@ NONE = np.empty(0)
 class _Recorded(NamedTuple):
     """A step, and the switches before it."""
 
-    step: StepAdjoint
+    step: PartedAdjoint
     contact: str
     switches: list[SwitchAdjoint]
     pose: BaseState | None  # of a moving frame after it

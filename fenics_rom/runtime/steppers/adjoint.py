@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.base_path import BaseState
     from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
     from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs
-    from fenics_rom.rom.contact_model import ContactModel
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
 
     ContactStep = Callable[[], tuple[Pairs | None, SolvedPairs | None]]  # as `ContactSolver.last_step`
@@ -48,21 +47,6 @@ class StepSlopes(NamedTuple):
     damping: Array  # (m,) or (m, m), as the contact model has it
 
 
-class StepAdjoint(Protocol):
-    """A step that was taken, to go back through.
-
-    Attributes:
-        is_kink: whether the step is where there is no derivative, but one to each side.
-    """
-
-    @property
-    def is_kink(self) -> bool:
-        """As said above."""
-
-    def pull_back(self, after: StateAdjoint, reads: Reads) -> StepSlopes:
-        """What the step passes back of derivatives with what it led to, and with what was read then."""
-
-
 class SwitchAdjoint(Protocol):
     """A switch of contact modes, to go back through."""
 
@@ -76,28 +60,6 @@ class SameBasis:
     def pull_back(self, after: StateAdjoint) -> StateAdjoint:
         """As in SwitchAdjoint."""
         return after
-
-
-class GoneBackThrough:
-    """What a kernel has so that its steps can be gone back through.
-
-    Attributes:
-        tangent: a matrix that steps carry along, made in an earlier one; empty where there is none.
-        rows_first: whether `Kernel.auxiliary` has what contact points yield before what the material carries, or after.
-    """
-
-    tangent: Array = NONE
-    rows_first: bool = True
-    _model: "ContactModel"
-
-    def adjoint(self, u: Array) -> StepAdjoint:
-        """The last step, under u (p,), to go back through."""
-        raise NotImplementedError
-
-    def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
-        """Derivatives with q and r (m,) of a state that is put in, from those with all that a step begins with."""
-        by_e, by_r = after.state.reshape(2, -1)
-        return np.concatenate([after.rigid, (np.sqrt(self._model.eigenvalues) * by_e)[len(after.rigid) :]]), by_r
 
 
 def pose_pulled_back(pose: "BaseState", frame_: Array) -> dict[str, Array]:

@@ -14,6 +14,7 @@ numerical, of second order in the step.
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ from fenics_rom.runtime.steppers.body_parts import BodyParts
 from fenics_rom.runtime.steppers.convergence import MAX_ITERATIONS, MAX_PARTS, is_solved
 from fenics_rom.runtime.steppers.definite import is_definite
 from fenics_rom.runtime.steppers.elastic.at_rest import Potential, SmallStrains
-from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
+from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork, symmetric
 from fenics_rom.runtime.steppers.parted_kernel import PartedKernel
 from fenics_rom.runtime.steppers.taken_step import residual_taken
 
@@ -242,6 +243,27 @@ class Equilibrium(PartedKernel):
             before = error
             q = q - self._solve(lack)
         return None
+
+    def _step_residual_at_rest(self, contact: ContactSolution | None) -> tuple[Array | None, float]:
+        """Takes the residual part's step; the points' velocity (P, 3), and what held it at the start supplies, J."""
+        velocity, _ = self._step_residual(contact)
+        if velocity is None or self.residual is None:
+            return None, 0.0
+        return velocity, self.residual.work_of_start(self.contact, velocity)
+
+    def _contacts_at_rest(
+        self,
+        moved: Array,
+        contact: ContactSolution | None,
+        obstacles: ObstacleMotion | None,
+        residual: Array | None = None,
+    ) -> ContactWorks:
+        """What StepWork holds of contact where the body moved by (m,), points beyond the basis at velocities (P, 3)."""
+        if self._interface is None or obstacles is None or (contact is None and self.contact is None):
+            return ()
+        self._at_touch = moved / self.h, residual
+        velocities = self._at_points(moved / self.h, residual)
+        return (partial(self._interface.work_at_rest, self.contact, contact, velocities, self.h, obstacles),)
 
     def adjoint(self, u: Array) -> "PartedAdjoint":
         """As in Kernel."""

@@ -18,6 +18,7 @@ from fenics_rom.runtime.steppers.frame_slopes import InertiaSlopes, Moving, Poin
 from fenics_rom.runtime.steppers.ground_ties import GroundTies
 from fenics_rom.runtime.steppers.residual_maps import ResidualMaps
 from fenics_rom.runtime.steppers.slopes import Slopes
+from fenics_rom.runtime.steppers.touch_adjoint import Touch, of_world
 
 
 class TouchedPoints(NamedTuple):
@@ -146,30 +147,11 @@ class FramePart(NamedTuple):
             return np.zeros((6 + len(self.ends[0].q), 0))
         return self.pressed[0].by_forces()
 
-    def touch(self) -> "FrameTouch | None":
+    def touch(self) -> Touch | None:
         """As in StepPart."""
-        return None if self.touched is None else FrameTouch.of(self.touched, self.step, self.residual)
-
-
-class FrameTouch(NamedTuple):
-    """As in Touch, with slopes through what the points yield."""
-
-    contact: ContactAdjoint
-    residual: ResidualMaps | None
-    turned: Array  # R* (3, 3)
-    start: Array  # R
-    place: Array  # of d (3P, k)
-    push: Slopes  # of Sᵀ f where f stays
-    by_forces: Array  # B (k, 3P)
-    push_rows: tuple[Array, Array]  # of Sᵀ f with y and û, (k, 3P)
-    seen: Slopes  # of R*ᵀ f
-    motions: tuple[Slopes, Slopes]  # of ŝ and of κ, (3P, k)
-    by_yielding: tuple[Array, Array]  # of these with f (3P, 3P)
-    blocks: tuple[tuple[Array, Array, Array], ...]  # of these with y, û and u at the start, (P, 3, 3)
-
-    @staticmethod
-    def of(touched: TouchedPoints, step: StepTurn, residual: ResidualMaps | None) -> "FrameTouch":
-        """Of a step that turns so."""
+        touched, step, residual = self.touched, self.step, self.residual
+        if touched is None:
+            return None
         points = PointsMoved(step, touched.rows, touched.places, touched.inside)
         P, turned, (start_ω, mean_ω) = len(touched.places), step.turn.middle, (touched.start_spin, step.spin)
         mean = points.joined(points.velocity(mean_ω, touched.inside), is_mean=True)
@@ -180,60 +162,27 @@ class FrameTouch(NamedTuple):
         if residual is not None:
             C = residual.delassus
             through = push.by_mean @ C
-            pushed, by_forces = _also(pushed, through, seen), by_forces + _of_world(through, turned)
+            pushed, by_forces = _also(pushed, through, seen), by_forces + of_world(through, turned)
             for number, by_û in enumerate((mean.by_mean, kept.by_mean)):
                 through = (by_û @ C.reshape(P, 3, -1)).reshape(3 * P, -1)
                 motions[number] = _also(motions[number], through, seen)
-                by_yielding[number] = _of_world(through, turned)
-        return FrameTouch(
+                by_yielding[number] = of_world(through, turned)
+        return Touch(
             touched.contact,
             residual,
             turned,
             step.turn.start,
             points.displacement(),
-            pushed,
             by_forces,
-            (push.by_place, push.by_mean),
-            seen,
             (motions[0], motions[1]),
             (by_yielding[0], by_yielding[1]),
-            tuple((each.by_place, each.by_mean, each.by_start) for each in (mean, kept)),
+            ((mean.by_place, mean.by_mean, mean.by_start), (kept.by_place, kept.by_mean, kept.by_start)),
+            pushed,
+            (push.by_place, push.by_mean),
+            seen,
         )
-
-    def seen_back(self, seen_: Array) -> tuple[Array, Array, Array]:
-        """As in Touch."""
-        return seen_ @ self.seen.place, seen_ @ self.seen.x, seen_.reshape(-1, 3).dot(self.turned.T).ravel()
-
-    def rows_back(self, d_: Array, ŝ_: Array, κ_: Array) -> Array:
-        """As in Touch."""
-        assert self.residual is not None
-        (of_y, of_û, _), (kept_y, kept_û, kept_u) = self.blocks
-        rows_ = np.multiply.outer(self.residual.yielding, _back(of_û, ŝ_) + _back(kept_û, κ_))
-        rows_[1] += d_.reshape(-1, 3).dot(self.start).ravel() + _back(of_y, ŝ_) + _back(kept_y, κ_)
-        rows_[3] += _back(kept_u, κ_)
-        return rows_
-
-    def rows_of_push(self, y: Array) -> Array:
-        """As in Touch."""
-        assert self.residual is not None
-        by_place, by_mean = self.push_rows
-        rows_ = np.multiply.outer(self.residual.yielding, y @ by_mean)
-        rows_[1] += y @ by_place
-        return rows_
 
 
 def _also(slopes: Slopes, through: Array, seen: Slopes) -> Slopes:
     """Slopes with those by way of forces as the frame sees them."""
     return Slopes(slopes.place + through @ seen.place, slopes.velocity, slopes.x + through @ seen.x)
-
-
-def _of_world(operator: Array, turned: Array) -> Array:
-    """An operator (n, 3P) on forces as the frame sees them, R*ᵀ f, on those in world axes."""
-    whole: Array = operator.reshape(len(operator), -1, 3).dot(turned.T).reshape(operator.shape)
-    return whole
-
-
-def _back(blocks: Array, owed: Array) -> Array:
-    """Of (P, 3, 3), transposed, (3P,)."""
-    back: Array = np.einsum("pij,pi->pj", blocks, owed.reshape(-1, 3)).ravel()
-    return back

@@ -17,7 +17,7 @@ from fenics_rom.runtime.steppers.taken_step import found_taken, residual_taken
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.viscoelasticity import BranchesAdjoint
-    from fenics_rom.runtime.steppers.adjoint import ContactStep, StepAdjoint
+    from fenics_rom.runtime.steppers.adjoint import ContactStep
     from fenics_rom.runtime.steppers.residual_maps import ResidualMaps
 
 
@@ -66,12 +66,12 @@ class HeldAdjoint(PartedKernel):
         """Tells how contact was solved last; None where nothing can touch."""
         return None if self._interface is None else self._interface.solver.last_step
 
-    def adjoint(self, u: Array) -> "StepAdjoint":
+    def adjoint(self, u: Array) -> PartedAdjoint:
         """As in Kernel."""
         forces = self.loads.without_found(u)
         return self._adjoint_at_once(u, forces) if self._expectation else self._adjoint_of_parts(u, forces)
 
-    def _adjoint_at_once(self, u: Array, forces: Array) -> "StepAdjoint":
+    def _adjoint_at_once(self, u: Array, forces: Array) -> PartedAdjoint:
         """Of a step by strains that are carried along."""
         (e, r), (_, r_after), h = self._state_before.reshape(2, -1).copy(), self.state.reshape(2, -1).copy(), self.h
         q, v, ahead = e * self._inverse_ω, (r + r_after) / 2, self._expectation
@@ -95,7 +95,7 @@ class HeldAdjoint(PartedKernel):
         expectation = Expectation(before, law, places, *of_T)
         return PartedAdjoint((part(middle, z, 0.0),), ends, is_kink, given, False, expectation)
 
-    def _adjoint_of_parts(self, u: Array, forces: Array) -> "StepAdjoint":
+    def _adjoint_of_parts(self, u: Array, forces: Array) -> PartedAdjoint:
         parts, is_kink = list[HeldPart](), False
         for taken in self.taken[::-1]:
             h, q, r, v, reactions, solved, residual, branches = taken
@@ -110,7 +110,7 @@ class HeldAdjoint(PartedKernel):
             is_kink |= kink
         return self._parted_adjoint(parts, is_kink)
 
-    def _parted_adjoint(self, parts: list[HeldPart], is_kink: bool) -> "StepAdjoint":
+    def _parted_adjoint(self, parts: list[HeldPart], is_kink: bool) -> PartedAdjoint:
         """Of the last step, the last part first."""
         q, q_after = self.taken[0].q, self._coordinates().copy()
         ends = Ends(self._ω, q, q_after, residual_taken(self.residual)[1])

@@ -11,6 +11,9 @@ from fenics_rom.runtime.steppers.acts.found_slopes import FoundSlopes
 from fenics_rom.runtime.steppers.elastic.law import LawAdjoint
 from fenics_rom.runtime.steppers.residual_maps import ResidualMaps
 from fenics_rom.runtime.steppers.slopes import Slopes
+from fenics_rom.runtime.steppers.touch_adjoint import Touch
+
+UNIT = np.eye(3)
 
 
 class HeldPart(NamedTuple):
@@ -65,81 +68,29 @@ class HeldPart(NamedTuple):
         inertia = self.inertia * np.eye(len(turned))
         return Slopes(-turned, -inertia, inertia - self.reach * turned), self.columns
 
-    def touch(self) -> "HeldTouch | None":
-        """As in StepPart."""
-        return None if self.contact is None else HeldTouch.of(self)
+    def touch(self) -> Touch | None:
+        """As in StepPart: points are at p + R (X + S q), and go by ŝ = (p⁺ - p + (R⁺ - R) (X + S q))/h + R⁺ S v̂.
+
+        Forces on them act as Sᵀ R⁺ᵀ f. Of a body that no base carries R is 1.
+        """
+        if self.contact is None:
+            return None
+        S, (R, R_end) = self.Sᵀ.T, self.turns or (UNIT, UNIT)
+        by_base, nothing, still = (R_end - R) / self.h, np.zeros(S.shape), np.zeros((3, 3))
+        there, ends = _turned(R, S), _turned(R_end, S)
+        motions = Slopes(_turned(by_base, S), nothing, ends), Slopes(nothing, there, nothing)
+        yields = np.zeros((len(S), len(S)))
+        by_û = yields if self.residual is None else turned_operator(R_end, self.residual.delassus, R_end)
+        of_points = [np.broadcast_to(each, (len(S) // 3, 3, 3)) for each in (by_base, R_end, still, still, still, R)]
+        blocks = (of_points[0], of_points[1], of_points[2]), (of_points[3], of_points[4], of_points[5])
+        return Touch(self.contact, self.residual, R_end, R, there, ends.T, motions, (by_û, yields), blocks)
 
     def stored(self) -> tuple[Array, Array]:
         """As in StepPart."""
         return np.zeros_like(self.rate_after), self.rate_after
 
 
-class HeldTouch(NamedTuple):
-    """As in Touch, of points that go with the shape, in the axes of a base if one carries it.
-
-    They are at p + R (X + S q), and go by ŝ = (p⁺ - p + (R⁺ - R) (X + S q))/h + R⁺ S v̂; forces on them act as Sᵀ R⁺ᵀ f.
-    """
-
-    contact: ContactAdjoint
-    S: Array  # (3P, m)
-    residual: ResidualMaps | None
-    turns: tuple[Array, Array] | None  # R and R⁺
-    h: float
-    push: None = None
-
-    @staticmethod
-    def of(part: HeldPart) -> "HeldTouch":
-        """Of the points of a part that were touched."""
-        assert part.contact is not None
-        return HeldTouch(part.contact, part.Sᵀ.T, part.residual, part.turns, part.h)
-
-    @property
-    def place(self) -> Array:
-        """As in Touch."""
-        return self.S if self.turns is None else turned(self.turns[0], self.S)
-
-    @property
-    def by_forces(self) -> Array:
-        """As in Touch."""
-        return self.S.T if self.turns is None else turned(self.turns[1], self.S).T
-
-    @property
-    def motions(self) -> tuple[Slopes, Slopes]:
-        """As in Touch."""
-        S, nothing = self.S, np.zeros(self.S.shape)
-        if self.turns is None:
-            return Slopes(nothing, nothing, S), Slopes(nothing, S, nothing)
-        R, R_end = self.turns
-        return Slopes(turned((R_end - R) / self.h, S), nothing, turned(R_end, S)), Slopes(nothing, nothing, nothing)
-
-    @property
-    def by_yielding(self) -> tuple[Array, Array]:
-        """As in Touch."""
-        nothing = np.zeros((len(self.S),) * 2)
-        if self.residual is None:
-            return nothing, nothing
-        C = self.residual.delassus
-        return C if self.turns is None else turned_operator(self.turns[1], C, self.turns[1]), nothing
-
-    def seen_back(self, seen_: Array) -> tuple[Array, Array, Array]:
-        """As in Touch."""
-        nothing = np.zeros(self.S.shape[1])
-        return nothing, nothing, seen_ if self.turns is None else turned(self.turns[1], seen_)
-
-    def rows_back(self, d_: Array, ŝ_: Array, κ_: Array) -> Array:
-        """As in Touch."""
-        assert self.residual is not None
-        if self.turns is not None:
-            R, R_end = self.turns
-            d_, ŝ_, κ_ = turned(R.T, d_) + turned((R_end - R).T / self.h, ŝ_), turned(R_end.T, ŝ_), 0 * κ_
-        return self.residual.of_points(np.array([d_, κ_, ŝ_]))
-
-    def rows_of_push(self, y: Array) -> Array:
-        """As in Touch: nothing."""
-        return np.zeros((1, len(self.S)))
-
-
-def turned(R: Array, of_points: Array) -> Array:
+def _turned(R: Array, of_points: Array) -> Array:
     """R (3, 3) times what is of points, (3P,) or (3P, k)."""
     of_each: Array = (R @ of_points.reshape(-1, 3, of_points.size // len(of_points))).reshape(of_points.shape)
     return of_each

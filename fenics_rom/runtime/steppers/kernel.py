@@ -9,13 +9,14 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.runtime.steppers.adjoint import GoneBackThrough
+from fenics_rom.runtime.steppers.adjoint import NONE, StateAdjoint
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
     from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
     from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 ContactWorks = tuple[Callable[[], "ContactWork"], ...]  # of each part of a step
@@ -23,7 +24,7 @@ ContactWorks = tuple[Callable[[], "ContactWork"], ...]  # of each part of a step
 BOOKED_TOGETHER = 64  # steps
 
 
-class Kernel(GoneBackThrough):
+class Kernel:
     """What every kernel has; for most of them the answers here are right.
 
     Attributes:
@@ -34,6 +35,8 @@ class Kernel(GoneBackThrough):
         residual: how the contact points yield beyond the basis; None where that is not known.
         branches: how the material relaxes, of strains in energy coordinates √γ w; None where it is elastic.
         notes: of the run so far, to tell the user: numbers that a run begins at 0. A kernel writes those of its own.
+        tangent: a matrix that steps carry along, made in an earlier one; empty where there is none.
+        rows_first: whether `auxiliary` has what contact points yield before what the material carries, or after.
     """
 
     h: float = 0.0
@@ -43,6 +46,9 @@ class Kernel(GoneBackThrough):
     notes: dict[str, float]
     residual: "ResidualMotion | None" = None
     branches: "MaxwellBranches | None" = None
+    tangent: Array = NONE
+    rows_first: bool = True
+    _model: ContactModel
     holds_steps: bool = False  # since the buffer was reset: what `passed` tells
     answers_linearly: bool = False  # contact points within a step to forces: then it has `open`, `answer` and `close`
 
@@ -113,6 +119,15 @@ class Kernel(GoneBackThrough):
     def point_displacement(self) -> Array:
         """Of the contact points, (P, 3), m."""
         raise NotImplementedError
+
+    def adjoint(self, u: Array) -> "PartedAdjoint":
+        """The last step, under u (p,), to go back through."""
+        raise NotImplementedError
+
+    def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
+        """Derivatives with q and r (m,) of a state that is put in, from those with all that a step begins with."""
+        by_e, by_r = after.state.reshape(2, -1)
+        return np.concatenate([after.rigid, (np.sqrt(self._model.eigenvalues) * by_e)[len(after.rigid) :]]), by_r
 
     def resume(self, auxiliary: Array) -> None:
         """Goes on from a state that was put in, with what was saved beside it (empty: nothing was)."""
@@ -331,13 +346,6 @@ class BookedKernel(Kernel):
             return None, 0.0
         return self.residual.step(contact)
 
-    def _step_residual_at_rest(self, contact: "ContactSolution | None") -> tuple[Array | None, float]:
-        """The same between equilibria; the points' velocity (P, 3), and what held it at the start supplies, J."""
-        velocity, _ = self._step_residual(contact)
-        if velocity is None or self.residual is None:
-            return None, 0.0
-        return velocity, self.residual.work_of_start(self.contact, velocity)
-
     def _pushed(self, contact: "ContactSolution") -> Array:
         """Generalized forces of contact (m,)."""
         pushed: Array = self._Sᵀ.dot(contact.forces.ravel())
@@ -354,20 +362,6 @@ class BookedKernel(Kernel):
             return ()
         self._at_touch = v, residual
         return (partial(contact.work, self.touched, h),)
-
-    def _contacts_at_rest(
-        self,
-        moved: Array,
-        contact: "ContactSolution | None",
-        obstacles: "ObstacleMotion | None",
-        residual: Array | None = None,
-    ) -> ContactWorks:
-        """The same of a step between equilibria, in which the body moved by (m,)."""
-        if self._interface is None or obstacles is None or (contact is None and self.contact is None):
-            return ()
-        self._at_touch = moved / self.h, residual
-        velocities = self._at_points(moved / self.h, residual)
-        return (partial(self._interface.work_at_rest, self.contact, contact, velocities, self.h, obstacles),)
 
     def _at_points(self, v: Array, residual: Array | None) -> Array:
         """Velocity of the points (P, 3), m/s, from that of the body (m,) and of the residual part (P, 3)."""

@@ -12,54 +12,20 @@ and z goes to the rest by the transposed matrix. ∂J/∂x is written x_.
 A place is a shape q (m,), and in a moving frame that before it (`frame_slopes`); velocities likewise: k numbers.
 """
 
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
 from fenics_rom.runtime.steppers.acts.found_slopes import FoundSlopes
 from fenics_rom.runtime.steppers.adjoint import NONE, Reads, StateAdjoint, StepSlopes
 from fenics_rom.runtime.steppers.elastic.law import LawAdjoint
 from fenics_rom.runtime.steppers.residual_maps import ResidualMaps, strained_back
 from fenics_rom.runtime.steppers.slopes import Slopes
+from fenics_rom.runtime.steppers.touch_adjoint import Touch
 
-
-class Touch(Protocol):
-    """What contact points (P,) do in a step, and forces f on them, as they yield beyond the basis, too."""
-
-    @property
-    def contact(self) -> ContactAdjoint:
-        """How the forces were found."""
-
-    @property
-    def place(self) -> Array:
-        """∂d (3P, k) with the place."""
-
-    @property
-    def push(self) -> Slopes | None:
-        """Of Sᵀ f where f stays; None: it stays, too."""
-
-    @property
-    def by_forces(self) -> Array:
-        """∂(Sᵀ f)/∂f (k, 3P)."""
-
-    @property
-    def motions(self) -> tuple[Slopes, Slopes]:
-        """Of ŝ and of κ, (3P, k)."""
-
-    @property
-    def by_yielding(self) -> tuple[Array, Array]:
-        """∂ŝ and ∂κ with f, as points yield beyond the basis, (3P, 3P)."""
-
-    def seen_back(self, seen_: Array) -> tuple[Array, Array, Array]:
-        """What is owed to the place and x, (k,), and to f, (3P,), by what f is to the residual part."""
-
-    def rows_back(self, d_: Array, ŝ_: Array, κ_: Array) -> Array:
-        """What is owed to the residual's rows (n, 3P), by what points do (3P,)."""
-
-    def rows_of_push(self, y: Array) -> Array:
-        """The same by Sᵀ f, which is owed y (k,)."""
+if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.elastic.strains_adjoint import StrainsAdjoint
 
 
 class StepPart(Protocol):
@@ -97,6 +63,10 @@ class StepPart(Protocol):
     def by_velocity_before(self) -> Array | None:
         """∂ρ/∂v̂ (k, m) of the step before, which the law carries along; None: nothing feels it."""
 
+    @property
+    def by_forces(self) -> Array:
+        """∂(Sᵀ f)/∂f (k, 3P) of contact forces that are known; (k, 0) where nothing touched."""
+
     def back(self, place_: Array, velocity_: Array) -> tuple[Array, Array, Array]:
         """What place and velocities at the start, and x, are owed (k,) by both at the end."""
 
@@ -119,26 +89,11 @@ class Ends(NamedTuple):
     rows_after: Array | None  # of the residual part (n, 3P)
 
 
-class Ahead(Protocol):
-    """A law that is told where a step is expected, before it."""
-
-    def expected_back(self, w: Array, v_: Array, tangent_: Array, *, made_tangent: bool) -> tuple[Array, Array, Array]:
-        """As in elastic/strains_adjoint.py."""
-
-
-class PartAhead(StepPart, Protocol):
-    """A step at velocities that are not yet its own, under contact forces that are known."""
-
-    @property
-    def by_forces(self) -> Array:
-        """∂(Sᵀ f)/∂f (k, 3P); (k, 0) where nothing touched."""
-
-
 class Expectation(NamedTuple):
     """v̂ of a step as it was expected: v - T ρ(v), at v̂ and under the forces of the step before, with a T of before."""
 
-    part: "PartAhead"  # the step at that v̂, and at an ω̂ of its own
-    law: Ahead
+    part: StepPart  # the step at that v̂, and at an ω̂ of its own, under contact forces that are known
+    law: "StrainsAdjoint"
     places: Array  # of forces that are found, in the input (n,)
     T: Array  # (m, m), the inverse of what a step resists with
     lack: Array  # ρ (m,)
@@ -177,20 +132,20 @@ class Expectation(NamedTuple):
 
 
 class PartedAdjoint(NamedTuple):
-    """A step in one or more parts, the last one first.
+    """A step that was taken, in one or more parts, the last one first.
 
     Carried: what the law carries, and the residual's rows (n, 3P); `rows_first`: the other way round.
     """
 
     parts: "tuple[StepPart, ...]"
     ends: Ends
-    is_kink: bool
+    is_kink: bool  # where there is no derivative, but one to each side
     given: Array | None = None  # ∂strokes/∂q (m, n) at the start, from where parts of a step go on
     rows_first: bool = False
     expectation: Expectation | None = None
 
     def pull_back(self, after: StateAdjoint, reads: Reads) -> StepSlopes:
-        """As in StepAdjoint."""
+        """What the step passes back of derivatives with what it led to, and with what was read then."""
         (ω, q, q_after, rows_after), energy, shape = self.ends, reads.energy, self.parts[0].shape
         place_, velocity_ = np.zeros((2, shape.start + len(q)))
         if len(after.frame):
