@@ -243,7 +243,7 @@ def run(body, scene: Drawn, share: float = 1.0, parts: int = 1) -> Run:
 
 def stopped_by_friction(interface) -> tuple[bytes, float]:
     """Which pairs friction may not stop in the last step, and its power on the others, of the largest it could have."""
-    solved = None if interface is None else interface.solver.solved
+    solved = None if interface is None else interface.solver.last_step()[1]
     if solved is None or solved.pairs.braking is None:
         return b"", np.inf
     helped, sliding, friction = solved.pairs.braking.helped, solved.problem.sliding, solved.forces[1:]
