@@ -1,5 +1,6 @@
 """A body whose frame moves with it, as its stepper has it; `Simulator` moves it."""
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -68,7 +69,8 @@ class MovingBody(SimulatedBody):
         except StepError:
             frame.restore(self.contact, before, self._dt)
             raise
-        self._forget_places()
+        if self._skin is not None:
+            self._skin.forget()
 
     def displacement(self, output: str | None = None) -> Array:
         """As in SimulatedBody, in world axes: how far points are from where they were at rest."""
@@ -91,7 +93,7 @@ class MovingBody(SimulatedBody):
     @property
     def through_skin(self) -> float:
         """How deep an obstacle was in the body, where contact does not keep it out, as far as it was looked at, m."""
-        return max((told.depth for told in self._told), default=0.0)
+        return 0.0 if self._skin is None else max((told.depth for told in self._skin.watch.told), default=0.0)
 
     def take_back_step(self, acted: tuple[Any, ...]) -> None:
         """Takes the last step back, before which `acted` was as it is now; what was told of it stays told."""
@@ -114,6 +116,11 @@ class MovingBody(SimulatedBody):
             self._skin = SkinLooks(self, interface, interface.skin)
         if self._frame is not None:
             self.check_outside_obstacles()
+
+    def look_at_skin(self) -> None:
+        """Looks at what is in the body, if something may have gone in since the last look, or after enough steps."""
+        if self._skin is not None and self.steps >= self._skin.next_check:
+            self._skin.check()
 
     def check_outside_obstacles(self) -> None:
         """A StepError where the body is not outside of all obstacles."""
@@ -138,9 +145,11 @@ class MovingBody(SimulatedBody):
 
         Where nothing acts but inputs, it is one call, which in a fixed frame allocates nothing.
         """
-        self._watch_tensions()
+        kernel: Any = self._stepper.kernel
+        if self.tensions.enter(self.contact) and kernel.holds_steps:
+            kernel.note_inputs = self.tensions.note_all
         if self.environment is None:
-            return self._stepper.kernel.step
+            return kernel.step
         alone = self._frame is not None and self.environment.is_still
         return self._advance_alone if alone else self._advance_in_environment
 
@@ -151,18 +160,29 @@ class MovingBody(SimulatedBody):
         kernel.base, self._base = self._base, None
         full = self._source.full_input(u, self._width)
         twice: float = kernel.step(full)
-        self._note_input(full)
+        self.tensions.note(full)
         return twice
 
     def _advance_in_environment(self, u: Array) -> float:
         """Takes a step with what acts by itself; twice the stored energy, J."""
         raise NotImplementedError
 
-    def _look(self, time: float) -> None:
-        """At the surface, at a time, s; in a moving frame only where what strains it is much."""
+    def _step_high(self, u: Array, twice: float) -> None:
+        """The end of a step to an energy at which the surface may have gone too far, or that is not a number.
+
+        In a moving frame the surface is looked at only where what strains it is much.
+        """
+        if not math.isfinite(twice):
+            self._leave_finite(u)
+        self.steps += 1
         e = self._stepper.state[: self._order]
         if self._frame is None or e.dot(e) > self._monitor_threshold:
-            self._monitor.look(e, time)
+            self._monitor.look(e, self.time)
+
+    def watch(self, e: Array, square: float, time: float, steps: int = 1) -> None:
+        """Looks at a state √γ q (m,) that some steps of a rollout led to; `square` is twice its stored energy, J."""
+        if square > self._monitor_threshold:
+            self._monitor.look(e, time, steps)
 
     def _wrong_input(self, u: object) -> str:
         given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else shown(u)

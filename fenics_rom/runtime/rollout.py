@@ -258,7 +258,7 @@ class Rollout:
                 steps = slice(interval.start, interval.stop)
                 bases = None if base is None else base[steps]
                 rows += self._read(u[steps], bases, interval.start, every if names else 1, names)
-                body.note_inputs(u[steps])
+                body.tensions.note_all(u[steps])
         except BaseException:
             body.restore(start)
             raise

@@ -17,13 +17,13 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
 from fenics_rom.runtime.switching import SwitchLoss
-from fenics_rom.runtime.tension_watch import push_messages
-from fenics_rom.runtime.watched_body import WatchedBody
+from fenics_rom.runtime.tension_watch import TensionWatch, push_messages
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment, ObstacleState
     from fenics_rom.mechanics.skin_watch import Told
     from fenics_rom.runtime.environment_inputs import EnvironmentInputs
+    from fenics_rom.runtime.skin_looks import SkinLooks
 
 
 class Belongs(NamedTuple):
@@ -62,7 +62,7 @@ class SimulatorState:
     belongs: "Belongs | None" = None  # what it is a state of
 
 
-class SimulatedBody(WatchedBody):
+class SimulatedBody:
     """A body as its stepper has it, in the words of its ROM; `Simulator` moves it."""
 
     rom: Rom
@@ -70,6 +70,7 @@ class SimulatedBody(WatchedBody):
     loss: SwitchLoss
     environment: "ActiveEnvironment | None"
     _dt: float
+    _since: tuple[float, int]  # time, s, and number of steps at which dt was last changed
     _origin: tuple[Any, ...]  # what it was made of, a ROM first
     _stepper: ReducedStepper
     _source: "EnvironmentInputs | None"
@@ -79,6 +80,8 @@ class SimulatedBody(WatchedBody):
     _width: int
     _safe_frequencies: Array
     _slices: tuple[str, dict[str, slice]] | None = None  # where inputs are, of a contact mode
+    _skin: "SkinLooks | None" = None  # None where no obstacle can come through it
+    tensions: TensionWatch
 
     def __repr__(self) -> str:
         model, steps = self._stepper.model, f"{self.steps} step{'' if self.steps == 1 else 's'}"
@@ -96,6 +99,12 @@ class SimulatedBody(WatchedBody):
         """What a state of this is a state of."""
         obstacles = () if self.environment is None else tuple(self.environment.obstacles)
         return Belongs(self._origin[0].name, self._origin[0].identity, obstacles)
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        start, steps = self._since
+        return start + (self.steps - steps) * self._dt
 
     @property
     def contact(self) -> str:
@@ -335,9 +344,15 @@ class SimulatedBody(WatchedBody):
         if self._skin is not None:
             self._skin.look()
             through = self._skin.watch.messages
-        pushed = () if self._tensions is None else push_messages(self.least_tensions)
+        pushed = push_messages(self.least_tensions)
         own = self.surface_peak.summary, self.loss.message, *self._stepper.diagnostics(), *through, *pushed
         return tuple(filter(None, own))
+
+    @property
+    def least_tensions(self) -> dict[str, float]:
+        """Least tensions, N, that tendons were given in the run so far, of those that were told to push."""
+        self._stepper.flush()
+        return self.tensions.least
 
     @property
     def _q(self) -> Array:

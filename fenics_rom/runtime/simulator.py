@@ -22,6 +22,7 @@ from fenics_rom.runtime.moving_body import MovingBody
 from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.steppers.selection import make_stepper
 from fenics_rom.runtime.switching import SwitchLoss
+from fenics_rom.runtime.tension_watch import TensionWatch
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.base_path import BaseState
     from fenics_rom.mechanics.environment import HasEnvironment
     from fenics_rom.mechanics.signals import SignalLike
+    from fenics_rom.mechanics.skin_watch import Told
     from fenics_rom.runtime.rollout import Rollout
 
 _FLOAT = np.dtype(float)
@@ -98,17 +100,11 @@ class Simulator(MovingBody):
         self.loss = SwitchLoss()
         made_for = self.environment, self.ledger, stepper
         self._stepper = make_stepper(rom, self._dt, *made_for, self._detail(detail), self._solver_of)
-        self._monitor = LinearityMonitor(rom, self._rigid_displacement)
+        self._monitor, self.tensions = LinearityMonitor(rom, self._rigid_displacement), TensionWatch(rom)
         self._output_rows: dict[tuple[str, str], Array] = {}
         self._rollout: Rollout | None = None
         self._enter()
         self._watch_skin()
-
-    @property
-    def time(self) -> float:
-        """Simulated time, s."""
-        start, steps = self._since
-        return start + (self.steps - steps) * self._dt
 
     @property
     def dt(self) -> float:
@@ -135,7 +131,8 @@ class Simulator(MovingBody):
         if len(given) != 2 or any(part.shape != shape or not np.isfinite(part).all() for part in given):
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
         self._stepper.set_state(*given)
-        self._forget_places()
+        if self._skin is not None:
+            self._skin.forget()
 
     def set_shape(self, displacement: Array, velocity: Array | None = None) -> dict[str, float]:
         """Puts the body where it has a shape, by projection on the basis of the active contact mode.
@@ -266,20 +263,8 @@ class Simulator(MovingBody):
                 self.restore(before)
             raise
         source.environment.commit(inputs, self._dt)
-        self._note_input(inputs.u)
+        self.tensions.note(inputs.u)
         return 2 * result.energy
-
-    def _step_high(self, u: Array, twice: float) -> None:
-        """The end of a step to an energy at which the surface may have gone too far, or that is not a number."""
-        if not math.isfinite(twice):
-            self._leave_finite(u)
-        self.steps += 1
-        self._look(self.time)
-
-    def watch(self, e: Array, square: float, time: float, steps: int = 1) -> None:
-        """Looks at a state √γ q (m,) that some steps of a rollout led to; `square` is twice its stored energy, J."""
-        if square > self._monitor_threshold:
-            self._monitor.look(e, time, steps)
 
     def rollout(
         self,
@@ -329,22 +314,20 @@ class Simulator(MovingBody):
         """As `reset`, also where the body begins in an obstacle."""
         if self.ledger is not None:
             self.ledger.sums = EnergyLedger().sums
-        self.loss = SwitchLoss()
         self.steps, self._since = 0, (0.0, 0)
         self._stepper.reset()
         if self.environment is not None:
             self.environment.reset()
-        self._monitor.begin(SurfaceStrainPeak())
-        self._begin_looks(())
-        self._enter()
+        self._go_on(SwitchLoss(), SurfaceStrainPeak(), ())
 
     def save(self) -> SimulatorState:
         """The state of everything, to come back to."""
         stepper = self._stepper.snapshot()
         sums = None if self.ledger is None else self.ledger.sums
         obstacles = None if self.environment is None else self.environment.state
+        told = () if self._skin is None else self._skin.watch.told
         when, peak, belongs = (self._dt, self.steps, self._since), self.surface_peak, self._belongs
-        return SimulatorState(self.contact, *when, stepper, sums, peak, self.loss, obstacles, self._told, belongs)
+        return SimulatorState(self.contact, *when, stepper, sums, peak, self.loss, obstacles, told, belongs)
 
     def restore(self, state: SimulatorState) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
@@ -362,9 +345,17 @@ class Simulator(MovingBody):
         self._stepper.restore(state.contact, state.stepper, state.dt)
         if self.environment is not None and state.obstacles is not None:
             self.environment.state = state.obstacles
-        self._monitor.begin(state.surface_peak)
-        self._begin_looks(state.told)
-        self.loss = state.loss
+        self._go_on(state.loss, state.surface_peak, state.told)
+
+    def _go_on(self, loss: SwitchLoss, peak: SurfaceStrainPeak, told: "tuple[Told, ...]") -> None:
+        """Goes on from what was told of a run."""
+        self.loss = loss
+        self._monitor.begin(peak)
+        if self._skin is not None:
+            self._skin.watch.begin(told, self.steps)
+            self._skin.forget()
+        if not told:
+            self.tensions.least = {}
         self._enter()
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -8,22 +8,19 @@ from fenics_rom.rom.rom import Rom
 
 
 class TensionWatch:
-    """Keeps the least tension that each tendon was given in a run, where it is below 0.
-
-    Args:
-        columns: of the input, of tendons whose tension is given, by name.
+    """Keeps the least tension that each tendon of a ROM was given in a run, where it is below 0.
 
     Attributes:
         least: N, by name; of those alone that were told to push.
     """
 
-    def __init__(self, columns: Mapping[str, int]):
-        self.least: dict[str, float] = {}
-        self.enter(columns)
+    def __init__(self, rom: Rom):
+        self._rom, self.least, self._columns = rom, dict[str, float](), tuple[tuple[str, int], ...]()
 
-    def enter(self, columns: Mapping[str, int]) -> None:
-        """Goes on with inputs of another contact mode."""
-        self._columns = tuple(columns.items())
+    def enter(self, contact: str) -> bool:
+        """Goes on with inputs of a contact mode; whether there is a tendon to watch."""
+        self._columns = tuple(pulled_columns(self._rom, self._rom.contacts[contact]).items())
+        return bool(self._columns)
 
     def note(self, u: Array) -> None:
         """Of an input (p,)."""

@@ -177,7 +177,7 @@ class Soft(Simulator, Body):
         if self.carrier is not None:
             self._base = mounted(self.carrier.end, self._held_at)
         u = self._by_name((), self._given)
-        self._note_input(u)
+        self.tensions.note(u)
         inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
         self._inputs = inputs._replace(obstacles=OTHERS)
         self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
