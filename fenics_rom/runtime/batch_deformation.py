@@ -16,8 +16,8 @@ from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.rom.rom import Rom
 from fenics_rom.rom.strain_tables import StrainTables
 from fenics_rom.runtime.steppers.definite import definite_inverse
-from fenics_rom.runtime.steppers.deformation_watch import TRUSTED_EXTENT
 from fenics_rom.runtime.steppers.elastic.carried_strains import STEEPEST_FREQUENCY, TANGENT_RENEWAL
+from fenics_rom.runtime.steppers.training_watch import TRUSTED_EXTENT
 
 TOGETHER = 128  # bodies that go through a step together, so that their arrays stay in the cache
 

@@ -109,8 +109,8 @@ def test_no_shape_beyond_training_is_passed_over(rom, seed):
     rng, body = np.random.default_rng(seed), rom.deformation
     seen = rng.uniform(0.02, 0.2, len(body.weights))
     limits = np.maximum(seen, LOCAL_STRAIN * seen.max())
-    watch = TrainingWatch(trained(rom), replace(trained(rom, strains=seen).deformation.trained), None)
-    watch.enter("tip", 3)
+    watch = TrainingWatch(trained(rom, strains=seen), None)
+    watch.enter("tip", 5)
     notes, largest, q = dict.fromkeys(watch.notes, 0.0), 0.0, np.zeros(body.order)
     towards = rng.standard_normal(body.order) * body.training_radius / np.arange(1, body.order + 1) ** 2
     for step in range(400):
@@ -119,7 +119,7 @@ def test_no_shape_beyond_training_is_passed_over(rom, seed):
         E = body.strains(q)
         share = (np.sqrt((E * E / VOIGT_SHEAR).sum(axis=0)) / limits).max()
         largest = max(largest, share if share > TRUSTED_STRAIN else 0.0)
-        watch.look(notes, np.zeros(5), q, None, None, 1e-3)
+        watch.look(notes, np.zeros(5), q, None, 1e-3)
         assert notes["strain"] == pytest.approx(largest, rel=1e-12)
     assert largest > 0
 
@@ -136,11 +136,11 @@ def test_a_point_that_is_pulled_straight_is_looked_at_where_it_gets_beyond_train
     looked, squares_of = [], MaterialPoints.strain_squares
     monkeypatch.setattr(MaterialPoints, "strain_squares", lambda self, q: looked.append(q) or squares_of(self, q))
     for start in (0.0, 0.3, 0.9):
-        watch = TrainingWatch(watched, watched.deformation.trained, None)
-        watch.enter("tip", 3)
+        watch = TrainingWatch(watched, None)
+        watch.enter("tip", 5)
         notes = dict.fromkeys(watch.notes, 0.0)
         for share, looks, value in ((start, 1, 0.0), (1 - 1e-9, 1, 0.0), (1 + 1e-9, 2, TRUSTED_STRAIN)):
-            watch.look(notes, np.zeros(5), np.full(body.order, share * farthest), None, None, 1e-3)
+            watch.look(notes, np.zeros(5), np.full(body.order, share * farthest), None, 1e-3)
             assert len(looked) == looks
             assert notes["strain"] == pytest.approx(value, rel=1e-6)
         looked.clear()

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.acts.following import FollowingLoads
     from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
-    from fenics_rom.runtime.steppers.deformation_watch import DeformationWatch
     from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
+    from fenics_rom.runtime.steppers.training_watch import TrainingWatch
 
 
 class BodyParts(NamedTuple):
@@ -31,7 +31,7 @@ class BodyParts(NamedTuple):
     elastic: "ElasticLaw | None" = None
     following: "FollowingLoads | None" = None
     found: "FoundForces | None" = None
-    extent: "DeformationWatch | None" = None
+    extent: "TrainingWatch | None" = None
 
 
 PLAIN = BodyParts()
@@ -61,9 +61,9 @@ def parts_of(
             elastic = RelaxingLinear(model, branches)
         return BodyParts(elastic, found=found)
     from fenics_rom.runtime.steppers.acts.following import FollowingLoads
-    from fenics_rom.runtime.steppers.deformation_watch import DeformationWatch
+    from fenics_rom.runtime.steppers.training_watch import TrainingWatch
 
-    body, extent = rom.deformation, DeformationWatch(rom, interface)
+    body, extent = rom.deformation, TrainingWatch(rom, interface)
     if law == "newton":
         from fenics_rom.runtime.steppers.elastic.sampled import SampledPoints
 

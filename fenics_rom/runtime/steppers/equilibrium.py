@@ -161,7 +161,7 @@ class Equilibrium(PartedKernel):
         np.multiply(q, self._ω, self._e)
         self.contact, self.reactions = contact, reactions
         if self._extent is not None:
-            self._extent.look(self.notes, self.loads.with_found(u, reactions), q, None, contact, self.h)
+            self._extent.look(self.notes, self.loads.with_found(u, reactions), q, contact, self.h)
         return 2 * self._with_carried_energy(stored)
 
     def _linear(self, sought: Sought, lack: Array) -> Found:

@@ -302,6 +302,6 @@ class FrameKernel(PartedKernel):
             self.elastic.note(self.notes)
         self._watch.look(e, self._square, self.angular_velocity, self.notes)
         if self._extent is not None:
-            self._extent.look(self.notes, self._acting, e * self._inverse_ω, None, self.contact, self.h)
+            self._extent.look(self.notes, self._acting, e * self._inverse_ω, self.contact, self.h)
             self._extent.look_at_frame(self.notes, *self._motion_felt)
         return 2 * self.energy

@@ -173,7 +173,7 @@ class HeldBody(HeldAdjoint):
             self.tangent = NONE
         law.note(self.notes)
         acting = u if self._found is None else self.loads.with_found(u, self.reactions)
-        extent.look(self.notes, acting, self._e * self._inverse_ω, None, self.contact, self.h)
+        extent.look(self.notes, acting, self._e * self._inverse_ω, self.contact, self.h)
         energy = self.energy
         self._is_small = self._is_polynomial and energy < LARGE
         return 2 * energy

@@ -1,10 +1,11 @@
-"""Saying when a run with large deformation goes beyond what its model was trained on: inputs, strains and contact.
+"""Saying when a run with large deformation goes beyond its model's training: shapes, inputs, strains and contact.
 
 A body that an obstacle holds may be pulled much harder than in training without going any further.
 """
 
 import math
 import warnings
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,6 @@ from numpy import ndarray as Array
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.frame_motion import Vector
-from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR
 from fenics_rom.rom.deformation import TrainingRange, resultant
 from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.rom.rom import Rom
@@ -26,28 +26,31 @@ Notes = dict[str, float]
 # Loads are known exactly: beyond a few per cent it is another load. Strains and contact are the model's own, whose
 # shapes are wrong by 2 to 8 % where it was not trained (`validation_error`): what goes further is of another run.
 TRUSTED_LOAD, TRUSTED_STRAIN = 1.05, 1.1  # times what training saw
+TRUSTED_EXTENT = 1.5  # times as far as the states that the model was trained on
 LOCAL_STRAIN = 0.5  # of the largest strain of training, up to which any point may go: obstacles press in places
 MINOR_AXIS = 0.1  # of the largest of a frame's motions, up to which it may move along or about any axis
 HARDLY = 1e-6  # m/s², rad/s² or rad/s: of a frame that stood still
 NEVER = 1e-100  # what stands for an input that was not there
 STRAIN = "strain"  # of the kept point that went furthest beyond its own in training
 TOUCHED = "touched"  # whether an obstacle pushed
-_COUNTS = 1 / VOIGT_SHEAR[:, 0]
+DISTANCE = "distance"  # |q| at most
 
 
 class TrainingWatch:
-    """Compares inputs, strains of the kept points and forces of contact with those of training, in every step.
+    """Compares shapes, inputs, strains of the kept points and forces of contact with training, in every step.
 
     Args:
         rom: the reduced model.
-        trained: how far it was trained.
         interface: the contact points, if there are any.
 
     Attributes:
         notes: names of what it keeps of a run, numbers that begin at 0: what went beyond, how far, in its unit.
     """
 
-    def __init__(self, rom: Rom, trained: TrainingRange, interface: "ContactInterface | None"):
+    def __init__(self, rom: Rom, interface: "ContactInterface | None"):
+        assert rom.deformation is not None
+        body, self._points = rom.deformation, MaterialPoints(rom.deformation)
+        self._radius, trained = body.training_radius, body.trained or _unknown_range(rom)
         widths, units = {**rom.actuators, **rom.loads}, rom.environment.input_units
         acting = rom.environment
         found = dict.fromkeys((*acting.guides, *acting.controls), math.inf)  # as large as they must be: strains tell
@@ -68,8 +71,6 @@ class TrainingWatch:
         limits = [max(self._ranges[name][0], NEVER) for name in self._inputs]
         self._limits = np.repeat(limits, list(widths.values()))
         self._whose = np.repeat(1 + np.arange(len(widths)), list(widths.values()))
-        assert rom.deformation is not None
-        body, self._points = rom.deformation, MaterialPoints(rom.deformation)
         strains = np.maximum(trained.strains, LOCAL_STRAIN * trained.strains.max(initial=NEVER))
         self._inverse_squares, self._stretched = strains**-2.0, np.sqrt(1 + 2 * TRUSTED_STRAIN * strains)
         # |ΔH| <= |y| / reach of each point (P,), with y_k = scale_k Δq_k, scale_k the largest |∇W_k| (m,).
@@ -80,18 +81,31 @@ class TrainingWatch:
         self._looked_at, self._clear = np.zeros(body.order), -1.0
         self._means = [f"mean force of {name}, {axis}" for name in self._pushers for axis in "xyz"]
         self._smoothing_time = trained.smoothing_time
-        self.notes = (*self._ranges, STRAIN, TOUCHED, *self._means)
+        self.notes = (DISTANCE, *self._ranges, STRAIN, TOUCHED, *self._means)
 
-    def enter(self, contact: str, columns: int) -> None:
-        """Watches a contact mode, whose pushes are the first columns of the input."""
-        self._contact, self._columns = contact, columns
+    def enter(self, contact: str, width: int) -> None:
+        """Watches a contact mode of so many inputs, of which its pushes are the first."""
+        self._contact = contact
+        self._columns = columns = width - len(self._limits)
         push = max(self._pushed.get(contact, 0.0), NEVER) / math.sqrt(max(columns / 3, 1.0))  # of each column
         self._inverse_limits = 1 / np.concatenate([np.full(columns, push), self._limits])
         whose = np.concatenate([np.zeros(columns, int), self._whose])  # 0: the push
         self._of_each = np.equal.outer(np.arange(1 + len(self._inputs)), whose).astype(float)
 
-    def message(self, notes: Notes) -> str:
-        """What to say of a run; empty where nothing went beyond training."""
+    def messages(self, notes: Mapping[str, float]) -> tuple[str, ...]:
+        """What is to be said of a run that went beyond training."""
+        far = notes[DISTANCE]
+        too_far = self._too_far(far) if far > TRUSTED_EXTENT * self._radius else ""
+        return tuple(filter(None, [too_far, self._beyond(notes)]))
+
+    def _too_far(self, far: float) -> str:
+        return (
+            f"the body went {far / self._radius:.2g} times as far as in any state that the model was trained on; "
+            f"beyond {TRUSTED_EXTENT:g} times it is not to be trusted: reduce with larger loads"
+        )
+
+    def _beyond(self, notes: Mapping[str, float]) -> str:
+        """What to say but of how far it went; empty where nothing was beyond training."""
         excess = []
         for what, (limit, unit) in self._ranges.items():
             if value := notes[what]:
@@ -105,24 +119,21 @@ class TrainingWatch:
             and f"beyond what the model was trained on: {gone}; it is not to be trusted there: reduce with such loads"
         )
 
-    def look(
-        self, notes: Notes, u: Array, q: Array, E: Array | None, contact: ContactSolution | None, h: float
-    ) -> None:
-        """Notes a step of h s under u (p,), N, that led to q; warns of the first one beyond training.
-
-        Where the strains E (6, P) are not given, they are found only where they may be beyond it.
-        """
+    def look(self, notes: Notes, u: Array, q: Array, contact: ContactSolution | None, h: float) -> None:
+        """Notes a step of h s under u (p,), N, that led to q; warns of the first one beyond training."""
         shares = u * self._inverse_limits
         if shares.dot(shares) > TRUSTED_LOAD**2:  # else none of them is beyond
             of_each = self._of_each.dot(shares * shares)
             if not (of_each <= TRUSTED_LOAD**2).all():
                 self._look_at_loads(notes, u)
-        if E is None:
-            self._look_at_shape(notes, q)
-        else:
-            self._look_at_strains(notes, _COUNTS.dot(E * E))
+        self._look_at_shape(notes, q)
         if contact is not None or notes[TOUCHED]:
             self._look_at_contact(notes, contact, h)
+        far, before, limit = math.sqrt(q.dot(q)), notes[DISTANCE], TRUSTED_EXTENT * self._radius
+        if far > before:
+            notes[DISTANCE] = far
+            if before <= limit < far < math.inf:
+                warnings.warn(self._too_far(far), FenicsRomWarning, stacklevel=5)
 
     def look_at_frame(self, notes: Notes, *motion: Vector | None) -> None:
         """Notes how a frame moved in a step: its acceleration less gravity's, its angular acceleration, its spin.
@@ -142,16 +153,12 @@ class TrainingWatch:
         y = self._scale * (q - self._looked_at)
         if math.sqrt(y.dot(y)) <= self._clear:
             return
-        strains = np.sqrt(self._look_at_strains(notes, self._points.strain_squares(q)))
-        self._looked_at = q.copy()
-        self._clear = float(((self._stretched - np.sqrt(1 + 2 * strains)) * self._reach).min())
-
-    def _look_at_strains(self, notes: Notes, squares: Array) -> Array:
-        """Squares |E|² (P,), the same."""
+        squares = self._points.strain_squares(q)
         share = float((squares * self._inverse_squares).max())
         if share > TRUSTED_STRAIN**2:
             self._note(notes, STRAIN, math.sqrt(share))
-        return squares
+        self._looked_at, strains = q.copy(), np.sqrt(squares)
+        self._clear = float(((self._stretched - np.sqrt(1 + 2 * strains)) * self._reach).min())
 
     def _look_at_loads(self, notes: Notes, u: Array) -> None:
         shared = u[self._columns :]
@@ -180,7 +187,15 @@ class TrainingWatch:
             return
         notes[what] = value
         if not before:
-            warnings.warn(self.message(notes), FenicsRomWarning, stacklevel=8)
+            warnings.warn(self._beyond(notes), FenicsRomWarning, stacklevel=7)
+
+
+def _unknown_range(rom: Rom) -> TrainingRange:
+    """What files that do not tell how far training went are compared with: nothing is beyond it."""
+    assert rom.deformation is not None
+    named = (*rom.actuators, *rom.loads), tuple(rom.contact_models)
+    inputs, pushes = (dict.fromkeys(names, math.inf) for names in named)
+    return TrainingRange(inputs, pushes, np.full(len(rom.deformation.weights), math.inf), 0.0)
 
 
 def _frame_ranges(trained: TrainingRange) -> list[tuple[str, Array | None, str]]:
