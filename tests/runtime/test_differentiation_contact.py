@@ -160,7 +160,7 @@ def check(case, ε=1e-4):
 
 
 @pytest.mark.parametrize(
-    ("μ", "obstacles", "swing"), [(0.6, FLOOR, (60.0, 1500.0)), (1.0, ROUND, (25.0, 800.0))], ids=["flat", "round"]
+    ("μ", "obstacles", "swing"), [(0.6, FLOOR, (60.0, 1500.0)), (1.0, ROUND, (40.0, 800.0))], ids=["flat", "round"]
 )
 def test_gradient_goes_through_what_friction_stops_in_part(damped, monkeypatch, μ, obstacles, swing):
     """The share that is asked for is told by friction that does no work: it changes with all that forces do.
