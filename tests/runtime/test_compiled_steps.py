@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from bodies import acted_on
-from test_contact_rollout import BALL, BODY, CASES, DT, PARTS, ROUGH, history, mesh, roms, stepped  # noqa: F401
+from landing_box import BALL, BODY, CASES, DT, PARTS, ROUGH, history, landing_mesh, landing_roms, stepped
 
 import fenics_rom as fr
 from fenics_rom.compilation import compiled
@@ -16,7 +16,16 @@ pytestmark = [
     pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off"),
     pytest.mark.filterwarnings("ignore:the surface is", "ignore:.*contact points leave"),
 ]
-SAME = 1e-9  # of the largest value: both find forces to 1e-12 of the velocities that these stop
+
+
+@pytest.fixture(scope="module")
+def mesh(tmp_path_factory):
+    return landing_mesh(tmp_path_factory.mktemp("landing"))
+
+
+@pytest.fixture(scope="module")
+def roms(mesh):
+    return landing_roms(mesh)
 
 
 def both(rom, monkeypatch, **given):
@@ -37,7 +46,7 @@ def assert_account_closes(body):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_motion_and_account_are_those_of_numpy(roms, case, monkeypatch):  # noqa: F811
+def test_motion_and_account_are_those_of_numpy(roms, case, monkeypatch):
     """The box lands, is pushed until it slides, stops, is lifted off and lands again."""
     bodies, seen = both(roms[case], monkeypatch), []
     for u in history(1, roughness=0.02):
@@ -54,7 +63,7 @@ def test_motion_and_account_are_those_of_numpy(roms, case, monkeypatch):  # noqa
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_rollouts_are_steps(roms, case):  # noqa: F811
+def test_rollouts_are_steps(roms, case):
     forces = history(2, roughness=0.02)
     body, read, _ = stepped(roms[case], forces, 7)
     rolled = fr.Simulator(roms[case], DT)
@@ -71,7 +80,7 @@ def test_rollouts_are_steps(roms, case):  # noqa: F811
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_restored_state_goes_on_to_the_bit(roms, case):  # noqa: F811
+def test_a_restored_state_goes_on_to_the_bit(roms, case):
     body, other, forces = fr.Simulator(roms[case], DT), fr.Simulator(roms[case], DT), history(3, roughness=0.02)
     for u in forces[:350]:
         body.step(u)
@@ -83,7 +92,7 @@ def test_a_restored_state_goes_on_to_the_bit(roms, case):  # noqa: F811
     assert body.ledger.sums == other.ledger.sums
 
 
-def test_an_obstacle_that_moves_does_the_work_that_numpy_says(roms, monkeypatch):  # noqa: F811
+def test_an_obstacle_that_moves_does_the_work_that_numpy_says(roms, monkeypatch):
     lifts = {"floor": lambda t: [2e-3 * np.sin(40 * t), 0.0, 1e-3 * np.sin(60 * t)]}
     bodies = both(roms["floor"], monkeypatch, signals=lifts)
     for u in history(4):
@@ -96,7 +105,7 @@ def test_an_obstacle_that_moves_does_the_work_that_numpy_says(roms, monkeypatch)
     assert_account_closes(one)
 
 
-def test_many_points_of_which_few_touch(mesh, monkeypatch):  # noqa: F811
+def test_many_points_of_which_few_touch(mesh, monkeypatch):
     """The operator of the points that touch alone, and what they do to all others."""
     ball = BALL.replace("0.15, 0.1, -5.0001", "0.1, 0.1, -0.0801").replace("radius = 5.0", "radius = 0.08")
     scene = acted_on(mesh, BODY + "[effects.contact]\n" + ball + ROUGH, **PARTS)
