@@ -48,7 +48,7 @@ def _tell(problem: str) -> bool:
     return False
 
 
-def kernel(function: _Function) -> _Function:
+def jit(function: _Function) -> _Function:
     """Compiles a function of arrays at its first call, and keeps the result on disk; as it is where nothing compiles.
 
     Other threads may run while it does.

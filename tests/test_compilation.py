@@ -42,7 +42,7 @@ def test_functions_are_as_they_are_where_nothing_compiles(asked_anew):
     def double(x):
         return 2 * x
 
-    assert compilation.kernel(double) is double
+    assert compilation.jit(double) is double
     assert not compiled()
 
 

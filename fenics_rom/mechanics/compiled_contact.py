@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics import braking
-from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs, ask, find_forces, pairs_from
+from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, Pairs, ask, find_forces, pairs_from
 from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.complementarity import Frames
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion
@@ -27,17 +27,18 @@ class Told(NamedTuple):
     forces: Array  # on the points (P, 3), N
     sweeps: int
     normal_power: float | None  # W
-    touches: bool
-    any_helped: bool
     swung: Array | None  # of the steps before
 
     def solution(self, w: Array) -> ContactSolution:
         """The same as of any search; w: velocities of the obstacles (O, 3), m/s."""
-        active = self.active
-        normals = self.pairs.axes[active, 0]
-        return ContactSolution(
-            self.forces, self.sweeps, active, normals, self.pairs.forces[active], w, self.normal_power
-        )
+        active, pairs = self.active, self.pairs
+        found = active, pairs.axes[active, 0], pairs.forces[active]
+        return ContactSolution(self.forces, self.sweeps, *found, w, self.normal_power)
+
+    @property
+    def touches(self) -> bool:
+        """Whether a pair took part."""
+        return bool(self.pairs.chosen.any())
 
     @property
     def active(self) -> Array:
@@ -57,7 +58,7 @@ class Told(NamedTuple):
         if self.law.friction == 0 or self.law.is_at_rest:
             return None
         asked = braking.Braking(np.ascontiguousarray(self.pairs.target[:, 1:].T), self.swung)
-        if self.any_helped:
+        if self.pairs.helped.any():
             asked.helped, asked.share = self.pairs.helped, 0.0
         return asked
 
@@ -89,15 +90,8 @@ class Told(NamedTuple):
         pairs = self.pairs
         free, relative = (np.ascontiguousarray(each.T) for each in (pairs.free, pairs.relative))
         frames = Frames(np.ascontiguousarray(pairs.axes[:, 0]))
-        return AskedPairs(
-            frames,
-            free,
-            relative,
-            pairs.level,
-            np.ascontiguousarray(pairs.target[:, 0]),
-            self.law.compliance,
-            self.braking,
-        )
+        target = np.ascontiguousarray(pairs.target[:, 0])
+        return AskedPairs(frames, free, relative, pairs.level, target, self.law.compliance, self.braking)
 
 
 class CompiledContact(ContactSolver):
@@ -117,11 +111,7 @@ class CompiledContact(ContactSolver):
         """The law in steps of dt, s, as numbers."""
         law, asked = self.law, (self.law, dt, quasi_static)
         if self._in_steps is None or self._in_steps[0] != asked:
-            rate, compliance = -1 / dt, 0.0
-            if law.stiffness is not None:
-                damper = law.stiffness * dt / 2 + law.damping
-                rate, compliance = -law.stiffness / damper, 1 / damper
-            numbers = Law(dt, law.restitution, law.friction, rate, compliance, quasi_static, braking.SWINGS)
+            numbers = Law(dt, law.restitution, law.friction, *law.in_steps(dt), quasi_static, braking.SWINGS)
             self._in_steps = asked, numbers
         return self._in_steps[1]
 
@@ -182,5 +172,4 @@ class CompiledContact(ContactSolver):
             return None
         forces = pairs.forces if len(self.shapes) == 1 else pairs.forces.reshape(-1, P, 3).sum(axis=0)
         power = found.normal_power if law.friction > 0 else None
-        touches = found.status == FOUND
-        return Told(law, pairs, gaps, forces, found.sweeps, power, touches, found.any_helped, begun.swung)
+        return Told(law, pairs, gaps, forces, found.sweeps, power, begun.swung)

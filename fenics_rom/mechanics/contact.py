@@ -93,6 +93,13 @@ class ContactLaw:
         elif self.restitution:
             raise SceneError("contact: restitution belongs to the rigid law: allowed beside a stiffness is 0")
 
+    def in_steps(self, dt: float) -> tuple[float, float]:
+        """In steps of dt, s: rate by which a gap is closed, 1/s, and compliance along the normal, m/s/N; 0: rigid."""
+        if self.stiffness is None:
+            return -1 / dt, 0.0
+        damper = self.stiffness * dt / 2 + self.damping
+        return -self.stiffness / damper, 1 / damper
+
 
 class ContactWork(NamedTuple):
     """Where the work of contact in a step went, J: h Σ f·v̂ = supplied - contact - friction - numerical."""

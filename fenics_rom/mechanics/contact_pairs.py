@@ -166,12 +166,9 @@ class NormalRule:
 
     def __init__(self, law: ContactLaw, pairs: int, dt: float, quasi_static: bool):
         self.key = law, dt, quasi_static
-        self._spring, self._quasi_static, self._compliance = law.stiffness is not None, quasi_static, 0.0
-        e, rate = law.restitution, -1 / dt
+        self._spring, self._quasi_static = law.stiffness is not None, quasi_static
+        e, (rate, self._compliance) = law.restitution, law.in_steps(dt)
         self.is_elastic, self._bounces = e == 1.0, e > 0.0
-        if law.stiffness is not None:
-            damper = law.stiffness * dt / 2 + law.damping
-            rate, self._compliance = -law.stiffness / damper, 1 / damper
         self._rate, self._half, self._share, self._pressed = (
             np.full(pairs, x) for x in (rate, 0.5, (1 - e) / 2, BACK * (1 + e))
         )
@@ -221,7 +218,7 @@ def target_slopes(
 ) -> tuple[Array, Array]:
     """∂c/∂g, 1/s, and ∂c/∂a of pairs whose gaps, c and a are these, (C,) each; see `NormalRule`."""
     if law.stiffness is not None:
-        return np.full(len(target), -law.stiffness / (law.stiffness * dt / 2 + law.damping)), np.zeros(len(target))
+        return np.full(len(target), law.in_steps(dt)[0]), np.zeros(len(target))
     if quasi_static:
         return np.where(target < 0, -1 / dt, 0.0), np.zeros(len(target))
     half, bounced = approach / 2, (1 - law.restitution) / 2 * approach

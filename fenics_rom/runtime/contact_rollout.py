@@ -34,6 +34,7 @@ class ContactRollout:
         assert interface is not None
         self._interface: ContactInterface = interface
         self._maps: dict[tuple[Any, ...], KeptContactMap] = {}
+        self._outputs: dict[tuple[str, tuple[str, ...]], tuple[Array, Array]] = {}  # see _output_maps
         self._last: tuple[Any, ...] = ()
         self._frames: Frames | None = None
         self._same, self._wait, self._length = 0, FIRST_WAIT, FIRST_BLOCK
@@ -83,18 +84,9 @@ class ContactRollout:
         body.steps += len(taken.steps.q)
         body.watch(kernel.state[: body.model.order], taken.last.square, body.time, len(taken.steps.q))
         body.look_at_skin()
-        return self._read(taken.steps.q, taken.steps.carried, names)
-
-    def _read(self, q: Array, carried: Array, names: tuple[str, ...]) -> Array:
-        """Displacements of outputs (n, width) from q (n, m) and what is carried beyond the basis (n, 3P) or (n, 0)."""
-        body, rom, residual = self._body, self._body.rom, self._body.integrator.kernel.residual
-        rows = np.concatenate([np.empty((0, rom.basis.shape[1])), *(rom.outputs[name] for name in names)])
-        read: Array = q @ (rows @ body.model.coordinates).T
-        if residual is not None:
-            read += carried @ strained_back(
-                residual.part, (rows[:, rom.rigid :] / np.sqrt(rom.stiffness[rom.rigid :])).T
-            )
-        return read
+        by_q, by_force = self._output_maps(names)
+        read: Array = taken.steps.q @ by_q
+        return read if kernel.residual is None else read + taken.steps.carried @ by_force
 
     def _count(self) -> None:
         """Takes note of what all pairs did in the last step."""
@@ -234,17 +226,25 @@ class ContactRollout:
         body.look_at_skin()
 
     def _output_columns(self, kept_map: KeptContactMap, names: tuple[str, ...]) -> Array:
-        """Displacements of outputs from states x, (n, rows)."""
-        body, rom = self._body, self._body.rom
-        rows = np.concatenate([rom.outputs[name] for name in names])
-        columns = [(rows @ body.model.coordinates * kept_map.by_state), np.zeros((len(rows), body.model.order))]
-        residual = body.integrator.kernel.residual
-        if residual is not None:
-            beyond = strained_back(residual.part, (rows[:, rom.rigid :] / np.sqrt(rom.stiffness[rom.rigid :])).T)
-            by_force = beyond.T.reshape(len(rows), -1, 3)[:, kept_map.carried].reshape(len(rows), -1)
-            columns += [by_force, np.zeros_like(by_force)]
-        made: Array = np.hstack(columns).T
-        return made
+        """Displacements of outputs from states x, (n, width)."""
+        by_q, by_force = self._output_maps(names)
+        columns = [kept_map.by_state[:, None] * by_q, np.zeros_like(by_q)]
+        if self._body.integrator.kernel.residual is not None:
+            carried = by_force.reshape(-1, 3, by_force.shape[1])[kept_map.carried].reshape(-1, by_force.shape[1])
+            columns += [carried, np.zeros_like(carried)]
+        return np.vstack(columns)
+
+    def _output_maps(self, names: tuple[str, ...]) -> tuple[Array, Array]:
+        """Displacements of outputs from q (m, width), and from what is carried beyond the basis (3P, width), m/N."""
+        body, rom, residual = self._body, self._body.rom, self._body.integrator.kernel.residual
+        asked = body.contact, names
+        if asked not in self._outputs:
+            rows = np.concatenate([np.empty((0, rom.basis.shape[1])), *(rom.outputs[name] for name in names)])
+            by_force = np.empty((0, len(rows)))
+            if residual is not None:
+                by_force = strained_back(residual.part, (rows[:, rom.rigid :] / np.sqrt(rom.stiffness[rom.rigid :])).T)
+            self._outputs[asked] = (rows @ body.model.coordinates).T, by_force
+        return self._outputs[asked]
 
 
 def _due(every: int, taken: int) -> slice:

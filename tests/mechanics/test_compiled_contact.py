@@ -6,14 +6,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fenics_rom.compilation import compiled
-from fenics_rom.mechanics import contact_solver
+from fenics_rom.mechanics import braking, contact_pairs, contact_solver, obstacles
 from fenics_rom.mechanics.braking import SWINGS
+from fenics_rom.mechanics.compiled import contact_law, coulomb, shapes
 from fenics_rom.mechanics.compiled.shapes import measure, shape_rows
+from fenics_rom.mechanics.complementarity import solution
 from fenics_rom.mechanics.contact import ContactLaw, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.make_contact_solver import make_contact_solver
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
+from fenics_rom.runtime.compiled import linear_step
+from fenics_rom.runtime.steppers import residual_motion
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off")
 SHAPES = (
@@ -24,6 +28,15 @@ SHAPES = (
 )
 H, EPS = 1e-3, float(np.finfo(float).eps)
 seeds = st.integers(0, 2**32 - 1)
+
+
+def test_numbers_of_the_law_are_those_of_numpy():
+    """They stand twice, as compiled functions are kept by what their own folder says."""
+    assert (coulomb.SOLVED, contact_law.STAGNATION) == (solution.CONVERGENCE_TOLERANCE, solution.STAGNATION_RESIDUAL)
+    assert (coulomb.REGULAR_SHARE, contact_law.BACK) == (solution.REGULAR_SHARE, contact_pairs.BACK)
+    assert contact_law.WORK_ROUND_OFF == braking.WORK_ROUND_OFF
+    assert shapes.SHORTEST_DIRECTION == obstacles._SHORTEST_DIRECTION
+    assert linear_step.FORGOTTEN == residual_motion.FORGOTTEN
 
 
 @given(seeds)
@@ -44,10 +57,10 @@ def test_inside_and_in_the_middle_distances_are_those_of_numpy():
     """Where there is no direction: at a centre, at the end of an axis, in a box, on its face and its edge."""
     points = [[0.1, 0.0, -0.1], [0.0, 0.0, 0.0], [0.11, 0.2, -0.1], [0.12, 0.25, -0.3]]
     upright = Box([0, 0, 0], [2, 2, 2])
-    shapes, points = (*SHAPES, upright), np.array([*points, [1.0, 0.3, 0.2], [1.0, 1.0, 0.2], [0.5, -0.9, 0.1]])
-    gaps, normals = np.empty(len(points) * len(shapes)), np.empty((len(points) * len(shapes), 3))
-    measure(shape_rows(shapes), np.zeros((len(shapes), 3)), points, gaps, normals)
-    known = [shape.distance(points) for shape in shapes]
+    known_shapes, points = (*SHAPES, upright), np.array([*points, [1.0, 0.3, 0.2], [1.0, 1.0, 0.2], [0.5, -0.9, 0.1]])
+    gaps, normals = np.empty(len(points) * len(known_shapes)), np.empty((len(points) * len(known_shapes), 3))
+    measure(shape_rows(known_shapes), np.zeros((len(known_shapes), 3)), points, gaps, normals)
+    known = [shape.distance(points) for shape in known_shapes]
     np.testing.assert_allclose(gaps, np.concatenate([gap for gap, _ in known]), atol=50 * EPS, rtol=0)
     along = (normals * np.concatenate([normal for _, normal in known])).sum(axis=1)
     exact = np.concatenate([np.abs(gap) > 1e-9 for gap, _ in known])
@@ -68,7 +81,7 @@ def problem(random, law, quasi_static):
     """A solver whose points meet two obstacles, one of which moves, and a random step."""
     P = random.integers(1, 12)
     points = random.uniform(-0.2, 0.2, (P, 3)) * [1, 1, 0]
-    obstacles = HalfSpace([0, 0, 0], [0, 0, 1]), Sphere([0.3, 0, 0.0], 0.15 if quasi_static else 0.25)
+    met = HalfSpace([0, 0, 0], [0, 0, 1]), Sphere([0.3, 0, 0.0], 0.15 if quasi_static else 0.25)
     A = random.normal(size=(3 * P, 3 * P))
     W = 1e-3 * (A @ A.T / (3 * P) + 0.3 * np.eye(3 * P))
     reach = random.uniform(-1e-6, 2e-3, P)[:, None] * [0, 0, 1]
@@ -77,7 +90,7 @@ def problem(random, law, quasi_static):
     start = np.zeros((2, 3))
     end = np.array([[0, 0, 0], random.normal(size=3) * 2e-4])
     before = np.array([[0, 0, 0], random.normal(size=3) * 0.2])
-    return points, obstacles, PointMotion(reach, velocity, free), W, ObstacleMotion(start, end, before)
+    return points, met, PointMotion(reach, velocity, free), W, ObstacleMotion(start, end, before)
 
 
 @pytest.mark.parametrize("quasi_static", [False, True], ids=["dynamic", "at rest"])
@@ -86,8 +99,8 @@ def problem(random, law, quasi_static):
 @settings(deadline=None, max_examples=60)
 def test_forces_are_those_of_numpy(law, quasi_static, seed):
     random = np.random.default_rng(seed)
-    points, obstacles, motion, W, moved = problem(random, law, quasi_static)
-    solver, reference = make_contact_solver(points, obstacles, law), ContactSolver(points, obstacles, law)
+    points, met, motion, W, moved = problem(random, law, quasi_static)
+    solver, reference = make_contact_solver(points, met, law), ContactSolver(points, met, law)
     assert type(solver) is not type(reference)
     N = 2 * len(points)
     begun = ContactSearch(

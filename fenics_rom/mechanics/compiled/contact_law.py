@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import kernel
+from fenics_rom.compilation import jit
 from fenics_rom.mechanics.compiled.coulomb import add_motion, find_by_sweeps, frame_along
 
 NOTHING, FOUND, OTHERWISE = 0, 1, 2  # what came of it: nothing touches; forces; that it is to be found otherwise
-STAGNATION = 1e-11  # of the velocities that forces stop: see `complementarity.solution`
+STAGNATION = 1e-9 / 100  # of the velocities that forces stop: see `complementarity.solution`
 WORK_ROUND_OFF, BACK = 1e-12, 1 + 1e-9  # see `mechanics.braking` and `mechanics.contact_pairs`
 MOST_ROUNDS = 60  # of forces for a set of pairs, and what it asks of them
 
@@ -59,11 +59,9 @@ class Found(NamedTuple):
     status: int
     sweeps: int
     normal_power: float  # Σ λ s, W
-    residual: float  # of the velocities that forces stop
-    any_helped: bool
 
 
-@kernel
+@jit
 def ask(
     law: Law, gaps: Array, free: Array, velocity: Array, w: Array, w_before: Array, before: Array, pairs: Pairs
 ) -> None:
@@ -114,7 +112,7 @@ def ask(
         pairs.chosen[c], pairs.helped[c] = pairs.free[c, 0] < level, False
 
 
-@kernel
+@jit
 def find_forces(law: Law, W: Array, P: int, swung: Array, pairs: Pairs) -> Found:
     """Contact forces of a step of which `ask` has said what the law asks.
 
@@ -131,7 +129,7 @@ def find_forces(law: Law, W: Array, P: int, swung: Array, pairs: Pairs) -> Found
         active = pairs.chosen.nonzero()[0]
         C = len(active)
         if C == 0:
-            return Found(NOTHING, 0, 0.0, 0.0, False)
+            return Found(NOTHING, 0, 0.0)
         touched = np.zeros(P, dtype=np.bool_)
         for c in active:
             touched[c % P] = True
@@ -154,7 +152,7 @@ def find_forces(law: Law, W: Array, P: int, swung: Array, pairs: Pairs) -> Found
         count, error = find_by_sweeps(part, points, axes, q, law.friction, law.compliance, f, u, moved)
         sweeps += count
         if not error <= STAGNATION * speed:
-            return Found(OTHERWISE, sweeps, 0.0, error / speed, False)
+            return Found(OTHERWISE, sweeps, 0.0)
         pairs.forces[:] = 0.0
         largest = 0.0
         for i in range(C):
@@ -171,10 +169,8 @@ def find_forces(law: Law, W: Array, P: int, swung: Array, pairs: Pairs) -> Found
             for c in range(N):
                 if not pairs.chosen[c]:
                     n, at = pairs.axes[c, 0], 3 * (c % P)
-                    if (
-                        n[0] * moved[at] + n[1] * moved[at + 1] + n[2] * moved[at + 2] + pairs.free[c, 0]
-                        < pairs.level[c]
-                    ):
+                    outwards = n[0] * moved[at] + n[1] * moved[at + 1] + n[2] * moved[at + 2] + pairs.free[c, 0]
+                    if outwards < pairs.level[c]:
                         pairs.chosen[c] = missed = True
         if missed:  # the power of friction is that of all pairs: what it is not to stop is decided anew
             any_helped = False
@@ -197,7 +193,7 @@ def find_forces(law: Law, W: Array, P: int, swung: Array, pairs: Pairs) -> Found
                     work = f[i, 1] * (u[i, 1] + first) + f[i, 2] * (u[i, 2] + second)
                     if work > negligible and (first != 0 or second != 0):
                         if swung[c] >= law.swings:
-                            return Found(OTHERWISE, sweeps, 0.0, 0.0, False)
+                            return Found(OTHERWISE, sweeps, 0.0)
                         pairs.helped[c], any_helped, repeat = True, True, True
                         pairs.target[c, 1] = pairs.target[c, 2] = 0.0
         if not repeat:
@@ -205,11 +201,11 @@ def find_forces(law: Law, W: Array, P: int, swung: Array, pairs: Pairs) -> Found
             for i in range(C):
                 c = active[i]
                 power += f[i, 0] * (u[i, 0] + pairs.target[c, 0] - law.compliance * f[i, 0])
-            return Found(FOUND, sweeps, power, error / speed, any_helped)
-    return Found(OTHERWISE, sweeps, 0.0, 0.0, False)
+            return Found(FOUND, sweeps, power)
+    return Found(OTHERWISE, sweeps, 0.0)
 
 
-@kernel
+@jit
 def part_of(W: Array, few: Array) -> Array:
     """What is of some points (s,) in an operator (3P, 3P), (3s, 3s)."""
     part = np.empty((3 * len(few), 3 * len(few)))

@@ -11,14 +11,15 @@ import math
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import kernel
+from fenics_rom.compilation import jit
 
 SOLVED, ROUND_OFF = 1e-12, 2e-15  # of the velocities that forces stop: what a sweep may change at its end
 MOST_SWEEPS, MOST_FURTHER = 200, 12  # where they suffice they are rarely more than 60; of them from SOLVED on
 FARTHEST = 4.0  # of the last change, by which forces go further
+REGULAR_SHARE = 0.4  # see `complementarity.solution`
 
 
-@kernel
+@jit
 def frame_along(axes: Array) -> None:
     """Sets the last two rows of axes (3, 3) to tangents of the first, a unit vector: those of `axes_along`."""
     n = axes[0]
@@ -30,7 +31,7 @@ def frame_along(axes: Array) -> None:
             axes[k, j] = n[j] * (n[k] / w0) - (sign if j == k else 0.0)
 
 
-@kernel
+@jit
 def add_motion(W: Array, p: int, fx: float, fy: float, fz: float, moved: Array) -> None:
     """Adds what a force on point p does to the velocities of all points, (3P,), by the symmetric operator W."""
     x, y, z = W[3 * p], W[3 * p + 1], W[3 * p + 2]
@@ -38,7 +39,7 @@ def add_motion(W: Array, p: int, fx: float, fy: float, fz: float, moved: Array) 
         moved[k] += x[k] * fx + y[k] * fy + z[k] * fz
 
 
-@kernel
+@jit
 def _local_compliance(W: Array, p: int, axes: Array, local: Array) -> None:
     """Sets local (3, 3) to a point's own block of W in a frame."""
     for a in range(3):
@@ -50,7 +51,7 @@ def _local_compliance(W: Array, p: int, axes: Array, local: Array) -> None:
             local[a, b] = total
 
 
-@kernel
+@jit
 def find_by_sweeps(
     W: Array, points: Array, axes: Array, q: Array, friction: float, compliance: float, f: Array, u: Array, moved: Array
 ) -> tuple[int, float]:
@@ -103,7 +104,7 @@ def find_by_sweeps(
     return count, _distance_from_law(friction, own, f, u)
 
 
-@kernel
+@jit
 def _sweep(
     W: Array,
     points: Array,
@@ -142,7 +143,7 @@ def _sweep(
     return missed
 
 
-@kernel
+@jit
 def _go_further(values: Array, last: Array, share: float) -> None:
     """Takes back a share of the change from the last values, which become those of now."""
     for k in range(len(values)):
@@ -150,7 +151,7 @@ def _go_further(values: Array, last: Array, share: float) -> None:
         values[k], last[k] = now + share * (last[k] - now), now
 
 
-@kernel
+@jit
 def _push(W: Array, p: int, frame: Array, a: float, b: float, c: float, moved: Array) -> None:
     """`add_motion` of a force in a frame."""
     x = frame[0, 0] * a + frame[1, 0] * b + frame[2, 0] * c
@@ -159,12 +160,12 @@ def _push(W: Array, p: int, frame: Array, a: float, b: float, c: float, moved: A
     add_motion(W, p, x, y, z, moved)
 
 
-@kernel
+@jit
 def _distance_from_law(friction: float, own: Array, f: Array, u: Array) -> float:
     """The largest |f - P(f - ρ u)|/ρ of all pairs, m/s, with P of `complementarity.frictional`."""
     worst = 0.0
     for c in range(len(f)):
-        compliance = (own[c, 0, 0] + own[c, 1, 1] + own[c, 2, 2]) / (3 * 0.4)
+        compliance = (own[c, 0, 0] + own[c, 1, 1] + own[c, 2, 2]) / (3 * REGULAR_SHARE)
         n = f[c, 0] - u[c, 0] / compliance
         first, second = f[c, 1] - u[c, 1] / compliance, f[c, 2] - u[c, 2] / compliance
         length, cone = math.sqrt(first * first + second * second), friction * max(n, 0.0)

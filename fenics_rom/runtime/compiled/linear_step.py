@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import kernel
+from fenics_rom.compilation import jit
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, Pairs, ask, find_forces
 from fenics_rom.mechanics.compiled.shapes import measure
 
@@ -57,8 +57,7 @@ class Step(NamedTuple):
     by_obstacles: float  # supplied, J
     contact: float  # dissipated in impacts, J
     friction: float  # dissipated, J
-    normal_power: float  # as in `Found`, W
-    any_helped: bool
+    normal_power: float  # Σ λ s of the pairs, W
 
 
 class Begun(NamedTuple):
@@ -68,7 +67,7 @@ class Begun(NamedTuple):
     swung: Array  # (N,) in how many steps in a row friction did not stop a pair
 
 
-class Found(NamedTuple):
+class StepContact(NamedTuple):
     """What a step found of contact."""
 
     pairs: Pairs
@@ -77,7 +76,7 @@ class Found(NamedTuple):
     forces: Array  # (3P,), N
 
 
-@kernel
+@jit
 def take_step(
     body: Body,
     law: Law,
@@ -88,7 +87,7 @@ def take_step(
     w_before: Array,
     begun: Begun,
     state: State,
-    found: Found,
+    found: StepContact,
 ) -> Step:
     """Takes a step.
 
@@ -131,7 +130,7 @@ def take_step(
     ask(law, gaps, motion[2].reshape(P, 3), motion[1].reshape(P, 3), w, w_before, begun.forces, pairs)
     contact = find_forces(law, body.W, P, begun.swung, pairs)
     if contact.status == OTHERWISE:
-        return Step(OTHERWISE, contact.sweeps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
+        return Step(OTHERWISE, contact.sweeps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     state.halves_before[:], state.rigid_before[:], state.beyond_before[:] = state.halves, state.rigid, state.beyond
     forces[:] = 0.0
     power = by_obstacles = 0.0
@@ -171,11 +170,10 @@ def take_step(
         -h * normal,
         h * (normal - whole),
         contact.normal_power,
-        contact.any_helped,
     )
 
 
-@kernel
+@jit
 def _step_beyond(body: Body, h: float, beyond: Array, f: Array, rates: Array) -> tuple[float, float, float]:
     """Takes the step of what points do beyond the basis: what it loses, J, the power of f there, W, twice its energy.
 
@@ -204,7 +202,7 @@ class Taken(NamedTuple):
     carried: Array  # g (n, 3P) beyond the basis after it, N; (n, 0) where there is nothing
 
 
-@kernel
+@jit
 def take_steps(
     body: Body,
     law: Law,
@@ -213,9 +211,9 @@ def take_steps(
     offsets: Array,
     begun: Begun,
     state: State,
-    tried: Found,
+    tried: StepContact,
     last_begun: Begun,
-    last: Found,
+    last: StepContact,
     taken: Taken,
 ) -> tuple[int, Step]:
     """Takes steps under inputs (n, p) among obstacles that stand still: how many, and the last one.
@@ -232,24 +230,20 @@ def take_steps(
         taken: set.
     """
     ρ, still = len(state.rigid), np.zeros(offsets.shape)
-    step = Step(OTHERWISE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
+    step = Step(OTHERWISE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for count in range(len(inputs)):
         tried.pairs.forces[:] = begun.forces
-        after = take_step(
-            body, law, shapes, inputs[count], offsets, offsets, still, begun, state, tried
-        )  # fmt: skip
+        after = take_step(body, law, shapes, inputs[count], offsets, offsets, still, begun, state, tried)
         if after.status == OTHERWISE:
             return count, step
         if not np.isfinite(after.square):
-            state.halves[:], state.rigid[:], state.beyond[:] = (
-                state.halves_before, state.rigid_before, state.beyond_before
-            )  # fmt: skip
+            state.halves[:], state.rigid[:] = state.halves_before, state.rigid_before
+            state.beyond[:] = state.beyond_before
             return count, step
         step = after
         _keep(begun, tried, last_begun, last)
         for c in range(len(begun.swung)):
-            swings = step.any_helped and tried.pairs.helped[c]
-            begun.swung[c] = min(begun.swung[c], law.swings) + 1 if swings else 0
+            begun.swung[c] = min(begun.swung[c], law.swings) + 1 if tried.pairs.helped[c] else 0
         if step.status == FOUND:
             begun.forces[:] = tried.pairs.forces
         works = taken.works[count]
@@ -262,16 +256,16 @@ def take_steps(
     return len(inputs), step
 
 
-@kernel
-def _keep(begun: Begun, tried: Found, last_begun: Begun, last: Found) -> None:
+@jit
+def _keep(begun: Begun, tried: StepContact, last_begun: Begun, last: StepContact) -> None:
     """Copies what a step began with, and found."""
     last_begun.forces[:], last_begun.swung[:] = begun.forces, begun.swung
-    last.pairs.axes[:], last.pairs.free[:], last.pairs.relative[:] = (
-        tried.pairs.axes,
-        tried.pairs.free,
-        tried.pairs.relative,
+    pairs, kept = tried.pairs, last.pairs
+    kept.axes[:], kept.free[:], kept.relative[:], kept.target[:] = pairs.axes, pairs.free, pairs.relative, pairs.target
+    kept.level[:], kept.chosen[:], kept.helped[:], kept.forces[:] = (
+        pairs.level,
+        pairs.chosen,
+        pairs.helped,
+        pairs.forces,
     )
-    last.pairs.target[:], last.pairs.level[:] = tried.pairs.target, tried.pairs.level
-    last.pairs.chosen[:], last.pairs.helped[:] = tried.pairs.chosen, tried.pairs.helped
-    last.pairs.forces[:] = tried.pairs.forces
     last.gaps[:], last.motion[:], last.forces[:] = tried.gaps, tried.motion, tried.forces

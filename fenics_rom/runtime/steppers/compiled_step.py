@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, pairs_from
+from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, pairs_from
 from fenics_rom.mechanics.compiled_contact import CompiledContact, Told
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_search import ContactSearch
-from fenics_rom.runtime.compiled.linear_step import Begun, Body, Found, State, Step, Taken, take_step, take_steps
+from fenics_rom.runtime.compiled.linear_step import Begun, Body, State, Step, StepContact, Taken, take_step, take_steps
 
 
 class StepsTaken(NamedTuple):
@@ -73,20 +73,20 @@ class CompiledStep:
         """Velocities (P, 3) of the contact points beyond the basis in the last step, m/s."""
         return self._beyond.reshape(-1, 3)
 
-    def _found(self, begun: ContactSearch) -> Found:
+    def _found(self, begun: ContactSearch) -> StepContact:
         """For what a step finds that begins so."""
         P = len(self._solver.points)
-        return Found(pairs_from(begun.forces), np.empty(len(begun.forces)), np.zeros((4, 3 * P)), np.empty(3 * P))
+        return StepContact(pairs_from(begun.forces), np.empty(len(begun.forces)), np.zeros((4, 3 * P)), np.empty(3 * P))
 
     def _keep(
-        self, step: Step, found: Found, begun: ContactSearch, obstacles: ObstacleMotion
+        self, step: Step, found: StepContact, begun: ContactSearch, obstacles: ObstacleMotion
     ) -> ContactSolution | None:
         """Contact of a step that was taken; the next search begins with it."""
         pairs, gaps, motion, forces = found
         self._beyond = motion[3]
-        law, touches = self._law, step.status == FOUND
+        law = self._law
         power = step.normal_power if law.friction > 0 else None
-        told = Told(law, pairs, gaps, forces.reshape(-1, 3), step.sweeps, power, touches, step.any_helped, begun.swung)
+        told = Told(law, pairs, gaps, forces.reshape(-1, 3), step.sweeps, power, begun.swung)
 
         def points() -> PointMotion:
             return PointMotion(*motion[:3].reshape(3, -1, 3))
