@@ -207,7 +207,7 @@ class FullOrderStepper(FullOrderBody):
         obstacles: ObstacleMotion | None,
         v: Array,
     ) -> None:
-        """Books a step between equilibria, before it is taken, as QuasiStatic of runtime/steppers does."""
+        """Books a step between equilibria, before it is taken, as Equilibrium of runtime/steppers does."""
         h, held = self.dt, self._elastic
         if self._points is not None and obstacles is not None:
             held = held - self._points.force_before(self.contact)
