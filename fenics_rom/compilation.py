@@ -1,18 +1,26 @@
 """What numba compiles, where it is installed: functions of arrays, in the folders named `compiled`."""
 
 import os
+import sys
 import warnings
 from collections.abc import Callable
 from functools import cache
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TypeVar
+from tempfile import TemporaryFile
+from threading import Timer
+from time import monotonic
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning
 
 VARIABLE = "FENICS_ROM_COMPILED"  # 0: NumPy alone, whatever is installed
 OLDEST = (0, 57)  # of numba: the first one for Python 3.11
+PATIENCE = 1.0  # s that compiling takes in all before a line says so
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
@@ -36,16 +44,28 @@ def compiled() -> bool:
     version = tuple(int(part) for part in numba.__version__.split(".")[:2])
     if version < OLDEST:
         return _tell(f"numba {numba.__version__} is older than {'.'.join(map(str, OLDEST))}")
+    try:
+        _compile(_product)(np.eye(1), np.ones(1))
+    except Exception as error:  # as above; without SciPy, whose BLAS it calls, it is numba's own
+        return _tell(f"numba {numba.__version__} does not compile ({type(error).__name__}: {_first_line(error)})")
     return True
 
 
+def _product(A: Array, x: Array) -> Array:
+    return A.dot(x)
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).strip().splitlines()), "")
+
+
 def _tell(problem: str) -> bool:
-    warnings.warn(
-        f"{problem}: steps run in NumPy, with the same results, but slower; set {VARIABLE}=0 to silence this",
-        FenicsRomWarning,
-        stacklevel=4,
-    )
+    _warn(f"{problem}: steps run in NumPy, with the same results, but slower; set {VARIABLE}=0 to silence this")
     return False
+
+
+def _warn(message: str) -> None:
+    warnings.warn(message, FenicsRomWarning, stacklevel=5)
 
 
 def jit(function: _Function) -> _Function:
@@ -53,20 +73,22 @@ def jit(function: _Function) -> _Function:
 
     Other threads may run while it does.
     """
-    if not compiled():
-        return function
+    return _compile(function) if compiled() else function
+
+
+def _compile(function: _Function) -> _Function:
     from numba import config, njit
 
-    before, config.CACHE_DIR = config.CACHE_DIR, _cache_folder()
+    before, config.CACHE_DIR = config.CACHE_DIR, str(cache_folder())
     try:
-        made: _Function = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function)
+        made: _Function = njit(cache=_keeps(), nogil=True, error_model="numpy", fastmath={"contract"})(function)
     finally:
         config.CACHE_DIR = before
     return made
 
 
 @cache
-def _cache_folder() -> str:
+def cache_folder() -> Path:
     """Where compiled functions are kept: one folder for each state of all their sources.
 
     numba looks at the file of a function alone, and not at those that it calls.
@@ -74,4 +96,48 @@ def _cache_folder() -> str:
     sources = sorted(Path(__file__).parent.rglob("compiled/*.py"))
     state = sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
     home = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return str(Path(home) / "fenics_rom" / state)
+    return Path(home) / "fenics_rom" / state
+
+
+@cache
+def _keeps() -> bool:
+    """Whether what is compiled can be kept. Tells it where it cannot; and from here on, that compiling takes time."""
+    folder = cache_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            kept = True
+    except OSError as error:
+        kept = False
+        _warn(f"what numba compiles cannot be kept ({error}): every start compiles again; set NUMBA_CACHE_DIR")
+    _watch_compiling("once on this machine, `fenics-rom compile` does so beforehand" if kept else "at every start")
+    return kept
+
+
+def _watch_compiling(when: str) -> None:
+    """Has a line written when compiling has taken long."""
+    from numba.core import event
+
+    def say() -> None:
+        print(f"fenics_rom: compiles what steps need (10 to 20 s, {when})", file=sys.stderr, flush=True)
+
+    class Watch(event.Listener):
+        """Of compiling, which numba does in one thread at a time; functions that others call are compiled within."""
+
+        depth, spent, begun = 0, 0.0, 0.0
+        timer: Timer | None = None
+
+        def on_start(self, event: Any) -> None:
+            self.depth += 1
+            if self.depth == 1 and self.spent < PATIENCE:
+                self.begun, self.timer = monotonic(), Timer(PATIENCE - self.spent, say)
+                self.timer.daemon = True
+                self.timer.start()
+
+        def on_end(self, event: Any) -> None:
+            self.depth -= 1
+            if self.depth == 0 and self.timer is not None:
+                self.timer.cancel()
+                self.timer, self.spent = None, self.spent + monotonic() - self.begun
+
+    event.register("numba:compile", Watch())
