@@ -1,11 +1,14 @@
 """Whether steps run compiled: what numba is there, and what the user is told."""
 
+import os
 import subprocess
 import sys
 import types
 
 import pytest
+from landing_box import landing_mesh, landing_roms
 
+import fenics_rom as fr
 from fenics_rom import compilation
 from fenics_rom.compilation import VARIABLE, compiled
 from fenics_rom.errors import FenicsRomWarning
@@ -36,6 +39,19 @@ def test_a_numba_that_cannot_be_imported_is_told(asked_anew, tmp_path):
         assert not compiled()
 
 
+def test_a_numba_that_does_not_compile_is_told(asked_anew):
+    pytest.importorskip("numba")
+
+    def fails(function):
+        raise ImportError("SciPy 1.0+ is required\nby numba")
+
+    asked_anew.setattr(compilation, "_compile", fails)
+    with pytest.warns(
+        FenicsRomWarning, match=r"does not compile \(ImportError: SciPy 1.0\+ is required\): steps run in"
+    ):
+        assert not compiled()
+
+
 def test_functions_are_as_they_are_where_nothing_compiles(asked_anew):
     asked_anew.setenv(VARIABLE, "0")
 
@@ -49,3 +65,61 @@ def test_functions_are_as_they_are_where_nothing_compiles(asked_anew):
 def test_without_contact_numba_is_not_imported():
     code = "import sys, fenics_rom as fr; fr.Simulator, fr.Batch; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+SOLVE = """
+import numpy as np
+from fenics_rom.compilation import jit
+
+def solved(A):
+    return np.linalg.solve(A, A).sum() + np.linalg.eigh(A)[0].sum()
+
+print(jit(solved)(np.eye(2)))
+"""
+
+
+def run(*arguments, cache):
+    environment = os.environ | {VARIABLE: "1", "NUMBA_CACHE_DIR": str(cache)}
+    done = subprocess.run([sys.executable, *map(str, arguments)], capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def test_long_compiling_is_told_once_and_its_result_kept(tmp_path):
+    pytest.importorskip("numba")
+    (tmp_path / "solve.py").write_text(SOLVE)
+    first, again = (run(tmp_path / "solve.py", cache=tmp_path / "cache") for _ in range(2))
+    assert first.stdout == again.stdout == "4.0\n"
+    assert first.stderr.count("fenics_rom: compiles what steps need (10 to 20 s, once on this machine") == 1
+    assert again.stderr == ""
+
+
+def test_a_folder_that_keeps_nothing_is_told(tmp_path):
+    pytest.importorskip("numba")
+    (tmp_path / "cache").write_text("a file")
+    (tmp_path / "solve.py").write_text(SOLVE)
+    done = run(tmp_path / "solve.py", cache=tmp_path / "cache")
+    assert done.stdout == "4.0\n"
+    assert "what numba compiles cannot be kept" in done.stderr
+    assert "every start compiles again" in done.stderr
+
+
+@pytest.mark.slow
+def test_compile_leaves_nothing_to_compile_at_the_first_run(tmp_path):
+    pytest.importorskip("numba")
+    rom = landing_roms(landing_mesh(tmp_path))["floor"]
+    fr.write_rom(tmp_path / "box.h5", rom)
+    first = run("-m", "fenics_rom", "compile", tmp_path / "box.h5", cache=tmp_path / "cache")
+    assert "box.h5: " in first.stdout
+    assert first.stderr.count("compiles what steps need") == 1
+    code = f"""
+import numpy as np, fenics_rom as fr
+from numba.core import event
+with event.install_recorder("numba:compile") as compiling:
+    body = fr.Simulator({str(tmp_path / "box.h5")!r}, 1e-3)
+    body.step(np.zeros(body.inputs))
+    body.rollout(np.zeros((3, body.inputs)))
+    fr.Batch(body.rom, 2, 1e-3).step(np.zeros((2, body.inputs)))
+print(len(compiling.buffer))
+"""
+    assert run("-c", code, cache=tmp_path / "cache").stdout == "0\n"

@@ -12,7 +12,20 @@ from collections.abc import Collection
 from typing import Any, NoReturn
 
 import fenics_rom as fr
-from fenics_rom.cli import compare, export, identify, info, mesh, petsc_options, plot, reduce, simulate, study, view
+from fenics_rom.cli import (
+    compare,
+    compile,
+    export,
+    identify,
+    info,
+    mesh,
+    petsc_options,
+    plot,
+    reduce,
+    simulate,
+    study,
+    view,
+)
 from fenics_rom.cli.display import rich_package
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, unknown
 from fenics_rom.io.mpi_ranks import is_root_process, launched_rank
@@ -20,7 +33,19 @@ from fenics_rom.system.backends import belongs_to
 
 COMMANDS = {
     module.__name__.rpartition(".")[2]: module
-    for module in (mesh, reduce, simulate, study, identify, info, view, compare, plot, export)  # as in the help
+    for module in (
+        mesh,
+        reduce,
+        simulate,
+        study,
+        identify,
+        info,
+        view,
+        compare,
+        plot,
+        export,
+        compile,
+    )  # as in the help
 }
 PATIENCE_OF_RANKS = 5.0  # s that other ranks give rank 0 to say why the run ends
 

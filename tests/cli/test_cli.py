@@ -65,6 +65,7 @@ COMMANDS = {
         "--outputs",
         "--output",
     ],
+    "compile": [],
 }
 
 
