@@ -2,7 +2,7 @@
 
 from fenics_rom import errors as errors
 from fenics_rom.compilation import compiled as compiled
-from fenics_rom.compile_steps import compile_steps as compile_steps
+from fenics_rom.first_steps import compile_steps as compile_steps
 from fenics_rom.errors import CompareError as CompareError
 from fenics_rom.errors import DataError as DataError
 from fenics_rom.errors import FenicsRomError as FenicsRomError

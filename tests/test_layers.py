@@ -58,7 +58,7 @@ MAY_IMPORT = {
     "world": (DATA_OF_A_RUN | {"runtime"}, {"numpy", "h5py"}),
     "world_run": (DATA_OF_A_RUN | OFFLINE | {"world", "lazy_import"}, {"numpy"}),
     "run": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import", "world_run"}, set()),
-    "compile_steps": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import", "world_run"}, {"numpy"}),
+    "first_steps": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import", "world_run"}, {"numpy"}),
     "deployment": (GROUND | {"rom"}, {"numpy", "scipy"}),
     "visualization": (BELOW_APPLICATIONS | {"deployment"}, DRAWING),
     "studies": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "matplotlib", "pydantic"}),

@@ -32,7 +32,7 @@ def compile_steps(model: "Rom | WorldScene | str | PathLike[str]") -> None:
         StepError: a step could not be taken.
 
     Example:
-        >>> fr.compile_steps("plate.h5")
+        >>> fr.compile_steps("plate.h5")  # doctest: +SKIP
     """
     if not compiled():
         raise MissingPackageError(
