@@ -2,7 +2,6 @@
 
 from fenics_rom import errors as errors
 from fenics_rom.compilation import compiled as compiled
-from fenics_rom.first_steps import compile_steps as compile_steps
 from fenics_rom.errors import CompareError as CompareError
 from fenics_rom.errors import DataError as DataError
 from fenics_rom.errors import FenicsRomError as FenicsRomError
@@ -19,6 +18,7 @@ from fenics_rom.errors import TrajectoryFileError as TrajectoryFileError
 from fenics_rom.fem.assemble import assemble as assemble
 from fenics_rom.fem.forms import assemble_forms as assemble_forms
 from fenics_rom.fem.matrix_market import read_system as read_system
+from fenics_rom.first_steps import compile_steps as compile_steps
 from fenics_rom.identification.identify import identify as identify
 from fenics_rom.identification.marker_data import read_markers as read_markers
 from fenics_rom.identification.result import Identification as Identification
