@@ -37,6 +37,8 @@ def compiled() -> bool:
     """
     if os.environ.get(VARIABLE) == "0" or find_spec("numba") is None:
         return False
+    if find_spec("scipy") is None:  # and where products are kept compiled, they would end the program
+        return _tell("numba multiplies matrices by SciPy, which is not installed")
     try:
         import numba
     except Exception as error:  # whatever a broken installation raises, as with another NumPy than it was built for
@@ -46,7 +48,7 @@ def compiled() -> bool:
         return _tell(f"numba {numba.__version__} is older than {'.'.join(map(str, OLDEST))}")
     try:
         _compile(_product)(np.eye(1), np.ones(1))
-    except Exception as error:  # as above; without SciPy, whose BLAS it calls, it is numba's own
+    except Exception as error:  # as above
         return _tell(f"numba {numba.__version__} does not compile ({type(error).__name__}: {_first_line(error)})")
     return True
 

@@ -39,6 +39,14 @@ def test_a_numba_that_cannot_be_imported_is_told(asked_anew, tmp_path):
         assert not compiled()
 
 
+def test_a_numba_without_scipy_is_told(asked_anew):
+    asked_anew.setattr(compilation, "find_spec", lambda name: None if name == "scipy" else name)
+    with pytest.warns(
+        FenicsRomWarning, match="numba multiplies matrices by SciPy, which is not installed: steps run in"
+    ):
+        assert not compiled()
+
+
 def test_a_numba_that_does_not_compile_is_told(asked_anew):
     pytest.importorskip("numba")
 
