@@ -3,7 +3,8 @@
 import os
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from hashlib import sha256
 from importlib.util import find_spec
@@ -24,7 +25,6 @@ PATIENCE = 1.0  # s that compiling takes in all before a line says so
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
-@cache
 def compiled() -> bool:
     """Whether steps run compiled; if not, NumPy takes the same ones.
 
@@ -35,6 +35,26 @@ def compiled() -> bool:
         >>> print("compiled" if fr.compiled() else "NumPy")  # doctest: +SKIP
         compiled
     """
+    return not _alone and can_compile()
+
+
+@contextmanager
+def numpy_alone() -> Iterator[None]:
+    """What is made within takes its steps in NumPy, to be compared; in this thread and others."""
+    global _alone
+    before, _alone = _alone, True
+    try:
+        yield
+    finally:
+        _alone = before
+
+
+_alone = False
+
+
+@cache
+def can_compile() -> bool:
+    """Whether numba is there, works, and is not turned off; tells what is wrong with it."""
     if os.environ.get(VARIABLE) == "0" or find_spec("numba") is None:
         return False
     if find_spec("scipy") is None:  # and where products are kept compiled, they would end the program
@@ -75,7 +95,7 @@ def jit(function: _Function) -> _Function:
 
     Other threads may run while it does.
     """
-    return _compile(function) if compiled() else function
+    return _compile(function) if can_compile() else function
 
 
 def _compile(function: _Function) -> _Function:

@@ -7,7 +7,7 @@ import stand_ins
 from bodies import PLATE, scene_text, write_box
 
 import fenics_rom as fr
-from fenics_rom.mechanics import make_contact_solver
+from fenics_rom import compilation
 from fenics_rom.scene.file import parse_scene
 
 pytest.MonkeyPatch.setattr = stand_ins.watch(pytest.MonkeyPatch.setattr)
@@ -38,9 +38,10 @@ def _gmsh_in_this_process():
 
 
 @pytest.fixture
-def numpy_alone(monkeypatch):
+def numpy_alone():
     """Nothing runs compiled, whatever is installed: of what is done for NumPy's sake."""
-    monkeypatch.setattr(make_contact_solver, "compiled", lambda: False)
+    with compilation.numpy_alone():
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ from landing_box import landing_mesh, landing_roms
 
 import fenics_rom as fr
 from fenics_rom import compilation
-from fenics_rom.compilation import VARIABLE, compiled
+from fenics_rom.compilation import VARIABLE, can_compile, compiled, numpy_alone
 from fenics_rom.errors import FenicsRomWarning
 
 
@@ -18,9 +18,9 @@ from fenics_rom.errors import FenicsRomWarning
 def asked_anew(monkeypatch):
     """The question is answered anew, for this test alone."""
     monkeypatch.delenv(VARIABLE, raising=False)
-    compiled.cache_clear()
+    can_compile.cache_clear()
     yield monkeypatch
-    compiled.cache_clear()
+    can_compile.cache_clear()
 
 
 def test_a_numba_too_old_is_told_once(asked_anew):
@@ -68,6 +68,15 @@ def test_functions_are_as_they_are_where_nothing_compiles(asked_anew):
 
     assert compilation.jit(double) is double
     assert not compiled()
+
+
+def test_numpy_alone_lasts_as_long_as_its_block(asked_anew):
+    asked_anew.setattr(compilation, "can_compile", lambda: True)
+    with numpy_alone():
+        with numpy_alone():
+            assert not compiled()
+        assert not compiled()
+    assert compiled()
 
 
 def test_without_contact_numba_is_not_imported():

@@ -5,6 +5,7 @@
 
 import statistics
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,8 @@ from pads import BRICKS, CASES, MORE_BRICKS, ORDER, STEP, Case, mesh, scene, set
 from step_rates import RANDOM, random_pushes
 
 import fenics_rom as fr
+from fenics_rom.compilation import numpy_alone
 from fenics_rom.io.markdown import markdown
-from fenics_rom.mechanics import make_contact_solver
 
 OUT = Path(__file__).parent / "out"
 SETTLE, STEPS, ROUNDS = 300, 200, 5
@@ -23,15 +24,14 @@ SHOWN = [name for name in CASES if name not in ("loads alone", "neither")]
 def bodies_of(case: Case, file: Path, pushed: bool) -> dict[str, fr.Simulator]:
     """The settled pad in NumPy and compiled."""
     acting = scene(case, file, SETTLE * STEP)
-    rom, bodies, asked = fr.reduce(fr.assemble(acting), order=ORDER), {}, make_contact_solver.compiled
-    for name in ("NumPy", "compiled"):
-        make_contact_solver.compiled = asked if name == "compiled" else lambda: False
-        bodies[name] = settled(rom, acting, SETTLE)
+    rom, bodies = fr.reduce(fr.assemble(acting), order=ORDER), {}
+    for name, made in (("NumPy", numpy_alone()), ("compiled", nullcontext())):
+        with made:
+            bodies[name] = settled(rom, acting, SETTLE)
         if pushed:
             assert bodies[name].environment is not None
             for load, signal in random_pushes().items():
                 bodies[name].environment.set_signal(load, signal)
-    make_contact_solver.compiled = asked
     return bodies
 
 

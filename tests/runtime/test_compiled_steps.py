@@ -8,8 +8,7 @@ from bodies import acted_on
 from landing_box import BALL, BODY, CASES, DT, PARTS, ROUGH, history, landing_mesh, landing_roms, stepped
 
 import fenics_rom as fr
-from fenics_rom.compilation import compiled
-from fenics_rom.mechanics import make_contact_solver
+from fenics_rom.compilation import compiled, numpy_alone
 from fenics_rom.mechanics.compiled_contact import CompiledContact
 
 pytestmark = [
@@ -28,12 +27,11 @@ def roms(mesh):
     return landing_roms(mesh)
 
 
-def both(rom, monkeypatch, **given):
+def both(rom, **given):
     """A compiled body, and one of NumPy."""
     body = fr.Simulator(rom, DT, **given)
     assert isinstance(body.integrator.interface.solver, CompiledContact)
-    with monkeypatch.context() as patch:
-        patch.setattr(make_contact_solver, "compiled", lambda: False)
+    with numpy_alone():
         return body, fr.Simulator(rom, DT, **given)
 
 
@@ -46,9 +44,9 @@ def assert_account_closes(body):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_motion_and_account_are_those_of_numpy(roms, case, monkeypatch):
+def test_motion_and_account_are_those_of_numpy(roms, case):
     """The box lands, is pushed until it slides, stops, is lifted off and lands again."""
-    bodies, seen = both(roms[case], monkeypatch), []
+    bodies, seen = both(roms[case]), []
     for u in history(1, roughness=0.02):
         for body in bodies:
             body.step(u)
@@ -92,9 +90,9 @@ def test_a_restored_state_goes_on_to_the_bit(roms, case):
     assert body.ledger.sums == other.ledger.sums
 
 
-def test_an_obstacle_that_moves_does_the_work_that_numpy_says(roms, monkeypatch):
+def test_an_obstacle_that_moves_does_the_work_that_numpy_says(roms):
     lifts = {"floor": lambda t: [2e-3 * np.sin(40 * t), 0.0, 1e-3 * np.sin(60 * t)]}
-    bodies = both(roms["floor"], monkeypatch, signals=lifts)
+    bodies = both(roms["floor"], signals=lifts)
     for u in history(4):
         for body in bodies:
             body.step(u)
@@ -105,12 +103,12 @@ def test_an_obstacle_that_moves_does_the_work_that_numpy_says(roms, monkeypatch)
     assert_account_closes(one)
 
 
-def test_many_points_of_which_few_touch(mesh, monkeypatch):
+def test_many_points_of_which_few_touch(mesh):
     """The operator of the points that touch alone, and what they do to all others."""
     ball = BALL.replace("0.15, 0.1, -5.0001", "0.1, 0.1, -0.0801").replace("radius = 5.0", "radius = 0.08")
     scene = acted_on(mesh, BODY + "[effects.contact]\n" + ball + ROUGH, **PARTS)
     rom = fr.reduce(fr.assemble(scene), order=10)
-    bodies, most = both(rom, monkeypatch), 0
+    bodies, most = both(rom), 0
     for u in history(5)[:60]:
         for body in bodies:
             body.step(u)
