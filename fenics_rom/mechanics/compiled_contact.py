@@ -17,6 +17,8 @@ from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Obstacle
 
+_UNKNOWN = np.empty((0, 0))  # inverse of an operator
+
 
 class Told(NamedTuple):
     """What compiled loops found in a step."""
@@ -167,7 +169,7 @@ class CompiledContact(ContactSolver):
         measure(self.shapes, obstacles.start, self.points + points.displacement, gaps, pairs.axes[:, 0])
         free, velocity = map(np.ascontiguousarray, (points.free_velocity, points.velocity))
         ask(law, gaps, free, velocity, w, obstacles.velocities_before, begun.forces, pairs)
-        found = find_forces(law, np.ascontiguousarray(delassus), P, self.swung(begun), pairs)
+        found = find_forces(law, np.ascontiguousarray(delassus), _UNKNOWN, P, self.swung(begun), pairs)
         if found.status == OTHERWISE:
             return None
         forces = pairs.forces if len(self.shapes) == 1 else pairs.forces.reshape(-1, P, 3).sum(axis=0)

@@ -9,7 +9,9 @@ from fenics_rom.compilation import compiled
 from fenics_rom.mechanics import braking, contact_pairs, contact_solver, obstacles
 from fenics_rom.mechanics.braking import SWINGS
 from fenics_rom.mechanics.compiled import contact_law, coulomb, shapes
+from fenics_rom.mechanics.compiled.newton import find_by_newton
 from fenics_rom.mechanics.compiled.shapes import measure, shape_rows
+from fenics_rom.mechanics.compiled.sweeps import find_by_sweeps
 from fenics_rom.mechanics.complementarity import solution
 from fenics_rom.mechanics.contact import ContactLaw, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_search import ContactSearch
@@ -126,6 +128,40 @@ def test_forces_are_those_of_numpy(law, quasi_static, seed):
         assert one.normal_power == pytest.approx(other.normal_power, abs=1e-8 * stopped**2 * stiff)
         swung = [np.zeros(N) if each.search.swung is None else each.search.swung for each in (solver, reference)]
         np.testing.assert_array_equal(*swung)
+
+
+@given(seeds)
+@settings(deadline=None, max_examples=100)
+def test_newton_and_sweeps_find_the_same_forces(seed):
+    """Of points that partly stick, slip and lift off, with some that take no part."""
+    random = np.random.default_rng(seed)
+    P, μ = int(random.integers(1, 15)), random.uniform(0.1, 1.0)
+    A, points = random.normal(size=(3 * P, 3 * P)), np.flatnonzero(random.random(P) < 0.8)
+    W = 1e-3 * (A @ A.T / (3 * P) + 0.3 * np.eye(3 * P))
+    C = len(points)
+    if not C:
+        return
+    normals = random.normal(size=(C, 3))
+    axes = np.empty((C, 3, 3))
+    for frame, normal in zip(axes, normals, strict=True):
+        frame[0] = normal / np.linalg.norm(normal)
+        coulomb.frame_along(frame)
+    q = random.normal(size=(C, 3)) - [1.0, 0, 0]
+    given, found, speed = (W, points, axes, q, μ, 0.0), [], np.abs(q).max()
+    yielding = np.array([coulomb.yielding_of(W, p, 0.0) for p in points])
+    for is_newton in (True, False):
+        f, u, moved = random.uniform(0, 1, (C, 3)), np.empty((C, 3)), np.empty(3 * P)
+        error = coulomb.look_at(*given, yielding, f, u, moved)
+        if is_newton:
+            solves, is_found = find_by_newton(np.linalg.inv(W), *given[1:-1], yielding, f, u, error)
+            if not is_found:
+                return
+            assert solves <= 12
+        else:
+            find_by_sweeps(*given, f, moved)
+        assert coulomb.look_at(*given, yielding, f, u, moved) <= 1e-11 * speed
+        found.append(f)
+    np.testing.assert_allclose(*found, atol=1e-9 * speed / np.linalg.eigvalsh(W)[0], rtol=0)
 
 
 def test_what_loops_do_not_find_numpy_does(monkeypatch):

@@ -11,11 +11,14 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit
-from fenics_rom.mechanics.compiled.coulomb import add_motion, find_by_sweeps, frame_along
+from fenics_rom.mechanics.compiled.coulomb import ACCURATE, add_motion, frame_along, look_at, yielding_of
+from fenics_rom.mechanics.compiled.newton import find_by_newton
+from fenics_rom.mechanics.compiled.sweeps import find_by_sweeps
 
 NOTHING, FOUND, OTHERWISE = 0, 1, 2  # what came of it: nothing touches; forces; that it is to be found otherwise
 STAGNATION = 1e-9 / 100  # of the velocities that forces stop: see `complementarity.solution`
 WORK_ROUND_OFF, BACK = 1e-12, 1 + 1e-9  # see `mechanics.braking` and `mechanics.contact_pairs`
+NEAR = 1e-3  # of the velocities that forces stop: forces as far from the law take fewer sweeps than solves
 MOST_ROUNDS = 60  # of forces for a set of pairs, and what it asks of them
 
 
@@ -113,18 +116,20 @@ def ask(
 
 
 @jit
-def find_forces(law: Law, W: Array, P: int, swung: Array, pairs: Pairs) -> Found:
+def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs: Pairs) -> Found:
     """Contact forces of a step of which `ask` has said what the law asks.
 
     Args:
         law: the law.
         W: the Delassus operator (3P, 3P), m/s/N.
+        inverse: of it; (0, 0) where it is not known.
         P: number of points.
         swung: (N,) in how many steps in a row friction did not stop a pair.
         pairs: what takes part, what is asked and forces are set; unless the status is OTHERWISE these are what came.
     """
     N, sweeps, any_helped = len(pairs.level), 0, False
     slides = law.friction > 0 and not law.is_at_rest
+    has_newton = len(inverse) > 0 and slides and law.compliance == 0
     for _ in range(MOST_ROUNDS):
         active = pairs.chosen.nonzero()[0]
         C = len(active)
@@ -137,11 +142,12 @@ def find_forces(law: Law, W: Array, P: int, swung: Array, pairs: Pairs) -> Found
         among, part = np.arange(P), W
         if 2 * len(few) <= P:
             among[few], part = np.arange(len(few)), part_of(W, few)
-        points, axes = np.empty(C, dtype=np.int64), np.empty((C, 3, 3))
+        points, axes, yielding = np.empty(C, dtype=np.int64), np.empty((C, 3, 3)), np.empty(C)
         q, f, u, speed = np.empty((C, 3)), np.empty((C, 3)), np.empty((C, 3)), 0.0
         for i in range(C):
             c = active[i]
             points[i], axes[i] = among[c % P], pairs.axes[c]
+            yielding[i] = yielding_of(part, points[i], law.compliance)
             for k in range(3):
                 q[i, k] = pairs.free[c, k] - pairs.target[c, k]
                 f[i, k] = 0.0
@@ -149,8 +155,16 @@ def find_forces(law: Law, W: Array, P: int, swung: Array, pairs: Pairs) -> Found
                     f[i, k] += axes[i, k, j] * pairs.forces[c, j]
                 speed = max(speed, abs(q[i, k]))
         moved = np.empty(len(part))
-        count, error = find_by_sweeps(part, points, axes, q, law.friction, law.compliance, f, u, moved)
-        sweeps += count
+        given = part, points, axes, q, law.friction, law.compliance
+        error = look_at(*given, yielding, f, u, moved)
+        if not error <= ACCURATE * speed:
+            is_found = False
+            if has_newton and len(part) == len(W) and len(few) == C and error > NEAR * speed:
+                count, is_found = find_by_newton(inverse, points, axes, q, law.friction, yielding, f, u, error)
+                sweeps += count
+            if not is_found:
+                sweeps += find_by_sweeps(*given, f, moved)
+            error = look_at(*given, yielding, f, u, moved)
         if not error <= STAGNATION * speed:
             return Found(OTHERWISE, sweeps, 0.0)
         pairs.forces[:] = 0.0

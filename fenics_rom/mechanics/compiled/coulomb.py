@@ -1,21 +1,17 @@
-"""Forces of many pairs under Coulomb's law, by sweeps of block Gauss-Seidel along the axes of space.
+"""Coulomb's law of many pairs, as the methods that find forces ask it, along the axes of space.
 
 Pair c of a point and an obstacle has the frame [n, t1, t2], the force f = λ n + f_t, and u = q + [n, t1, t2]ᵀ (W f), as
-in `mechanics.complementarity`. One pair after the other, normal before tangent (Jean, CMAME 177, 1999), until no force
-changes: what all points do is kept along, so that a pair costs three rows of W. After every sweep the forces go as much
-further as the last two tell (Anderson 1965), which takes a third of the sweeps.
+in `mechanics.complementarity`. What W f of all points is, is kept along.
 """
 
 import math
 
-import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit
 
-SOLVED, ROUND_OFF = 1e-12, 2e-15  # of the velocities that forces stop: what a sweep may change at its end
-MOST_SWEEPS, MOST_FURTHER = 200, 12  # where they suffice they are rarely more than 60; of them from SOLVED on
-FARTHEST = 4.0  # of the last change, by which forces go further
+# Of the velocities that forces stop: how far they may be from the law where they are looked for further, and at all.
+ACCURATE, SOLVED = 1e-14, 1e-12
 REGULAR_SHARE = 0.4  # see `complementarity.solution`
 
 
@@ -40,119 +36,7 @@ def add_motion(W: Array, p: int, fx: float, fy: float, fz: float, moved: Array) 
 
 
 @jit
-def _local_compliance(W: Array, p: int, axes: Array, local: Array) -> None:
-    """Sets local (3, 3) to a point's own block of W in a frame."""
-    for a in range(3):
-        for b in range(3):
-            total = 0.0
-            for j in range(3):
-                for k in range(3):
-                    total += axes[a, j] * W[3 * p + j, 3 * p + k] * axes[b, k]
-            local[a, b] = total
-
-
-@jit
-def find_by_sweeps(
-    W: Array, points: Array, axes: Array, q: Array, friction: float, compliance: float, f: Array, u: Array, moved: Array
-) -> tuple[int, float]:
-    """Forces of C pairs: how many sweeps they took, and how far they are from the law, m/s.
-
-    Args:
-        W: (3P, 3P), symmetric, m/s/N.
-        points: (C,) that of each pair.
-        axes: (C, 3, 3) frames, rows n, t1 and t2.
-        q: (C, 3) free velocities less targets, in these.
-        friction: μ.
-        compliance: of each pair along its normal, m/s/N.
-        f: (C, 3) in the frames, to begin with; set to what is found, in the cones.
-        u: (C, 3) set to W f + q.
-        moved: (3P,) set to W f of all points, along the axes of space.
-    """
-    C, speed, further = len(points), np.abs(q).max(), 0
-    own, soft = np.empty((C, 3, 3)), np.empty((C, 2))
-    moved[:] = 0.0
-    for c in range(C):
-        _local_compliance(W, points[c], axes[c], own[c])
-        own[c, 0, 0] += compliance
-        half, skew = (own[c, 1, 1] - own[c, 2, 2]) / 2, own[c, 1, 2]
-        least = 1e-12 * (own[c, 0, 0] + own[c, 1, 1] + own[c, 2, 2])
-        soft[c, 0] = max(own[c, 0, 0], least)
-        soft[c, 1] = max((own[c, 1, 1] + own[c, 2, 2]) / 2 + math.sqrt(half * half + skew * skew), least)
-        _push(W, points[c], axes[c], f[c, 0], f[c, 1], f[c, 2], moved)
-    stiff, n = 1 / soft, 3 * C
-    forces, begun, last, changed = f.ravel(), np.empty(n), np.zeros(n), np.zeros(n)  # the first one is f itself
-    moved_last = np.zeros(len(moved))
-    for count in range(1, MOST_SWEEPS + 1):
-        begun[:] = forces
-        missed = _sweep(W, points, axes, q, friction, compliance, own, soft, stiff, f, moved)
-        further += missed <= SOLVED * speed
-        if missed <= ROUND_OFF * speed or further > MOST_FURTHER:
-            break
-        along = square = 0.0
-        for k in range(n):
-            now = forces[k] - begun[k]
-            bent = now - changed[k]
-            along, square, changed[k] = along + now * bent, square + bent * bent, now
-        share = max(-FARTHEST, min(0.5, along / square)) if count > 1 and square > 0 else 0.0
-        _go_further(forces, last, share)
-        _go_further(moved, moved_last, share)
-    for c in range(C):
-        frame, at = axes[c], 3 * points[c]
-        for k in range(3):
-            u[c, k] = q[c, k] + frame[k, 0] * moved[at] + frame[k, 1] * moved[at + 1] + frame[k, 2] * moved[at + 2]
-        u[c, 0] += compliance * f[c, 0]
-    return count, _distance_from_law(friction, own, f, u)
-
-
-@jit
-def _sweep(
-    W: Array,
-    points: Array,
-    axes: Array,
-    q: Array,
-    friction: float,
-    compliance: float,
-    own: Array,
-    soft: Array,
-    stiff: Array,
-    f: Array,
-    moved: Array,
-) -> float:
-    """One sweep: the largest change of what a pair does by itself, m/s.
-
-    `own` (C, 3, 3), and `soft` (C, 2) along the normal and across: compliances of each pair; `stiff` is one by `soft`.
-    """
-    missed = 0.0
-    for c in range(len(points)):
-        at, λ, first, second = 3 * points[c], f[c, 0], f[c, 1], f[c, 2]
-        vx, vy, vz = moved[at], moved[at + 1], moved[at + 2]
-        n, a, b = axes[c, 0], axes[c, 1], axes[c, 2]
-        d = max(0.0, λ - (q[c, 0] + n[0] * vx + n[1] * vy + n[2] * vz + compliance * λ) * stiff[c, 0]) - λ
-        ua = q[c, 1] + a[0] * vx + a[1] * vy + a[2] * vz + own[c, 1, 0] * d
-        ub = q[c, 2] + b[0] * vx + b[1] * vy + b[2] * vz + own[c, 2, 0] * d
-        ta, tb, cone = first - ua * stiff[c, 1], second - ub * stiff[c, 1], friction * (λ + d)
-        square = ta * ta + tb * tb
-        if square > cone * cone:
-            share = cone / math.sqrt(square)
-            ta, tb = ta * share, tb * share
-        da, db = ta - first, tb - second
-        if d != 0.0 or da != 0.0 or db != 0.0:
-            _push(W, points[c], axes[c], d, da, db, moved)
-            f[c, 0], f[c, 1], f[c, 2] = max(0.0, λ + d), ta, tb
-            missed = max(missed, abs(d) * soft[c, 0], (abs(da) + abs(db)) * soft[c, 1])
-    return missed
-
-
-@jit
-def _go_further(values: Array, last: Array, share: float) -> None:
-    """Takes back a share of the change from the last values, which become those of now."""
-    for k in range(len(values)):
-        now = values[k]
-        values[k], last[k] = now + share * (last[k] - now), now
-
-
-@jit
-def _push(W: Array, p: int, frame: Array, a: float, b: float, c: float, moved: Array) -> None:
+def push(W: Array, p: int, frame: Array, a: float, b: float, c: float, moved: Array) -> None:
     """`add_motion` of a force in a frame."""
     x = frame[0, 0] * a + frame[1, 0] * b + frame[2, 0] * c
     y = frame[0, 1] * a + frame[1, 1] * b + frame[2, 1] * c
@@ -161,16 +45,41 @@ def _push(W: Array, p: int, frame: Array, a: float, b: float, c: float, moved: A
 
 
 @jit
-def _distance_from_law(friction: float, own: Array, f: Array, u: Array) -> float:
-    """The largest |f - P(f - ρ u)|/ρ of all pairs, m/s, with P of `complementarity.frictional`."""
-    worst = 0.0
-    for c in range(len(f)):
-        compliance = (own[c, 0, 0] + own[c, 1, 1] + own[c, 2, 2]) / (3 * REGULAR_SHARE)
-        n = f[c, 0] - u[c, 0] / compliance
-        first, second = f[c, 1] - u[c, 1] / compliance, f[c, 2] - u[c, 2] / compliance
+def yielding_of(W: Array, p: int, compliance: float) -> float:
+    """1/ρ of a pair at a point, m/s/N: see `complementarity.frictional`; compliance is along its normal."""
+    return (W[3 * p, 3 * p] + W[3 * p + 1, 3 * p + 1] + W[3 * p + 2, 3 * p + 2] + compliance) / (3 * REGULAR_SHARE)
+
+
+@jit
+def look_at(
+    W: Array,
+    points: Array,
+    axes: Array,
+    q: Array,
+    friction: float,
+    compliance: float,
+    yielding: Array,
+    f: Array,
+    u: Array,
+    moved: Array,
+) -> float:
+    """How far C forces are from the law, the largest |f - P(f - ρ u)|/ρ, m/s; arguments as of `find_by_sweeps`.
+
+    Sets u (C, 3) and moved (3P,).
+    """
+    moved[:], worst = 0.0, 0.0
+    for c in range(len(points)):
+        push(W, points[c], axes[c], f[c, 0], f[c, 1], f[c, 2], moved)
+    for c in range(len(points)):
+        frame, at = axes[c], 3 * points[c]
+        for k in range(3):
+            u[c, k] = q[c, k] + frame[k, 0] * moved[at] + frame[k, 1] * moved[at + 1] + frame[k, 2] * moved[at + 2]
+        u[c, 0] += compliance * f[c, 0]
+        n = f[c, 0] - u[c, 0] / yielding[c]
+        first, second = f[c, 1] - u[c, 1] / yielding[c], f[c, 2] - u[c, 2] / yielding[c]
         length, cone = math.sqrt(first * first + second * second), friction * max(n, 0.0)
         if length > cone:
             first, second = first * (cone / length), second * (cone / length)
         off = max(abs(f[c, 0] - max(n, 0.0)), abs(f[c, 1] - first), abs(f[c, 2] - second))
-        worst = max(worst, off * compliance)
+        worst = max(worst, off * yielding[c])
     return worst

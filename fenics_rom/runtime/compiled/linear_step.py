@@ -28,6 +28,7 @@ class Body(NamedTuple):
     points: Array  # Sᵀ (m, 3P)
     places: Array  # of the points at rest, (P, 3), m
     W: Array  # the Delassus operator (3P, 3P), with R/a, m/s/N
+    inverse: Array  # of W, (0, 0) where there is none that tells forces apart
     R: Array  # residual compliance (3P, 3P), m/N; (0, 0) where there is none
     inertia: float  # 2τ²/h, s, of what carries a force beyond the basis
     whole: float  # a, s
@@ -128,7 +129,7 @@ def take_step(
     measure(shapes, start, places, gaps, pairs.axes[:, 0])
     w = (end - start) / h
     ask(law, gaps, motion[2].reshape(P, 3), motion[1].reshape(P, 3), w, w_before, begun.forces, pairs)
-    contact = find_forces(law, body.W, P, begun.swung, pairs)
+    contact = find_forces(law, body.W, body.inverse, P, begun.swung, pairs)
     if contact.status == OTHERWISE:
         return Step(OTHERWISE, contact.sweeps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     state.halves_before[:], state.rigid_before[:], state.beyond_before[:] = state.halves, state.rigid, state.beyond

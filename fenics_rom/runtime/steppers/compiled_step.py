@@ -11,6 +11,18 @@ from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointM
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.runtime.compiled.linear_step import Begun, Body, State, Step, StepContact, Taken, take_step, take_steps
 
+LARGEST_CONDITION, MOST_ROWS = 1e8, 300  # of Delassus operators whose inverses are kept
+
+
+def inverse_of(W: Array) -> Array:
+    """Of a symmetric matrix (n, n); (0, 0) where it is large, or hardly tells forces apart."""
+    if len(W) <= MOST_ROWS:
+        values, vectors = np.linalg.eigh(W)
+        if values[0] * LARGEST_CONDITION > values[-1]:
+            root = vectors / np.sqrt(values)
+            return np.ascontiguousarray(root @ root.T)
+    return np.empty((0, 0))
+
 
 class StepsTaken(NamedTuple):
     """Steps in a row."""

@@ -92,7 +92,7 @@ class ContactMidpoint(BookedKernel):
             return None
         from fenics_rom.mechanics.compiled_contact import CompiledContact  # here, as numba takes time to import
         from fenics_rom.runtime.compiled.linear_step import Body, State
-        from fenics_rom.runtime.steppers.compiled_step import CompiledStep
+        from fenics_rom.runtime.steppers.compiled_step import CompiledStep, inverse_of
 
         if not isinstance(solver, CompiledContact):
             return None
@@ -101,7 +101,7 @@ class ContactMidpoint(BookedKernel):
         if self.residual is not None:
             (R, *times), (beyond, beyond_before) = self.residual.numbers, self.residual.states
         inputs, points = np.ascontiguousarray(self._model.inputs), np.ascontiguousarray(self._Sᵀ)
-        of_points = points, solver.points, self._delassus
+        of_points = points, solver.points, self._delassus, inverse_of(self._delassus)
         body = Body(self._ω, self._inverse_ω, inputs, A, heat, *of_points, R, *times)
         before = self._state_before.reshape(2, -1), self._rigid_before, beyond_before
         state = State(self._halves, self._rigid_displacement, beyond, *before)

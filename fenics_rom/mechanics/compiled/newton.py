@@ -1,0 +1,237 @@
+"""Forces of pairs under Coulomb's law by Newton's method in velocities, where an inverse of W is kept.
+
+Forces are f = W⁻¹ (u - q). What z = f - ρ u of a pair tells, as in `complementarity.frictional`, leaves few velocities
+unknown, in its frame [n, t1, t2]:
+
+    z_n <= 0:           open,   f = 0                              three
+    |z_t| <= μ z_n:     sticks, u = 0                              none
+    else:               slips,  u_n = 0,  f_t = μ z_n z_t/|z_t|    two
+
+Of the last one Newton's method has (I - B) f_t - μ d f_n + ρ B u_t = 0, with the direction d of z_t and
+B = μ z_n/|z_t| (I - d dᵀ). It begins with the forces of the step before, or as if all pairs stuck: with what is nearer
+to the law. Two to five solves follow.
+"""
+
+import math
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit
+from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED
+
+OPEN, SLIPS, STICKS, NO_PAIR = range(4)
+MOST_SOLVES = 12  # where they suffice they are rarely more than six
+
+
+@jit
+def find_by_newton(
+    inverse: Array,
+    points: Array,
+    axes: Array,
+    q: Array,
+    friction: float,
+    yielding: Array,
+    f: Array,
+    u: Array,
+    missed: float,
+) -> tuple[int, bool]:
+    """Forces of C pairs: how many solves they took, and whether they are found.
+
+    Args:
+        inverse: W⁻¹ (3P, 3P), symmetric, N s/m.
+        points: (C,) that of each pair, all different; those of none are open.
+        axes: (C, 3, 3) frames, rows n, t1 and t2.
+        q: (C, 3) free velocities less targets, in these, m/s.
+        friction: μ.
+        yielding: (C,) 1/ρ of each pair, m/s/N.
+        f: (C, 3) in the frames, to begin with; set if they are found.
+        u: (C, 3) W f + q.
+        missed: how far these are from the law, m/s.
+    """
+    P, C, speed = len(inverse) // 3, len(points), np.abs(q).max()
+    kinds, frames, ρ = np.full(P, NO_PAIR), np.zeros((P, 3, 3)), np.ones(P)
+    frames[:, 0, 0] = frames[:, 1, 1] = frames[:, 2, 2] = 1.0
+    v, z, as_if_stuck = np.zeros((P, 3)), np.zeros((P, 3)), np.empty((P, 3))
+    stuck, forces = np.empty((P, 3)), np.empty((P, 3))
+    for c in range(C):
+        p = points[c]
+        kinds[p], ρ[p], frames[p], v[p] = OPEN, 1 / yielding[c], axes[c], -q[c]
+        for k in range(3):
+            z[p, k] = f[c, k] - ρ[p] * u[c, k]
+    _map(inverse, frames, v, stuck)  # the forces that all need to stick
+    v[:] = 0.0
+    if _look(kinds, ρ, friction, stuck, v, as_if_stuck) < missed:
+        z[:] = as_if_stuck
+    known, blocks = np.zeros((P, P), dtype=np.bool_), np.empty((P, P, 3, 3))
+    matrix, right = np.empty((3 * P, 3 * P)), np.empty(3 * P)
+    places, begins = np.empty(P, dtype=np.int64), np.empty(P, dtype=np.int64)
+    before = np.inf
+    for count in range(1, MOST_SOLVES + 1):
+        moving, n = 0, 0  # points with unknown velocities, and how many these are
+        for p in range(P):
+            if kinds[p] != NO_PAIR:
+                length, cone = math.sqrt(z[p, 1] ** 2 + z[p, 2] ** 2), friction * z[p, 0]
+                kinds[p] = OPEN if z[p, 0] <= 0 else SLIPS if length > cone else STICKS
+            if kinds[p] != STICKS:
+                places[moving], begins[moving] = p, n
+                moving, n = moving + 1, n + (2 if kinds[p] == SLIPS else 3)
+        places_now, begins_now = places[:moving], begins[:moving]
+        _blocks_of(inverse, frames, places_now, known, blocks)
+        _set_up(blocks, stuck, kinds, ρ, friction, z, places_now, begins_now, matrix, right)
+        if not _solve(matrix, right, n):
+            return count, False
+        v[:] = 0.0
+        for i in range(moving):
+            p, k = places[i], begins[i]
+            for a in range(1 if kinds[p] == SLIPS else 0, 3):
+                v[p, a] = right[k]
+                k += 1
+        _map(inverse, frames, v, forces)
+        forces += stuck
+        for i in range(moving):
+            if kinds[places[i]] != SLIPS:
+                forces[places[i]] = 0.0
+        missed = _look(kinds, ρ, friction, forces, v, z)
+        if missed <= ACCURATE * speed or (missed <= SOLVED * speed and missed >= before / 2):
+            break
+        before = missed
+    if not missed <= SOLVED * speed:
+        return count, False
+    for c in range(C):
+        p = points[c]
+        f[c, 0], cone = max(forces[p, 0], 0.0), friction * max(forces[p, 0], 0.0)
+        length = math.sqrt(forces[p, 1] ** 2 + forces[p, 2] ** 2)
+        share = cone / length if length > cone else 1.0
+        f[c, 1], f[c, 2] = share * forces[p, 1], share * forces[p, 2]
+    return count, True
+
+
+@jit
+def _map(operator: Array, frames: Array, x: Array, y: Array) -> None:
+    """Sets y (P, 3) to what a symmetric operator (3P, 3P) makes of x (P, 3), both in frames."""
+    moved = np.zeros(len(operator))
+    for p in range(len(x)):
+        frame, a, b, c = frames[p], x[p, 0], x[p, 1], x[p, 2]
+        if a == 0.0 and b == 0.0 and c == 0.0:
+            continue
+        fx = frame[0, 0] * a + frame[1, 0] * b + frame[2, 0] * c
+        fy = frame[0, 1] * a + frame[1, 1] * b + frame[2, 1] * c
+        fz = frame[0, 2] * a + frame[1, 2] * b + frame[2, 2] * c
+        first, second, third = operator[3 * p], operator[3 * p + 1], operator[3 * p + 2]
+        for k in range(len(moved)):
+            moved[k] += first[k] * fx + second[k] * fy + third[k] * fz
+    for p in range(len(x)):
+        frame, vx, vy, vz = frames[p], moved[3 * p], moved[3 * p + 1], moved[3 * p + 2]
+        for k in range(3):
+            y[p, k] = frame[k, 0] * vx + frame[k, 1] * vy + frame[k, 2] * vz
+
+
+@jit
+def _look(kinds: Array, ρ: Array, friction: float, forces: Array, v: Array, z: Array) -> float:
+    """Sets z (P, 3), N, of forces and velocities; how far the pairs are from the law, m/s."""
+    worst = 0.0
+    for p in range(len(z)):
+        if kinds[p] == NO_PAIR:
+            continue
+        for k in range(3):
+            z[p, k] = forces[p, k] - ρ[p] * v[p, k]
+        n, first, second = max(z[p, 0], 0.0), z[p, 1], z[p, 2]
+        length = math.sqrt(first * first + second * second)
+        if length > friction * n:
+            first, second = first * (friction * n / length), second * (friction * n / length)
+        off = max(abs(forces[p, 0] - n), abs(forces[p, 1] - first), abs(forces[p, 2] - second))
+        worst = max(worst, off / ρ[p])
+    return worst
+
+
+@jit
+def _blocks_of(inverse: Array, frames: Array, places: Array, known: Array, blocks: Array) -> None:
+    """Sets those blocks (3, 3) of W⁻¹ between the points at places, in their frames, that are not known yet."""
+    half = np.empty((3, 3))
+    for i in range(len(places)):
+        for j in range(i + 1):
+            p, q = places[i], places[j]
+            if known[p, q]:
+                continue
+            known[p, q] = known[q, p] = True
+            left, right, block, other = frames[p], frames[q], blocks[p, q], blocks[q, p]
+            for a in range(3):
+                x, y, z = inverse[3 * p + a, 3 * q], inverse[3 * p + a, 3 * q + 1], inverse[3 * p + a, 3 * q + 2]
+                for k in range(3):
+                    half[a, k] = x * right[k, 0] + y * right[k, 1] + z * right[k, 2]
+            for a in range(3):
+                for k in range(3):
+                    block[a, k] = left[a, 0] * half[0, k] + left[a, 1] * half[1, k] + left[a, 2] * half[2, k]
+                    other[k, a] = block[a, k]
+
+
+@jit
+def _set_up(
+    blocks: Array,
+    stuck: Array,
+    kinds: Array,
+    ρ: Array,
+    friction: float,
+    z: Array,
+    places: Array,
+    begins: Array,
+    matrix: Array,
+    right: Array,
+) -> None:
+    """Sets the linear equations for the velocities of points at places, which begin there among the unknowns."""
+    for i in range(len(places)):
+        p, k = places[i], begins[i]
+        if kinds[p] != SLIPS:
+            for a in range(3):
+                right[k + a] = -stuck[p, a]
+                for j in range(len(places)):
+                    m = begins[j]
+                    for b in range(1 if kinds[places[j]] == SLIPS else 0, 3):
+                        matrix[k + a, m] = blocks[p, places[j]][a, b]
+                        m += 1
+            continue
+        length = math.sqrt(z[p, 1] ** 2 + z[p, 2] ** 2)
+        first, second, share = z[p, 1] / length, z[p, 2] / length, friction * z[p, 0] / length
+        B11, B12, B22 = share * second * second, -share * first * second, share * first * first
+        C11, C22, n1, n2 = 1 - B11, 1 - B22, friction * first, friction * second
+        for j in range(len(places)):
+            m, block = begins[j], blocks[p, places[j]]
+            for b in range(1 if kinds[places[j]] == SLIPS else 0, 3):
+                n, x, y = block[0, b], block[1, b], block[2, b]
+                matrix[k, m], matrix[k + 1, m] = C11 * x - B12 * y - n1 * n, C22 * y - B12 * x - n2 * n
+                m += 1
+        n, x, y = stuck[p]
+        right[k], right[k + 1] = n1 * n - C11 * x + B12 * y, n2 * n - C22 * y + B12 * x
+        matrix[k, k] += ρ[p] * B11
+        matrix[k, k + 1] += ρ[p] * B12
+        matrix[k + 1, k] += ρ[p] * B12
+        matrix[k + 1, k + 1] += ρ[p] * B22
+
+
+@jit
+def _solve(matrix: Array, x: Array, n: int) -> bool:
+    """Solves the first n equations by elimination with pivots, in place; False where they are singular."""
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
+                pivot = i
+        if matrix[pivot, k] == 0.0:
+            return False
+        if pivot != k:
+            for j in range(k, n):
+                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
+            x[k], x[pivot] = x[pivot], x[k]
+        row, whole = matrix[k], 1 / matrix[k, k]
+        for i in range(k + 1, n):
+            other = matrix[i]
+            share = other[k] * whole
+            for j in range(k + 1, n):
+                other[j] -= share * row[j]
+            x[i] -= share * x[k]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            x[k] -= matrix[k, j] * x[j]
+        x[k] /= matrix[k, k]
+    return True
