@@ -188,7 +188,7 @@ class _Draw:
         if self.chance(0.3):
             self.effects["prescribed.push"] = f"point = {self.point(1, 1, 1)}\nforce = {[0.5 * self.force] * 3}"
             self.signals["push"] = partial(_swung, self.vector(0.5 * self.force), 5 / self.duration)
-        if self.frame == "held" and self.chance(0.2):
+        if self.frame == "held" and self.chance(0.2) and self.inertia:
             self.effects["base_motion.quake"] = "direction = [1, 2, 0.5]\nacceleration = 5.0"
             self.signals["quake"] = partial(_swung, np.array(5.0), 8 / self.duration)
 

@@ -53,7 +53,7 @@ class FrameStep(FrameBalance):
         tells_apart, found, reactions: see mechanics.frame_contact.
     """
 
-    tells_apart, no_progress = True, NO_PROGRESS
+    tells_apart = True
 
     def __init__(
         self,
@@ -68,6 +68,10 @@ class FrameStep(FrameBalance):
     ):
         super().__init__(body, now, h, loads, base)
         self._interface, self.found, self.reactions = interface, found, reactions
+
+    def no_progress(self, scale: float) -> float:
+        """As in FrameBody of mechanics.frame_contact."""
+        return NO_PROGRESS * scale
 
     @property
     def rubbed(self) -> Array:

@@ -196,6 +196,11 @@ class ActuatorForces:
                 raise self._not_found(f"in {MAX_ROUNDS} rounds")
         except np.linalg.LinAlgError:
             pass
+        if (diagonal[~is_guide] < 0).any():  # of a tangent that is not definite
+            raise StepError(
+                f"no forces found that give the strokes of {', '.join(self.names)}: where the step has led so far the "
+                "body is not stable against them; a smaller dt is the cure"
+            )
         raise StepError(
             f"no forces found that give the strokes of {', '.join(self.names)}: they depend on one another, or on what "
             "holds the body; give one of them as a force, or its strokes otherwise"

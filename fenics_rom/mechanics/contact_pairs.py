@@ -100,40 +100,54 @@ class SolvedPairs(NamedTuple):
     is_loose: bool  # whether they solve the problem but for a residual
 
 
-FIRST_SWEEPS = 3  # of a step, after which what may not be stopped stays so
+FIRST = 3  # sweeps of a step, or solutions of a sweep, after which what may not be stopped stays so
+
+
+class Decided(NamedTuple):
+    """What a sweep decided of all pairs."""
+
+    chosen: Array  # (O P,) which take part
+    outwards: Array  # (O P,) normal velocities without contact that tell what leaves, m/s
+    braking: Braking | None
 
 
 class Settled:
     """What sweeps of one step decided: what takes part or leaves stays so, or they never end.
 
-    So does what may not be stopped, once sweeps are near the step: first ones say little of it.
+    So does what may not be stopped, once sweeps are near the step: first ones say little of it. A sweep that solves
+    contact under several forces of actuators decides what the last one says: those before were only tried, as a cable
+    that pushes. Where these are many, they alternate with what contact decides, until that stays so.
     """
 
     def __init__(self) -> None:
-        self._sweeps = 0
-        self._chosen: Array | None = None  # (O P,)
-        self._outwards: Array | None = None  # (O P,), of the first one
-        self._braking: Braking | None = None
+        self._sweeps = self._solutions = 0  # that decided something, and of this sweep
+        self._decided: Decided | None = None
+        self._last: Decided | None = None  # of this sweep, or the one before
+
+    def begin_sweep(self) -> None:
+        """Ends the sweep before."""
+        self._sweeps, self._solutions, self._decided = self._sweeps + (self._last is not None), 0, self._last
 
     def outwards(self, free: Array) -> Array:
         """The normal velocities without contact (O P,) that tell what leaves, from those of this sweep, m/s."""
-        if self._outwards is None:
-            self._outwards = free
-        return self._outwards
+        return free if self._decided is None else self._decided.outwards
 
     def take_part(self, chosen: Array, pairs: Pairs) -> None:
         """Adds pairs that took part before, and what was decided of what friction stops."""
-        if self._chosen is None:
+        if self._solutions >= FIRST:
+            self._decided = self._last
+        if self._decided is None:
             return
-        chosen |= self._chosen
-        self._sweeps += 1
-        if self._sweeps > FIRST_SWEEPS and self._braking is not None and pairs.braking is not None:
-            self._braking.renew(pairs.braking.targets)
-            pairs.braking = self._braking
+        chosen |= self._decided.chosen
+        braking, is_near = self._decided.braking, max(self._sweeps, self._solutions) > FIRST
+        if is_near and braking is not None and pairs.braking is not None:
+            braking.renew(pairs.braking.targets)
+            pairs.braking = braking
 
     def keep(self, chosen: Array, pairs: Pairs) -> None:
-        """Takes note of a sweep."""
-        self._chosen, self._braking = chosen, pairs.braking
+        """Takes note of a solution."""
+        self._last = Decided(chosen, self.outwards(pairs.free[0]), pairs.braking)
+        self._solutions += 1
 
 
 class NormalLaw(NamedTuple):

@@ -173,6 +173,8 @@ class ContactSolver:
         self._touches = b"\x01" in key
         if not self._touches:
             self._touch_nothing()
+            if settled is not None:
+                settled.keep(chosen, pairs)
             return None
         iterations, are_kept = 0, pairs.frames is search.frames
         while True:

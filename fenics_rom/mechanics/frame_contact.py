@@ -32,7 +32,7 @@ SLOW, FEW_SWEEPS = 0.5, 5  # of a change to the one before, from which on slopes
 MOST_SWEEPS = 60
 PROXIMAL, SMALLEST_PROXIMAL = 1e-4, 1e-8  # of the mean compliance, beside W where that may be singular: it only guides
 LESS = 0.1  # of it in each sweep, so that they end soon, but not less than what forces were found with
-PATIENCE = 25  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
+PATIENCE = 25  # sweeps that do not halve what changes, or twice as many: forces then may lack what any contact's may
 
 
 class Interface(Protocol):
@@ -95,15 +95,9 @@ class FrameBody(Protocol):
     Attributes:
         h: of the step, s.
         tells_apart: whether W is regular, so that forces that differ move points differently.
-        no_progress: of the velocities, a change that is round-off where changes shrink no more; the law's forces are
-            no nearer to its solution.
     """
 
     h: float
-
-    @property
-    def no_progress(self) -> float:
-        """See the class."""
 
     @property
     def tells_apart(self) -> bool:
@@ -151,6 +145,12 @@ class FrameBody(Protocol):
     def size(self, change: Array) -> float:
         """Of velocities x, as √(2 J)."""
 
+    def no_progress(self, scale: float) -> float:
+        """A change that is round-off beside velocities of a scale, where changes shrink no more, √(2 J).
+
+        The law's forces are no nearer to its solution.
+        """
+
     def scale(self, x: Array) -> float:
         """Of the velocities of the step at its start and at x, with that of the origin without contact: what rests
         under its weight is stopped from falling."""
@@ -191,6 +191,7 @@ def touch(
         return interface.solve(motion, operator, h, obstacles, settled=settled)
 
     for sweep in range(MOST_SWEEPS):
+        settled.begin_sweep()
         turn = body.geometry(x)
         yielding = body.yielding(turn, contact)
         arms = body.arms(turn, body.rates(x)[1], yielding)
@@ -230,14 +231,15 @@ def touch(
         x, forces, size = x + change, found, body.size(change)
         scale = max(scale, body.scale(x))
         converged = size <= ROUND_OFF * scale or (size < size_before and size * size / size_before <= TOLERANCE * scale)
-        if converged or (size <= body.no_progress * scale and size > size_before / 2 > 0):
+        if converged or (size <= body.no_progress(scale) and size > size_before / 2 > 0):
             if left and contact is not None:
                 solver.search = solver.search._replace(residual=search_before.residual.with_step(left))
                 contact = _passive(contact, moving)
             return x, contact
-        if not found_all and sweep >= PATIENCE and size <= LARGEST_RESIDUAL * scale:
+        is_slow = size > size_before / 2 > 0
+        if not found_all and sweep >= (PATIENCE if is_slow else 2 * PATIENCE) and size <= LARGEST_RESIDUAL * scale:
             found_all, left = True, size / scale
-        found_all = found_all or (size <= NEGLIGIBLE_RESIDUAL * scale and size > size_before / 4 > 0)
+        found_all = found_all or (size <= NEGLIGIBLE_RESIDUAL * scale and is_slow)
         if sweep >= FEW_SWEEPS and size > SLOW * size_before:
             body.renew(x)
         size_before = size
@@ -266,7 +268,7 @@ def hold(
         scale = max(scale, body.scale(x))
         if size <= ROUND_OFF * scale or (size < size_before and size * size / size_before <= TOLERANCE * scale):
             return x
-        if size <= body.no_progress * scale and size > size_before / 2 > 0:
+        if size <= body.no_progress(scale) and size > size_before / 2 > 0:
             return x
         if sweep >= FEW_SWEEPS and size > SLOW * size_before:
             body.renew(x)

@@ -27,6 +27,7 @@ from fenics_rom.mechanics.tendon import cable_length, measure_segments, turning_
 from fenics_rom.rom.content import ByContent
 
 _UNIT = np.eye(3)
+_ROUND_OFF = 8 * np.finfo(float).eps  # of stresses, beside the moduli
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,6 +226,13 @@ class ReducedDeformation(ByContent):
         S: Array = both[:, i, j].T.copy()
         S[3:] += both[:, j[3:], i[3:]].T
         return S
+
+    @cached_property
+    def round_off(self) -> Array:
+        """Of forces (m,), m/s² kg^1/2, however small the strains: stresses are differences of what strains of 1 do."""
+        sizes = np.linalg.norm(self.gradients, axis=(0, 1))
+        whole: Array = (self.weights * (self.first_lame + 2 * self.shear)) @ sizes
+        return _ROUND_OFF * whole
 
     @cached_property
     def _rows(self) -> Array:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fenics_rom.errors import StepError
 from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
 from fenics_rom.mechanics.complementarity.pivoting import solve_by_pivots
 from fenics_rom.mechanics.environment import Guide
@@ -126,3 +127,12 @@ def test_pivots_solve_complementarity_problems_that_are_degenerate():
         assert np.abs(np.minimum(z, w)).max() <= 1e-9 * scale
     assert ended <= 1
     assert solve_by_pivots(-np.eye(2), np.array([-1.0, -1.0])) is None
+
+
+def test_a_body_that_is_not_stable_against_strokes_is_told_so():
+    """Its strokes do not depend on one another: a step that is too long has led to where its tangent is indefinite."""
+    actuators, one = ActuatorForces({"air": "volume"}, {}, {"air": 1}), np.ones(1)
+    with pytest.raises(StepError, match=r"strokes of air: .* not stable against them; a smaller dt"):
+        actuators.solve(one, one, -1e-7 * np.eye(1), 0 * one, one, lambda z, holding: (None, np.nan * z))
+    with pytest.raises(StepError, match="strokes of air: they depend on one another"):
+        actuators.solve(one, one, np.zeros((1, 1)), 0 * one, one, None)

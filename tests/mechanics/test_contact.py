@@ -636,12 +636,32 @@ def test_what_friction_stops_does_not_depend_on_which_pair_is_found_first(seed):
     random, still = np.random.default_rng(seed), ObstacleMotion(*np.zeros((3, 1, 3)))
     A = random.normal(size=(6, 6))
     W, v = A @ A.T + 0.1 * np.eye(6), random.normal(size=(2, 3)) * [1, 1, 0.1]
-    points, settled = PointMotion(np.zeros((2, 3)), v, random.normal(size=(2, 3))), Settled()
-    one_by_one, _, at_once = (
-        ContactSolver(np.zeros((2, 3)), [FLOOR], ContactLaw(friction=0.8)).solve(points, W, 1e-2, still, settled=known)
-        for known in (None, settled, settled)  # the second sweep knows which pairs take part
-    )
-    np.testing.assert_allclose(one_by_one.forces, at_once.forces, atol=1e-9)
+    points, found = PointMotion(np.zeros((2, 3)), v, random.normal(size=(2, 3))), []
+    for settled in (None, known := Settled(), known):  # the second sweep knows which pairs take part
+        known.begin_sweep() if settled else None
+        solver = ContactSolver(np.zeros((2, 3)), [FLOOR], ContactLaw(friction=0.8))
+        found.append(solver.solve(points, W, 1e-2, still, settled=settled))
+    np.testing.assert_allclose(found[0].forces, found[2].forces, atol=1e-9)
+
+
+@pytest.mark.parametrize(("tried", "last"), [(-1.0, -3.0), (-1.2, -0.5)], ids=["pressed", "apart"])
+def test_a_sweep_decides_what_the_last_forces_of_actuators_do(tried, last):
+    """A cable that was tried, and would have pushed, says neither what leaves again nor what takes part."""
+    still, down, settled = ObstacleMotion(*np.zeros((3, 1, 3))), np.array([[0.0, 0.0, -1.0]]), Settled()
+
+    def force(speed, known):
+        """On a point that falls at 1 m/s, 6 mm above the floor in a step of 10 ms, and would go on at a speed."""
+        solver = ContactSolver([[0, 0, 6e-3]], [FLOOR], ContactLaw(restitution=0.5))
+        points = PointMotion(0 * down, down, -speed * down)
+        found = solver.solve(points, np.eye(3), 1e-2, still, settled=known)
+        return 0.0 if found is None else found.forces[0, 2]
+
+    expected = max(-0.55 - last, 0.0) if last < -0.55 else 0.0  # of what is pressed, or is not due
+    settled.begin_sweep()
+    assert force(tried, settled) == pytest.approx(-0.25 - tried)  # of what leaves again
+    assert force(last, settled) == pytest.approx(expected)
+    settled.begin_sweep()
+    assert force(last, settled) == pytest.approx(expected)
 
 
 def test_each_pair_is_told_to_help_but_once():

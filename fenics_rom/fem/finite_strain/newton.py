@@ -23,6 +23,7 @@ from fenics_rom.fem.finite_strain.turned_factor import TurnedFactor
 
 CONVERGENCE_TOLERANCE = 1e-12  # share of the forces in a step
 STAGNATION_TOLERANCE = 1e-8  # share of them that may be left where round-off lets it get no smaller
+STANDING = 0.8  # of the residual before that tangents leave at round-off
 ROUND_OFF = 1e-11  # share of them where secants that get it no smaller have come to round-off
 NOISE = 1e-10  # share of them below which changes say nothing of the tangent
 MAX_ITERATIONS = 25  # with tangents
@@ -155,7 +156,8 @@ def solve_step(
                 first, sizes = max(previous.size, current.size), [current.size]
             if takes_long(sizes, first, scale):
                 raise NotConvergedError
-        if not halved and current.size <= (ROUND_OFF if by_secants else STAGNATION_TOLERANCE) * scale:
+        stands = current.size > (0.5 if by_secants else STANDING) * previous.size  # contact may halve no residual
+        if stands and current.size <= (ROUND_OFF if by_secants else STAGNATION_TOLERANCE) * scale:
             return current
         forces_resolved = True
         by_secants = (halved or (by_secants and slow < SLOW_SECANTS)) and may_use_secants

@@ -81,11 +81,12 @@ class CarriedBalance(DifferentiableFrame):
 
     def _iterated(self, v: Array) -> Array:
         """The r̂ (m,) of the step by Newton's method from v, which is overwritten."""
-        left = self.newton.solve(v, self._lack, self._slope, self.size, self.scale)
+        left = self.newton.solve(v, self._lack, self._slope, self.size, self.scale, self.round_off)
         if left:
+            rest = f"after {MOST_ITERATIONS} iterations {left:.1e} of the velocities is left"
             raise StepError(
-                f"no step of {self.h:g} s was found that bends the body as it does: after {MOST_ITERATIONS} iterations "
-                f"{left:.1e} of the velocities is left; a smaller dt is the cure"
+                f"no step of {self.h:g} s was found that bends the body as it does: "
+                f"{rest if math.isfinite(left) else 'iterations diverge'}; a smaller dt is the cure"
             )
         return v
 

@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint, StepPart
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
-SMALLEST_DISPLACEMENT = 1e-9  # of the training radius: what is beside it a share of CONVERGENCE_TOLERANCE is at rest
-
 
 class Sought(NamedTuple):
     """What an equilibrium is sought under."""
@@ -215,17 +213,16 @@ class Equilibrium(PartedKernel):
 
     def _balanced(self, sought: Sought, q: Array, unbalanced: Array) -> Found | None:
         """The equilibrium near q (m,), of forces but for a part (m,); None if there is none."""
-        Φ, before, reactions = self.potential, math.inf, self.reactions
+        Φ, before, reactions, deformation = self.potential, math.inf, self.reactions, self._rom.deformation
         whole_steps = self._interface is None and self._found is None
-        assert self._rom.deformation is not None
+        assert deformation is not None
+        round_off = deformation.round_off.max()
         for _ in range(MAX_ITERATIONS):
             elastic, force, tangent = Φ.force(q), self.loads.force(sought.u, q), Φ.tangent(q)
             stable = is_definite(tangent)
             if not (stable or whole_steps):
                 return None
-            # Where all is let go there are no forces left to compare with, but those of hardly any displacement.
-            least = SMALLEST_DISPLACEMENT * self._rom.deformation.training_radius * np.abs(tangent).max()
-            scale = max(*(np.abs(part).max() for part in (elastic, force, unbalanced)), least)
+            scale = max(np.abs(part).max() for part in (elastic, force, unbalanced))
             if not math.isfinite(scale):
                 return None
             try:
@@ -236,7 +233,7 @@ class Equilibrium(PartedKernel):
             pushed, contact, reactions = self._touch(sought, q, q - self._solve(lack), reactions)
             lack = lack - pushed
             error = np.abs(lack).max()
-            if is_solved(error, before, scale):
+            if is_solved(error, before, scale, round_off):
                 return Found(q, contact, reactions) if stable else None
             if error > 10 * before and not whole_steps:
                 return None

@@ -172,6 +172,7 @@ class FreeBalance(DifferentiableFrame):
             lambda x: self.slopes(x, None if push_at is None or self.ties is None else push_at(x)),
             self.size,
             self._speed if push_at is None else lambda x: self.scale(x) + self.h / 2 * forces / math.sqrt(self._mass),
+            self.round_off,
         )
         if left:
             raise self._unsolved(left)

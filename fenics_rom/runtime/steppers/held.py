@@ -295,7 +295,7 @@ class HeldBody(HeldAdjoint):
             if touched.pushed is not None:
                 lack -= touched.pushed
             error = np.abs(lack).max()
-            if is_solved(error, before, scale):
+            if is_solved(error, before, scale, np.max(law.round_off)):
                 return v, force, touched
             is_slow = error > FAST_CONTRACTION * before and not is_fresh
             if is_slow:

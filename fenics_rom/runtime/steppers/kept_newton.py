@@ -55,6 +55,7 @@ class KeptNewton:
         jacobian: Callable[[Array], Array],
         size_of: Callable[[Array], float],
         scale_at: Callable[[Array], float],
+        round_off: float = 0.0,
     ) -> float:
         """Corrects x until nothing changes; how much still does where that does not end, as a share, else 0.
 
@@ -65,6 +66,7 @@ class KeptNewton:
             residual, jacobian: at x.
             size_of: a correction.
             scale_at: x after the first correction: what corrections are small beside.
+            round_off: of corrections, however small x is.
 
         Raises:
             StepError: the first correction is not finite, or a Jacobian is singular.
@@ -88,7 +90,7 @@ class KeptNewton:
             scale, ratio = scale or scale_at(x), size / before
             ends = (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale
             # or by the round-off of what forces are a difference of
-            ends = ends or (ratio > 0.5 and size <= STAGNATION * scale)
+            ends = ends or (ratio > 0.5 and size <= max(STAGNATION * scale, round_off))
             if ends or (is_new and ratio > 1 and size <= GROWING * scale):
                 self._last, self._iterations, self._steps = iteration, self._iterations + iteration, self._steps + 1
                 return 0.0

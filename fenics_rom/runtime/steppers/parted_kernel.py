@@ -1,5 +1,6 @@
 """A body that is made of parts: what resists its shape, what follows it, and what is found in a step."""
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -176,10 +177,18 @@ class PartedKernel(BookedKernel):
         """ω̂ (3,) in the frame's axes and r̂ (m,) of the velocities x that a step solves for."""
         raise NotImplementedError
 
-    @property
-    def no_progress(self) -> float:
+    def no_progress(self, scale: float) -> float:
         """As in FrameBody of mechanics.frame_contact: more where forces are differences of energies of points."""
-        return 1e-12 if self.elastic is None or self.elastic.is_exact else 1e-11
+        is_exact = self.elastic is None or self.elastic.is_exact
+        return 1e-12 * scale if is_exact else max(1e-11 * scale, self.round_off)
+
+    @property
+    def round_off(self) -> float:
+        """Of velocities in a step, √(2 J), by that of forces."""
+        if self.elastic is None or self.elastic.is_exact:
+            return 0.0
+        moved = self.elastic.round_off / (2 / self.h + self.h / 2 * self._model.eigenvalues)
+        return math.sqrt(moved.dot(moved))
 
     def found_at(self, x: Array) -> tuple[Array, Array, Array, Array | None]:
         """As in ActuatedBody of mechanics.frame_contact."""

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
@@ -24,6 +25,7 @@ class ElasticLaw:
         velocity: v̂ (m,) of the step before, or r: where the iteration to the next one begins.
         tangent: that steps are expected with, (m, m), if the law is told where, and keeps it; empty: none.
         branches: how the material relaxes; None: it does not.
+        round_off: of f̂ (m,), N kg^-1/2, however small the strains are.
         went_as_expected: whether the last step went as it was expected to.
         NOTES: names of what it notes of a run, numbers that begin at 0.
     """
@@ -34,6 +36,7 @@ class ElasticLaw:
     velocity: Array
     tangent: Array = NONE
     branches: MaxwellBranches | None = None
+    round_off: Array = np.zeros(1)
     went_as_expected: bool = True
     NOTES: tuple[str, ...] = ()
 

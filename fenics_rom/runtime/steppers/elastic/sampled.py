@@ -48,7 +48,7 @@ class SampledPoints(ElasticLaw):
     def __init__(self, body: ReducedDeformation, branches: MaxwellBranches | None = None):
         self._body, self.branches, m = body, branches, body.order
         self.velocity = self.pull = self._q = self._q_before = np.zeros(m)
-        self.matrix, self._has_slope = np.zeros((m, m)), False
+        self.matrix, self._has_slope, self.round_off = np.zeros((m, m)), False, body.round_off
 
     @property
     def stored(self) -> float:
