@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from threading import Timer
 from time import monotonic
+from types import FunctionType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,6 +22,16 @@ from fenics_rom.errors import FenicsRomWarning
 
 VARIABLE = "FENICS_ROM_COMPILED"  # 0: NumPy alone, whatever is installed
 OLDEST = (0, 57)  # of numba: the first one for Python 3.11
+SHARED = tuple(  # what else than their own folders compiled functions use
+    f"{name}.py"
+    for name in (
+        "mechanics/contact_pairs",
+        "mechanics/frame_motion",
+        "world/normal_law",
+        "world/tolerances",
+        "world/turning",
+    )
+)
 PATIENCE = 1.0  # s that compiling takes in all before a line says so
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
@@ -98,6 +109,19 @@ def jit(function: _Function) -> _Function:
     return _compile(function) if can_compile() else function
 
 
+@cache
+def jit_shared(function: _Function) -> _Function:
+    """The same of a function that NumPy's steps take, too, with those that it calls: they stay as they are there.
+
+    Its file is to be one of SHARED.
+    """
+    if not compiled():
+        return function
+    names, known = function.__code__.co_names, function.__globals__
+    called = {name: jit_shared(known[name]) for name in names if isinstance(known.get(name), FunctionType)}
+    return _compile(FunctionType(function.__code__, known | called))  # type: ignore[return-value]
+
+
 def _compile(function: _Function) -> _Function:
     from numba import config, njit
 
@@ -115,7 +139,8 @@ def cache_folder() -> Path:
 
     numba looks at the file of a function alone, and not at those that it calls.
     """
-    sources = sorted(Path(__file__).parent.rglob("compiled/*.py"))
+    package = Path(__file__).parent
+    sources = sorted((*package.rglob("compiled/*.py"), *map(package.joinpath, SHARED)))
     state = sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
     home = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(home) / "fenics_rom" / state

@@ -164,7 +164,7 @@ class CompiledContact(ContactSolver):
         start: Array,
     ) -> Told | None:
         """Forces of a step; None where loops did not find them. start: (N, 3) to begin with, N."""
-        law, pairs, begun = self.law_in_steps(dt, quasi_static), pairs_from(start), self._begun[1]
+        law, pairs, begun = self.law_in_steps(dt, quasi_static), pairs_from(start, self.law.friction), self._begun[1]
         gaps, w, P = np.empty(len(start)), obstacles.velocities(dt), len(self.points)
         measure(self.shapes, obstacles.start, self.points + points.displacement, gaps, pairs.axes[:, 0])
         free, velocity = map(np.ascontiguousarray, (points.free_velocity, points.velocity))

@@ -94,9 +94,16 @@ class Body(Protocol):
         `places`: (k + j, 3), m, of all points in the middle of the step; a soft body, whose points are its own, writes.
         """
 
-    def known_delassus(self, points: Points) -> Array | None:
-        """`delassus` where it is known when a step begins, the same array as long as it is the same; else None."""
+    def known_answer(self, points: Points, places: Array) -> "tuple[Array, Array | None] | None":
+        """Velocities of points without forces, and `delassus`, where these are known when a step begins; else None.
+
+        As long as that is the same it is the same array; None of what no force moves.
+        """
         return None
+
+    def accept_forces(self, points: Points, places: Array, forces: Array) -> None:
+        """Takes the forces that were found of a body whose answer was known."""
+        return
 
     def delassus(self, points: Points, places: Array) -> Array:
         """Mid-step velocities per force, (3 (k + j), 3 (k + j)), m/s/N."""

@@ -24,17 +24,15 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.braking import WORK_ROUND_OFF, Braking
 from fenics_rom.mechanics.complementarity import Delassus, FramedDelassus, Frames, KeptLaw, response, solve
 from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGLIGIBLE_RESIDUAL, largest
-from fenics_rom.mechanics.contact_pairs import BACK
 from fenics_rom.world.bodies import Body, Points
+from fenics_rom.world.normal_law import normal_law
+from fenics_rom.world.tolerances import MOST_SWEEPS, PROXIMAL, ROUND_OFF, SLOW, TOLERANCE
 
-TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
-ROUND_OFF = 1e-13  # of them: a change that is none
 STAGNATION = 1e-11  # of them: as near as round-off lets some come
-MOST_SWEEPS = 200
 MOST_SETS = 2  # of pairs, of which the law is kept as it was linearised: some take part in every step, but not at once
-SLOW, FEW_SWEEPS = 0.5, 5  # of a change to the one before, from which on W is found anew, after so many sweeps
+FEW_SWEEPS = 5  # after which W is found anew, where they are slow
 PATIENCE = 150  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
-PROXIMAL, LARGEST_PROXIMAL = 1e-6, 1e-2  # of each pair's own compliance, added to W where no point yields by itself
+LARGEST_PROXIMAL = 1e-2  # of each pair's own compliance: `PROXIMAL`, at most
 STEADIER = 30.0  # times as much, where sweeps lead away: it only guides them
 REDUNDANT = 1e-9  # of the largest singular value: what joints hold twice
 STEADY = 1e-5  # of what a sweep changes: by so much two of them differ that change the same
@@ -100,7 +98,8 @@ class _Asked:
 
     level: Array  # (C,) speed along normals that is to be reached, m/s
     target: Array  # (C, 3) that is bounced to
-    braking: Braking  # of what sticks
+    sliding: Array  # (C, 3): c_t of what sticks, before anything is decided
+    braking: Braking  # of it
     chosen: Array  # (C,) who takes part
     rounds: int = 0  # how often that was asked for something else, as far as it matters
 
@@ -247,7 +246,7 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
     before, f = pairs.before, start
     a = (n * before[:C]).dot(_ONES)
     sliding = (before[:C] - a[:, None] * n) * pairs.halves  # what sticks is to stop within the step
-    asked = _Asked(np.empty(0), np.empty(0), Braking(sliding.T, pairs.swung), np.zeros(C, dtype=bool))
+    asked = _Asked(np.empty(0), np.empty(0), sliding, Braking(sliding.T.copy(), pairs.swung), np.zeros(C, dtype=bool))
     size_before, proximal, scale = 0.0, PROXIMAL, float(np.abs(before).max(initial=0.0))
     u, fastest = _attempt(pairs, f)
     for sweep in range(1, MOST_SWEEPS + 1):
@@ -257,7 +256,10 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
         free = u - guide.W.dot(f.ravel()).reshape(-1, 3)
         scale = max(scale, float(np.abs(free).max(initial=0.0)))
         if sweep == 1:
-            asked.level, asked.target = _normal_law(pairs, guide, free, a, h)
+            _, leaving = guide.without_contact(free)
+            given = pairs.restitution, pairs.are_rigid, pairs.yield_at_once, pairs.out
+            asked.level, target = normal_law(h, pairs.gaps, a, (n * leaving).dot(_ONES), *given)
+            asked.target = target[:, None] * n
         found = _law(pairs, guide, free, f, asked)
         moved = guide.W.dot((found - f).ravel()).reshape(-1, 3)
         size = float(np.abs(moved).max(initial=0.0))
@@ -342,23 +344,6 @@ def add_operator(W: Array, part: Part, operator: Array) -> None:
         W[rows[:, None], rows] += signed
 
 
-def _normal_law(pairs: Pairs, guide: Guide, free: Array, a: Array, h: float) -> tuple[Array, Array]:
-    """Levels (C,) and targets (C, 3) of pairs that come apart at a (C,), and would move by free (C + J, 3)."""
-    n, e, closing, half = pairs.normals, pairs.restitution, pairs.gaps / -h, a / 2
-    later = (closing + half) / 2
-    level, target = np.maximum(closing, later), np.minimum(half, later)
-    if (bounces := e > 0).any():
-        _, free_contacts = guide.without_contact(free)
-        leaves = ((n * free_contacts).dot(_ONES) >= BACK * (1 + e) * a) | ((e == 1) & ~pairs.are_rigid)
-        target = np.where(bounces & leaves, (1 - e) * half, target)
-    target = np.minimum(target, 0.0)
-    if pairs.yield_at_once.any():  # no impact has them in one another: they follow at once
-        target = np.where(pairs.yield_at_once, np.maximum(target, np.minimum(closing, 0.0)), target)
-    if pairs.out.any():
-        target = np.where(pairs.out > 0, np.minimum((a + pairs.out) / 2, closing), target)
-    return level, target[:, None] * n
-
-
 def _law(pairs: Pairs, guide: Guide, free: Array, f: Array, asked: _Asked) -> Array:
     """Forces (C + J, 3) of pairs that would move by free (C + J, 3) without; `asked` takes note."""
     n, level, chosen = pairs.normals, asked.level, asked.chosen
@@ -375,6 +360,8 @@ def _law(pairs: Pairs, guide: Guide, free: Array, f: Array, asked: _Asked) -> Ar
         forces[active] = f_active
         if (missed := ((n * guide.moved(forces)).dot(_ONES) + speed < level) > chosen).any():
             chosen |= missed
+            if asked.braking.helped is not None:  # the power of friction is that of all pairs
+                asked.braking = asked.braking.anew(asked.sliding.T.copy())
             continue
         negligible = WORK_ROUND_OFF * float(np.abs(f_active).max()) * float(np.abs(q).max())
         friction = f_active - (n[active] * f_active).dot(_ONES)[:, None] * n[active]

@@ -109,9 +109,17 @@ class Driven(PointsOfRigid):
 
     def attempt(self, points: Points, places: Array, forces: Array) -> Array:
         """As in Body."""
-        velocities = moving(points, arms_of(points, places, self._middle, self._mean), self._v̂, self._ω̂)
+        velocities, _ = self.known_answer(points, places)
         self._power = float(forces.ravel().dot(velocities.ravel()))
         return velocities
+
+    def known_answer(self, points: Points, places: Array) -> tuple[Array, None]:
+        """As in Body."""
+        return moving(points, arms_of(points, places, self._middle, self._mean), self._v̂, self._ω̂), None
+
+    def accept_forces(self, points: Points, places: Array, forces: Array) -> None:
+        """As in Body."""
+        self.attempt(points, places, forces)
 
     def inverse_mass(self, points: Points) -> Array:
         """As in Body: nothing moves it."""

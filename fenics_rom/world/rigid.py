@@ -21,27 +21,14 @@ from fenics_rom.errors import StepError, check_known, shown
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_geometry import crossed, vector
-from fenics_rom.mechanics.frame_motion import (
-    ZERO,
-    Rotation,
-    added,
-    cayley,
-    cross,
-    cross_matrix,
-    dot,
-    rotated,
-    rotation_matrix,
-    turned,
-)
+from fenics_rom.mechanics.frame_motion import Rotation, cayley, rotation_matrix, turned
 from fenics_rom.mechanics.largest_turn import check_turn
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.world.bodies import NOTHING, Points, PointsOfRigid, arms_of, moving
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.shapes import Shape
+from fenics_rom.world.turning import MOST_ITERATIONS, NONE, answers_to, find_turning, mean_rotation
 
-TOLERANCE = 1e-16  # of the angular velocity: what the next correction may be
-STAGNATION = 1e-12  # of it: as near as round-off of large forces of joints lets it come
-MOST_ITERATIONS = 50
 _EYE = np.eye(3)
 
 
@@ -67,9 +54,8 @@ class Rigid(PointsOfRigid):
 
     def __init__(self, shape: Shape, mass: float, inertia: Array, pose: BaseState, gravity: Array):
         self.account, self.shape, self.size = EnergyLedger(), shape, shape.radius_around
-        self.mass, self._inertia, self._inverse = mass, inertia, np.linalg.inv(inertia)
-        one, two, three = map(vector, inertia)
-        self._columns: Rotation = one, two, three  # of a symmetric matrix, its rows, too
+        self.mass, self.inertia, self._inverse = mass, inertia, np.linalg.inv(inertia)
+        self._columns = rows_of(inertia)  # of a symmetric matrix
         self._gravity, self._force, self._torque = gravity, NOTHING, NOTHING
         self.place(pose)
 
@@ -79,14 +65,14 @@ class Rigid(PointsOfRigid):
         w, x, y, z = (pose.rotation / np.linalg.norm(pose.rotation)).tolist()
         self._q, self._R = (w, x, y, z), rotation_matrix((w, x, y, z))
         self._ω = self._R.T.dot(pose.angular_velocity)
-        self._ℓ = self._R.dot(self._inertia.dot(self._ω))
+        self._ℓ = self._R.dot(self.inertia.dot(self._ω))
         self._acceleration = np.zeros(3)
         self.account.sums = EnergyLedger().sums
 
     @property
     def energy(self) -> float:
         """Kinetic, J; what gravity does is supplied."""
-        return (self.mass * float(self._v.dot(self._v)) + float(self._ω.dot(self._inertia.dot(self._ω)))) / 2
+        return (self.mass * float(self._v.dot(self._v)) + float(self._ω.dot(self.inertia.dot(self._ω)))) / 2
 
     @property
     def pose(self) -> BaseState:
@@ -157,77 +143,45 @@ class Rigid(PointsOfRigid):
         self._try = _Try(force, τ, v̂, ω̂)
         return moving(points, arms, v̂, self._R.dot(ω̂))
 
-    def _turning(self, τ: Array, held: Array | None) -> tuple[Array, Array, Array]:
+    @property
+    def begun(self) -> tuple[Array, tuple[Array, Array, Array], tuple[Array, Array]]:
+        """As compiled steps have it: R, (p, v, ω), and acceleration and torque of what acts besides contact."""
+        return self._R, (self._p, self._v, self._ω), (self._gravity + self._force / self.mass, self._torque)
+
+    def accept(self, force: Array, torque: Array, velocity: Array, turning: Array) -> None:
+        """Takes what was found of a step as its last attempt, as in _Try."""
+        self._try = _Try(force, torque, velocity, turning)
+
+    def _turning(self, τ: Array, moment: Array | None) -> tuple[Array, Array, Array]:
         """ω̂ under a torque and a moment Σ y fᵀ (3, 3) of joints; the whole torque; and (R + R⁺)/2."""
-        h, R, whole, mean = self._h, self._R, τ, self._R
-        twice, half = 2 / h, h / 2
-        x, t, before = vector(self._ω), vector(R.T.dot(τ)), 0.0
-        L = rotated(self._columns, x)
-        forced = 0.0 if held is None else h * float(np.abs(self._inverse).max() * np.abs(held).max())
-        for _ in range(MOST_ITERATIONS):
-            if held is not None:
-                mean = (R + R.dot(cayley((h * x[0], h * x[1], h * x[2])))) / 2
-                whole = τ + _torque_of(mean.dot(held))
-                t = vector(R.T.dot(whole))
-            Ix = rotated(self._columns, x)
-            w = added(Ix, half, t)
-            ρ = added(added(added(cross(x, w), twice, Ix), -twice, L), -1.0, t)
-            if ρ == ZERO:
-                break
-            # Columns of the Jacobian 2/h I + x~ I - w~, and Cramer's rule.
-            (p, q, r), (a, b, c) = w, self._columns
-            u = added(added(cross(x, a), twice, a), -1.0, (0.0, r, -q))
-            v = added(added(cross(x, b), twice, b), -1.0, (-r, 0.0, p))
-            z = added(added(cross(x, c), twice, c), -1.0, (q, -p, 0.0))
-            vz, zu, uv = cross(v, z), cross(z, u), cross(u, v)
-            determinant = dot(u, vz)
-            change = dot(ρ, vz) / determinant, dot(ρ, zu) / determinant, dot(ρ, uv) / determinant
-            x = added(x, -1.0, change)
-            size, scale = max(map(abs, change)), max(map(abs, x)) + forced
-            if not math.isfinite(size):
-                raise StepError("forces are so large that the step overflows; the state was left as it was")
-            if size <= 4 * TOLERANCE * scale or size * size <= TOLERANCE * scale * before:
-                break
-            if held is None and h * size <= TOLERANCE:  # by less it is not linear
-                break
-            if size <= STAGNATION * scale and size > before / 4 > 0:
-                break
-            before = size
-        else:
+        h, held, forced = self._h, NONE, 0.0
+        if moment is not None and (most := float(np.abs(moment).max())):
+            held, forced = rows_of(moment), h * float(np.abs(self._inverse).max()) * most
+        given = self._columns, rows_of(self._R), vector(self._ω), vector(τ)
+        ω̂, whole, mean, left = find_turning(h, *given, held, forced)
+        if not math.isfinite(left):
+            raise StepError("forces are so large that the step overflows; the state was left as it was")
+        if left:
             raise StepError(
-                f"no step of {h:g} s was found that turns it: after {MOST_ITERATIONS} iterations {size / scale:.1e} of "
+                f"no step of {h:g} s was found that turns it: after {MOST_ITERATIONS} iterations {left:.1e} of "
                 "the angular velocity is left; a smaller dt is the cure"
             )
-        ω̂ = np.array(x)
-        if held is not None:
-            mean = (R + R.dot(cayley(h * ω̂))) / 2
-            whole = τ + _torque_of(mean.dot(held))
-        return ω̂, whole, mean
+        if moment is not None and not forced:
+            mean = mean_rotation(given[1], h, ω̂)
+        return np.array(ω̂), np.array(whole), np.array(mean)
 
     def delassus(self, points: Points, places: Array) -> Array:
-        """As in Body: the derivative of the last attempt, but for how joints turn with the body.
-
-        A force f at an arm a moves the centre, so that F has other arms, and the body, which in turn moves the point:
-
-            δv̂ = h/2m δf,    δ(R ω̂) = R A⁻¹ (1 - h/2 ω̂~) Rᵀ (a × δf - h/2 δv̂ × F)
-            δu = (1 - h/2 (R ω̂)~) δv̂ + δ(R ω̂) × a
-        """
+        """As in Body: the derivative of the last attempt, but for how joints turn with the body."""
         h, R, (force, torque, v̂, ω̂) = self._h, self._R, self._try
         k, arms = len(places) - len(points.arms), arms_of(points, places, self._p + h / 2 * v̂, R)
-        spin, per_force = cross_matrix(ω̂), h / 2 / self.mass
-        w = self._inertia.dot(ω̂) + h / 2 * R.T.dot(torque)
-        A = 2 / h * self._inertia + spin.dot(self._inertia) - cross_matrix(w)
-        bent = _EYE - h / 2 * spin
-        answers = np.zeros((6, 6))
-        answers[:3, :3] = per_force * R.dot(bent).dot(R.T)
-        answers[3:, 3:] = R.dot(np.linalg.inv(A)).dot(bent.dot(R.T))
-        maps = _maps(points, arms)
-        by_joints = maps.dot(answers).dot(maps[3 * k :].T) if len(points.arms) else None
-        # Forces of contact, which stay in place, lose the lever h/2 δv̂ by which the centre goes.
-        answers[3:, :3] = answers[3:, 3:].dot(cross_matrix(per_force * h / 2 * force))
+        given = self._columns, rows_of(R), vector(force), vector(torque), vector(ω̂)
+        moving, turning, levered = map(np.array, answers_to(h, self.mass, *given))
+        answers, maps = np.zeros((6, 6)), _maps(points, arms)
+        answers[:3, :3], answers[3:, 3:] = moving, turning
+        by_joints = maps.dot(answers).dot(maps[3 * k :].T)
+        answers[3:, :3] = levered
         moved: Array = maps.dot(answers).dot(maps.T)
-        if by_joints is not None:
-            moved[:, 3 * k :] = by_joints
+        moved[:, 3 * k :] = by_joints
         return moved
 
     def inverse_mass(self, points: Points) -> Array:
@@ -261,6 +215,12 @@ class Rigid(PointsOfRigid):
         self._ω = self._inverse.dot(self._R.T.dot(self._ℓ))
         self.account.book(supplied=h * by_loads)
         self.account.book_contact(h * by_others, 0.0, 0.0, 0.0)
+
+
+def rows_of(matrix: Array) -> Rotation:
+    """Of a matrix (3, 3)."""
+    a, b, c = map(vector, matrix)
+    return a, b, c
 
 
 def _maps(points: Points, arms: Array) -> Array:

@@ -262,11 +262,17 @@ class Soft(Simulator, Body):
         """Velocities of points without forces, and per force."""
         if self._asked is None or self._asked[0] is not points:
             self._asked = points, self._carriers.mean(points, self._free), self._operator(points, self._kernel.answer)
-        return self._asked[1:]
+        return self._asked[1], self._asked[2]
 
-    def known_delassus(self, points: Points) -> Array | None:
+    def known_answer(self, points: Points, places: Array) -> tuple[Array, Array] | None:
         """As in Body."""
-        return self._answer(points)[1] if self._is_open else None
+        if not self._is_open:
+            return None
+        return self._answer(points) if len(points.nodes) else (NO_POINTS.arms, np.empty((0, 0)))
+
+    def accept_forces(self, points: Points, places: Array, forces: Array) -> None:
+        """As in Body."""
+        self._forces = forces
 
     def delassus(self, points: Points, places: Array) -> Array:
         """As in Body; after an attempt."""

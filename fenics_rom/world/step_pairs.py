@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import compiled
 from fenics_rom.mechanics.complementarity.solution import largest
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Body, Points
 from fenics_rom.world.collision.contacts import Contacts, Placed, Spots, no_contacts
@@ -13,6 +15,9 @@ from fenics_rom.world.contact_step import Found, Guide, Pairs, Part, add_operato
 from fenics_rom.world.joints import JointPoints
 from fenics_rom.world.meetings import PENETRATION_TOLERANCE, Meeting, is_still
 from fenics_rom.world.soft import Soft
+
+if TYPE_CHECKING:
+    from fenics_rom.world.compiled_forces import CompiledForces
 
 NEAR = 0.01  # of the smaller body: what is nearer is looked at in every step, besides what can be reached
 SWERVES = 0.005  # of a body's size: so much farther than was foreseen it may go before others are looked for again
@@ -47,6 +52,7 @@ class StepPairs:
         self._joint_ends: list[list[_End]] = [[] for _ in bodies]  # of them on each body
         self._held = list[Part]()  # the bodies with these
         self._joint_forces = np.empty((0, 3))
+        self.compiled: CompiledForces | None = None  # what finds their forces, if it is compiled
         self._guide: tuple[Guide, float, list[Array | tuple[Array, Array]]] | None = None
         self._fewest = 0  # sweeps, with the guide
         self._lie = list[Array | tuple[Array, Array]]()  # the bodies in the step, as `_where`
@@ -74,7 +80,7 @@ class StepPairs:
             forces.append(self._joint_forces[known[joint]] if joint in known else np.zeros((len(rows), 3)))
         self._joint_forces = np.concatenate(forces)
         self._held = [_part(*each) for each in zip(self._bodies, self._joint_ends, strict=True) if each[1]]
-        self._pairs = self._guide = None
+        self._pairs = self._guide = self.compiled = None
 
     def of_step(self, h: float, far: bool = False) -> tuple[Pairs, Array, Guide | None]:
         """The pairs of a step of h s that all bodies have begun, forces to begin with, and what may guide.
@@ -103,18 +109,22 @@ class StepPairs:
         pairs = pairs._replace(places=places, before=before, gaps=gaps, swung=swung)
         return pairs, self._start, self._known_guide(h)
 
+    def are_deep(self, pairs: Pairs) -> Array | None:
+        """Which contacts are of two rigid bodies that are in one another, (C,); None where none is."""
+        if not len(pairs.gaps) or pairs.gaps.item(pairs.gaps.argmin()) >= 0.0:
+            return None
+        are_deep = pairs.are_rigid & (-pairs.gaps > PENETRATION_TOLERANCE * self._sizes_met[self._meeting_of])
+        return are_deep if are_deep.any() else None
+
     def let_out(self, pairs: Pairs, found: Found, guide: Guide, h: float) -> Pairs:
         """The same pairs, or with speeds of those that are to be let out of one another, as they rest there.
 
         Rests is what the forces of the step press without an impact. They leave no faster than these could stop.
         """
-        C = len(pairs.gaps)
-        if not C or pairs.gaps.item(pairs.gaps.argmin()) >= 0.0:
+        is_deep = self.are_deep(pairs)
+        if is_deep is None:
             return pairs
-        n, depths = pairs.normals, -pairs.gaps
-        is_deep = pairs.are_rigid & (depths > PENETRATION_TOLERANCE * self._sizes_met[self._meeting_of])
-        if not is_deep.any():
-            return pairs
+        C, n, depths = len(pairs.gaps), pairs.normals, -pairs.gaps
         a, pressure = (n * pairs.before[:C]).dot(_ONES), (n * found.forces[:C]).dot(_ONES)
         of_meetings = np.zeros((2, len(self._meetings)))
         np.maximum.at(of_meetings[0], self._meeting_of, h * np.abs(a) * (is_deep | (pressure > 0)))
@@ -195,6 +205,7 @@ class StepPairs:
             *(e, self._are_rigid[self._meeting_of], self._yield_at_once[self._meeting_of]),
             *(np.zeros(C), (μ > 0)[:, None] / 2),
         )
+        self.compiled = _compiled_forces(self._pairs)
         self._start = np.concatenate([np.array([force for force, _ in start]).reshape(-1, 3), self._joint_forces])
         self._swung = np.array([swung for _, swung in start], dtype=int)
 
@@ -225,22 +236,24 @@ class StepPairs:
         for body, pairs, rows, _, _, points in self._pairs.parts:
             if body.is_driven or not len(pairs):
                 continue
-            known = body.known_delassus(points)
-            if known is None:
+            known = body.known_answer(points, self._pairs.places[rows])
+            if known is None or known[1] is None:
                 pose = body.pose
                 lie.append((self._pairs.places[rows] - pose.position, pose.rotation))
             else:
-                lie.append(known)
+                lie.append(known[1])
         return lie
 
-    def keep(self, found: Found, guide: Guide, h: float) -> None:
+    def keep(self, found: Found, guide: Guide | None, h: float) -> None:
         """Takes note of the forces of a step of h s that was taken, and of what guided them."""
         C = len(found.forces) - len(self._joint_forces)
         self._start, self._joint_forces = found.forces, found.forces[C:]
         self._swung = np.zeros(C, int) if found.swung is None else found.swung
         if C:
             self._dissipated += self._dissipation(found, h)
-        if self._guide is None or self._guide[0] is not guide:
+        if guide is None:
+            self._guide = None
+        elif self._guide is None or self._guide[0] is not guide:
             self._guide, self._fewest = (guide, h, self._lie), found.sweeps
         elif found.sweeps > self._fewest + MORE_SWEEPS:
             self._guide = None
@@ -313,6 +326,14 @@ def _lies_as(now: Array | tuple[Array, Array], then: Array | tuple[Array, Array]
     if np.abs(rotation - rotation_then).max() > GUIDES:
         return False
     return bool(np.abs(arms - arms_then).max() <= GUIDES * np.abs(arms_then).max())
+
+
+def _compiled_forces(pairs: Pairs) -> "CompiledForces | None":
+    if not compiled():
+        return None
+    from fenics_rom.world.compiled_forces import compiled_forces  # here, as numba takes time to import
+
+    return compiled_forces(pairs)
 
 
 def _points(spots: Spots, follows: bool = False) -> Points:

@@ -241,11 +241,11 @@ class World(ReadWorld):
         if self._skins.is_due(self._steps):
             self._skins.look(self._steps, self._time)
 
-    def _find(self, inputs: Mapping[str, Mapping[str, Any]]) -> tuple[Pairs, Found, Guide]:
+    def _find(self, inputs: Mapping[str, Mapping[str, Any]]) -> tuple[Pairs, Found, Guide | None]:
         """Opens a step, and finds its forces; all bodies have tried them last."""
         h, known = self._dt, self._step_pairs
         pairs, start, guide = self._begin(inputs)
-        found, guide = find_forces(pairs, h, start, guide)
+        found, guide = self._forces(pairs, start, guide)
         for _ in self.bodies:  # each may hit the next
             if not known.lacks_pairs(pairs, found, h):
                 break
@@ -253,12 +253,21 @@ class World(ReadWorld):
             if more.parts is pairs.parts:
                 break
             pairs = more
-            found, guide = find_forces(pairs, h, start, guided)
-        if (deep := known.let_out(pairs, found, guide, h)) is not pairs:
+            found, guide = self._forces(pairs, start, guided)
+        if guide is not None and (deep := known.let_out(pairs, found, guide, h)) is not pairs:
             found, guide = find_forces(deep, h, found.forces, guide)
             if known.overdraws(found, h):
                 found, guide = find_forces(pairs, h, start, guide)
         return pairs, found, guide
+
+    def _forces(self, pairs: Pairs, start: Array, guide: Guide | None) -> tuple[Found, Guide | None]:
+        """Forces of pairs; without a guide where compiled loops found them."""
+        h, known = self._dt, self._step_pairs
+        if known.compiled is not None and known.are_deep(pairs) is None:
+            found = known.compiled.find(pairs, h, start)
+            if found is not None:
+                return found, None
+        return find_forces(pairs, h, start, guide)
 
     def _step_that_would_do(self, inputs: Mapping[str, Mapping[str, Any]]) -> float | None:
         """The longest of shorter steps, s, in which forces are found; None where that is not looked for."""

@@ -135,7 +135,7 @@ def test_forces_are_those_of_numpy(law, quasi_static, seed):
 def test_newton_and_sweeps_find_the_same_forces(seed):
     """Of points that partly stick, slip and lift off, with some that take no part."""
     random = np.random.default_rng(seed)
-    P, μ = int(random.integers(1, 15)), random.uniform(0.1, 1.0)
+    P = int(random.integers(1, 15))
     A, points = random.normal(size=(3 * P, 3 * P)), np.flatnonzero(random.random(P) < 0.8)
     W = 1e-3 * (A @ A.T / (3 * P) + 0.3 * np.eye(3 * P))
     C = len(points)
@@ -146,7 +146,7 @@ def test_newton_and_sweeps_find_the_same_forces(seed):
     for frame, normal in zip(axes, normals, strict=True):
         frame[0] = normal / np.linalg.norm(normal)
         coulomb.frame_along(frame)
-    q = random.normal(size=(C, 3)) - [1.0, 0, 0]
+    q, μ = random.normal(size=(C, 3)) - [1.0, 0, 0], random.uniform(0.1, 1.0, C)
     given, found, speed = (W, points, axes, q, μ, 0.0), [], np.abs(q).max()
     yielding = np.array([coulomb.yielding_of(W, p, 0.0) for p in points])
     for is_newton in (True, False):

@@ -119,7 +119,7 @@ def test_forces_stay_those_of_the_last_step_where_one_is_refused(monkeypatch):
         world.step()
         before = world.force_between("box", "ground"), world.force_between("other", "box"), world.touching
         with monkeypatch.context() as patch:
-            patch.setattr(world_module, "find_forces", refuse)
+            patch.setattr(fr.World, "_forces", refuse)
             with pytest.raises(fr.StepError):
                 world.step()
         np.testing.assert_array_equal(world.force_between("box", "ground"), before[0])

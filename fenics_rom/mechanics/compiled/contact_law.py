@@ -27,7 +27,7 @@ class Law(NamedTuple):
 
     h: float
     restitution: float
-    friction: float
+    friction: float  # of the pairs, at most
     rate: float  # by which a gap is closed, 1/s: -1/h, or -k/(k h/2 + d) of springs and dashpots
     compliance: float  # of each pair along its normal, m/s/N; 0 of the rigid law
     is_at_rest: bool  # without inertia
@@ -44,16 +44,18 @@ class Pairs(NamedTuple):
     level: Array  # (N,) normal velocities below which a pair takes part, m/s
     chosen: Array  # (N,) whether it does
     helped: Array  # (N,) whether friction is not asked to stop it
+    friction: Array  # μ (N,)
     forces: Array  # (N, 3) along the axes of space, N
 
 
-def pairs_from(forces: Array) -> Pairs:
-    """Of N pairs whose search begins with forces (N, 3)."""
+def pairs_from(forces: Array, friction: float | Array) -> Pairs:
+    """Of N pairs with friction μ, of all or of each, whose search begins with forces (N, 3)."""
     N = len(forces)
     vectors = np.empty((3, N, 3))
     flags = np.empty((2, N), dtype=bool)
     axes = np.empty((N, 3, 3))
-    return Pairs(axes, vectors[0], vectors[1], vectors[2], np.empty(N), flags[0], flags[1], forces.copy())
+    asked = vectors[0], vectors[1], vectors[2], np.empty(N), flags[0], flags[1], np.full(N, friction)
+    return Pairs(axes, *asked, forces.copy())
 
 
 class Found(NamedTuple):
@@ -117,17 +119,17 @@ def ask(
 
 @jit
 def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs: Pairs) -> Found:
-    """Contact forces of a step of which `ask` has said what the law asks.
+    """Contact forces of a step of which `ask`, or who knows it, has said what the law asks.
 
     Args:
         law: the law.
-        W: the Delassus operator (3P, 3P), m/s/N.
-        inverse: of it; (0, 0) where it is not known.
-        P: number of points.
+        W: the Delassus operator (3P, 3P), m/s/N; where it is not symmetric, its transpose.
+        inverse: of it, or of what is nearly so and symmetric; (0, 0) where it is not known.
+        P: number of points; of pairs of two bodies each is a point.
         swung: (N,) in how many steps in a row friction did not stop a pair.
         pairs: what takes part, what is asked and forces are set; unless the status is OTHERWISE these are what came.
     """
-    N, sweeps, any_helped = len(pairs.level), 0, False
+    N, sweeps, any_helped = len(pairs.level), 0, bool(pairs.helped.any())
     slides = law.friction > 0 and not law.is_at_rest
     has_newton = len(inverse) > 0 and slides and law.compliance == 0
     for _ in range(MOST_ROUNDS):
@@ -143,6 +145,7 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
         if 2 * len(few) <= P:
             among[few], part = np.arange(len(few)), part_of(W, few)
         points, axes, yielding = np.empty(C, dtype=np.int64), np.empty((C, 3, 3)), np.empty(C)
+        friction = pairs.friction[active]
         q, f, u, speed = np.empty((C, 3)), np.empty((C, 3)), np.empty((C, 3)), 0.0
         for i in range(C):
             c = active[i]
@@ -155,16 +158,17 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
                     f[i, k] += axes[i, k, j] * pairs.forces[c, j]
                 speed = max(speed, abs(q[i, k]))
         moved = np.empty(len(part))
-        given = part, points, axes, q, law.friction, law.compliance
+        given = part, points, axes, q, friction, law.compliance
         error = look_at(*given, yielding, f, u, moved)
         if not error <= ACCURATE * speed:
             is_found = False
             if has_newton and len(part) == len(W) and len(few) == C and error > NEAR * speed:
-                count, is_found = find_by_newton(inverse, points, axes, q, law.friction, yielding, f, u, error)
+                count, is_found = find_by_newton(inverse, points, axes, q, friction, yielding, f, u, error)
                 sweeps += count
-            if not is_found:
+                error = look_at(*given, yielding, f, u, moved)
+            if not (is_found and error <= STAGNATION * speed):
                 sweeps += find_by_sweeps(*given, f, moved)
-            error = look_at(*given, yielding, f, u, moved)
+                error = look_at(*given, yielding, f, u, moved)
         if not error <= STAGNATION * speed:
             return Found(OTHERWISE, sweeps, 0.0)
         pairs.forces[:] = 0.0

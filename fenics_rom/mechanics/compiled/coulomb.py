@@ -29,7 +29,7 @@ def frame_along(axes: Array) -> None:
 
 @jit
 def add_motion(W: Array, p: int, fx: float, fy: float, fz: float, moved: Array) -> None:
-    """Adds what a force on point p does to the velocities of all points, (3P,), by the symmetric operator W."""
+    """Adds what a force on point p does to the velocities of all points, (3P,), by rows of W: the columns of Wᵀ."""
     x, y, z = W[3 * p], W[3 * p + 1], W[3 * p + 2]
     for k in range(len(moved)):
         moved[k] += x[k] * fx + y[k] * fy + z[k] * fz
@@ -56,7 +56,7 @@ def look_at(
     points: Array,
     axes: Array,
     q: Array,
-    friction: float,
+    friction: Array,
     compliance: float,
     yielding: Array,
     f: Array,
@@ -77,7 +77,7 @@ def look_at(
         u[c, 0] += compliance * f[c, 0]
         n = f[c, 0] - u[c, 0] / yielding[c]
         first, second = f[c, 1] - u[c, 1] / yielding[c], f[c, 2] - u[c, 2] / yielding[c]
-        length, cone = math.sqrt(first * first + second * second), friction * max(n, 0.0)
+        length, cone = math.sqrt(first * first + second * second), friction[c] * max(n, 0.0)
         if length > cone:
             first, second = first * (cone / length), second * (cone / length)
         off = max(abs(f[c, 0] - max(n, 0.0)), abs(f[c, 1] - first), abs(f[c, 2] - second))

@@ -30,7 +30,7 @@ def find_by_newton(
     points: Array,
     axes: Array,
     q: Array,
-    friction: float,
+    friction: Array,
     yielding: Array,
     f: Array,
     u: Array,
@@ -43,25 +43,25 @@ def find_by_newton(
         points: (C,) that of each pair, all different; those of none are open.
         axes: (C, 3, 3) frames, rows n, t1 and t2.
         q: (C, 3) free velocities less targets, in these, m/s.
-        friction: μ.
+        friction: μ (C,).
         yielding: (C,) 1/ρ of each pair, m/s/N.
         f: (C, 3) in the frames, to begin with; set if they are found.
         u: (C, 3) W f + q.
         missed: how far these are from the law, m/s.
     """
     P, C, speed = len(inverse) // 3, len(points), np.abs(q).max()
-    kinds, frames, ρ = np.full(P, NO_PAIR), np.zeros((P, 3, 3)), np.ones(P)
+    kinds, frames, ρ, μ = np.full(P, NO_PAIR), np.zeros((P, 3, 3)), np.ones(P), np.zeros(P)
     frames[:, 0, 0] = frames[:, 1, 1] = frames[:, 2, 2] = 1.0
     v, z, as_if_stuck = np.zeros((P, 3)), np.zeros((P, 3)), np.empty((P, 3))
     stuck, forces = np.empty((P, 3)), np.empty((P, 3))
     for c in range(C):
         p = points[c]
-        kinds[p], ρ[p], frames[p], v[p] = OPEN, 1 / yielding[c], axes[c], -q[c]
+        kinds[p], ρ[p], μ[p], frames[p], v[p] = OPEN, 1 / yielding[c], friction[c], axes[c], -q[c]
         for k in range(3):
             z[p, k] = f[c, k] - ρ[p] * u[c, k]
     _map(inverse, frames, v, stuck)  # the forces that all need to stick
     v[:] = 0.0
-    if _look(kinds, ρ, friction, stuck, v, as_if_stuck) < missed:
+    if _look(kinds, ρ, μ, stuck, v, as_if_stuck) < missed:
         z[:] = as_if_stuck
     known, blocks = np.zeros((P, P), dtype=np.bool_), np.empty((P, P, 3, 3))
     matrix, right = np.empty((3 * P, 3 * P)), np.empty(3 * P)
@@ -71,14 +71,14 @@ def find_by_newton(
         moving, n = 0, 0  # points with unknown velocities, and how many these are
         for p in range(P):
             if kinds[p] != NO_PAIR:
-                length, cone = math.sqrt(z[p, 1] ** 2 + z[p, 2] ** 2), friction * z[p, 0]
+                length, cone = math.sqrt(z[p, 1] ** 2 + z[p, 2] ** 2), μ[p] * z[p, 0]
                 kinds[p] = OPEN if z[p, 0] <= 0 else SLIPS if length > cone else STICKS
             if kinds[p] != STICKS:
                 places[moving], begins[moving] = p, n
                 moving, n = moving + 1, n + (2 if kinds[p] == SLIPS else 3)
         places_now, begins_now = places[:moving], begins[:moving]
         _blocks_of(inverse, frames, places_now, known, blocks)
-        _set_up(blocks, stuck, kinds, ρ, friction, z, places_now, begins_now, matrix, right)
+        _set_up(blocks, stuck, kinds, ρ, μ, z, places_now, begins_now, matrix, right)
         if not _solve(matrix, right, n):
             return count, False
         v[:] = 0.0
@@ -92,7 +92,7 @@ def find_by_newton(
         for i in range(moving):
             if kinds[places[i]] != SLIPS:
                 forces[places[i]] = 0.0
-        missed = _look(kinds, ρ, friction, forces, v, z)
+        missed = _look(kinds, ρ, μ, forces, v, z)
         if missed <= ACCURATE * speed or (missed <= SOLVED * speed and missed >= before / 2):
             break
         before = missed
@@ -100,7 +100,7 @@ def find_by_newton(
         return count, False
     for c in range(C):
         p = points[c]
-        f[c, 0], cone = max(forces[p, 0], 0.0), friction * max(forces[p, 0], 0.0)
+        f[c, 0], cone = max(forces[p, 0], 0.0), friction[c] * max(forces[p, 0], 0.0)
         length = math.sqrt(forces[p, 1] ** 2 + forces[p, 2] ** 2)
         share = cone / length if length > cone else 1.0
         f[c, 1], f[c, 2] = share * forces[p, 1], share * forces[p, 2]
@@ -128,7 +128,7 @@ def _map(operator: Array, frames: Array, x: Array, y: Array) -> None:
 
 
 @jit
-def _look(kinds: Array, ρ: Array, friction: float, forces: Array, v: Array, z: Array) -> float:
+def _look(kinds: Array, ρ: Array, μ: Array, forces: Array, v: Array, z: Array) -> float:
     """Sets z (P, 3), N, of forces and velocities; how far the pairs are from the law, m/s."""
     worst = 0.0
     for p in range(len(z)):
@@ -138,8 +138,8 @@ def _look(kinds: Array, ρ: Array, friction: float, forces: Array, v: Array, z: 
             z[p, k] = forces[p, k] - ρ[p] * v[p, k]
         n, first, second = max(z[p, 0], 0.0), z[p, 1], z[p, 2]
         length = math.sqrt(first * first + second * second)
-        if length > friction * n:
-            first, second = first * (friction * n / length), second * (friction * n / length)
+        if length > μ[p] * n:
+            first, second = first * (μ[p] * n / length), second * (μ[p] * n / length)
         off = max(abs(forces[p, 0] - n), abs(forces[p, 1] - first), abs(forces[p, 2] - second))
         worst = max(worst, off / ρ[p])
     return worst
@@ -172,7 +172,7 @@ def _set_up(
     stuck: Array,
     kinds: Array,
     ρ: Array,
-    friction: float,
+    μ: Array,
     z: Array,
     places: Array,
     begins: Array,
@@ -192,9 +192,9 @@ def _set_up(
                         m += 1
             continue
         length = math.sqrt(z[p, 1] ** 2 + z[p, 2] ** 2)
-        first, second, share = z[p, 1] / length, z[p, 2] / length, friction * z[p, 0] / length
+        first, second, share = z[p, 1] / length, z[p, 2] / length, μ[p] * z[p, 0] / length
         B11, B12, B22 = share * second * second, -share * first * second, share * first * first
-        C11, C22, n1, n2 = 1 - B11, 1 - B22, friction * first, friction * second
+        C11, C22, n1, n2 = 1 - B11, 1 - B22, μ[p] * first, μ[p] * second
         for j in range(len(places)):
             m, block = begins[j], blocks[p, places[j]]
             for b in range(1 if kinds[places[j]] == SLIPS else 0, 3):

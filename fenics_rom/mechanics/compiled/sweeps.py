@@ -28,22 +28,22 @@ def _local_compliance(W: Array, p: int, axes: Array, local: Array) -> None:
             x += axes[a, j] * row[3 * p]
             y += axes[a, j] * row[3 * p + 1]
             z += axes[a, j] * row[3 * p + 2]
-        for b in range(3):
-            local[a, b] = x * axes[b, 0] + y * axes[b, 1] + z * axes[b, 2]
+        for b in range(3):  # rows of W are what forces move
+            local[b, a] = x * axes[b, 0] + y * axes[b, 1] + z * axes[b, 2]
 
 
 @jit
 def find_by_sweeps(
-    W: Array, points: Array, axes: Array, q: Array, friction: float, compliance: float, f: Array, moved: Array
+    W: Array, points: Array, axes: Array, q: Array, friction: Array, compliance: float, f: Array, moved: Array
 ) -> int:
     """Forces of C pairs: how many sweeps they took.
 
     Args:
-        W: (3P, 3P), symmetric, m/s/N.
+        W: (3P, 3P), m/s/N; where it is not symmetric, its transpose.
         points: (C,) that of each pair.
         axes: (C, 3, 3) frames, rows n, t1 and t2.
         q: (C, 3) free velocities less targets, in these.
-        friction: μ.
+        friction: μ (C,).
         compliance: of each pair along its normal, m/s/N.
         f: (C, 3) in the frames, to begin with; set to what is found, in the cones.
         moved: (3P,) W f of all points, along the axes of space; changed with f.
@@ -83,7 +83,7 @@ def _sweep(
     points: Array,
     axes: Array,
     q: Array,
-    friction: float,
+    friction: Array,
     compliance: float,
     own: Array,
     soft: Array,
@@ -103,7 +103,7 @@ def _sweep(
         d = max(0.0, λ - (q[c, 0] + n[0] * vx + n[1] * vy + n[2] * vz + compliance * λ) * stiff[c, 0]) - λ
         ua = q[c, 1] + a[0] * vx + a[1] * vy + a[2] * vz + own[c, 1, 0] * d
         ub = q[c, 2] + b[0] * vx + b[1] * vy + b[2] * vz + own[c, 2, 0] * d
-        ta, tb, cone = first - ua * stiff[c, 1], second - ub * stiff[c, 1], friction * (λ + d)
+        ta, tb, cone = first - ua * stiff[c, 1], second - ub * stiff[c, 1], friction[c] * (λ + d)
         square = ta * ta + tb * tb
         if square > cone * cone:
             share = cone / math.sqrt(square)

@@ -87,8 +87,8 @@ class CompiledStep:
 
     def _found(self, begun: ContactSearch) -> StepContact:
         """For what a step finds that begins so."""
-        P = len(self._solver.points)
-        return StepContact(pairs_from(begun.forces), np.empty(len(begun.forces)), np.zeros((4, 3 * P)), np.empty(3 * P))
+        P, pairs = len(self._solver.points), pairs_from(begun.forces, self._law.friction)
+        return StepContact(pairs, np.empty(len(begun.forces)), np.zeros((4, 3 * P)), np.empty(3 * P))
 
     def _keep(
         self, step: Step, found: StepContact, begun: ContactSearch, obstacles: ObstacleMotion

@@ -1,0 +1,1 @@
+"""Steps of worlds as numba compiles them: loops over pairs and bodies."""

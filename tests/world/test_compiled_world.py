@@ -1,0 +1,184 @@
+"""Compiled steps of worlds are those of NumPy: the same law of all pairs, the same bodies, the same runs."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_soft_motion import CLAMPED, LIES, TOUCHED, reduced
+
+import fenics_rom as fr
+from fenics_rom.compilation import compiled
+from fenics_rom.mechanics.braking import SWINGS, Braking
+from fenics_rom.mechanics.compiled import contact_law
+from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, Law, pairs_from
+from fenics_rom.mechanics.compiled.coulomb import frame_along
+from fenics_rom.mechanics.frame_motion import quaternion_of_vector
+from fenics_rom.world import step_pairs
+from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Points
+from fenics_rom.world.compiled.rigid_bodies import RigidBodies, add_answers, attempt
+from fenics_rom.world.compiled_forces import CompiledForces
+from fenics_rom.world.contact_step import Guide, Pairs, _Asked, _law
+from fenics_rom.world.rigid import Rigid
+from fenics_rom.world.shapes import Box
+
+pytestmark = [
+    pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off"),
+    pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning"),
+]
+H, EPS = 2e-3, float(np.finfo(float).eps)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def units(random, count):
+    vectors = random.normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
+@given(seeds)
+@settings(deadline=None, max_examples=100)
+def test_the_law_of_pairs_is_that_of_numpy(seed):
+    """W is not quite symmetric, as where bodies turn; each pair has a friction of its own, some have none."""
+    random = np.random.default_rng(seed)
+    C = random.integers(1, 12)
+    A = random.normal(size=(3 * C, 3 * C))
+    W = A @ A.T / (3 * C) + 0.3 * np.eye(3 * C)
+    W = 1e-3 * (W + 1e-3 * (A - A.T))
+    normals, free, sliding = units(random, C), *random.normal(size=(2, C, 3))
+    friction = random.choice([0.0, 0.3, 0.8], C)
+    sliding -= (normals * sliding).sum(axis=1)[:, None] * normals
+    sliding *= (friction > 0)[:, None] * random.choice([0.0, 1.0])
+    level, target = random.normal(size=C), -np.abs(random.normal(size=C))
+    start = random.uniform(0, 300, (C, 3))
+    swung = random.integers(0, SWINGS, C)
+    asked = _Asked(level, target[:, None] * normals, sliding, Braking(sliding.T.copy(), swung), np.zeros(C, dtype=bool))
+    none = np.zeros(C, dtype=bool)
+    asked_pairs = Pairs((), *np.zeros((2, C, 3)), normals, np.zeros(C), friction, np.zeros(C), none, none, *[none] * 2)
+    expected = _law(asked_pairs, Guide(W, ~none), free, start, asked)
+    pairs = pairs_from(start, friction)
+    pairs.axes[:, 0], pairs.level[:], pairs.helped[:] = normals, level, False
+    for axes in pairs.axes:
+        frame_along(axes)
+    pairs.free[:], pairs.relative[:] = (np.einsum("cij,cj->ci", pairs.axes, of) for of in (free, 2 * sliding))
+    pairs.target[:] = pairs.relative / 2
+    pairs.target[:, 0] = target
+    pairs.chosen[:] = pairs.free[:, 0] < level
+    law = Law(H, 0.0, float(friction.max()), 0.0, 0.0, False, SWINGS)
+    inverse = np.linalg.inv((W + W.T) / 2) if random.random() < 0.5 else np.empty((0, 0))
+    status = contact_law.find_forces(law, np.ascontiguousarray(W.T), inverse, C, swung, pairs).status
+    if asked.braking.swinging is not None:
+        return
+    assert status in (FOUND, NOTHING)
+    found = pairs.forces if status == FOUND else 0 * pairs.forces
+    stopped = max(np.abs(free - target[:, None] * normals - sliding).max(), 1e-3)
+    np.testing.assert_array_equal(pairs.chosen, asked.chosen)
+    np.testing.assert_array_equal(pairs.helped, none if asked.braking.helped is None else asked.braking.helped)
+    np.testing.assert_allclose((found - expected).ravel() @ W.T, 0.0, atol=1e-9 * stopped)
+
+
+def random_bodies(random, count):
+    bodies = []
+    for _ in range(count):
+        box = Box(random.uniform(0.05, 0.2, 3))
+        mass, inertia = box.inertia(1000.0)
+        pose = fr.BaseState(
+            random.normal(size=3), quaternion_of_vector(random.normal(size=3)), *random.normal(size=(2, 3))
+        )
+        bodies.append(Rigid(box, mass, inertia, pose, random.normal(size=3)))
+        bodies[-1].take({"force": random.normal(size=3), "torque": 1e-2 * random.normal(size=3)})
+        bodies[-1].begin(H)
+    return bodies
+
+
+@given(seeds)
+@settings(deadline=None, max_examples=50)
+def test_rigid_bodies_answer_as_in_numpy(seed):
+    random = np.random.default_rng(seed)
+    bodies, C = random_bodies(random, 3), 7
+    ends = np.array([random.choice([-1, 0, 1, 2], 2, replace=False) for _ in range(C)])
+    places = np.array([bodies[max(end)]._p for end in ends]) + random.uniform(-0.1, 0.1, (C, 3))
+    forces = random.normal(size=(C, 3))
+    stacked = RigidBodies(
+        np.array([body.mass for body in bodies]),
+        np.array([body.inertia for body in bodies]),
+        np.array([body.begun[0] for body in bodies]),
+        *(np.array([body.begun[k] for body in bodies]) for k in (1, 2)),
+    )
+    tries, u, W = np.empty((3, 4, 3)), np.zeros((C, 3)), np.zeros((3 * C, 3 * C))
+    fastest = attempt(stacked, H, ends, places, forces, tries, u)
+    add_answers(stacked, H, ends, places, tries, W)
+    expected, expected_W, speeds = np.zeros((C, 3)), np.zeros(W.shape), []
+    for number, body in enumerate(bodies):
+        rows, sides = np.nonzero(ends == number)
+        signs = np.where(sides == 0, 1.0, -1.0)[:, None]
+        points = Points(
+            np.empty((len(rows), 0), int), np.empty((len(rows), 0)), np.empty((0, 3)), NO_POINTS.follows, NO_ROWS
+        )
+        velocities = body.attempt(points, places[rows], signs * forces[rows])
+        expected[rows] += signs * velocities
+        speeds.append(np.abs(velocities).max(initial=0.0))
+        axes, sign = (3 * rows[:, None] + np.arange(3)).ravel(), np.repeat(signs, 3)
+        expected_W[axes[:, None], axes] += sign[:, None] * body.delassus(points, places[rows]) * sign
+        for known, of in zip(body._try, tries[number], strict=True):
+            np.testing.assert_allclose(of, known, atol=1e4 * EPS * max(1.0, np.abs(known).max()))
+    np.testing.assert_allclose(u, expected, atol=1e3 * EPS * max(speeds))
+    np.testing.assert_allclose(fastest, max(speeds), rtol=1e3 * EPS)
+    np.testing.assert_allclose(W.T, expected_W, atol=1e3 * EPS * np.abs(expected_W).max())
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory):
+    return reduced(tmp_path_factory.mktemp("held"), frame="fixed", **CLAMPED, **TOUCHED)
+
+
+def beam_and_boxes(rom):
+    """Two boxes land on a beam, turning, and slide; another one moves as it is told, and one flies by."""
+    size = (0.05, 0.05, 0.04)
+    bodies = {
+        "beam": fr.SoftBody(rom),
+        "table": fr.RigidBody(
+            Box((0.4, 0.4, 0.02)), motion=lambda time: LIES._replace(position=np.array([0.15, 0.015, -0.05]))
+        ),
+        "low": fr.RigidBody(Box(size), mass=0.03, position=(0.2, 0.02, 0.045), velocity=(0.3, 0.0, -0.2)),
+        "high": fr.RigidBody(
+            Box(size),
+            mass=0.02,
+            position=(0.25, 0.01, 0.1),
+            velocity=(-0.2, 0.1, 0.0),
+            angular_velocity=(2.0, 3.0, 1.0),
+        ),
+        "away": fr.RigidBody(Box(size), mass=0.02, position=(5.0, 0.0, 0.0)),
+    }
+    return fr.World(bodies, dt=1e-3, gravity=(0, 0, -9.81), friction=0.4, restitution=0.2)
+
+
+def told(world):
+    """Numbers of a world."""
+    of_bodies = [np.concatenate([*map(np.ravel, world.pose(name))]) for name in world.names]
+    return np.concatenate([*of_bodies, [world.energy, world.ledger.dissipated, world.ledger.supplied]])
+
+
+def test_a_run_is_that_of_numpy(held, monkeypatch):
+    """Boxes fall on a beam: 150 steps, in most of which loops find the forces."""
+    found, known = [], CompiledForces.find
+
+    def find(self, *given):
+        found.append(known(self, *given))
+        return found[-1]
+
+    monkeypatch.setattr(CompiledForces, "find", find)
+    runs = []
+    for is_compiled in (True, False):
+        monkeypatch.setattr(step_pairs, "compiled", lambda answer=is_compiled: answer)
+        world, numbers, touching = beam_and_boxes(held), [], 0
+        start = world.energy
+        for _ in range(150):
+            world.step()
+            numbers.append(told(world))
+            touching = max(touching, world.touching)
+        account = world.ledger
+        gap = world.energy - start - account.supplied + account.dissipated + account.numerical
+        assert abs(gap) < 10 * 150 * EPS * start  # in each step by round-off
+        assert touching > 3
+        runs.append(np.array(numbers))
+    assert sum(each is not None for each in found) > 0.8 * len(found) > 0.8 * 60
+    np.testing.assert_allclose(runs[0], runs[1], atol=1e-9)
