@@ -164,7 +164,10 @@ def test_newton_and_sweeps_find_the_same_forces(seed):
 
 
 def test_what_loops_do_not_find_numpy_does(monkeypatch):
-    """A point that friction turned round in step after step is asked for the share of its velocity that it can stop."""
+    """A point that friction turned round in step after step is asked for the share of its velocity that it can stop.
+
+    That is none where it is alone, and some where friction brakes another one that slides.
+    """
     law, asked, known = ContactLaw(friction=0.5), [], contact_solver.solve
 
     def solve(*given):
@@ -172,10 +175,17 @@ def test_what_loops_do_not_find_numpy_does(monkeypatch):
         return known(*given)
 
     monkeypatch.setattr(contact_solver, "solve", solve)
-    still, motion = ObstacleMotion(*np.zeros((3, 1, 3))), [[[0, 0, 0]], [[1.0, 0, 0]], [[-0.2, 0, -1.0]]]
-    for swung, is_asked in ((SWINGS - 1, False), (SWINGS, True)):
-        solver = make_contact_solver(np.zeros((1, 3)), [HalfSpace([0, 0, 0], [0, 0, 1])], law)
-        solver.search = solver.search._replace(swung=np.array([swung]))
-        found = solver.solve(PointMotion(*np.array(motion)), 1e-3 * np.eye(3), H, still)
-        assert found is not None
-        assert bool(asked) is is_asked
+    still = ObstacleMotion(*np.zeros((3, 1, 3)))
+    motion = np.array([[[0, 0, 0]] * 2, [[1.0, 0, 0], [0.1, 0, 0]], [[-0.2, 0, -1.0], [0.2, 0, -0.1]]])
+    for swung, P, is_asked in ((SWINGS - 1, 2, False), (SWINGS, 1, False), (SWINGS, 2, True)):
+        forces = []
+        for make in (make_contact_solver, ContactSolver):
+            solver = make(np.zeros((P, 3)), [HalfSpace([0, 0, 0], [0, 0, 1])], law)
+            solver.search = solver.search._replace(swung=np.full(P, swung))
+            found = solver.solve(PointMotion(*motion[:, :P]), 1e-3 * np.eye(3 * P), H, still)
+            assert found is not None
+            forces.append(found.forces)
+            if make is make_contact_solver:
+                assert bool(asked) is is_asked
+        np.testing.assert_allclose(*forces, atol=1e-9 * 1000)  # N, that stop 1 m/s
+        asked.clear()

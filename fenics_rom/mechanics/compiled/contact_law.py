@@ -1,7 +1,7 @@
 """The contact law of one step, as `mechanics.contact_solver` has it, compiled: what takes part, what it asks, forces.
 
-Where it takes more than sweeps over pairs, as where W does not tell forces apart and they shrink slowly, or where what
-friction stops is to be shared (`mechanics.braking`), it says so, and NumPy's methods take the step from its beginning.
+Where it takes more than sweeps over pairs, as where W does not tell forces apart and they shrink slowly, or where a
+share of what swings is to be stopped (`mechanics.braking`), it says so: NumPy takes the step from its beginning.
 """
 
 import math
@@ -196,10 +196,8 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
                 pairs.helped[c] = False
                 pairs.target[c, 1], pairs.target[c, 2] = pairs.relative[c, 1] / 2, pairs.relative[c, 2] / 2
             continue
-        repeat = False
+        repeat, negligible, asked, power = False, WORK_ROUND_OFF * largest * speed, 0.0, 0.0
         if slides:
-            negligible = WORK_ROUND_OFF * largest * speed
-            asked, power = 0.0, 0.0
             for i in range(C):
                 c = active[i]
                 asked += f[i, 1] * pairs.target[c, 1] + f[i, 2] * pairs.target[c, 2]
@@ -210,17 +208,35 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
                     first, second = pairs.target[c, 1], pairs.target[c, 2]
                     work = f[i, 1] * (u[i, 1] + first) + f[i, 2] * (u[i, 2] + second)
                     if work > negligible and (first != 0 or second != 0):
-                        if swung[c] >= law.swings:
-                            return Found(OTHERWISE, sweeps, 0.0)
                         pairs.helped[c], any_helped, repeat = True, True, True
                         pairs.target[c, 1] = pairs.target[c, 2] = 0.0
         if not repeat:
+            if any_helped and not _is_share_none(law, swung, active, f, power, negligible, pairs):
+                return Found(OTHERWISE, sweeps, 0.0)
             power = 0.0
             for i in range(C):
                 c = active[i]
                 power += f[i, 0] * (u[i, 0] + pairs.target[c, 0] - law.compliance * f[i, 0])
             return Found(FOUND, sweeps, power)
     return Found(OTHERWISE, sweeps, 0.0)
+
+
+@jit
+def _is_share_none(
+    law: Law, swung: Array, active: Array, f: Array, power: float, negligible: float, pairs: Pairs
+) -> bool:
+    """Whether what swings is to be stopped by no share of its velocity, as `Braking` would find.
+
+    So it is where friction does no work at that share, and would do some on the bodies at a little more: what sticks
+    then goes by that share, and forces are those of now.
+    """
+    slope, swings = 0.0, False
+    for i in range(len(active)):
+        c = active[i]
+        if pairs.helped[c] and swung[c] >= law.swings:
+            swings = True
+            slope += (f[i, 1] * pairs.relative[c, 1] + f[i, 2] * pairs.relative[c, 2]) / 2
+    return not swings or (power >= -negligible and slope >= 0)
 
 
 @jit
