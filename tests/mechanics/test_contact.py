@@ -11,6 +11,7 @@ from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics import contact_solver
 from fenics_rom.mechanics.braking import Braking
 from fenics_rom.mechanics.complementarity import solve
+from fenics_rom.mechanics.complementarity.solution import ADVICE
 from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ObstacleMotion, PointMotion, moved_by
 from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_search import ContactSearch
@@ -514,6 +515,32 @@ def test_gaps_are_the_smallest_to_any_obstacle():
 def test_out_of_reach_is_nothing():
     body = Points([0, 0, 10.0], [FLOOR, WALL], ContactLaw(friction=0.5), 1e-3, v=(1, 1, -1))
     assert body.step().resolution is None
+
+
+@pytest.mark.parametrize(("freedoms", "advice"), [(1e-6, "in 2 independent ways, of the 3 "), (1e-2, "a smaller dt")])
+def test_where_no_forces_are_found_it_says_what_of_a_body_is_too_stiff(freedoms, advice, monkeypatch):
+    """A smaller dt makes no body move the other way."""
+    monkeypatch.setattr(contact_solver, "solve", refuse)
+    points, still = PointMotion(*np.zeros((3, 1, 3))), ObstacleMotion(*np.zeros((3, 1, 3)))
+    solver = ContactSolver(np.zeros((1, 3)), [FLOOR], ContactLaw(friction=0.5))
+    with pytest.raises(StepError, match=advice):
+        solver.solve(points._replace(free_velocity=-np.ones((1, 3))), np.diag([1.0, freedoms, 1.0]), 1e-3, still)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_what_stops_by_itself_needs_no_forces(friction):
+    """Also where that is so to the last bit, in a step that follows one in which it was pushed."""
+    body = Points([0, 0, 0.0], [FLOOR], ContactLaw(friction=friction), 0.5)
+    braked, forces = ((-1.0, 0, 2.0), (0.5, 0, -1.0)), []
+    for force, v in (((0, 0, -1.0), (0.0, 0, -1.0)), ((0, 0, -1.0), (0.0, 0, -1.0)), braked, braked):
+        body.force, body.v, body.x = np.array(force), np.array(v), np.zeros(3)
+        forces.append(body.step().resolution.forces.any())
+    assert forces == [True, True, False, False]
+    assert not body.v.any()
+
+
+def refuse(*args):
+    raise StepError("contact: none" + ADVICE)
 
 
 @given(seed=seeds, e=st.sampled_from([0.0, 0.5, 1.0]), share=st.floats(0.3, 1), quasi_static=st.booleans())

@@ -58,6 +58,8 @@ def solve(
     Raises:
         StepError: no method came to a solution.
     """
+    if not q[0].any():  # there is nothing to stop, nor perhaps a speed to measure by
+        return Solution(q, q, 0, 0.0, None)
     frames = operator.frames
     if may_follow and kept is not None and (frames.are_alike or not operator.added):
         (lasting,) = frames.to_lasting_axes(frames.in_space(q))

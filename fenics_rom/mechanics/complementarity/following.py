@@ -103,7 +103,7 @@ def follow(law: FollowedLaw, kept: KeptLaw) -> Solution | None:
     """
     q, speed, before = law.q, largest(np.abs(law.q)), np.inf
     inverse, found = kept.inverse, None
-    if inverse is None:
+    if inverse is None or speed == 0:
         return None
     linear = inverse.dot((q - kept.q).ravel()).reshape(q.shape)
     linear += kept.forces
