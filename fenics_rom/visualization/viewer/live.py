@@ -100,13 +100,22 @@ class Live(ABC):
         self.seconds += self._take_step()
         self.steps += 1
 
-    def advance(self, duration: float, patience: float, clock: Callable[[], float] = perf_counter) -> float:
+    def advance(
+        self,
+        duration: float,
+        patience: float,
+        before_last: Callable[[], object],
+        clock: Callable[[], float] = perf_counter,
+    ) -> float:
         """Takes the steps that begin within a duration, s, but none after a patience, s, by the wall clock.
 
-        Returns of the duration what is left: negative where the last step went beyond it. Raises what `step` does.
+        Before the step that reaches the end, `before_last` is called. Returns of the duration what is left: negative
+        where the last step went beyond it. Raises what `step` does.
         """
         end = clock() + patience
         while duration > 0 and clock() < end:
+            if duration <= self.dt:
+                before_last()
             self.step()
             duration -= self.dt
         return duration

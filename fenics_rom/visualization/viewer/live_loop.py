@@ -17,12 +17,14 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomError
+from fenics_rom.visualization.viewer.audience import Audience
+from fenics_rom.visualization.viewer.coloured_body import NextPicture
 from fenics_rom.visualization.viewer.colours import with_unit
 from fenics_rom.visualization.viewer.drawing import FRAMES_PER_SECOND, ForceArrow
 from fenics_rom.visualization.viewer.live import Live
 from fenics_rom.visualization.viewer.panel import ENERGY_SERIES, ColourScale, EnergyPlot, begin_panel
 
-STEPPING_SHARE = 0.6  # of the time of a picture that steps may take; the rest is for drawing and for the browser
+STEPPING_SHARE = 0.6  # of the time that steps may take; the rest is for drawing and for the browser
 FEWEST_FRAMES_PER_SECOND = 10.0  # where the machine does not keep up: drawing, here and in a browser, takes from steps
 PACE = 1.25  # by which the time between pictures changes from one to the next
 PANEL_INTERVAL_SECONDS = 0.25  # between two states of the panel
@@ -39,12 +41,15 @@ class LiveLoop(ABC):
 
     Attributes:
         scale: as given.
+        next_picture: what is shown with it, put off when it is drawn.
     """
 
     def __init__(self, server: Any, live: Live, scale: float):
         self._server, self._live, self.scale = server, live, scale
+        self.next_picture, self._audience = NextPicture(), Audience(server)
         self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._paused, self._speed, self._behind = False, 1.0, 0.0
+        self._before: Mapping[str, Array] | None = None
         self._frame = 1 / FRAMES_PER_SECOND  # s, from one picture to the next
         self._holder: int | None = None
         self._error = ""
@@ -52,8 +57,12 @@ class LiveLoop(ABC):
         self._arrow = ForceArrow(server.scene, scale)
 
     @abstractmethod
-    def _draw(self) -> None:
-        """Draws what is live as it is now."""
+    def _shapes(self) -> Mapping[str, Array]:
+        """All that moves, by name, as it is after the last step."""
+
+    @abstractmethod
+    def _draw(self, shapes: Mapping[str, Array]) -> None:
+        """Draws what is live in these shapes."""
 
     @abstractmethod
     def _words(self) -> list[str]:
@@ -156,6 +165,7 @@ class LiveLoop(ABC):
         """What a start at time 0 needs."""
         self._holder = None
         self._behind, self._error, self._time_since = 0.0, "", 0.0
+        self._before = None
         self._colours.clear()
         self._plot.clear()
         self._panel_due = 0.0
@@ -175,9 +185,13 @@ class LiveLoop(ABC):
         try:
             while not ended.is_set():
                 self._run_frame()
-                now = time.perf_counter()
-                due = max(due + self._frame, now)
-                ended.wait(due - now)
+                if self._audience.is_ready():
+                    self._draw_picture()
+                    now = time.perf_counter()
+                    due = max(due + self._frame, now)
+                    ended.wait(due - now)
+                else:
+                    self._audience.wait(self._frame)
         finally:
             self._end()
 
@@ -189,11 +203,27 @@ class LiveLoop(ABC):
         passed, self._clock = now - self._clock, now
         if not self._paused:
             self._step(passed)
-        if self._server.get_clients():
-            with self._server.atomic():
-                self._draw()
-                self._draw_pull()
-                self._update_panel()
+
+    def _draw_picture(self) -> None:
+        is_new = bool(self.next_picture)
+        with self._server.atomic():
+            self.next_picture.show()
+            self._draw(self._seen())
+            self._draw_pull()
+            self._update_panel()
+        if is_new or self.next_picture:
+            self._audience.ask()
+
+    def _seen(self) -> Mapping[str, Array]:
+        """All that moves where it is by the clock, which is within the last step: else pictures would show now one
+        step more and now one less."""
+        now, ahead = self._shapes(), max(-self._behind, 0.0) / self._live.dt
+        if self._before is None or not ahead:
+            return now
+        return {name: shape + ahead * (self._before[name] - shape) for name, shape in now.items()}
+
+    def _note_shapes(self) -> None:
+        self._before = self._shapes()
 
     def _attempt(self, action: Callable[[], object]) -> bool:
         """Does something, and tells what was wrong with it; gives whether it was done."""
@@ -206,13 +236,14 @@ class LiveLoop(ABC):
 
     def _step(self, passed: float) -> None:
         """The steps of the time that has passed. What the machine cannot keep up with is dropped."""
-        due = self._speed * min(passed, 1 / FEWEST_FRAMES_PER_SECOND) + self._behind
+        passed = min(passed, 1 / FEWEST_FRAMES_PER_SECOND)
+        due = self._speed * passed + self._behind
         self._behind = 0.0
-        if not self._attempt(lambda: self._advance(due)):
+        if not self._attempt(lambda: self._advance(due, STEPPING_SHARE * passed)):
             self._paused = True
 
-    def _advance(self, due: float) -> None:
-        left = self._live.advance(due, STEPPING_SHARE * self._frame)
+    def _advance(self, due: float, patience: float) -> None:
+        left = self._live.advance(due, patience, self._note_shapes)
         self._behind = min(left, self._speed * self._frame)
         self._frame = next_frame(self._frame, keeps_up=left <= 0)
 

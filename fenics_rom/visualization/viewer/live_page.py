@@ -1,7 +1,7 @@
 """The page of a live body."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -49,7 +49,9 @@ class LivePage(LiveLoop):
         around = body.simulator.environment
         obstacles = around.obstacles if around else {}
         tendons = rom.environment.tendons
-        self._picture = DrawnBody(server.scene, "/body", rom.nodes, self._surface, tendons, obstacles, self.scale)
+        self._picture = DrawnBody(
+            server.scene, "/body", rom.nodes, self._surface, tendons, obstacles, self.next_picture, self.scale
+        )
         self._pick_surfaces = {
             name: self._add_pick_surface(name, triangles)
             for name, triangles in self._triangles.items()
@@ -138,9 +140,15 @@ class LivePage(LiveLoop):
         strained = elastic_part(whole, rom.nodes, rom.node_mass) if rom.environment.is_moving else whole
         return strained[self._surface.nodes]
 
-    def _draw(self) -> None:
-        simulator, name = self.body.simulator, self._field.value
-        whole, around = simulator.displacement(), simulator.environment
+    def _shapes(self) -> Mapping[str, Array]:
+        """The displacement of all nodes, (N, 3), m, and of all obstacles."""
+        simulator = self.body.simulator
+        around = simulator.environment
+        obstacles = zip(around.obstacles, around.state.offsets.copy(), strict=True) if around else ()
+        return {"": simulator.displacement(), **dict(obstacles)}
+
+    def _draw(self, shapes: Mapping[str, Array]) -> None:
+        simulator, name, whole = self.body.simulator, self._field.value, shapes[""]
         displacement = whole[self._surface.nodes]
         velocity = simulator.velocity()[self._surface.nodes] if name == "speed" else displacement
         moved = self._surface.places + displacement
@@ -150,12 +158,12 @@ class LivePage(LiveLoop):
         else:
             values, unit = self._fields[name](self._straining(whole), velocity), UNITS[name]
         largest = self._colours.cover(float(values.max()), unit)
-        motion = dict(zip(around.obstacles, around.state.offsets, strict=True)) if around else {}
         spring = self.body.spring
         held = self._triangles[spring.contact] if spring and self._holder is not None else None
-        self._picture.draw(whole, values, largest, motion, held)
+        if not self._picture.draw(whole, values, largest, shapes, held):
+            return
         for pick_surface in self._pick_surfaces.values():
-            pick_surface.draw(moved)
+            self.next_picture.add(partial(pick_surface.draw, moved))
 
     def _words(self) -> list[str]:
         body = self.body

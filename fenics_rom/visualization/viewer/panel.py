@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.io.units import prefixed
-from fenics_rom.visualization.viewer.colours import band_colours, round_up, with_unit
+from fenics_rom.visualization.viewer.colours import bar_colours, round_up, with_unit
 
 ENERGY_SERIES = {
     "stored": "#1f77b4",
@@ -43,7 +43,7 @@ class ColourScale:
         self.largest = max(self.largest, round_up(largest))
         if self._shown != (self.largest, unit):
             self._shown = self.largest, unit
-            stops = ", ".join("rgb({}, {}, {})".format(*colour) for colour in band_colours())
+            stops = ", ".join("rgb({}, {}, {})".format(*colour) for colour in bar_colours())
             end = with_unit(self.largest, unit) if self.largest else f"0 {unit}"
             self._bar.content = (
                 '<div style="margin: 0 1em 0.6em; height: 0.8em; '

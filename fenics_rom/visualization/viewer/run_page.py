@@ -14,8 +14,10 @@ from fenics_rom.trajectory.comparison import common_instants, compare
 from fenics_rom.trajectory.elastic_part import deformation
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
+from fenics_rom.visualization.viewer.audience import Audience
+from fenics_rom.visualization.viewer.coloured_body import ORIGIN, NextPicture
 from fenics_rom.visualization.viewer.colours import with_unit
-from fenics_rom.visualization.viewer.drawing import FRAMES_PER_SECOND, ORIGIN, DrawnBody, set_camera_and_light
+from fenics_rom.visualization.viewer.drawing import FRAMES_PER_SECOND, DrawnBody, set_camera_and_light
 from fenics_rom.visualization.viewer.panel import ColourScale, EnergyPlot, begin_panel
 from fenics_rom.visualization.viewer.surface import (
     READING,
@@ -72,10 +74,21 @@ class RunPage:
         offsets = [k * aside for k in range(len(self._runs))]
         set_camera_and_light(server, np.concatenate([reach + offset for offset in offsets]) / size)
         self._server, self._bodies = server, []
+        self._next_picture, self._audience = NextPicture(), Audience(server)
         for k, (run, offset) in enumerate(zip(self._runs, offsets, strict=True)):
             obstacles = {name: one for name, one in run.obstacles.items() if not _covers(first, name, one, offset)}
             self._bodies.append(
-                DrawnBody(server.scene, f"/run_{k}", run.nodes, self._surface, run.tendons, obstacles, 1 / size, offset)
+                DrawnBody(
+                    server.scene,
+                    f"/run_{k}",
+                    run.nodes,
+                    self._surface,
+                    run.tendons,
+                    obstacles,
+                    self._next_picture,
+                    1 / size,
+                    offset,
+                )
             )
         if len(self._runs) == 2:
             above = np.array([*(places.mean(axis=0)[:2]), places[:, 2].max() + 0.1 * size])
@@ -159,10 +172,13 @@ class RunPage:
             if self._playing:
                 self._move((begin - clock) / self._played.value)
             clock = begin
-            if self._changed.is_set():
-                self._changed.clear()
+            if (self._changed.is_set() or self._next_picture) and self._audience.is_ready():
                 with self._server.atomic():
-                    self._draw(self._row())
+                    self._next_picture.show()
+                    if self._changed.is_set():
+                        self._changed.clear()
+                        self._draw(self._row())
+                self._audience.ask()
             ended.wait(max(0.0, begin + 1 / FRAMES_PER_SECOND - time.perf_counter()))
 
     def _straining(self, run: Trajectory, whole: Array) -> Array:

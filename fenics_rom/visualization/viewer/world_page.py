@@ -1,5 +1,6 @@
 """The page of a live world."""
 
+from collections.abc import Mapping
 from functools import partial
 from itertools import combinations
 from typing import Any
@@ -14,13 +15,13 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.trajectory.elastic_part import elastic_part
 from fenics_rom.visualization.contact_surface import divide_contact_triangles
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
+from fenics_rom.visualization.viewer.coloured_body import hide_what_is_behind
 from fenics_rom.visualization.viewer.colours import with_unit
 from fenics_rom.visualization.viewer.drawing import (
     FLOOR_SIZES,
     OBSTACLE_COLOUR,
     DrawnBody,
     PickSurface,
-    hide_what_is_behind,
     set_camera_and_light,
 )
 from fenics_rom.visualization.viewer.live_loop import LiveLoop
@@ -75,18 +76,23 @@ class WorldPage(LiveLoop):
             hide_what_is_behind(mesh)
         return mesh
 
-    def _draw(self) -> None:
-        world = self.live.world
+    def _shapes(self) -> Mapping[str, Array]:
+        """Displacements of all nodes of soft bodies from where their ROMs have them, (N, 3), m; poses of rigid ones."""
+        poses = {name: self.live.world.pose(name) for name in self._rigid}
+        rigid = {name: np.concatenate([pose.position, pose.rotation]) for name, pose in poses.items()}
+        return rigid | {name: body.whole() for name, body in self._soft.items()}
+
+    def _draw(self, shapes: Mapping[str, Array]) -> None:
         for name, mesh in self._rigid.items():
-            pose = world.pose(name)
-            mesh.position, mesh.wxyz = tuple(self.scale * pose.position), tuple(pose.rotation)
+            position, rotation = shapes[name][:3], shapes[name][3:]
+            self.next_picture.place(mesh, self.scale * position, rotation / np.linalg.norm(rotation))
         if not self._soft:
             return
         what = self._field.value
         fields = {name: body.field(what) for name, body in self._soft.items()}
         largest = self._colours.cover(max(float(values.max()) for values in fields.values()), UNITS[what])
         for name, body in self._soft.items():
-            body.draw(fields[name], largest)
+            body.draw(shapes[name], fields[name], largest)
 
     def _words(self) -> list[str]:
         world = self.live.world
@@ -109,8 +115,11 @@ class _SoftBody:
         self._live, self._name, self._rom = page.live, name, rom
         self._surface = Surface(rom.nodes, rom.triangles)
         self._fields = surface_fields(self._surface, None)
-        scale = page.scale
-        self._picture = DrawnBody(scene, f"/{name}", rom.nodes, self._surface, {}, {}, scale)  # not seen through
+        self._next_picture, scale = page.next_picture, page.scale
+        not_seen_through: dict[str, Array] = {}
+        self._picture = DrawnBody(
+            scene, f"/{name}", rom.nodes, self._surface, not_seen_through, {}, page.next_picture, scale
+        )
         self._triangles = divide_contact_triangles(rom)
         self._pick_surfaces = {}
         for contact, triangles in self._triangles.items():
@@ -119,14 +128,14 @@ class _SoftBody:
                 self._pick_surfaces[contact] = pick
                 page.let_drag(pick.mesh, partial(self._take_hold, contact))
 
-    def _whole(self) -> Array:
+    def whole(self) -> Array:
         """The displacement of all nodes from where the ROM has them, (N, 3), m."""
         return self._live.world.simulator(self._name).node_places() - self._rom.nodes
 
     def _take_hold(self, contact: str, place: Array) -> bool:
         """Of the point of a contact surface that is nearest to a place."""
         nodes, triangles = self._surface.nodes, self._pick_surfaces[contact].triangles
-        moved = self._surface.places + self._whole()[nodes]
+        moved = self._surface.places + self.whole()[nodes]
         nearest, weights = closest_point(moved[triangles], place)
         return self._live.grab_soft(self._name, contact, nodes[triangles[nearest]], weights)
 
@@ -138,12 +147,14 @@ class _SoftBody:
             strained = elastic_part(strained, self._rom.nodes, self._rom.node_mass)
         return self._fields[what](strained[on], body.velocity()[on] if what == "speed" else strained[on])
 
-    def draw(self, values: Array, largest: float) -> None:
-        """Draws it in these colours."""
-        whole, contact = self._whole(), self._live.contact if self._live.held == self._name else None
-        self._picture.draw(whole, values, largest, {}, None if contact is None else self._triangles[contact])
+    def draw(self, whole: Array, values: Array, largest: float) -> None:
+        """Draws it as displaced, (N, 3), m, in these colours."""
+        contact = self._live.contact if self._live.held == self._name else None
+        highlighted = None if contact is None else self._triangles[contact]
+        if not self._picture.draw(whole, values, largest, {}, highlighted):
+            return
         for pick in self._pick_surfaces.values():
-            pick.draw(self._surface.places + whole[self._surface.nodes])
+            self._next_picture.add(partial(pick.draw, self._surface.places + whole[self._surface.nodes]))
 
 
 def _all_places(world: World) -> Array:

@@ -15,7 +15,7 @@ from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization.contact_surface import divide_contact_triangles
 from fenics_rom.visualization.viewer.drawing import FRAMES_PER_SECOND
 from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
-from fenics_rom.visualization.viewer.live_loop import FEWEST_FRAMES_PER_SECOND, next_frame
+from fenics_rom.visualization.viewer.live_loop import FEWEST_FRAMES_PER_SECOND, LiveLoop, next_frame
 from fenics_rom.visualization.viewer.mouse_spring import attach_spring, closest_point
 
 BALL = 'shape = "sphere"\ncenter = [0.75, 0.2, 0.41]\nradius = 0.1'
@@ -271,11 +271,12 @@ def test_order_of_an_oblique_rom_is_fixed(box_system):
 
 def test_advance_keeps_time_and_patience(box_rom):
     body = LiveBody(box_rom, dt=1e-3)
-    left = body.advance(0.0105, patience=10.0)
-    assert (body.steps, left) == (11, pytest.approx(-0.0005))
+    taken = []
+    left = body.advance(0.0105, 10.0, lambda: taken.append(body.steps))
+    assert (body.steps, left, taken) == (11, pytest.approx(-0.0005), [10])  # before the last of them
     ticks = iter(range(100))
-    left = body.advance(1.0, patience=3.0, clock=lambda: next(ticks))
-    assert (body.steps, left) == (13, pytest.approx(0.998))
+    left = body.advance(1.0, 3.0, lambda: taken.append(body.steps), clock=lambda: next(ticks))
+    assert (body.steps, left, taken) == (13, pytest.approx(0.998), [10])
 
 
 def test_scene_without_a_run_has_a_step_from_the_lowest_frequency(box_rom):
@@ -306,3 +307,43 @@ def test_pictures_become_fewer_where_steps_do_not_keep_up_and_many_again():
     for _ in range(20):
         frame = next_frame(frame, keeps_up=True)
     assert frame == 1 / FRAMES_PER_SECOND
+
+
+class Counting(LiveBody):
+    """It counts its steps in place of taking them."""
+
+    def _take_step(self):
+        self.moved += 1
+        return 0.0
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.03])
+@pytest.mark.parametrize("dt", [2e-3, 0.04])
+def test_pictures_show_what_moves_where_it_is_by_the_clock(box_rom, dt, speed):
+    """Also where a picture lasts for 8.3 steps, or a step for two pictures."""
+    live = Counting(box_rom, dt=dt)
+    live.moved = 0
+    loop = LiveLoop.__new__(Page)
+    loop._live, loop._speed, loop._frame, loop._behind, loop._before = live, speed, 1 / FRAMES_PER_SECOND, 0.0, None
+    loop._error = ""
+    clock = 0.0
+    for k in range(200):
+        passed = (1.0 + 0.2 * np.sin(k)) / FRAMES_PER_SECOND
+        clock += speed * passed
+        loop._step(passed)
+        (place,) = loop._seen().values()
+        assert place == pytest.approx(clock, abs=1e-11)  # of 200 sums of round-off
+    assert live.moved == int(np.ceil(clock / dt))
+
+
+class Page(LiveLoop):
+    """Of one number."""
+
+    def _shapes(self):
+        return {"": np.array(self._live.dt * self._live.moved)}
+
+    def _draw(self, shapes):
+        pass
+
+    def _words(self):
+        return []
