@@ -7,11 +7,13 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.braking import SWINGS, swung_with
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, pairs_from
+from fenics_rom.runtime.steppers.compiled_step import inverse_of
 from fenics_rom.world.compiled.forces import Contacts, find_forces
 from fenics_rom.world.compiled.rigid_bodies import RigidBodies
 from fenics_rom.world.contact_step import Found, Pairs, Part, add_operator
 from fenics_rom.world.rigid import Rigid
 
+_UNKNOWN = np.empty((0, 0))  # inverse of an operator
 LONGEST_PAUSE = 64  # steps, in which what loops did not find again and again is not asked of them
 
 
@@ -35,6 +37,7 @@ class CompiledForces:
         self._bodies = [part.body for part in self._rigid if isinstance(part.body, Rigid)]
         self._mass = np.array([body.mass for body in self._bodies])
         self._inertia = np.array([body.inertia for body in self._bodies]).reshape(-1, 3, 3)
+        self._inverse: Array | None = None  # of the operator; None where it was another one in the step before
         self._of_parts, self._operator = list[Array | None](), np.zeros((3 * C, 3 * C))
         self._friction, self._most = friction, float(friction.max(initial=0.0))
         self._pause = self._waits = 0
@@ -58,8 +61,9 @@ class CompiledForces:
         bodies = RigidBodies(self._mass, self._inertia, rotation, motion, np.empty((B, 2, 3)))
         for b, body in enumerate(self._bodies):
             bodies.rotation[b], bodies.motion[b], bodies.loads[b] = body.begun
+        inverse = _UNKNOWN if self._inverse is None else self._inverse
         tries, u = np.empty((B, 4, 3)), np.empty(free.shape)
-        status, sweeps = find_forces(law, contacts, bodies, free, self._operator, speed, found, tries, u)
+        status, sweeps = find_forces(law, contacts, bodies, free, self._operator, inverse, speed, found, tries, u)
         if status == OTHERWISE:
             self._pause = min(2 * self._pause + 1, LONGEST_PAUSE)
             self._waits = self._pause
@@ -86,10 +90,12 @@ class CompiledForces:
             speed = max(speed, float(np.abs(velocities).max(initial=0.0)))
             of_parts.append(operator)
         if any(now is not then for now, then in zip(of_parts, self._of_parts or [None], strict=False)):
-            self._operator = np.zeros(self._operator.shape)
+            self._inverse, self._operator = None, np.zeros(self._operator.shape)
             for part, operator in zip(self._others, of_parts, strict=True):
                 if operator is not None and len(part.pairs):
                     add_operator(self._operator, part, operator)
+        elif self._inverse is None:
+            self._inverse = inverse_of(self._operator) if self._yields.all() else _UNKNOWN
         self._of_parts = of_parts
         return free, speed
 

@@ -15,7 +15,7 @@ from fenics_rom.mechanics.compiled.coulomb import frame_along
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.world import step_pairs
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Points
-from fenics_rom.world.compiled.rigid_bodies import RigidBodies, add_answers, attempt
+from fenics_rom.world.compiled.rigid_bodies import RigidBodies, add_answers, attempt, look_at_answers, set_inverse
 from fenics_rom.world.compiled_forces import CompiledForces
 from fenics_rom.world.contact_step import Guide, Pairs, _Asked, _law
 from fenics_rom.world.rigid import Rigid
@@ -106,7 +106,9 @@ def test_rigid_bodies_answer_as_in_numpy(seed):
     )
     tries, u, W = np.empty((3, 4, 3)), np.zeros((C, 3)), np.zeros((3 * C, 3 * C))
     fastest = attempt(stacked, H, ends, places, forces, tries, u)
-    add_answers(stacked, H, ends, places, tries, W)
+    maps, answers = np.empty((3, 6, 3 * C)), np.empty((3, 6, 6))
+    look_at_answers(stacked, H, ends, places, tries, maps, answers)
+    add_answers(maps, answers, W)
     expected, expected_W, speeds = np.zeros((C, 3)), np.zeros(W.shape), []
     for number, body in enumerate(bodies):
         rows, sides = np.nonzero(ends == number)
@@ -123,6 +125,12 @@ def test_rigid_bodies_answer_as_in_numpy(seed):
             np.testing.assert_allclose(of, known, atol=1e4 * EPS * max(1.0, np.abs(known).max()))
     np.testing.assert_allclose(u, expected, atol=1e3 * EPS * max(speeds))
     np.testing.assert_allclose(fastest, max(speeds), rtol=1e3 * EPS)
+    A, inverse = random.normal(size=W.shape), np.empty(W.shape)
+    own = 1e-2 * (A @ A.T + np.eye(3 * C))
+    assert set_inverse(np.linalg.inv(own), maps, answers, inverse)
+    symmetric = own + (W + W.T) / 2
+    condition = np.linalg.cond(symmetric) * np.linalg.cond(own)
+    np.testing.assert_allclose(inverse @ symmetric, np.eye(3 * C), atol=1e3 * EPS * condition)
     np.testing.assert_allclose(W.T, expected_W, atol=1e3 * EPS * np.abs(expected_W).max())
 
 

@@ -79,7 +79,7 @@ def find_by_newton(
         places_now, begins_now = places[:moving], begins[:moving]
         _blocks_of(inverse, frames, places_now, known, blocks)
         _set_up(blocks, stuck, kinds, ρ, μ, z, places_now, begins_now, matrix, right)
-        if not _solve(matrix, right, n):
+        if not solve(matrix, right, n):
             return count, False
         v[:] = 0.0
         for i in range(moving):
@@ -210,7 +210,7 @@ def _set_up(
 
 
 @jit
-def _solve(matrix: Array, x: Array, n: int) -> bool:
+def solve(matrix: Array, x: Array, n: int) -> bool:
     """Solves the first n equations by elimination with pivots, in place; False where they are singular."""
     for k in range(n):
         pivot = k

@@ -14,7 +14,7 @@ from fenics_rom.mechanics.compiled import contact_law
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, Pairs
 from fenics_rom.mechanics.compiled.coulomb import add_motion, frame_along
 from fenics_rom.world import normal_law
-from fenics_rom.world.compiled.rigid_bodies import RigidBodies, add_answers, attempt
+from fenics_rom.world.compiled.rigid_bodies import RigidBodies, add_answers, attempt, look_at_answers, set_inverse
 from fenics_rom.world.tolerances import MOST_SWEEPS, PROXIMAL, ROUND_OFF, SLOW, TOLERANCE
 
 _normal_law = jit_shared(normal_law.normal_law)
@@ -43,6 +43,7 @@ def find_forces(
     bodies: RigidBodies,
     free: Array,
     operator: Array,
+    inverse: Array,
     speed: float,
     pairs: Pairs,
     tries: Array,
@@ -56,6 +57,7 @@ def find_forces(
         bodies: rigid ones that move freely.
         free: velocities of contacts (C, 3) by all other bodies without forces, m/s.
         operator: what these answer forces with, (3C, 3C), symmetric, m/s/N.
+        inverse: of it; (0, 0) where it is not known.
         speed: of the fastest of them, m/s.
         pairs: with friction, and forces to begin with; set to what was found.
         tries: (B, 4, 3) of `bodies`, set.
@@ -63,7 +65,8 @@ def find_forces(
     """
     h, C, n = law.h, len(free), 3 * len(free)
     f, Wᵀ, size_before, scale = pairs.forces.copy(), np.empty((n, n)), 0.0, max(speed, _largest(contacts.before))
-    without, moved, no_inverse = np.empty((C, 3)), np.empty((C, 3)), np.empty((0, 0))
+    without, moved, whole = np.empty((C, 3)), np.empty((C, 3)), np.empty(inverse.shape)
+    maps, answers = np.empty((len(tries), 6, n)), np.empty((len(tries), 6, 6))
     _move(operator, f, free, 1.0, u)
     fastest = attempt(bodies, h, contacts.ends, contacts.places, f, tries, u)
     for sweep in range(1, MOST_SWEEPS + 1):
@@ -71,7 +74,10 @@ def find_forces(
             break
         if sweep == 1:
             Wᵀ[:] = operator
-            add_answers(bodies, h, contacts.ends, contacts.places, tries, Wᵀ)
+            look_at_answers(bodies, h, contacts.ends, contacts.places, tries, maps, answers)
+            add_answers(maps, answers, Wᵀ)
+            if len(inverse) > 0 and not set_inverse(inverse, maps, answers, whole):
+                break
             _make_regular(Wᵀ, contacts.yields)
         _move(Wᵀ, f, u, -1.0, without)
         scale = max(scale, fastest, _largest(without))
@@ -80,7 +86,7 @@ def find_forces(
         for c in range(C):
             _set_in_frame(pairs.axes[c], without[c], pairs.free[c])
             pairs.chosen[c] = pairs.chosen[c] or pairs.free[c, 0] < pairs.level[c]
-        status = contact_law.find_forces(law, Wᵀ, no_inverse, C, contacts.swung, pairs).status
+        status = contact_law.find_forces(law, Wᵀ, whole, C, contacts.swung, pairs).status
         if status == OTHERWISE:
             break
         if status == NOTHING:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_shared
+from fenics_rom.mechanics.compiled.newton import solve
 from fenics_rom.mechanics.frame_motion import added, cross, rotated
 from fenics_rom.world import turning
 
@@ -94,34 +95,104 @@ def _arm(bodies: RigidBodies, h: float, tries: Array, b: int, place: Array) -> t
 
 
 @jit
-def add_answers(bodies: RigidBodies, h: float, ends: Array, places: Array, tries: Array, Wᵀ: Array) -> None:
-    """Adds how these bodies answer to the operator of all pairs (3C, 3C), transposed; arguments as in `attempt`."""
-    C, answers, pushed = len(ends), np.zeros((6, 6)), np.empty(6)
+def look_at_answers(
+    bodies: RigidBodies, h: float, ends: Array, places: Array, tries: Array, maps: Array, answers: Array
+) -> None:
+    """Sets how these bodies answer more forces: (v̂, R ω̂) per force and torque; other arguments as in `attempt`.
+
+    Args:
+        maps: (B, 6, 3C): what v̂ and R ω̂ move pairs by.
+        answers: (B, 6, 6).
+    """
+    maps[:] = answers[:] = 0.0
     for b in range(len(tries)):
         given = bodies.mass[b], _rows(bodies.inertia[b]), _rows(bodies.rotation[b])
-        found = _answers_to(h, *given, _row(tries[b, 0]), _row(tries[b, 1]), _row(tries[b, 3]))
-        _set(answers[:3, :3], found.moving)
-        _set(answers[3:, 3:], found.turning)
-        _set(answers[3:, :3], found.levered)
-        maps = np.zeros((6, 3 * C))  # what v̂ and R ω̂ move pairs by
-        for c in range(C):
+        found, of_body = _answers_to(h, *given, _row(tries[b, 0]), _row(tries[b, 1]), _row(tries[b, 3])), maps[b]
+        _set(answers[b, :3, :3], found.moving)
+        _set(answers[b, 3:, 3:], found.turning)
+        _set(answers[b, 3:, :3], found.levered)
+        for c in range(len(ends)):
             if ends[c, 0] == b or ends[c, 1] == b:
                 sign, (x, y, z), at = 1.0 if ends[c, 0] == b else -1.0, _arm(bodies, h, tries, b, places[c]), 3 * c
-                maps[0, at] = maps[1, at + 1] = maps[2, at + 2] = sign
-                maps[4, at], maps[5, at], maps[5, at + 1] = sign * z, -sign * y, sign * x
-                maps[3, at + 1], maps[3, at + 2], maps[4, at + 2] = -sign * z, sign * y, -sign * x
-        v_x, v_y, v_z, ω_x, ω_y, ω_z = maps[0], maps[1], maps[2], maps[3], maps[4], maps[5]
-        for row in range(3 * C):
-            if ends[row // 3, 0] != b and ends[row // 3, 1] != b:
-                continue
+                of_body[0, at] = of_body[1, at + 1] = of_body[2, at + 2] = sign
+                of_body[4, at], of_body[5, at], of_body[5, at + 1] = sign * z, -sign * y, sign * x
+                of_body[3, at + 1], of_body[3, at + 2], of_body[4, at + 2] = -sign * z, sign * y, -sign * x
+
+
+@jit
+def add_answers(maps: Array, answers: Array, Wᵀ: Array) -> None:
+    """Adds these to the operator of all pairs (3C, 3C), transposed: W + Σ M A Mᵀ with maps Mᵀ."""
+    for b in range(len(maps)):
+        for row in range(len(Wᵀ)):
+            pushed, to = np.zeros(6), Wᵀ[row]
             for m in range(6):
-                pushed[m] = 0.0
-                for k in range(6):
-                    pushed[m] += answers[m, k] * maps[k, row]
-            a, b_, c_, d, e, g = pushed[0], pushed[1], pushed[2], pushed[3], pushed[4], pushed[5]
-            to = Wᵀ[row]
-            for j in range(3 * C):
-                to[j] += a * v_x[j] + b_ * v_y[j] + c_ * v_z[j] + d * ω_x[j] + e * ω_y[j] + g * ω_z[j]
+                if maps[b, m, row] != 0.0:
+                    for k in range(6):
+                        pushed[k] += answers[b, k, m] * maps[b, m, row]
+            for k in range(6):
+                if pushed[k] != 0.0:
+                    of, factor = maps[b, k], pushed[k]
+                    for j in range(len(to)):
+                        to[j] += factor * of[j]
+
+
+@jit
+def set_inverse(inverse: Array, maps: Array, answers: Array, whole: Array) -> bool:
+    """Sets the inverse of W + Σ M A Mᵀ, with A as if symmetric, from that of W (Woodbury); whether there is one.
+
+    W⁻¹ - W⁻¹ M (A⁻¹ + Mᵀ W⁻¹ M)⁻¹ Mᵀ W⁻¹
+    """
+    n = 6 * len(maps)
+    moved, small, spread = np.zeros((n, len(inverse))), np.zeros((n, n)), np.empty((n, len(inverse)))
+    for b in range(len(maps)):
+        for m in range(6):
+            for row in range(len(inverse)):
+                factor = maps[b, m, row]
+                if factor != 0.0:
+                    to, of = moved[6 * b + m], inverse[row]
+                    for k in range(len(of)):
+                        to[k] += factor * of[k]
+        own = small[6 * b : 6 * b + 6, 6 * b : 6 * b + 6]
+        for m in range(6):
+            for k in range(6):
+                own[m, k] = (answers[b, m, k] + answers[b, k, m]) / 2
+    if not _invert(small):
+        return False
+    for i in range(n):
+        for j in range(n):
+            row, of = moved[i], maps[j // 6, j % 6]
+            for k in range(len(of)):
+                small[i, j] += row[k] * of[k]
+    if not _invert(small):
+        return False
+    spread[:] = 0.0
+    for i in range(n):
+        for j in range(n):
+            for k in range(len(inverse)):
+                spread[i, k] += small[i, j] * moved[j, k]
+    whole[:] = inverse
+    for row in range(len(inverse)):
+        for i in range(n):
+            factor, of, to = spread[i, row], moved[i], whole[row]
+            for k in range(len(of)):
+                to[k] -= factor * of[k]
+    return True
+
+
+@jit
+def _invert(matrix: Array) -> bool:
+    """Inverts a small matrix (n, n) in place; whether it has an inverse."""
+    n = len(matrix)
+    inverse = np.empty((n, n))
+    for k in range(n):
+        inverse[k] = 0.0
+        inverse[k, k] = 1.0
+        if not solve(matrix.copy(), inverse[k], n):
+            return False
+    for i in range(n):
+        for k in range(n):
+            matrix[i, k] = inverse[k, i]
+    return True
 
 
 @jit
