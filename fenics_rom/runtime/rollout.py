@@ -197,6 +197,12 @@ def plan_steps(
     return u, plan
 
 
+def check_bases(base: "Sequence[BaseState] | None", steps: int) -> None:
+    """A StepError where bases are given, but not one of each step."""
+    if base is not None and len(base) != steps:
+        raise StepError(f"base: allowed is one of each of {steps} steps, given: {len(base)}")
+
+
 def _by_name(body: Simulator, inputs: Mapping[str, Any], contact: str | Sequence[str] | None) -> Array:
     """Inputs (steps, p) of a mapping by name; what it does not name is 0."""
     mode = contact if isinstance(contact, str) and contact in body.rom.contact_models else body.contact
@@ -245,8 +251,7 @@ class Rollout:
         if not (is_number(every, whole=True) and every >= 1):
             raise StepError(f"every = {shown(every)}: allowed is a whole number of steps, at least 1")
         u, plan = plan_steps(body, inputs, contact, dt)
-        if base is not None and len(base) != len(u):
-            raise StepError(f"base: allowed is one of each of {len(u)} steps, given: {len(base)}")
+        check_bases(base, len(u))
         names = tuple(body.rom.outputs) if outputs is None else names_in("outputs", outputs, StepError)
         widths = [len(body.output_rows(name)) for name in names]
         start, rows = body.save(), [np.empty((0, sum(widths)))]

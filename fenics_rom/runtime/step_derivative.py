@@ -42,7 +42,7 @@ def differentiate_step(state: StepState, u: Array, loads: Array) -> StepDerivati
     nothing = Reads(np.zeros(len(q)), beyond, 0.0, free)
     A, B = np.empty((len(after), len(after))), np.empty((len(after), len(u) + len(loads)))
     for k, unit in enumerate(np.eye(len(after))):
-        before, by_inputs, _, _ = taken.pull_back(state.owed(unit), nothing)
+        before, by_inputs, *_ = taken.pull_back(state.owed(unit), nothing)
         A[k], B[k] = state.gather(*kernel.start_pulled_back(q, r, before), before), by_inputs
     return StepDerivative(after, A, B, ["a contact point"] if taken.is_kink else [])
 

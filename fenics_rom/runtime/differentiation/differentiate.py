@@ -1,6 +1,7 @@
 """The gradient of a number that comes of many steps, with respect to all that went into them."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from numpy import ndarray as Array
 
@@ -8,8 +9,11 @@ from fenics_rom.arguments import check_function, names_in
 from fenics_rom.errors import StepError, check_known, check_type
 from fenics_rom.runtime.differentiation.gradient import Objective, RolloutGradient
 from fenics_rom.runtime.differentiation.linear_steps import differentiate_linear
-from fenics_rom.runtime.rollout import plan_steps
+from fenics_rom.runtime.rollout import check_bases, plan_steps
 from fenics_rom.runtime.simulator import Simulator
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.base_path import BaseState
 
 
 def differentiate(
@@ -17,6 +21,7 @@ def differentiate(
     inputs: Sequence[Sequence[float]] | Array,
     objective: Objective,
     *,
+    base: "Sequence[BaseState] | None" = None,
     contact: str | Sequence[str] | None = None,
     dt: float | Sequence[float] | Array | None = None,
     outputs: Sequence[str] | None = None,
@@ -29,7 +34,7 @@ def differentiate(
     Args:
         body: with small strains or large deformation, by any steps, or from equilibrium to equilibrium; with contact,
             strokes and switches or without; held, free, or carried by a base.
-        inputs, contact, dt: of each step, as in `Simulator.rollout`.
+        inputs, base, contact, dt: of each step, as in `Simulator.rollout`.
         objective: gets the displacements of outputs by name, m, (steps, points, 3), and the stored energies (steps,),
             J, after each step; returns J, its derivatives with each output, by name, and with each energy (None: 0).
         outputs: names of those that the objective gets; None: all.
@@ -56,10 +61,11 @@ def differentiate(
     for name in names:
         check_known("output", name, body.rom.outputs, StepError)
     u, plan = plan_steps(body, inputs, contact, dt)
+    check_bases(base, len(u))
     if not len(u):
         raise StepError("differentiate: inputs of no step were given; allowed is at least one")
-    if body.rom.deformation is None and not (body.needs_each_step or body.relaxes):
+    if body.rom.deformation is None and not (body.needs_each_step or body.relaxes or base is not None):
         return differentiate_linear(body, u, plan, objective, names)
     from fenics_rom.runtime.differentiation.taken_steps import differentiate_taken  # here, as linear bodies need it not
 
-    return differentiate_taken(body, u[:, : body.inputs], plan, objective, names, switches=contact is not None)
+    return differentiate_taken(body, u[:, : body.inputs], plan, objective, names, base, switches=contact is not None)

@@ -30,8 +30,15 @@ class RolloutGradient:
             Of bodies that deform largely, whose elasticity and damping are elsewhere, both are empty.
         kinks: steps, counted from the first, at which J has no derivative, but one to each side: that of the side that
             the step found is in the gradient.
-        pose: of a free body with position, rotation, velocity and angular_velocity at the start, (3,) each, per m,
-            rad, m/s and rad/s along the axes of space; the rotation adds to the attitude, and the shape turns along.
+        pose: of a body in a moving frame with position, rotation, velocity and angular_velocity at the start, (3,)
+            each, per m, rad, m/s and rad/s along the axes of space; of a free body, or of the base that carries it.
+            The rotation adds to the attitude, the shape turns along, and velocities stay.
+        base: of a carried body with the same of the base at the end of each step, (steps, 3) each. They are the numbers
+            of `BaseState`, each on its own: a path that changes both poses and twists changes J by the sum.
+        twists: of a carried body with the twist of the base at the start and at the end of each step, (steps + 1, 6):
+            velocity of its origin and angular velocity, in its own axes then, per m/s and rad/s, where its poses follow
+            these: p⁺ = p + h R (1 + h/2 ω̂~) v̂ and R⁺ = R cay(h ω̂), with their means v̂ and ω̂ in a step. That keeps
+            what touches where it is; a pose by itself moves it through an obstacle, or off it, which is a kink.
 
     Example:
         >>> body = fr.Simulator(rom, dt=1e-3)
@@ -48,6 +55,8 @@ class RolloutGradient:
     damping: Mapping[str, Array]
     kinks: tuple[int, ...] = ()
     pose: Mapping[str, Array] = field(default_factory=dict)
+    base: Mapping[str, Array] = field(default_factory=dict)
+    twists: Array = field(default_factory=lambda: np.empty((0, 6)))
 
     def __repr__(self) -> str:
         steps, width = self.inputs.shape

@@ -18,6 +18,7 @@ from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.differentiation.base_twists import owed_to_twists
 from fenics_rom.runtime.differentiation.gradient import Objective, RolloutGradient, evaluate
 from fenics_rom.runtime.rollout import ConstantInterval
 from fenics_rom.runtime.simulated_body import SimulatorState
@@ -46,16 +47,28 @@ class _Run:
 
     Args:
         body: where they begin; it is not moved.
-        u, plan, names, switches: as in `differentiate_taken`.
+        u, plan, names, base, switches: as in `differentiate_taken`.
     """
 
     def __init__(
-        self, body: Simulator, u: Array, plan: Sequence[ConstantInterval], names: Sequence[str], switches: bool
+        self,
+        body: Simulator,
+        u: Array,
+        plan: Sequence[ConstantInterval],
+        names: Sequence[str],
+        base: Sequence[BaseState] | None,
+        switches: bool,
     ):
         self.body, self._u, self._names, self._switches = _without_account(body), u, names, switches
+        self._base = base
         self._of_step = [interval for interval in plan for _ in range(interval.start, interval.stop)]
         self._saved: list[tuple[SimulatorState, Array]] = []  # where blocks begin
         self._recorded: list[_Recorded] = []  # the first steps, or those of the last block that was taken
+
+    @property
+    def lengths(self) -> list[float]:
+        """Of the steps, s."""
+        return [interval.dt for interval in self._of_step]
 
     def forwards(self) -> tuple[Array, Array]:
         """Takes all steps; what outputs show after each, (steps, rows), and the energies (steps,)."""
@@ -111,7 +124,7 @@ class _Run:
             switches += self._switched_to(interval.contact)
         if records:  # else the step itself asks
             switches += self._switched_to(body.nearest_contact)
-        body.step(self._u[step])
+        body.step(self._u[step], base=None if self._base is None else self._base[step])
         if records:
             loads = NONE if body.environment is None else body.environment.loads
             taken = body.integrator.kernel.adjoint(np.concatenate([self._u[step], loads]))
@@ -132,6 +145,7 @@ def differentiate_taken(
     plan: Sequence[ConstantInterval],
     objective: Objective,
     names: Sequence[str],
+    base: Sequence[BaseState] | None,
     *,
     switches: bool,
 ) -> RolloutGradient:
@@ -140,7 +154,7 @@ def differentiate_taken(
     `switches`: whether the contact modes of the plan were asked for; else obstacles may ask for others.
     """
     rom, kernel, (q, r) = body.rom, body.integrator.kernel, body.state
-    run = _Run(body, u, plan, names, switches)
+    run = _Run(body, u, plan, names, base, switches)
     read, energies = run.forwards()
     value, slopes, energy_slopes = evaluate(objective, body, names, read, energies)
 
@@ -149,16 +163,18 @@ def differentiate_taken(
     along_D = {name: np.zeros_like(model.damping) for name, model in models.items()}
     rows = {name: _rows(rom, name, names) for name in rom.contact_models}
     inputs, kinks, last = np.zeros(u.shape), list[int](), run.body.integrator.kernel
-    is_free, points = rom.moving_frame is not None and not rom.moving_frame.carried, _points_of(rom, names)
-    frame = np.zeros(15 if is_free else 0)
+    moves, points, led = body.pose is not None, _points_of(rom, names), list[tuple[Array, BaseState]]()
+    is_carried, frame = body.base_wrench is not None, np.zeros(15 if moves else 0)
     μ = StateAdjoint(0 * last.state, np.zeros(rom.rigid), 0 * last.auxiliary, frame=frame)
     for step, (taken, contact, switches_before, pose) in run.backwards():
         of_q, of_beyond = rows[contact]
         shown, place = slopes[step], NONE
         if pose is not None:
             shown, place = _seen(pose, points + read[step].reshape(-1, 3), shown.reshape(-1, 3))
-        reads = Reads(shown @ of_q, shown @ of_beyond, float(energy_slopes[step]), place if is_free else NONE)
-        μ, by_inputs, by_frequencies, by_damping = taken.pull_back(μ, reads)
+        reads = Reads(shown @ of_q, shown @ of_beyond, float(energy_slopes[step]), place)
+        μ, by_inputs, by_frequencies, by_damping, base_ = taken.pull_back(μ, reads)
+        if is_carried and pose is not None:
+            led.append((base_, pose))
         inputs[step] = by_inputs[: u.shape[1]]
         if models:
             along_ω[contact] += by_frequencies
@@ -172,8 +188,14 @@ def differentiate_taken(
     state = kernel.start_pulled_back(q, r, μ)
     along_γ = {name: _by_eigenvalues(rom, name, along) for name, along in along_ω.items()}
     _tell(kinks[::-1], len(u))
-    thrown = pose_pulled_back(body.pose, μ.frame) if is_free and body.pose is not None else {}
-    return RolloutGradient(value, inputs, state, along_γ, along_D, tuple(kinks[::-1]), thrown)
+    start = {} if body.pose is None else pose_pulled_back(body.pose, μ.frame, is_base=is_carried)
+    poses, twists = dict[str, Array](), np.empty((0, 6))
+    if is_carried and body.pose is not None:
+        owed, states = zip((μ.frame[:12], body.pose), *led[::-1], strict=True)
+        each = [pose_pulled_back(state, of_state, is_base=True) for of_state, state in zip(owed, states, strict=True)]
+        poses = {name: np.array([of_state[name] for of_state in each[1:]]) for name in start}
+        twists = owed_to_twists(np.array(owed), states, run.lengths)
+    return RolloutGradient(value, inputs, state, along_γ, along_D, tuple(kinks[::-1]), start, poses, twists)
 
 
 def _without_account(body: Simulator) -> Simulator:

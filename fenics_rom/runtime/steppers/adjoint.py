@@ -26,7 +26,7 @@ class StateAdjoint(NamedTuple):
     forces: Array = NONE  # of contact in the last step (3P,)
     tangent: Array = NONE  # as `Kernel.tangent` (m, m)
     reactions: Array = NONE  # as `Kernel.reactions` (n,)
-    frame: Array = NONE  # of a free body (15,): p, R by a rotation about its axes, v, ω in these, and the last ω̂
+    frame: Array = NONE  # (15,): p, R by a rotation about its axes, v, of a base in these, ω in these, and the last ω̂
 
 
 class Reads(NamedTuple):
@@ -35,7 +35,7 @@ class Reads(NamedTuple):
     q: Array  # displacement (m,) of the contact mode
     beyond: Array  # (k - rigid,) of the residual part, K-orthonormal in the shared basis
     energy: float
-    place: Array = NONE  # where a free body is (6,), as above
+    place: Array = NONE  # where a frame that moves is (6,), as above
 
 
 class StepSlopes(NamedTuple):
@@ -45,6 +45,7 @@ class StepSlopes(NamedTuple):
     inputs: Array  # (p,)
     frequencies: Array  # ω (m,)
     damping: Array  # (m,) or (m, m), as the contact model has it
+    base: Array = NONE  # where the base ends, and its twist there (12,), as above
 
 
 class SwitchAdjoint(Protocol):
@@ -62,16 +63,18 @@ class SameBasis:
         return after
 
 
-def pose_pulled_back(pose: "BaseState", frame_: Array) -> dict[str, Array]:
+def pose_pulled_back(pose: "BaseState", frame_: Array, *, is_base: bool = False) -> dict[str, Array]:
     """Derivatives with a pose in world axes, whose rotation is by a small vector, from `StateAdjoint.frame`.
 
-    ω = Rᵀ (angular velocity), which stays as it is in world axes where R turns.
+    ω = Rᵀ (angular velocity), which stays as it is in world axes where R turns; likewise v of a base.
     """
     from fenics_rom.mechanics.frame_motion import rotation_matrix  # here, as few bodies turn
 
     p_, φ_, v_, ω_ = frame_[:12].reshape(4, 3)
     R = rotation_matrix(pose.rotation)
     turned = φ_ - np.cross(R.T @ pose.angular_velocity, ω_)
+    if is_base:
+        turned, v_ = turned - np.cross(R.T @ pose.velocity, v_), R @ v_
     return {"position": p_, "rotation": R @ turned, "velocity": v_, "angular_velocity": R @ ω_}
 
 

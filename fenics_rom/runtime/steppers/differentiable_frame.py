@@ -74,7 +74,7 @@ class DifferentiableFrame(TouchedFrame):
         found = found_taken(self._found, u, self.reactions, (self.h, start.q, r.copy(), v, middle), follows=reach > 0)
         part = FramePart(
             InertiaSlopes(self._constants, self._second),
-            StepTurn(turn, self.h, ω̂),
+            StepTurn(turn, self.h, ω̂, self._constants.carried),
             (start, end),
             acting,
             law.adjoint() if law is not None else linear_taken(self._model, *moved, None),
@@ -96,7 +96,7 @@ class DifferentiableFrame(TouchedFrame):
         (start, end), step, h = part.ends, part.step, self.h
         taken = part.law
         assert isinstance(taken, StrainsAdjoint)
-        v, by_spin = taken.velocity_before, 0.0
+        v, by_spin, led = taken.velocity_before, 0.0, None
         if len(was.x):
             spin = was.x[:3]
             step = StepTurn(self._geometry_of(spin), h, spin)
@@ -117,7 +117,10 @@ class DifferentiableFrame(TouchedFrame):
         found = np.empty(0, dtype=int) if part.found is None else part.found.places
         before = part._replace(step=step, ends=(start, end), acting=acting, found=None, touched=None, pressed=pressed)
         of_T = was.T, was.lack, was.whole, law.farthest, law.made_tangent
-        return Expectation(before, taken, found, *of_T, by_spin)
+        if self._constants.carried:
+            there = end._replace(q=start.q + h * was.whole, r=2 * was.whole - start.r)
+            led = before._replace(ends=(start, there))
+        return Expectation(before, taken, found, *of_T, by_spin, led)
 
     def _geometry_of(self, spin: Array) -> Geometry:
         """How the frame would have turned in the last step with ω̂ (3,)."""

@@ -37,7 +37,8 @@ from fenics_rom.runtime.steppers.taken_step import residual_taken
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
-    from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
+    from fenics_rom.runtime.steppers.held_part import HeldPart
+    from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint, StepPart
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 
@@ -72,7 +73,6 @@ class Equilibrium(PartedKernel):
     """
 
     potential: Potential
-    _base_turn: tuple[Array, Array] | None = None  # R and R⁺ of a base that carries the body
 
     def __init__(
         self,
@@ -284,5 +284,9 @@ class Equilibrium(PartedKernel):
         law = RestingAdjoint(Φ.tangent(after), h, Φ.force(after), after, self._model if self._is_linear else None)
         columns, turned = self.loads.all_columns(after), self.loads.slope(u, z, after)
         acting = columns, turned, h, found, self._Sᵀ, contact, residual
-        part = HeldPart(h, 0.0, law, *acting, at_rest, self._base_turn)
+        part = self._part_of(HeldPart(h, 0.0, law, *acting, at_rest), u, q, after)
         return PartedAdjoint((part,), Ends(self._model.safe_frequencies, q, after, rows), is_kink, given)
+
+    def _part_of(self, held: "HeldPart", u: Array, q: Array, after: Array) -> "StepPart":
+        """The last step between two q (m,), under u (p,) without what was found, of one in the axes of the shape."""
+        return held

@@ -1,7 +1,7 @@
 """A step of a body in a moving frame, to be gone back through; see parted_adjoint.py.
 
 Each part tells its slopes, and they are added up as the step is. Of a body that a base carries v̂ and ω̂ are given: their
-rows and columns are left out, and J owes nothing to the base. ∂J/∂x is written x_.
+rows are left out, and what J owes to them it owes to the base. ∂J/∂x is written x_.
 """
 
 from typing import NamedTuple
@@ -149,13 +149,13 @@ class FramePart(NamedTuple):
 
     def touch(self) -> Touch | None:
         """As in StepPart."""
-        touched, step, residual = self.touched, self.step, self.residual
+        touched, step, residual, (start, end) = self.touched, self.step, self.residual, self.ends
         if touched is None:
             return None
         points = PointsMoved(step, touched.rows, touched.places, touched.inside)
         P, turned, (start_ω, mean_ω) = len(touched.places), step.turn.middle, (touched.start_spin, step.spin)
-        mean = points.joined(points.velocity(mean_ω, touched.inside), is_mean=True)
-        kept = points.joined(points.velocity(start_ω, touched.start), is_mean=False)
+        mean = points.joined(points.velocity(mean_ω, touched.inside), (start.v + end.v) / 2, is_mean=True)
+        kept = points.joined(points.velocity(start_ω, touched.start), start.v, is_mean=False)
         push, seen = points.push(touched.forces), points.seen(touched.forces)
         pushed, by_forces, motions = push.slopes, push.by_forces, [mean.slopes, kept.slopes]
         by_yielding = [np.zeros((3 * P, 3 * P))] * 2
@@ -185,4 +185,4 @@ class FramePart(NamedTuple):
 
 def _also(slopes: Slopes, through: Array, seen: Slopes) -> Slopes:
     """Slopes with those by way of forces as the frame sees them."""
-    return Slopes(slopes.place + through @ seen.place, slopes.velocity, slopes.x + through @ seen.x)
+    return slopes._replace(place=slopes.place + through @ seen.place, x=slopes.x + through @ seen.x)

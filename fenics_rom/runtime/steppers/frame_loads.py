@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.frame_geometry import Geometry, vector
-from fenics_rom.mechanics.frame_motion import ZERO, Vector, cross_matrix
+from fenics_rom.mechanics.frame_motion import ZERO, Vector, cross_matrix, rotated_back
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.rom import Rom
@@ -125,7 +125,7 @@ class FrameLoads:
     ) -> tuple[Slopes, Array]:
         """What force, R*ᵀ torque and modal forces (k,) in a step between two q (m,) change by, and with inputs.
 
-        Those of gravity on the shape and its torque, of a body that a base carries, depend on the base alone.
+        But for the torque of gravity, which the base bears.
         """
         (q, q_end), turn, m = ends, step.turn, self._order
         start, end, columns = np.zeros((6 + m, 6 + m)), np.zeros((6 + m, 6 + m)), np.zeros((6 + m, self.width))
@@ -138,7 +138,10 @@ class FrameLoads:
             columns[SPIN, self.turning] += np.einsum("kmt,m->kt", self.by_shape, (q + q_end) / 2)
         for column, field in zip(self.pulling, self.fields, strict=True):
             columns[:3, column] = frame.mass * field
-        slopes = step.slopes(start, end)
+        falling, c = cross_matrix(rotated_back(turn.before, forces.acceleration)), frame.moment_modes
+        start[6:, SPIN] = c.T @ (falling - step.half @ falling)
+        by_turn = np.vstack([np.zeros((6, 3)), c.T @ falling / 2])
+        slopes = step.slopes(start, end, by_turn)
         if len(self.columns):
             at = self.points.rest + self.points.moved(q)
             points = PointsMoved(step, self.points.rows, at, self.points.moved((q_end - q) / step.h))

@@ -9,6 +9,9 @@ It leads to p + h v̂, R cay(h ω̂) and q + h r̂. With t = h ω̂ and n = 1 + 
 
 Slopes are matrices with k = 6 + m columns: of the place and of the velocities at the start, and of x. What a part
 depends on at the end of a step is told by its tangents there, which `StepTurn` brings back to these.
+
+Of a body that a base carries v is in the frame's axes, too, and where the base ends is given, whatever its twists say:
+there are slopes with that besides.
 """
 
 from typing import NamedTuple
@@ -20,6 +23,7 @@ from fenics_rom.mechanics.frame_geometry import Geometry, crossed, vector
 from fenics_rom.mechanics.frame_motion import cross_matrix
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.rom.moving_frame import MovingFrame
+from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.inertia import contraction, pairs
 from fenics_rom.runtime.steppers.slopes import Slopes
 
@@ -32,6 +36,7 @@ class StepTurn(NamedTuple):
     turn: Geometry
     h: float
     spin: Array
+    is_given: bool = False  # by a base: where the frame ends
 
     @property
     def half(self) -> Array:
@@ -53,16 +58,22 @@ class StepTurn(NamedTuple):
 
     def slopes(self, start: Array, end: Array, by_turn: Array | None = None) -> Slopes:
         """Of what has these tangents with the place at the start and at the end, (n, k), and with t (n, 3)."""
-        place, x = start + end, self.h * end
-        place[:, SPIN] = start[:, SPIN] + end[:, SPIN].dot(self.along)
-        x[:, SPIN] = end[:, SPIN].dot(self.by_spin)
+        place, x, given = start + end, self.h * end, NONE
+        if self.is_given:
+            place[:, :6], x[:, :6], given = start[:, :6], 0.0, end[:, :6]
+        else:
+            place[:, SPIN] = start[:, SPIN] + end[:, SPIN].dot(self.along)
+            x[:, SPIN] = end[:, SPIN].dot(self.by_spin)
         if by_turn is not None:
             x[:, SPIN] += self.h * by_turn
-        return Slopes(place, np.zeros_like(place), x)
+        return Slopes(place, np.zeros_like(place), x, given)
 
     def back(self, place_: Array, velocity_: Array) -> tuple[Array, Array, Array]:
         """Derivatives (k,) with place and velocities at the start, and with x, from those with both at the end."""
         x_, start_ = self.h * place_ + 2 * velocity_, place_.copy()
+        if self.is_given:
+            x_[:6], start_[:6] = 2 * velocity_[:6], 0.0
+            return start_, -velocity_, x_
         x_[SPIN] = self.by_spin.T.dot(place_[SPIN]) + 2 * velocity_[SPIN]
         start_[SPIN] = self.along.T.dot(place_[SPIN])
         return start_, -velocity_, x_
@@ -95,7 +106,7 @@ class InertiaSlopes(NamedTuple):
 
     def balance(self, before: Moving, after: Moving, step: StepTurn) -> Slopes:
         """Slopes of the rates of momentum, ΔL/h + ω̂ × L̂ and what the coordinates balance, but for elasticity."""
-        frame, second, h, mass = self.frame, self.second, step.h, self.frame.mass
+        frame, second, h, mass, c = self.frame, self.second, step.h, self.frame.mass, self.frame.moment_modes
         G, ω, ω_end = frame.coupling, before.ω, after.ω
         k = 6 + len(before.q)
         places, rates = np.zeros((2, k, k)), np.zeros((2, k, k))
@@ -112,20 +123,24 @@ class InertiaSlopes(NamedTuple):
             place[6:, 6:] = sign / h * spin - spun
             rate[:3, :3] = sign / h * mass * np.eye(3)
             rate[SPIN, SPIN], rate[SPIN, 6:] = carry @ inertia + twist, carry @ b
+            rate[6:, :3] = c.T @ (sign / h * np.eye(3) + cross_matrix(other.ω) / 2)
             rate[6:, SPIN] = (sign / h * b + (G @ other.r - contraction(1.0, vector(other.ω)) @ bent) / 2).T
+            rate[6:, SPIN] -= c.T @ cross_matrix(other.v) / 2
             rate[6:, 6:] = sign / h * np.eye(k - 6) + np.tensordot(other.ω, G, 1) / 2
         slopes = step.slopes(*places)
-        return Slopes(slopes.place, rates[0] - rates[1], slopes.x + 2 * rates[1])
+        return slopes._replace(velocity=rates[0] - rates[1], x=slopes.x + 2 * rates[1])
 
     def stored(self, at: Moving) -> tuple[Array, Array]:
-        """Slopes of the kinetic energy with place and velocities, (k,) each; of a carried body with q and r alone."""
+        """Slopes of the kinetic energy with place and velocities, (k,) each."""
         frame, (_, b, by_shape, _, L) = self.frame, self._at(at)
         place, half = (
             np.zeros(6 + len(at.q)),
             contraction(0.5, vector(at.ω)) @ (frame.inertia1 + 2 * self.second @ at.q),
         )
-        place[6:] = at.ω @ (by_shape - half) + np.cross(at.v, at.ω) @ frame.moment_modes
-        return place, np.concatenate([frame.mass * at.v, L, at.r + at.ω @ b + at.v @ frame.moment_modes])
+        c, moment = frame.moment_modes, frame.first_moment + frame.moment_modes @ at.q
+        place[6:] = at.ω @ (by_shape - half) + np.cross(at.v, at.ω) @ c
+        P, L = frame.mass * at.v + np.cross(at.ω, moment) + c @ at.r, L + np.cross(moment, at.v)
+        return place, np.concatenate([P, L, at.r + at.ω @ b + at.v @ c])
 
 
 class PointsMoved(NamedTuple):
@@ -165,17 +180,25 @@ class PointsMoved(NamedTuple):
             every(middle, twisted.shape),
         )
 
-    def joined(self, blocks: tuple[Array, ...], *, is_mean: bool) -> "PointSlopes":
-        """Slopes (3P, k) of velocities from `velocity`; `is_mean`: of ω̂ and û, else of those at the start."""
+    def joined(self, blocks: tuple[Array, ...], v: Array, *, is_mean: bool) -> "PointSlopes":
+        """Slopes (3P, k) of velocities from `velocity`, and v (3,) of the origin, which a base has in the frame's axes.
+
+        `is_mean`: of v̂, ω̂ and û, else of those at the start.
+        """
         by_start, by_end, by_turn, by_y, by_û, by_ω, by_u = blocks
+        along = np.eye(3)
+        if self.step.is_given:  # R* v
+            along, R = self.step.turn.middle, self.step.turn.start
+            by_start = by_start - R @ cross_matrix(v + self.step.half @ v)
+            by_turn = by_turn - R @ cross_matrix(v) / 2
         start, end = self._columns(by_start, by_y), self._columns(by_end)
-        place, velocity, x = self.step.slopes(start, end, by_turn.reshape(-1, 3))
-        own = x if is_mean else velocity
-        x[:, 6:] += self._shaped(by_û)
-        own[:, :3] += np.tile(np.eye(3), (len(self.start), 1))
+        slopes = self.step.slopes(start, end, by_turn.reshape(-1, 3))
+        own = slopes.x if is_mean else slopes.velocity
+        slopes.x[:, 6:] += self._shaped(by_û)
+        own[:, :3] += np.tile(along, (len(self.start), 1))
         own[:, SPIN] += by_ω.reshape(-1, 3)
         own[:, 6:] += self._shaped(by_u)
-        return PointSlopes(Slopes(place, velocity, x), by_y, by_û + by_u if is_mean else by_û, by_u)
+        return PointSlopes(slopes, by_y, by_û + by_u if is_mean else by_û, by_u)
 
     def displacement(self) -> Array:
         """Slopes (3P, k) of the points' displacement at the start with the place."""

@@ -6,7 +6,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
-from fenics_rom.mechanics.frame_geometry import turned_operator
 from fenics_rom.runtime.steppers.acts.found_slopes import FoundSlopes
 from fenics_rom.runtime.steppers.elastic.law import LawAdjoint
 from fenics_rom.runtime.steppers.residual_maps import ResidualMaps
@@ -30,7 +29,6 @@ class HeldPart(NamedTuple):
     contact: ContactAdjoint | None
     residual: ResidualMaps | None
     rate_after: Array  # r (m,) at its end
-    turns: tuple[Array, Array] | None = None  # R and R⁺ (3, 3) of a base that carries it; None: nothing turns it
 
     @property
     def own(self) -> slice:
@@ -69,28 +67,17 @@ class HeldPart(NamedTuple):
         return Slopes(-turned, -inertia, inertia - self.reach * turned), self.columns
 
     def touch(self) -> Touch | None:
-        """As in StepPart: points are at p + R (X + S q), and go by ŝ = (p⁺ - p + (R⁺ - R) (X + S q))/h + R⁺ S v̂.
-
-        Forces on them act as Sᵀ R⁺ᵀ f. Of a body that no base carries R is 1.
-        """
+        """As in StepPart."""
         if self.contact is None:
             return None
-        S, (R, R_end) = self.Sᵀ.T, self.turns or (UNIT, UNIT)
-        by_base, nothing, still = (R_end - R) / self.h, np.zeros(S.shape), np.zeros((3, 3))
-        there, ends = _turned(R, S), _turned(R_end, S)
-        motions = Slopes(_turned(by_base, S), nothing, ends), Slopes(nothing, there, nothing)
-        yields = np.zeros((len(S), len(S)))
-        by_û = yields if self.residual is None else turned_operator(R_end, self.residual.delassus, R_end)
-        of_points = [np.broadcast_to(each, (len(S) // 3, 3, 3)) for each in (by_base, R_end, still, still, still, R)]
-        blocks = (of_points[0], of_points[1], of_points[2]), (of_points[3], of_points[4], of_points[5])
-        return Touch(self.contact, self.residual, R_end, R, there, ends.T, motions, (by_û, yields), blocks)
+        S, P, residual = self.Sᵀ.T, self.Sᵀ.shape[1] // 3, self.residual
+        nothing, yields = np.zeros(S.shape), np.zeros((len(S), len(S)))
+        motions = Slopes(nothing, nothing, S), Slopes(nothing, S, nothing)
+        by_û = yields if residual is None else residual.delassus
+        still, along = np.zeros((P, 3, 3)), np.broadcast_to(UNIT, (P, 3, 3))
+        blocks = (still, along, still), (still, still, along)
+        return Touch(self.contact, residual, UNIT, UNIT, S, S.T, motions, (by_û, yields), blocks)
 
     def stored(self) -> tuple[Array, Array]:
         """As in StepPart."""
         return np.zeros_like(self.rate_after), self.rate_after
-
-
-def _turned(R: Array, of_points: Array) -> Array:
-    """R (3, 3) times what is of points, (3P,) or (3P, k)."""
-    of_each: Array = (R @ of_points.reshape(-1, 3, of_points.size // len(of_points))).reshape(of_points.shape)
-    return of_each

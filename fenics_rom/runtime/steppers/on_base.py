@@ -27,6 +27,7 @@ from fenics_rom.runtime.steppers.carried_base import frame_state
 from fenics_rom.runtime.steppers.elastic.at_rest import Potential, Tied
 from fenics_rom.runtime.steppers.equilibrium import Equilibrium
 from fenics_rom.runtime.steppers.frame_loads import FrameLoads
+from fenics_rom.runtime.steppers.frame_slopes import Moving
 from fenics_rom.runtime.steppers.frame_state import FrameState
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.ground_ties import GroundTies, TieForces
@@ -34,7 +35,9 @@ from fenics_rom.runtime.steppers.ground_ties import GroundTies, TieForces
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.held_part import HeldPart
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
+    from fenics_rom.runtime.steppers.resting_part import RestingPart
 
 Wrench = tuple[tuple[float, float, float], tuple[float, float, float]]
 AT_REST = (1.0, 0.0, 0.0, 0.0)
@@ -143,7 +146,6 @@ class CarriedEquilibrium(Equilibrium):
         R = rotation_of(*end.rotation)
         turn = Geometry(R, R, ZERO)
         self.loads.dead = self._of_frame.columns_of(turn, self._constants)
-        self._base_turn = rotation_matrix(start.rotation), turn.end
         if self._touching is not None:
             self._interface = SeenFromBase(self, self._touching, start, end)  # type: ignore[assignment]
         lifted, self.potential = 0.0, self._potential_on(end)
@@ -163,6 +165,22 @@ class CarriedEquilibrium(Equilibrium):
         self._wrench = partial(self._wrench_of, turn, end, acting, q, pushed)
         self._bent.look(self._e, float(self._e.dot(self._e)), ZERO, self.notes)
         return twice
+
+    def _part_of(self, held: "HeldPart", u: Array, q: Array, after: Array) -> "RestingPart":
+        """As in Equilibrium."""
+        from fenics_rom.runtime.steppers.resting_part import RestingPart, RestingPoints
+
+        turn = Geometry(rotation_of(*self._before_step[0].rotation), rotation_of(*self.frame.rotation), ZERO)
+        end, points = Moving(np.array(self.frame.position), np.zeros(3), np.zeros(3), after, 0 * after), None
+        if self._touching is not None and self.contact is not None:
+            arms, inside = self._touching.points.coordinates - self._constants.origin, (after - q) / self.h
+            places, inside = (arms + q.dot(self._Sᵀ).reshape(-1, 3), inside.dot(self._Sᵀ).reshape(-1, 3))
+            if self.residual is not None:
+                y = self.residual.carried_before[: 4 * len(q.dot(self._Sᵀ))].reshape(4, -1, 3)[1]
+                places, inside = places + y, inside + (self.residual.displacement - y) / self.h
+            points = RestingPoints(places, inside, self.contact.forces)
+        forces = self._of_frame.at(self.loads.with_found(u, self.reactions))
+        return RestingPart(held, turn, end, self._constants, self._of_frame, forces, self._ties, points)
 
     def _potential_on(self, frame: FrameState) -> Potential:
         """What resists the shape on a base that is there."""

@@ -101,9 +101,13 @@ class Expectation(NamedTuple):
     farthest: float  # |v̂| that the law takes at most
     made_tangent: bool  # whether in this step, else in an earlier one
     by_spin: float = 0.0  # a: ω̂ is ω + a (ω - ω̂ of the step before), of a free body
+    led: StepPart | None = None  # the step at the v̂ that comes of it, of a body that a base carries
 
     def back(self, expected_: Array, tangent_: Array) -> tuple[Array, ...]:
-        """What is owed to place and velocities (k,), what the law carries, u (p,), f, z, the tangent and ω̂ before."""
+        """What is owed to place and velocities (k,), what the law carries, u (p,), f, z, the tangent and ω̂ before.
+
+        And to the base: T is of where it goes, too, so that ρ's slopes with it count at the v̂ that is expected.
+        """
         square = float(self.whole @ self.whole)
         if square > self.farthest**2:
             share = self.farthest / square**0.5
@@ -124,11 +128,16 @@ class Expectation(NamedTuple):
         by_u = -ρ_ @ by_input
         reactions_ = by_u[self.places]
         by_u[self.places] = 0.0
-        spin_ = NONE
+        spin_, base_ = np.zeros(3), NONE
+        if self.led is not None:
+            led, _ = self.led.balance()
+            mean_ = w @ led.x[shape, :6] / 2
+            place_[:6], velocity_[:6] = w @ led.place[shape, :6], w @ led.velocity[shape, :6] + mean_
+            base_ = np.concatenate([w @ led.end[shape], mean_])
         if frame_is_free:
             velocity_[3:6] += (1 + self.by_spin) * x_[3:6]
             spin_ = -self.by_spin * x_[3:6]
-        return place_, velocity_, own_, by_u, -ρ_ @ self.part.by_forces, reactions_, tangent_, spin_
+        return place_, velocity_, own_, by_u, -ρ_ @ self.part.by_forces, reactions_, tangent_, spin_, base_
 
 
 class PartedAdjoint(NamedTuple):
@@ -168,7 +177,7 @@ class PartedAdjoint(NamedTuple):
         found = list[tuple[Array, Array, Array]]()
         for number, part in enumerate(self.parts):
             later = (after.forces, after.reactions, after.frame[12:]) if number == 0 else (NONE, NONE, NONE)
-            state, by_u, by_goal, along, of_damping, expected_ = _back(
+            state, by_u, by_goal, along, of_damping, expected_, base_ = _back(
                 part, *state, energy if number == 0 else 0.0, later
             )
             share = 1 - number / len(self.parts)  # of the way to what is given, at the end of the part
@@ -182,7 +191,7 @@ class PartedAdjoint(NamedTuple):
             of_start = self.expectation.back(expected_, after.tangent)
             place_, velocity_, own_ = place_ + of_start[0], velocity_ + of_start[1], own_ + of_start[2]
             found.append((of_start[3], found[0][1], found[0][2]))
-            forces_, reactions_, tangent_, spin_ = of_start[4:]
+            forces_, reactions_, tangent_, spin_, base_ = *of_start[4:8], base_ + of_start[8]
         inputs, along_ω, damping = (np.sum(each, axis=0) for each in zip(*found, strict=True))
         if self.given is not None:
             place_[shape] += self.given @ to_start
@@ -201,7 +210,7 @@ class PartedAdjoint(NamedTuple):
             if len(after.frame)
             else NONE,
         )
-        return StepSlopes(before, inputs, along_ω, damping)
+        return StepSlopes(before, inputs, along_ω, damping, base_)
 
 
 State = tuple[Array, Array, Array, Array]  # derivatives with place, velocities, the residual's rows, and a law's own
@@ -215,13 +224,14 @@ def _back(
     own_: Array,
     energy: float,
     later: tuple[Array, Array, Array],
-) -> tuple[State, Array, Array, Array, Array, Array]:
-    """What is owed to the state before a part, and to inputs, goals of strokes, ω, D, and v̂ as it was expected.
+) -> tuple[State, Array, Array, Array, Array, Array, Array]:
+    """What is owed to the state before a part, and to inputs, goals of strokes, ω, D, v̂ as it was expected, and a base.
 
     `later`: what later steps owe to contact forces (3P,), to forces that were found (n,) and to ω̂; empty: nothing.
     """
     own, shape, law, found = part.own, part.shape, part.law, part.found
-    owed, seen_ = law.after(own_, energy), NONE
+    owed, seen_, base = law.after(own_, energy), NONE, slice(0, part.own.start)
+    end_ = place_[base]
     if part.residual is not None:
         rows_, seen_ = part.residual.pull_back(rows_)
     place_[shape] += owed.end
@@ -245,11 +255,15 @@ def _back(
         z_ = later[1]
     if touch is not None:
         of_points = _through_contact(part, touch, whole, (x_, z_), seen_, later[0])
-        place_, velocity_, x_, of_rows = (
-            place_ + of_points[0], velocity_ + of_points[1], x_ + of_points[2], of_points[3]
+        place_, velocity_, x_, of_rows, end_ = (
+            place_ + of_points[0], velocity_ + of_points[1], x_ + of_points[2], of_points[3], end_ + of_points[4]
         )  # fmt: skip
     y[own], η = np.split(np.linalg.solve(whole.T, np.concatenate([x_[own], z_])), [n])
     place_, velocity_ = place_ - y @ balance.place, velocity_ - y @ balance.velocity
+    mean_ = (x_ - y @ balance.x)[base] / 2  # of both twists
+    velocity_[base] += mean_
+    if own.start:
+        end_ = end_ - y @ balance.end
     if touch is not None and rows_.size:
         rows_ = rows_ + of_rows + touch.rows_of_push(y)
     own_, of_shape, expected_ = law.before(y[shape], owed)
@@ -265,18 +279,21 @@ def _back(
         velocity_[shape] -= η @ found.by_rate
         if len(expected_):
             expected_ = expected_ - part.half * (η @ found.by_middle)
-    return (place_, velocity_, rows_, own_), by_u, by_goal, *law.by_model(y[shape], owed), expected_
+    state, base_ = (place_, velocity_, rows_, own_), np.concatenate([end_, mean_])
+    return state, by_u, by_goal, *law.by_model(y[shape], owed), expected_, base_
 
 
 def _through_contact(
     part: StepPart, touch: Touch, whole: Array, owed: tuple[Array, Array], seen_: Array, forces_: Array
-) -> tuple[Array, Array, Array, Array]:
-    """What is owed to place, velocities at the start, x (k,) and the residual's rows (n, 3P), by way of contact."""
+) -> tuple[Array, Array, Array, Array, Array]:
+    """What is owed to place, velocities at the start, x (k,), the residual's rows (n, 3P) and a base, by contact."""
     (mean, kept), own, (x_, z_) = touch.motions, part.own, owed
     place_, further = np.zeros((2, len(x_)))
+    end_ = np.zeros(own.start)
     forces, φ = touch.by_forces[own], np.zeros(touch.by_forces.shape[1])
     if len(seen_):
-        place_, further, φ = touch.seen_back(seen_)
+        place_, further, φ, of_end = touch.seen_back(seen_)
+        end_ = end_ + of_end
     if len(forces_):
         φ = φ + forces_
     all_spread = np.linalg.solve(whole, np.vstack([forces, np.zeros((len(z_), forces.shape[1]))]))
@@ -290,4 +307,6 @@ def _through_contact(
     place_ = place_ + d_ @ touch.place + ŝ_ @ mean.place + κ_ @ kept.place
     velocity_ = ŝ_ @ mean.velocity + κ_ @ kept.velocity
     rows_ = touch.rows_back(d_, ŝ_, κ_) if part.residual is not None else NONE
-    return place_, velocity_, further + ŝ_ @ mean.x + κ_ @ kept.x, rows_
+    if own.start:
+        end_ = end_ + ŝ_ @ mean.end + κ_ @ kept.end
+    return place_, velocity_, further + ŝ_ @ mean.x + κ_ @ kept.x, rows_, end_

@@ -31,10 +31,13 @@ class Touch(NamedTuple):
     push_rows: tuple[Array, Array] | None = None  # of Sᵀ f with y and û, (k, 3P)
     seen: Slopes | None = None  # of R*ᵀ f where f stays (3P, k)
 
-    def seen_back(self, seen_: Array) -> tuple[Array | float, Array | float, Array]:
-        """What is owed to the place and x, (k,), and to f, (3P,), by what f is to the residual part."""
-        of_place, of_x = (0.0, 0.0) if self.seen is None else (seen_ @ self.seen.place, seen_ @ self.seen.x)
-        return of_place, of_x, seen_.reshape(-1, 3).dot(self.turned.T).ravel()
+    def seen_back(self, seen_: Array) -> tuple[Array | float, Array | float, Array, Array | float]:
+        """What is owed to the place and x, (k,), to f, (3P,), and to a base, by what f is to the residual part."""
+        of_place, of_x, of_end = 0.0, 0.0, 0.0
+        if self.seen is not None:
+            of_place, of_x = seen_ @ self.seen.place, seen_ @ self.seen.x
+            of_end = seen_ @ self.seen.end if len(self.seen.end) else 0.0
+        return of_place, of_x, seen_.reshape(-1, 3).dot(self.turned.T).ravel(), of_end
 
     def rows_back(self, d_: Array, ŝ_: Array, κ_: Array) -> Array:
         """What is owed to the residual's rows (n, 3P), by what points do (3P,)."""
