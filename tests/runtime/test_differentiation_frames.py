@@ -9,7 +9,6 @@ from bodies import box_arrays, scene_text, write_arrays
 from gradient_checks import check_gradient, squares
 
 import fenics_rom as fr
-from fenics_rom.errors import StructureError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.scene.file import parse_scene
@@ -194,30 +193,3 @@ def check_stiffness(rom, u, gradient):
 
     slope = sum((gradient.eigenvalues[contact] * along).sum() for contact, along in δ.items())
     assert slope == pytest.approx((value(1e-5) - value(-1e-5)) / 2e-5, rel=1e-6)
-
-
-@pytest.mark.parametrize("supports", [None, 'clamped = ["left"]'], ids=["free", "carried"])
-def test_gradient_goes_through_switches_between_modes_of_the_same_shapes(tmp_path, supports):
-    """Others make modes of the state that they find, and are refused."""
-    parts = {"effects.viscoelasticity": "ratios = [0.5]\ntimes = [0.02]"}
-    rom = reduced(tmp_path, supports, method="modal", **parts)
-    at, u, start, directions = along(rom, None if supports is None else swung, steps=12)
-    contact = [list(rom.contact_models)[k // 3 % 2] for k in range(12)]
-
-    def value(ε):
-        inputs, *begin = (part + ε * δ for part, δ in zip((u, *start), directions, strict=True))
-        body, read, energies = at(*begin), [], []
-        for row, name in zip(inputs, contact, strict=True):
-            body.switch(name)
-            body.step(row)
-            read.append(body.displacement("tip"))
-            energies.append(body.energy)
-        return squares({"tip": np.array(read)}, np.array(energies))[0]
-
-    gradient = fr.differentiate(at(*start), u, squares, contact=contact)
-    slopes = (gradient.inputs, *gradient.state, *gradient.pose.values())[: len(directions)]
-    owed = sum((slope * δ).sum() for slope, δ in zip(slopes, directions, strict=True))
-    assert owed == pytest.approx((value(1e-4) - value(-1e-4)) / 2e-4, rel=1e-6)
-    others = reduced(tmp_path, supports)
-    with pytest.raises(StructureError, match="a switch to contact mode 'top', whose shapes are others"):
-        fr.differentiate(fr.Simulator(others, H), u, squares, contact=contact)

@@ -27,9 +27,11 @@ class RolloutGradient:
         eigenvalues: with γ (m,) of each contact mode, by name, per s^-2; of rigid motions 0. Maps of switches, which
             act on √γ q, are held: stiffness that changes as a whole changes all γ in one proportion.
         damping: with D of each contact mode, by name, per s^-1: (m,) where it is diagonal, else (m, m), symmetric.
-            Of bodies that deform largely, whose elasticity and damping are elsewhere, both are empty.
+            Of bodies that deform largely, whose elasticity and damping are elsewhere, both are empty; and of runs in
+            which a switch in a moving frame made further modes, which have their own.
         kinks: steps, counted from the first, at which J has no derivative, but one to each side: that of the side that
-            the step found is in the gradient.
+            the step found is in the gradient. Also where J jumps, as a switch before the step finds no shape or rate
+            to hold, but would nearby.
         pose: of a body in a moving frame with position, rotation, velocity and angular_velocity at the start, (3,)
             each, per m, rad, m/s and rad/s along the axes of space; of a free body, or of the base that carries it.
             The rotation adds to the attitude, the shape turns along, and velocities stay.

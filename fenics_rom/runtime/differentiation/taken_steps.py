@@ -38,6 +38,7 @@ class _Recorded(NamedTuple):
 
     step: PartedAdjoint
     contact: str
+    shapes: Array  # of the coordinates in which it is gone back through, in the shared basis (k, m)
     switches: list[SwitchAdjoint]
     pose: BaseState | None  # of a moving frame after it
 
@@ -127,8 +128,9 @@ class _Run:
         body.step(self._u[step], base=None if self._base is None else self._base[step])
         if records:
             loads = NONE if body.environment is None else body.environment.loads
-            taken = body.integrator.kernel.adjoint(np.concatenate([self._u[step], loads]))
-            self._recorded.append(_Recorded(taken, body.contact, switches, body.pose))
+            taken = body.integrator.adjoint(np.concatenate([self._u[step], loads]))
+            shapes = body.integrator.adjoint_model.coordinates
+            self._recorded.append(_Recorded(taken, body.contact, shapes, switches, body.pose))
 
     def _switched_to(self, contact: str) -> list[SwitchAdjoint]:
         """Makes a contact mode active; the switch, if it was not."""
@@ -161,28 +163,30 @@ def differentiate_taken(
     models = {} if rom.deformation is not None else rom.contact_models
     along_ω = {name: np.zeros_like(model.eigenvalues) for name, model in models.items()}
     along_D = {name: np.zeros_like(model.damping) for name, model in models.items()}
-    rows = {name: _rows(rom, name, names) for name in rom.contact_models}
-    inputs, kinks, last = np.zeros(u.shape), list[int](), run.body.integrator.kernel
+    inputs, kinks, last = np.zeros(u.shape), list[int](), run.body.integrator.adjoint_kernel
+    shown_rows, beyond_rows = _rows(rom, names)
     moves, points, led = body.pose is not None, _points_of(rom, names), list[tuple[Array, BaseState]]()
     is_carried, frame = body.base_wrench is not None, np.zeros(15 if moves else 0)
     μ = StateAdjoint(0 * last.state, np.zeros(rom.rigid), 0 * last.auxiliary, frame=frame)
-    for step, (taken, contact, switches_before, pose) in run.backwards():
-        of_q, of_beyond = rows[contact]
+    for step, (taken, contact, shapes, switches_before, pose) in run.backwards():
         shown, place = slopes[step], NONE
         if pose is not None:
             shown, place = _seen(pose, points + read[step].reshape(-1, 3), shown.reshape(-1, 3))
-        reads = Reads(shown @ of_q, shown @ of_beyond, float(energy_slopes[step]), place)
+        reads = Reads(shown @ shown_rows @ shapes, shown @ beyond_rows, float(energy_slopes[step]), place)
         μ, by_inputs, by_frequencies, by_damping, base_ = taken.pull_back(μ, reads)
         if is_carried and pose is not None:
             led.append((base_, pose))
         inputs[step] = by_inputs[: u.shape[1]]
+        if taken.span is not None:  # whose γ and D are of what was found
+            models, along_ω, along_D = {}, {}, {}
         if models:
             along_ω[contact] += by_frequencies
             along_D[contact] += by_damping
-        if taken.is_kink:
+        if taken.is_kink or any(switch.is_kink for switch in switches_before):
             kinks.append(step)
         for switch in reversed(switches_before):
             μ = switch.pull_back(μ)
+    μ = body.integrator.start_adjoint(μ)
     if models:
         along_ω[body.contact] += μ.state[: len(q)] * q
     state = kernel.start_pulled_back(q, r, μ)
@@ -224,10 +228,10 @@ def _size_of(record: Any, known: set[int]) -> tuple[int, set[int]]:
     return size, parts
 
 
-def _rows(rom: Rom, contact: str, names: Sequence[str]) -> tuple[Array, Array]:
-    """What outputs show of q (rows, m) of a contact mode, and of what is beyond it, (rows, k - rigid)."""
+def _rows(rom: Rom, names: Sequence[str]) -> tuple[Array, Array]:
+    """What outputs show of the shared basis, (rows, k), and of what is beyond a contact mode, (rows, k - rigid)."""
     rows = np.concatenate([np.empty((0, len(rom.stiffness))), *(rom.outputs[name] for name in names)])
-    return rows @ rom.contact_models[contact].coordinates, rows[:, rom.rigid :] / np.sqrt(rom.stiffness[rom.rigid :])
+    return rows, rows[:, rom.rigid :] / np.sqrt(rom.stiffness[rom.rigid :])
 
 
 def _points_of(rom: Rom, names: Sequence[str]) -> Array:
@@ -257,7 +261,8 @@ def _tell(kinks: Sequence[int], steps: int) -> None:
         shown = ", ".join(map(str, kinks[:KINKS_SHOWN])) + (", ..." if len(kinks) > KINKS_SHOWN else "")
         warnings.warn(
             f"{len(kinks)} of {steps} steps ({shown}) are at a kink, where a point begins or ceases to touch or to "
-            "slip: there the gradient is that of the side which the step found",
+            "slip, or a switch finds less to hold than nearby: there the gradient is that of the side which the step "
+            "found",
             FenicsRomWarning,
             stacklevel=4,
         )

@@ -26,6 +26,7 @@ class StateAdjoint(NamedTuple):
     forces: Array = NONE  # of contact in the last step (3P,)
     tangent: Array = NONE  # as `Kernel.tangent` (m, m)
     reactions: Array = NONE  # as `Kernel.reactions` (n,)
+    span: Array = NONE  # of a model with further modes: its coordinates in the shared basis (k, m)
     frame: Array = NONE  # (15,): p, R by a rotation about its axes, v, of a base in these, ω in these, and the last ω̂
 
 
@@ -51,12 +52,18 @@ class StepSlopes(NamedTuple):
 class SwitchAdjoint(Protocol):
     """A switch of contact modes, to go back through."""
 
+    @property
+    def is_kink(self) -> bool:
+        """Whether there is no derivative: a further mode begins to be needed."""
+
     def pull_back(self, after: StateAdjoint) -> StateAdjoint:
         """Derivatives before it from those after it."""
 
 
 class SameBasis:
     """A switch between contact modes that share a basis: of inputs alone."""
+
+    is_kink = False
 
     def pull_back(self, after: StateAdjoint) -> StateAdjoint:
         """As in SwitchAdjoint."""

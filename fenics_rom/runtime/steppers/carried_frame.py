@@ -227,6 +227,21 @@ class CarriedFrame(CarriedBalance):
         α = added(ZERO, 1 / self.h, added(now.ω, -1.0, before.ω))
         return a, α, step.ω̂
 
+    def follow(self, other: "CarriedFrame", P: Array, u: Array) -> Array:
+        """As in FreeFrame."""
+        self.frame, self.base = other._frame_before, other.base
+        self._go_to_start_of(other, P)
+        self._begin_step(u)
+        if self.found is not None:
+            self.act(other.reactions)
+        step, r̂ = self._taken, P @ other.passed_rate
+        assert step is not None
+        lack: Array = (step.A * r̂ if step.A.ndim == 1 else step.A @ r̂) - step.right
+        if other.contact is not None:
+            lack = lack - self.points.rows.dot(other.contact.forces.dot(step.turn.middle).ravel())
+        self._end_step(r̂, other.contact)
+        return lack
+
     def _moved_points(self, step: Begun, r̂: Array, yielding: Array | None) -> tuple[Array, Array]:
         """Arms of the contact points from the origin in the middle of the step, m, and velocities, m/s, (P, 3)."""
         arms = self.arms(step.turn, r̂, yielding)

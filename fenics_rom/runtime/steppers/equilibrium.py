@@ -262,6 +262,12 @@ class Equilibrium(PartedKernel):
         velocities = self._at_points(moved / self.h, residual)
         return (partial(self._interface.work_at_rest, self.contact, contact, velocities, self.h, obstacles),)
 
+    @property
+    def passed_rate(self) -> Array:
+        """As in PartedKernel."""
+        rate: Array = (self._e - self._state_before[: len(self._e)]) * self._inverse_ω / self.h
+        return rate
+
     def adjoint(self, u: Array) -> "PartedAdjoint":
         """As in Kernel."""
         from fenics_rom.runtime.steppers.acts.found_slopes import FoundIn

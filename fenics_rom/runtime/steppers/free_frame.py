@@ -79,6 +79,29 @@ class FreeFrame(FreeBalance):
             self._expect(x)
         return x
 
+    def follow(self, other: "FreeFrame", P: Array, u: Array) -> Array:
+        """Takes the last step of another body, of shapes P (m, any) among those of this one, under u (p,).
+
+        What the balance of the coordinates lacks (m,).
+        """
+        self.frame = other._frame_before
+        self._go_to_start_of(other, P)
+        self.begin_step(u)
+        if self.found is not None:
+            self.act(other.reactions)
+        assert other._passed is not None
+        x, contact, push, power = (
+            np.concatenate([other._passed[1][:3], P @ other._passed[1][3:]]),
+            other.contact,
+            None,
+            0.0,
+        )
+        if contact is not None:
+            push, power = self._pushed_by(contact, x)
+        lack = self._residual(x, push)[3:]
+        self.end_step(x, contact, push, power)
+        return lack
+
     # What contact asks for; see frame_contact.
 
     def corrected(self, x: Array, push: Push | None) -> Array:

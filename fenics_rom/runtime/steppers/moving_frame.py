@@ -1,26 +1,26 @@
 """The stepper of a body that turns as far as it likes, free or carried by a rigid base.
 
 **Switching.** What the next contact mode cannot hold of the shape and of its rate becomes two further modes, which the
-switch after that replaces: so nothing moves, and energy and both momenta stay. (Shapes that are projected lose angular
-momentum, or, where that is given back, gain energy: a body in steady rotation has the least energy of all shapes.) The
-further modes feel contact, gravity, actuators and loads, but not the input of the contact mode.
+switch after that replaces (`further_modes`): so nothing moves, and energy and both momenta stay. (Shapes that are
+projected lose angular momentum, or, where that is given back, gain energy: a body in steady rotation has the least
+energy of all shapes.)
 """
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError, StructureError, check_known
+from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.environment import DETAILS
 from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepperState, StepResult
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
-from fenics_rom.rom.rom import Rom, diagonalized_span
+from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.body_parts import PLAIN, parts_of
 from fenics_rom.runtime.steppers.carried_base import frame_state
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
@@ -29,6 +29,7 @@ from fenics_rom.runtime.steppers.frame_loads import FrameLoads
 from fenics_rom.runtime.steppers.frame_state import FrameState
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
+from fenics_rom.runtime.steppers.further_modes import holding, whole_model
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
 
 if TYPE_CHECKING:
@@ -36,14 +37,15 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.actuator_forces import ActuatorForces
     from fenics_rom.mechanics.contact import ContactSolution
     from fenics_rom.mechanics.viscoelasticity import PronySeries
-    from fenics_rom.runtime.steppers.adjoint import SwitchAdjoint
+    from fenics_rom.runtime.steppers.adjoint import StateAdjoint, SwitchAdjoint
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.on_base import CarriedEquilibrium
+    from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
+    from fenics_rom.runtime.steppers.switch_adjoint import FieldsAdjoint
 
+SAME_SPAN = 1e-10  # of coordinates: what contact modes differ by where they have the same shapes
 FrameKernels: TypeAlias = "FreeFrame | CarriedFrame | CarriedEquilibrium"
-SAME_SPAN = 1e-10  # of coordinates, and of compliances: what contact modes differ by where they have the same shapes
-NOTHING_LEFT = 1e-14  # of a shape: what the next contact mode need not be given
 
 
 class FrameSnapshot(NamedTuple):
@@ -74,7 +76,8 @@ class MovingFrameStepper(ReducedStepper):
         base_at_start: Callable[[], BaseState | None],
     ):
         self._base_at_start = base_at_start
-        self._make_kernel, self._kernels = make_kernel, dict[str, FrameKernels]()
+        self._make_kernel, self._kernels, self._wide = make_kernel, dict[str, FrameKernels](), dict[str, FrameKernels]()
+        self._wholes = dict[str, ContactModel]()  # of each contact mode in the shared basis
         self._carried_along: ContactModel | None = None
         super().__init__(rom, dt, interface, np.empty(0), MOVING_FRAME, reason)
         self._begin()
@@ -124,19 +127,14 @@ class MovingFrameStepper(ReducedStepper):
     def switch(self, contact: str) -> float:
         """See Stepper; energy stays, to round-off."""
         self.flush()
-        left, model, state = self.kernel, self.model, self.kernel.state.copy()
-        halves = np.stack([state[: model.order] / model.safe_frequencies, state[model.order :]], axis=1)
-        shared = sum(self._rom.actuators.values()) + sum(self._rom.loads.values())
-        relaxing = left.elastic if left.elastic is not None and self._rom.deformation is None else None
-        if relaxing is not None and relaxing.branches is not None:  # their strains are held, too
-            halves = np.hstack([halves, (relaxing.branches.state[:, 0] / model.safe_frequencies).T])
-        self._carried_along = _holding(self._rom.contact_models[contact], model, halves, shared, self._rom.stiffness)
+        left, fields, end = self.kernel, self._fields, self._rom.contact_models[contact]
+        self._carried_along = holding(end, self._whole(contact), fields)
         self._enter(contact)
         there, carried = self.model, np.empty(0)
-        held = there.coordinates.T @ (model.coordinates @ halves)
+        held = there.coordinates.T @ fields
         if self._rom.deformation is not None:
             carried = left.auxiliary  # contact modes share a basis
-        elif relaxing is not None:
+        elif left.branches is not None:
             carried = (np.sqrt(there.eigenvalues)[:, None] * held[:, 2:]).T.ravel()
         self.kernel.state[:] = np.concatenate([np.sqrt(there.eigenvalues) * held[:, 0], held[:, 1]])
         self.kernel.frame, self.kernel.contact, self.kernel.notes = left.frame, left.contact, left.notes
@@ -147,30 +145,84 @@ class MovingFrameStepper(ReducedStepper):
             self.kernel.residual.take_over(left.residual)
         return left.energy - self.kernel.energy
 
+    def adjoint(self, u: Array) -> "PartedAdjoint":
+        """As in ReducedStepper; of a model with further modes in the shared basis, of which these are made."""
+        if self._carried_along is None:
+            return self.kernel.adjoint(u)
+        from fenics_rom.runtime.steppers.parted_adjoint import Span
+
+        left, P, wide = self.kernel, self.model.coordinates, self.adjoint_kernel
+        lack = wide.follow(left, P, u)  # type: ignore[arg-type]
+        return wide.adjoint(u)._replace(span=Span(P, left.passed_rate, lack))
+
+    @property
+    def adjoint_kernel(self) -> FrameKernels:
+        """As in ReducedStepper."""
+        if self._carried_along is None:
+            return self.kernel
+        name = self.contact_mode
+        if name not in self._wide:
+            self._wide[name] = self._make_kernel(name, self._whole(name))
+        return self._wide[name]
+
+    @property
+    def adjoint_model(self) -> ContactModel:
+        """As in ReducedStepper."""
+        return self.model if self._carried_along is None else self._whole(self.contact_mode)
+
+    def start_adjoint(self, after: "StateAdjoint") -> "StateAdjoint":
+        """As in ReducedStepper."""
+        if self._carried_along is None:
+            return after
+        return self._within((self.model, self.adjoint_model)).pull_back(after)
+
     def switch_adjoint(self, contact: str) -> "SwitchAdjoint":
-        """As in ReducedStepper, to a contact mode of the same span; else further modes are made of the state."""
-        from fenics_rom.runtime.steppers.switch_adjoint import SpanAdjoint
+        """As in ReducedStepper."""
+        from fenics_rom.runtime.steppers.switch_adjoint import Further, ResidualKept
 
-        left, end, start = self.kernel, self._rom.contact_models[contact], self.model
-        M = end.coordinates.T @ start.coordinates
-        spans = np.abs(end.coordinates @ M - start.coordinates).max() <= SAME_SPAN
-        if not (spans and self._yields_alike(left, contact)):
-            raise StructureError(
-                f"moving-frame: a switch to contact mode {contact!r}, whose shapes are others, is not differentiated"
-            )
-        small = self._rom.deformation is None and left.branches is not None
-        count = len(left.branches.state) if small and left.branches is not None else 0
-        return SpanAdjoint(M, start.safe_frequencies, end.safe_frequencies, count)
+        start, left, fields = self.adjoint_model, self.kernel, self._fields
+        end, whole = self._rom.contact_models[contact], self._whole(contact)
+        model = holding(end, whole, fields)
+        there = (model or end).coordinates
+        further = None if model is None else Further.of(there, end.coordinates, fields)
+        felt = fields.shape[1] - (not isinstance(left, FrameKernel))  # equilibria have no rate
+        lacks = np.abs(self.model.coordinates - there @ (there.T @ self.model.coordinates)).max() > SAME_SPAN
+        residual = None
+        if left.residual is not None and self._rom.deformation is None:  # else it stays the same
+            entered = self._plain_kernel(contact).residual
+            assert entered is not None
+            residual = ResidualKept(left.residual.part, entered.part, left.residual.carried_now)
+        is_kink = bool(lacks) and there.shape[1] - end.order < felt
+        return self._within((start, end if model is None else whole), further, residual, is_kink)
 
-    def _yields_alike(self, left: FrameKernels, contact: str) -> bool:
-        """Whether contact points yield beyond the basis in a contact mode as they do now."""
+    def _within(self, models: tuple[ContactModel, ContactModel], *others: Any) -> "FieldsAdjoint":
+        """Of fields that stay, from the coordinates of a model to those of another."""
+        from fenics_rom.runtime.steppers.switch_adjoint import FieldsAdjoint
+
+        branches, (start, end) = self.kernel.branches, models
+        count = 0 if branches is None or self._rom.deformation is not None else len(branches.state)
+        shapes, frequencies = (start.coordinates, end.coordinates), (start.safe_frequencies, end.safe_frequencies)
+        return FieldsAdjoint(shapes, frequencies, count, *others)
+
+    @property
+    def _fields(self) -> Array:
+        """Shape, rate, and strains of branches of small strains, in the shared basis (k, 2 or more)."""
+        model, state, branches = self.model, self.kernel.state, self.kernel.branches
+        halves = np.stack([state[: model.order] / model.safe_frequencies, state[model.order :]], axis=1)
+        if branches is not None and self._rom.deformation is None:
+            halves = np.hstack([halves, (branches.state[:, 0] / model.safe_frequencies).T])
+        fields: Array = model.coordinates @ halves
+        return fields
+
+    def _whole(self, contact: str) -> ContactModel:
+        if contact not in self._wholes:
+            self._wholes[contact] = whole_model(self._rom, contact)
+        return self._wholes[contact]
+
+    def _plain_kernel(self, contact: str) -> FrameKernels:
         if contact not in self._kernels:
             self._kernels[contact] = self._make_kernel(contact, self._rom.contact_models[contact])
-        here, there = left.residual, self._kernels[contact].residual
-        if here is None or there is None:
-            return here is there
-        R = here.part.compliance
-        return bool(np.abs(there.part.compliance - R).max() <= SAME_SPAN * np.abs(R).max())
+        return self._kernels[contact]
 
     def set_state(self, q: Array, r: Array) -> None:
         """As in ReducedStepper; the frame stays and turns as fast as before."""
@@ -221,9 +273,7 @@ class MovingFrameStepper(ReducedStepper):
             if current is not None and current.model is self._carried_along:
                 return current
             return self._make_kernel(contact, self._carried_along)
-        if contact not in self._kernels:
-            self._kernels[contact] = self._make_kernel(contact, self._rom.contact_models[contact])
-        return self._kernels[contact]
+        return self._plain_kernel(contact)
 
 
 def moving_frame_stepper(
@@ -284,69 +334,3 @@ def quasi_rigid(frame: MovingFrame) -> MovingFrame:
     """The same without what a change of shape does to inertia."""
     nothing = {name: 0 * getattr(frame, name) for name in ("inertia1", "inertia2", "coupling")}
     return replace(frame, stiffening=None, **nothing)
-
-
-def _holding(end: ContactModel, start: ContactModel, halves: Array, shared: int, κ: Array) -> ContactModel | None:
-    """The model of a contact mode that holds shape and rate (m, 2) of another one, too; None where it does by itself.
-
-    Args:
-        end, start: of both contact modes.
-        halves: q and r in `start`.
-        shared: number of input columns, the last ones, that both have.
-        κ: of the shared basis.
-    """
-    C, p = end.coordinates, end.inputs.shape[1]
-    wanted, felt = start.coordinates @ halves, start.inputs[:, start.inputs.shape[1] - shared :].T @ halves
-    further, inputs = np.empty((len(C), 0)), np.empty((shared, 0))
-    for column, push in zip(wanted.T, felt.T, strict=True):
-        size = float(np.linalg.norm(column))
-        if size == 0:
-            continue
-        column, push = column / size, push / size
-        left = 1.0
-        for _ in range(3):  # what a Gram-Schmidt step rounds, the next one takes away
-            share, share_further = C.T @ column, further.T @ column
-            column = column - C @ share - further @ share_further
-            push = push - end.inputs[:, p - shared :].T @ share - inputs @ share_further
-            size = float(np.linalg.norm(column))
-            left *= size
-            if not left > NOTHING_LEFT:
-                break
-            column, push = column / size, push / size
-        if left > NOTHING_LEFT:
-            further, inputs = np.hstack([further, column[:, None]]), np.hstack([inputs, push[:, None]])
-    if not further.shape[1]:
-        return None
-    span = np.hstack([C, further])
-    γ, coordinates = diagonalized_span(κ, span)
-    within = span.T @ coordinates
-    pushed = np.zeros((further.shape[1], p))
-    pushed[:, p - shared :] = inputs.T
-    return replace(
-        end,
-        eigenvalues=γ,
-        damping=_damping(end, start, further, κ, within, γ),
-        inputs=within.T @ np.vstack([end.inputs, pushed]),
-        coordinates=coordinates,
-        directions=np.eye(len(γ)),
-        left_inverse=None,
-    )
-
-
-def _damping(end: ContactModel, start: ContactModel, further: Array, κ: Array, within: Array, γ: Array) -> Array:
-    """Of a model with further modes, whose damping is α + β γ as nearly as that of both models is."""
-    known_γ, known = (
-        np.concatenate([m.eigenvalues for m in (end, start)]),
-        np.concatenate([m.damping if m.damping.ndim == 1 else np.diag(m.damping) for m in (end, start)]),
-    )
-    rates = np.stack([np.ones_like(known_γ), known_γ], axis=1) / known_γ[:, None]
-    α, β = np.maximum(np.linalg.lstsq(rates, known / known_γ, rcond=None)[0], 0.0)
-    if end.damping.ndim == 1 and np.allclose(known, α + β * known_γ, rtol=1e-9, atol=0.0):
-        damping: Array = α + β * γ
-        return damping
-    D = np.zeros((len(γ), len(γ)))
-    m = end.order
-    D[:m, :m] = np.diag(end.damping) if end.damping.ndim == 1 else end.damping
-    D[np.arange(m, len(γ)), np.arange(m, len(γ))] = α + β * κ @ further**2
-    dense = within.T @ D @ within
-    return (dense + dense.T) / 2

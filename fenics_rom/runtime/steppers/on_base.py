@@ -182,6 +182,22 @@ class CarriedEquilibrium(Equilibrium):
         forces = self._of_frame.at(self.loads.with_found(u, self.reactions))
         return RestingPart(held, turn, end, self._constants, self._of_frame, forces, self._ties, points)
 
+    def follow(self, other: "CarriedEquilibrium", P: Array, u: Array) -> Array:
+        """As in FreeFrame."""
+        self.frame = other._before_step[0]
+        self._go_to_start_of(other, P)
+        self._remember()
+        self._before_step, self.frame = (self.frame, self.potential, self._wrench), other.frame
+        R = rotation_of(*self.frame.rotation)
+        self.loads.dead = self._of_frame.columns_of(Geometry(R, R, ZERO), self._constants)
+        self.potential, q = self._potential_on(self.frame), P @ other._coordinates()
+        self._e[:], self.contact, self.reactions = self._ω * q, other.contact, other.reactions
+        self._step_residual(self.contact)
+        lack: Array = self.potential.force(q) - self.loads.force(self.loads.without_found(u), q)
+        if self._found is not None:
+            lack = lack - self._found.columns(q).dot(self.reactions)
+        return lack if self.contact is None else lack - self._pushed(self.contact)
+
     def _potential_on(self, frame: FrameState) -> Potential:
         """What resists the shape on a base that is there."""
         if self._ties is None:

@@ -140,6 +140,23 @@ class Expectation(NamedTuple):
         return place_, velocity_, own_, by_u, -ρ_ @ self.part.by_forces, reactions_, tangent_, spin_, base_
 
 
+class Span(NamedTuple):
+    """Shapes P (k, m) that a step is within, of a balance of k coordinates: Pᵀ ρ = 0, with v̂ in the span of P."""
+
+    shapes: Array  # P
+    rate: Array  # Pᵀ v̂ (m,)
+    lack: Array  # ρ (k,), where the span has it not
+
+    def of(self, size: int, first: int) -> Array:
+        """The same of as many unknowns (size, any), those of the coordinates from the first one on."""
+        k, m = self.shapes.shape
+        within = np.zeros((size, size - k + m))
+        within[:first, :first] = np.eye(first)
+        within[first : first + k, first : first + m] = self.shapes
+        within[first + k :, first + m :] = np.eye(size - first - k)
+        return within
+
+
 class PartedAdjoint(NamedTuple):
     """A step that was taken, in one or more parts, the last one first.
 
@@ -152,6 +169,7 @@ class PartedAdjoint(NamedTuple):
     given: Array | None = None  # ∂strokes/∂q (m, n) at the start, from where parts of a step go on
     rows_first: bool = False
     expectation: Expectation | None = None
+    span: Span | None = None
 
     def pull_back(self, after: StateAdjoint, reads: Reads) -> StepSlopes:
         """What the step passes back of derivatives with what it led to, and with what was read then."""
@@ -177,8 +195,8 @@ class PartedAdjoint(NamedTuple):
         found = list[tuple[Array, Array, Array]]()
         for number, part in enumerate(self.parts):
             later = (after.forces, after.reactions, after.frame[12:]) if number == 0 else (NONE, NONE, NONE)
-            state, by_u, by_goal, along, of_damping, expected_, base_ = _back(
-                part, *state, energy if number == 0 else 0.0, later
+            state, by_u, by_goal, along, of_damping, expected_, base_, span_ = _back(
+                part, *state, energy if number == 0 else 0.0, later, self.span
             )
             share = 1 - number / len(self.parts)  # of the way to what is given, at the end of the part
             if part.found is not None:
@@ -206,6 +224,7 @@ class PartedAdjoint(NamedTuple):
             forces_,
             tangent_,
             reactions_,
+            after.span + span_ if len(after.span) else span_,
             frame=np.concatenate([place_[: shape.start], velocity_[: shape.start], spin_])
             if len(after.frame)
             else NONE,
@@ -224,8 +243,9 @@ def _back(
     own_: Array,
     energy: float,
     later: tuple[Array, Array, Array],
-) -> tuple[State, Array, Array, Array, Array, Array, Array]:
-    """What is owed to the state before a part, and to inputs, goals of strokes, ω, D, v̂ as it was expected, and a base.
+    span: Span | None,
+) -> tuple[State, Array, Array, Array, Array, Array, Array, Array]:
+    """What is owed to the state before a part; to inputs, goals of strokes, ω, D, v̂ as expected, a base, and a span.
 
     `later`: what later steps owe to contact forces (3P,), to forces that were found (n,) and to ω̂; empty: nothing.
     """
@@ -251,14 +271,22 @@ def _back(
     if found is not None:
         whole = found.bordered(whole, by_input[own][:, found.places])
     y, n, z_ = np.zeros(len(place_)), len(x_[own]), np.zeros(len(whole) - len(x_[own]))
+    within, first = None, shape.start - own.start
+    if span is not None:
+        within = span.of(len(whole), first)
     if len(later[1]):
         z_ = later[1]
     if touch is not None:
-        of_points = _through_contact(part, touch, whole, (x_, z_), seen_, later[0])
+        of_points = _through_contact(part, touch, (whole, within), (x_, z_), seen_, later[0])
         place_, velocity_, x_, of_rows, end_ = (
             place_ + of_points[0], velocity_ + of_points[1], x_ + of_points[2], of_points[3], end_ + of_points[4]
         )  # fmt: skip
-    y[own], η = np.split(np.linalg.solve(whole.T, np.concatenate([x_[own], z_])), [n])
+    owed_, span_ = np.concatenate([x_[own], z_]), NONE
+    solved = _solved(whole.T, within, owed_)
+    y[own], η = np.split(solved, [n])
+    if span is not None:
+        left_ = (owed_ - whole.T @ solved)[first:n]
+        span_ = np.outer(left_, span.rate) - np.outer(span.lack, y[shape] @ span.shapes)
     place_, velocity_ = place_ - y @ balance.place, velocity_ - y @ balance.velocity
     mean_ = (x_ - y @ balance.x)[base] / 2  # of both twists
     velocity_[base] += mean_
@@ -280,11 +308,24 @@ def _back(
         if len(expected_):
             expected_ = expected_ - part.half * (η @ found.by_middle)
     state, base_ = (place_, velocity_, rows_, own_), np.concatenate([end_, mean_])
-    return state, by_u, by_goal, *law.by_model(y[shape], owed), expected_, base_
+    return state, by_u, by_goal, *law.by_model(y[shape], owed), expected_, base_, span_
+
+
+def _solved(whole: Array, within: Array | None, right: Array) -> Array:
+    """The inverse of a matrix, or of what it is within a span, times something."""
+    if within is None:
+        return np.linalg.solve(whole, right)
+    solved: Array = within @ np.linalg.solve(within.T @ whole @ within, within.T @ right)
+    return solved
 
 
 def _through_contact(
-    part: StepPart, touch: Touch, whole: Array, owed: tuple[Array, Array], seen_: Array, forces_: Array
+    part: StepPart,
+    touch: Touch,
+    whole: tuple[Array, Array | None],
+    owed: tuple[Array, Array],
+    seen_: Array,
+    forces_: Array,
 ) -> tuple[Array, Array, Array, Array, Array]:
     """What is owed to place, velocities at the start, x (k,), the residual's rows (n, 3P) and a base, by contact."""
     (mean, kept), own, (x_, z_) = touch.motions, part.own, owed
@@ -296,7 +337,7 @@ def _through_contact(
         end_ = end_ + of_end
     if len(forces_):
         φ = φ + forces_
-    all_spread = np.linalg.solve(whole, np.vstack([forces, np.zeros((len(z_), forces.shape[1]))]))
+    all_spread = _solved(*whole, np.vstack([forces, np.zeros((len(z_), forces.shape[1]))]))
     spread = all_spread[: len(forces)]
     W, by_start = (
         motion.x[:, own] @ spread + by_force

@@ -76,6 +76,24 @@ class PartedKernel(BookedKernel):
         super().resume(auxiliary[own:])
         self.elastic.resume(self._coordinates(), self._r, auxiliary[:own])
 
+    @property
+    def passed_rate(self) -> Array:
+        """v̂ (m,) of the last step."""
+        rate: Array = (self._r + self._state_before[len(self._r) :]) / 2
+        return rate
+
+    def _go_to_start_of(self, other: "PartedKernel", P: Array) -> None:
+        """To where another body, of shapes P (m, any) among those of this one, began its last step."""
+        self.set_time_step(other.h)
+        e, r = other._state_before.reshape(2, -1)
+        self.state[:] = np.concatenate([self._ω * (P @ (e * other._inverse_ω)), P @ r])
+        self.contact, self.reactions, carried = None, other._reactions_before, [np.empty(0)]
+        if other.branches is not None:
+            carried.append((other.branches.before[:, 0] * other._inverse_ω @ P.T * self._ω).ravel())
+        if other.residual is not None:
+            carried.append(other.residual.carried_before.ravel())
+        self.resume(np.concatenate(carried))
+
     def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
         """As in Kernel."""
         by_q, by_r = super().start_pulled_back(q, r, after)

@@ -136,6 +136,11 @@ class ResidualMotion:
         return ResidualMaps(step, added, self._part, self._τ, self.heat, ratios)
 
     @property
+    def carried_now(self) -> Array:
+        """What is carried (n, 3P), a copy."""
+        return self.carried.reshape(-1, len(self._g)).copy()
+
+    @property
     def carried_before(self) -> Array:
         """What was carried before the last step, (n, 3P)."""
         carried = (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError, StructureError
+from fenics_rom.errors import StepError
 from fenics_rom.mechanics.step import StepInput, StepperState, StepResult
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
@@ -16,10 +16,11 @@ from fenics_rom.runtime.switching import Projections
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.contact import ContactSolution
-    from fenics_rom.runtime.steppers.adjoint import SwitchAdjoint
+    from fenics_rom.runtime.steppers.adjoint import StateAdjoint, SwitchAdjoint
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.equilibrium import Equilibrium
     from fenics_rom.runtime.steppers.held import HeldBody
+    from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
 
 
 class ReducedStepper:
@@ -83,12 +84,27 @@ class ReducedStepper:
         raise NotImplementedError
 
     def switch_adjoint(self, contact: str) -> "SwitchAdjoint":
-        """A switch to a contact mode from here, to go back through.
+        """A switch to a contact mode from here, to go back through."""
+        raise NotImplementedError
 
-        Raises:
-            StructureError: switches of its kind are not differentiated.
-        """
-        raise StructureError(f"{self.kind}: switches of contact modes are not differentiated")
+    def adjoint(self, u: Array) -> "PartedAdjoint":
+        """The last step, under u (p,), to go back through, in the coordinates of `adjoint_kernel`."""
+        return self.kernel.adjoint(u)
+
+    @property
+    def adjoint_kernel(self) -> Kernel:
+        """In whose coordinates derivatives are passed back through steps."""
+        kernel: Kernel = self.kernel
+        return kernel
+
+    @property
+    def adjoint_model(self) -> ContactModel:
+        """What these are of."""
+        return self.model
+
+    def start_adjoint(self, after: "StateAdjoint") -> "StateAdjoint":
+        """Derivatives in the coordinates of the contact model that a run begins in, from those of `adjoint_kernel`."""
+        return after
 
     def set_time_step(self, dt: float) -> None:
         """See Stepper."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.rom.residual_part import ResidualPart
-from fenics_rom.runtime.steppers.adjoint import StateAdjoint
+from fenics_rom.runtime.steppers.adjoint import NONE, StateAdjoint
 from fenics_rom.runtime.steppers.residual_maps import carried_back, strained_back
 
 
@@ -86,6 +86,7 @@ class ProjectionAdjoint(NamedTuple):
     kinetic: Array
     residual: ResidualSwitch | None
     branches: StrainsSwitch | None
+    is_kink: bool = False
 
     def pull_back(self, after: StateAdjoint) -> StateAdjoint:
         """As in SwitchAdjoint."""
@@ -108,20 +109,69 @@ class ProjectionAdjoint(NamedTuple):
         return StateAdjoint(start, after.rigid, np.concatenate([rows, of_strains.ravel()]), after.forces, after.tangent)
 
 
-class SpanAdjoint(NamedTuple):
-    """A switch of a body in a moving frame to a contact mode of the same span: q⁺ = M q, r⁺ = M r."""
+class ResidualKept(NamedTuple):
+    """The residual parts on both sides of a switch that moves no point, and what they held at it; see take_over."""
 
-    shape: Array  # M (m_end, m_start)
-    start: Array  # ω of both contact modes
-    end: Array
+    left: ResidualPart
+    entered: ResidualPart
+    rows: Array  # [g, y, ġ, ẏ] and w and R w of each branch, (4 + 2N, 3P), before it
+
+    def pull_back(self, after: Array) -> Array:
+        """Derivatives with the rows before from those after."""
+        before, inertia = np.empty(after.shape), (self.left.time_constant / self.entered.time_constant) ** 2
+        for first in range(0, len(after), 2):
+            (g, y), share = self.rows[first : first + 2], inertia if first == 2 else 1.0
+            to_y, by_most = carried_back(self.entered, y, share * float(g @ y), after[first : first + 2])
+            before[first], before[first + 1] = share * by_most * y, to_y + share * by_most * g
+        return before
+
+
+class Further(NamedTuple):
+    """Further modes that a switch made of the fields that it found: what the span changes by with these.
+
+    With P (k, m) of the shapes afterwards, those of the contact mode C among them, P + (1 - P Pᵀ) δU L has C and the
+    fields U + δU if L PᵀC = 0 and L PᵀU = 1; in it they have the coordinates PᵀU + Pᵀ δU.
+    """
+
+    shapes: Array  # P (k, m)
+    followed: Array  # L (any, m)
+
+    @classmethod
+    def of(cls, P: Array, C: Array, fields: Array) -> "Further":
+        """Of fields U (k, any), of which C has not all."""
+        held, own = P.T @ fields, P.T @ C
+        held = held - own @ (own.T @ held)
+        sizes = np.linalg.norm(held, axis=0)
+        sizes = np.where(sizes > 0, sizes, 1.0)
+        return cls(P, np.linalg.pinv(held / sizes) / sizes[:, None])
+
+    def back(self, span_: Array) -> Array:
+        """Derivatives with the fields (any, k) from those with P (k, m)."""
+        P = self.shapes
+        back: Array = self.followed @ (span_ - P @ (P.T @ span_)).T
+        return back
+
+
+class FieldsAdjoint(NamedTuple):
+    """A switch of a body in a moving frame: shape, rate and strains of branches stay, in other coordinates."""
+
+    shapes: tuple[Array, Array]  # of the coordinates before and after it, in the shared basis (k, m)
+    frequencies: tuple[Array, Array]  # ω (m,) of both
     branches: int  # whose strains are those of the coordinates, of small strains
+    further: Further | None = None
+    residual: ResidualKept | None = None
+    is_kink: bool = False
 
     def pull_back(self, after: StateAdjoint) -> StateAdjoint:
         """As in SwitchAdjoint."""
-        (e, r), m = after.state.reshape(2, -1), len(self.end)
-        strained = (self.end * self.shape.T / self.start[:, None]).T  # e⁺ by e
+        (C, C_end), (ω, ω_end) = self.shapes, self.frequencies
+        (e, r), m = after.state.reshape(2, -1), len(ω_end)
         own, rows = np.split(after.auxiliary, [self.branches * m])
-        of_branches = own.reshape(-1, m) @ strained
-        auxiliary = np.concatenate([of_branches.ravel(), rows])
-        state = np.concatenate([e @ strained, r @ self.shape])
-        return after._replace(state=state, auxiliary=auxiliary)
+        fields = np.vstack([ω_end * e, r, ω_end * own.reshape(-1, m)]) @ C_end.T
+        if self.further is not None and len(after.span):
+            fields = fields + self.further.back(after.span)
+        back = fields @ C
+        if self.residual is not None:
+            rows = self.residual.pull_back(rows.reshape(self.residual.rows.shape)).ravel()
+        auxiliary = np.concatenate([(back[2:] / ω).ravel(), rows])
+        return after._replace(state=np.concatenate([back[0] / ω, back[1]]), auxiliary=auxiliary, span=NONE)
