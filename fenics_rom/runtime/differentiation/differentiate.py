@@ -41,7 +41,6 @@ def differentiate(
 
     Raises:
         SceneError: something else than a Simulator was given.
-        StructureError: steps of its kind are not differentiated.
         StepError: as in `Simulator.rollout`, or an objective that returns something else, or what is not finite.
 
     Example:
