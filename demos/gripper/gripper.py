@@ -160,8 +160,7 @@ def measure_rates(carried: fr.Rom) -> None:
     parts = {
         "bodies begin": spent["world._begin"] - spent["step_pairs.of_step"],
         "where they touch": spent["step_pairs.of_step"],
-        "the law of contact": spent["contact_step._law"],
-        "how bodies answer": spent["contact_step._attempt"] + spent.get("contact_step._guide", 0.0),
+        "the forces of contact": spent.get("compiled_forces.find", 0.0) + spent.get("contact_step.find_forces", 0.0),
         "bodies end": spent["soft.close"] + spent["soft.commit"] + spent["rigid.commit"],
     }
     print(
