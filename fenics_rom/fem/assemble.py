@@ -7,7 +7,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_rom.errors import SceneError, check_type
+from fenics_rom.errors import check_type
 from fenics_rom.fem.assembly_warnings import obstacles_inside, obstacles_too_small, warnings_of
 from fenics_rom.fem.body_matrices import BodyMatrices, body_matrices, damping_of_cells, material_of_cells
 from fenics_rom.fem.contact_points import contact_points_of, points_between
@@ -24,6 +24,7 @@ from fenics_rom.fem.places import patch_nodes
 from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.readings import readings_of
 from fenics_rom.fem.rigid_modes import rigid_motions
+from fenics_rom.fem.rigid_surfaces import bars_of
 from fenics_rom.fem.supports import of_whole_nodes, unknowns_of
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.body_facts import implausible, quality_of
@@ -64,11 +65,7 @@ def _system(scene: Scene, comm: Any) -> System:
     mesh = run_on_rank_0(comm, lambda: read_mesh(scene.mesh_file, scene.mesh_groups, scene.mesh_scale))
     nodes = run_on_rank_0(comm, lambda: canonical_nodes(mesh, scene.degree))
     unknowns = unknowns_of(scene, nodes)
-    if unknowns.weights is not None and scene.effects.large_deformation is not None:
-        raise SceneError(
-            f"{scene.source}: supports.held: with large deformation the normal of a roller or plane of symmetry is "
-            "allowed along an axis only; turn the mesh"
-        )
+    scene = replace(scene, bars=tuple(bars_of(scene, nodes)))
     material, moving = material_of_cells(scene, mesh), scene.environment.is_moving
     mesh_of = comm, mesh, nodes, material
     system, matrices, shared = _with_unknowns(scene, mesh_of, unknowns, unknowns)

@@ -36,8 +36,9 @@ class NodalTies:
         self.springs = nothing if frame.springs is None else frame.springs
         self._dashpots = nothing if frame.dashpots is None else frame.dashpots
         self._arms, self._origin, self._algebra = system.body.nodes - frame.origin, frame.origin, algebra
-        self._moving = system.body.free[::3] // 3
-        self._here = self._moving[rows.start // 3 : rows.stop // 3]
+        self._unknowns, self._here = system.body.unknowns, slice(rows.start // 3, rows.stop // 3)
+        assert self._unknowns.node_shares is not None
+        self._shares = self._unknowns.node_shares.T.tocsr()[self._here]
         self.total = float(self.springs.sum())
         self._known: tuple[float, Any] | None = None
 
@@ -50,13 +51,11 @@ class NodalTies:
 
     def of_all(self, field: Array) -> Array:
         """A field of the nodes here (n, 3) as one of all nodes (N, 3), 0 where a base holds them."""
-        whole = np.zeros_like(self._arms)
-        whole[self._moving] = self._algebra.gather(np.ascontiguousarray(field.reshape(-1, 1))).reshape(-1, 3)
-        return whole
+        return self._unknowns.expand(self._algebra.gather(np.ascontiguousarray(field.reshape(-1, 1)))).reshape(-1, 3)
 
     def of_here(self, field: Array) -> Array:
-        """What of all nodes (N, any) those here have, (n, any)."""
-        here: Array = field[self._here]
+        """What forces on all nodes (N, any) put on those here, (n, any)."""
+        here: Array = self._shares @ field
         return here
 
     def places(self, motion: Motion) -> Array:

@@ -10,6 +10,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.nodes import Nodes, area_vectors, load_weights, mean_over, rim_edges, shape_functions
 from fenics_rom.fem.places import patch_area, patch_nodes, patch_triangles
+from fenics_rom.fem.rigid_surfaces import bars_of
 from fenics_rom.mechanics.surface_points import mean_turning_maps
 from fenics_rom.mechanics.tendon import measure_segments, unit_tension_forces
 from fenics_rom.scene.effects import Pressure
@@ -75,6 +76,10 @@ def loads_of(
         for number in range(1, len(points) - 1):  # friction at a guide changes the tension from there to the anchor
             columns[f"{name}-guide-{number}"] = _cable(nodes, points[: number + 1], where)
             units[f"{name}-guide-{number}"] = 1.0
+    for name, ends in bars_of(scene, nodes).items():
+        pulled = np.zeros_like(nodes.coordinates)
+        pulled[ends] = unit_tension_forces(nodes.coordinates[ends])
+        columns[name], units[name] = pulled.reshape(-1, 1), 1.0
     return columns, units
 
 

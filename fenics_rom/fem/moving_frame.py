@@ -55,7 +55,7 @@ def assemble_frame(
 
     Args:
         unknowns: that supports leave.
-        whole: all of the nodes that move.
+        whole: all of the nodes that move, or that others follow.
         moduli: λ and μ of each cell, (C, 2), Pa.
         masses: of all nodes m times 1 (N,), and times their distance from the origin (N, 3); and that origin (3,).
         shared: columns (3 N, any) of actuators and loads, in the units of the inputs.
@@ -64,15 +64,17 @@ def assemble_frame(
     arms = nodes.coordinates - origin
     fields = np.concatenate([np.ones((len(arms), 1)), arms], axis=1)
     products = np.concatenate([translated[:, None], mass_times_arms], axis=1)
-    moving = whole.free[::3] // 3
+    moving, shares = whole.free[::3] // 3, whole.node_shares
     rows = algebra.rows()
-    here = moving[rows.start // 3 : rows.stop // 3]
-    held = np.setdiff1d(np.arange(len(arms)), moving)
+    of_here = slice(rows.start // 3, rows.stop // 3)
+    here = moving[of_here]
+    held = np.setdiff1d(np.arange(len(arms)), whole.moving // 3)
+    assert shares is not None
     return FullOrderFrame(
         carried=bool(scene.clamped or scene.held),
         origin=origin,
         arms=arms[here],
-        mass_times=products[here],
+        mass_times=np.ascontiguousarray((shares.T @ products)[of_here]),
         moments=fields.T @ products,
         output_points=_output_points(scene, nodes),
         held_arms=arms[held],

@@ -88,7 +88,7 @@ def check_arc_length(environment: Environment) -> None:
         "no effects.large_deformation, without which a path is straight": "large_deformation" not in effects,
         "effects.inertia, so that it moves": environment.has_inertia,
         "effects.contact, which makes paths with kinks": environment.contact_law is not None,
-        "actuators by stroke or tendons with friction, whose forces are found": environment.finds_forces,
+        "actuators by stroke, tendons that rub or rigid surfaces, whose forces are found": environment.finds_forces,
         "no run.load that could grow": run is None or not run.loads,
     }
     has = next((what for what, is_so in wrong.items() if is_so), None)

@@ -3,15 +3,14 @@
 from collections import defaultdict
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse
 
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.nodes import Nodes
-from fenics_rom.fem.places import held_nodes, patch_nodes
+from fenics_rom.fem.places import held_nodes
+from fenics_rom.fem.rigid_surfaces import affine_ties, leaders, rigid_nodes, rigid_ties
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
-from fenics_rom.system.rigid_modes import rigid_fields
 
 DEPENDENT = 1e-9  # length that is left of a normal of 1 beside others, below which it says what they say
 
@@ -43,16 +42,17 @@ def unknowns_of(scene: Scene, nodes: Nodes) -> Unknowns:
         fixed, weights = eliminate(np.array(along))
         is_free[node, fixed] = False
         ties += [(3 * node + i, 3 * node + j, w) for i, row in zip(fixed, weights, strict=True) for j, w in row.items()]
-    for k, place in enumerate(scene.rigid):
-        where = f"{scene.source}: supports.rigid[{k}]"
-        numbers = patch_nodes(nodes, place, where)
+    is_large = scene.effects.large_deformation is not None
+    for where, numbers in rigid_nodes(scene, nodes).items():
         if not is_free[numbers].all():
             raise SceneError(f"{where} has nodes that are held, or on another rigid surface: allowed are free ones")
-        components, leaders, shares = rigid_ties(nodes.coordinates[numbers])
-        components, leaders = (3 * numbers[part // 3] + part % 3 for part in (components, leaders))
+        places = nodes.coordinates[numbers]
+        ties_of = affine_ties(places, leaders(places, where)) if is_large else rigid_ties(places)
+        components, leading, shares = ties_of
+        components, leading = (3 * numbers[part // 3] + part % 3 for part in (components, leading))
         is_free.ravel()[components] = False
         ties += [
-            (i, j, w) for i, row in zip(components, shares, strict=True) for j, w in zip(leaders, row, strict=True)
+            (i, j, w) for i, row in zip(components, shares, strict=True) for j, w in zip(leading, row, strict=True) if w
         ]
     free = np.flatnonzero(is_free)
     if not ties:
@@ -64,25 +64,11 @@ def unknowns_of(scene: Scene, nodes: Nodes) -> Unknowns:
 
 
 def of_whole_nodes(unknowns: Unknowns) -> Unknowns:
-    """All components of those nodes that can move."""
+    """These, where all that they are and all that follows is of whole nodes; else all of the nodes that can move."""
+    if unknowns.node_shares is not None:
+        return unknowns
     components = 3 * np.unique(unknowns.moving // 3)[:, None] + np.arange(3)
     return Unknowns(unknowns.components, components.ravel())
-
-
-def rigid_ties(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What components of nodes that move as a rigid body follow, of small motions.
-
-    Args:
-        places: (s, 3), not on one line, m.
-
-    Returns:
-        The components (3 s - 6,) that follow, the six that lead, and the weights (3 s - 6, 6) of these: six that tell
-        the motion best, by pivoting, so that no weight is large.
-    """
-    motions = rigid_fields(places, np.ones(len(places)))
-    leaders = np.sort(scipy.linalg.qr(motions.T, mode="r", pivoting=True)[1][:6])
-    components = np.setdiff1d(np.arange(len(motions)), leaders)
-    return components, leaders, np.linalg.solve(motions[leaders].T, motions[components].T).T
 
 
 def eliminate(normals: np.ndarray) -> tuple[list[int], list[dict[int, float]]]:

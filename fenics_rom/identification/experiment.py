@@ -121,7 +121,7 @@ def make_experiment(scene: Scene, data: Sequence[Data], system: System, first: i
         DataError: nothing was measured.
         SceneError: the scene has a load whose value at rest cannot be told, or none in its run, or no such start.
     """
-    scene.environment.check_forces_given("an identification")
+    (system.scene or scene).environment.check_forces_given("an identification")
     if scene.effects.viscoelasticity is not None:
         raise SceneError(f"{scene.source}: effects.viscoelasticity: an identification needs an elastic material")
     markers = tuple(dict.fromkeys(marker for part in data for marker in part.markers))

@@ -9,7 +9,8 @@ W = Bᵀ A⁻¹ B. Where it is given, the forces are those for which that is
 and they do the work h zᵀ Bᵀv̂ in the step, force times change of stroke, which is booked as supplied. With the whole of
 (s⁺ - s)/h the stroke would be met in every step, but a change of speed would ring on for ever, as v⁺ = 2 v̂ - v. So a
 constant speed is met to round-off, and what is missed when it changes falls to a third in two steps. A cable only
-pulls, 0 <= z ⟂ Bᵀv̂ - c >= 0: it is slack where it is shorter than it has to be.
+pulls, 0 <= z ⟂ Bᵀv̂ - c >= 0: it is slack where it is shorter than it has to be. The stroke of a bar is 0 at rest and
+stays so, which has no speed to change: it gets c = (s⁺ - s)/h.
 
 At a guide round which a cable turns by the angle α, the tension of the side that it slides from is e^(-μα) times that
 of the side that it slides to, and where it sticks it is between (Euler's and Eytelwein's law of the capstan). With T on
@@ -32,6 +33,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity.pivoting import solve_by_pivots
+from fenics_rom.mechanics.environment import RIGID
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.contact import ContactSolution
@@ -55,7 +57,7 @@ class ActuatorForces:
     """The forces of a body's actuators that are found: of strokes that are given, then at guides.
 
     Args:
-        controls: "length" or "volume" of each actuator whose stroke is given, by name.
+        controls: "length" or "volume" of each actuator whose stroke is given, and "rigid" of each bar, by name.
         guides: by the names of their loads, of each tendon from the anchor on.
         widths: number of input columns of all actuators, then of all loads, by name, in the order of the input.
 
@@ -66,12 +68,15 @@ class ActuatorForces:
         chains: of each tendon with guides: which stroke it is (or none), its column, and its guides from where it is
             pulled.
         friction: μ at guides (n,), 0 of strokes.
+        share: (n,) of what is missing of a stroke, that a step makes up for; of the speed of a guide, that it stops.
     """
 
     def __init__(self, controls: Mapping[str, str], guides: "Mapping[str, Guide]", widths: Mapping[str, int]):
         starts = dict(zip(widths, np.cumsum([0, *widths.values()]) - sum(widths.values()), strict=False))
         self.names = tuple(name for name in widths if name in controls)
         self.columns = np.array([starts[name] for name in [*self.names, *guides]], dtype=int)
+        shares = [1.0 if controls[name] == RIGID else SHARE for name in self.names]
+        self.share = np.array([*shares, *(1 / 2 for _ in guides)])
         self._guides, unbounded = tuple(guides), np.full(len(self.names), np.inf)
         pulling = np.array([controls[name] == "length" for name in self.names], dtype=bool)
         self._least = np.concatenate([np.where(pulling, 0.0, -unbounded), np.zeros(len(guides))])
@@ -98,9 +103,8 @@ class ActuatorForces:
 
     def rates(self, given: Array, strokes: Array, rates: Array, h: float) -> Array:
         """The rates c (n,) of a step of h, s, to given strokes, from strokes that move at some rates (n,)."""
-        k = len(self.names)
-        towards = SHARE / h * (given - strokes) + (1 - SHARE) * rates
-        return np.concatenate([towards[:k], rates[k:] / 2])
+        missing = np.where(self._is_guide, 0.0, given - strokes)
+        return self.share / h * missing + (1 - self.share) * rates
 
     def resting_rates(self, given: Array, strokes: Array, h: float) -> Array:
         """The same without inertia."""
@@ -147,8 +151,8 @@ class ActuatorForces:
         Raises:
             StepError: there are none, as strokes depend on one another, or none were found.
         """
-        if len(rates) == 1 and not self._guides:
-            found_at_once = self._only(rates, W, targets, touch)
+        if not self._guides and (len(rates) == 1 or not np.isfinite(self._least).any()):
+            found_at_once = self._all_held(rates, W, targets, touch)
             if found_at_once is not None:
                 return found_at_once
         is_guide, diagonal = self._is_guide, W.diagonal()
@@ -210,19 +214,22 @@ class ActuatorForces:
         names = ", ".join([*self.names, *self._guides])
         return StepError(f"no forces found of {names}: not {where}; a smaller dt or less friction may help")
 
-    def _only(
+    def _all_held(
         self, rates: Array, W: Array, targets: Array, touch: Touch | None
     ) -> "tuple[Array, ContactSolution | None] | None":
-        """As `solve`, where one stroke is given; None where it does not hold, as of a slack cable."""
-        missing, compliance = targets - rates, W[0]
-        if not compliance[0] > 0:
+        """As `solve`, where all strokes hold; None where one does not, as of a slack cable, or W is singular."""
+        missing, contact = targets - rates, None
+        try:
+            z = np.linalg.solve(W, missing)
+            if touch is not None:
+                contact, added = touch(z, np.ones(len(z), dtype=bool))
+                missing = missing - added
+                z = np.linalg.solve(W, missing)
+        except np.linalg.LinAlgError:
             return None
-        if touch is None:
-            contact, z = None, missing / compliance
-        else:
-            contact, added = touch(missing / compliance, np.ones(1, dtype=bool))
-            z = (missing - added) / compliance
-        return (z, contact) if z[0] >= self._least[0] else None
+        scale = max(np.abs(part).max() for part in (rates, targets, missing))
+        is_met = np.abs(W.dot(z) - missing).max() <= LARGEST_MISS * scale
+        return (z, contact) if is_met and (z >= self._least).all() else None
 
     def held(self, z: Array) -> Array:
         """Which of the strokes that are given, (h,), forces z (n,) hold: not those of cables that are slack."""

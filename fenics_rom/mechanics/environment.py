@@ -3,8 +3,8 @@
 Loads and obstacles have signals; how these drive a step is `mechanics.active_environment`.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 PERMANENT_EFFECTS = ("springs", "point_masses", "rigid_parts")  # part of the matrices: no run can leave them out
 STROKE_UNITS = {"length": "m", "volume": "m3"}  # of what is given of an actuator in place of its force
+RIGID = "rigid"  # of a bar whose length stays, as that of a control
 SWITCHINGS = ("energy", "oblique")  # energy-orthogonal, of any basis; of standard balanced truncation
 FRAMES = ("fixed", "moving")  # a body stays near where it was made, or turns as far as it likes
 DETAILS = ("full", "quasi-rigid")  # all terms of a moving frame, or the inertia of the rigid shape alone
@@ -92,7 +93,8 @@ class Environment:
         residual_compliance: whether contact points yield beyond a reduced basis, where its model knows how.
         contact_switching: "automatic" (the contact mode follows the obstacles) or "scene" (the load history says).
         guides: with friction, by the names of the loads that it is, those of each tendon from its anchor on.
-        controls: of the actuators whose stroke is given, not their force: "length" of a tendon, "volume" of a chamber.
+        controls: of the actuators whose stroke is given, not their force: "length" of a tendon, "volume" of a chamber;
+            and "rigid" of bars, by the names of the loads that they are, whose strokes stay 0.
         built_in: what a model made for this cannot do differently, by its place in the scene, as JSON; the mesh by the
             SHA-256 of its content.
         run: the load history; None where there is none.
@@ -153,6 +155,21 @@ class Environment:
         """Whether the contact mode follows the obstacles."""
         return self.contact_law is not None and self.contact_switching == "automatic"
 
+    @property
+    def bars(self) -> tuple[str, ...]:
+        """Names of the loads that are bars whose lengths stay: of surfaces that are rigid however far they turn."""
+        return tuple(name for name, control in self.controls.items() if control == RIGID)
+
+    @property
+    def found_loads(self) -> tuple[str, ...]:
+        """Names of the loads that are found in steps, at guides and in bars: they act within the body."""
+        return (*self.guides, *self.bars)
+
+    def with_bars(self, names: Collection[str]) -> "Environment":
+        """The same with bars of a body, which a mesh has, and no scene says."""
+        loads, controls = dict.fromkeys(names, Load(1, NOTHING)), dict.fromkeys(names, RIGID)
+        return replace(self, loads={**self.loads, **loads}, controls={**self.controls, **controls})
+
     def check_supports(self, rigid: int) -> None:
         """Checks that a body with so many rigid motions has an equilibrium, where it has no inertia.
 
@@ -165,11 +182,16 @@ class Environment:
             )
 
     def check_forces_given(self, what: str, *, may_rub: bool = False) -> None:
-        """Checks that all forces of actuators are given.
+        """Checks that all forces of actuators are given, and none has to keep a surface rigid.
 
         Raises:
             SceneError: a stroke is, or a tendon rubs where it may not, and `what` needs forces.
         """
+        if self.bars:
+            raise SceneError(
+                f"{self.source}: supports.rigid: {what} finds no forces that keep a surface rigid which turns far; "
+                "allowed is without effects.large_deformation, or a part of a stiff material in its place"
+            )
         if self.guides and not may_rub:
             raise SceneError(f"{self.source}: effects.tendon_friction: allowed in {what} are tendons without friction")
         for name, control in self.controls.items():
@@ -215,7 +237,7 @@ class Environment:
     def input_units(self) -> dict[str, str]:
         """Units of those inputs that are not N: pressures, gravity, base motions, and strokes."""
         units = self.force_units | {"gravity": "1"} | dict.fromkeys(self.details("effects.base_motion"), "m/s2")
-        return units | {name: STROKE_UNITS[control] for name, control in self.controls.items()}
+        return units | {name: STROKE_UNITS.get(control, "m") for name, control in self.controls.items()}
 
     @property
     def force_units(self) -> dict[str, str]:

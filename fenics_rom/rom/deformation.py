@@ -6,7 +6,7 @@ It is a potential like the whole body's, whatever points were kept (ECSW: Farhat
 what balances energy for the one does for the other.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 
@@ -89,6 +89,42 @@ class ReducedTendon(ByContent):
 
 
 @dataclass(frozen=True, eq=False)
+class ReducedBar(ByContent):
+    """A bar between two points of the body, whose length ℓ stays; see `fem/finite_strain/follower_loads.py`.
+
+    Its stroke s = (ℓ² - |x|²) / 2ℓ is quadratic in q, so that its force in the middle of a step keeps s exactly.
+    """
+
+    points: Array  # at rest, (2, 3), m
+    shapes: Array  # (6, m) rows of the basis there
+
+    def force(self, q: Array) -> Array:
+        """Of a tension of 1 N, (m,): ∂s/∂q."""
+        at_rest, slope = self._parts
+        return -(at_rest + slope.dot(q))
+
+    def slope(self, q: Array) -> Array:
+        """∂force/∂q (m, m), symmetric."""
+        return -self._parts[1]
+
+    def stroke(self, q: Array) -> float:
+        """s, m."""
+        at_rest, slope = self._parts
+        return -float(q.dot(at_rest + slope.dot(q) / 2))
+
+    def stroke_slope(self, q: Array) -> Array:
+        """∂stroke/∂q (m,)."""
+        return self.force(q)
+
+    @cached_property
+    def _parts(self) -> tuple[Array, Array]:
+        """∂(|x|²/2ℓ)/∂q at rest, (m,), and its slope (m, m)."""
+        moves, apart = self.shapes[3:] - self.shapes[:3], self.points[1] - self.points[0]
+        length = cable_length(self.points)
+        return apart.dot(moves) / length, moves.T.dot(moves) / length
+
+
+@dataclass(frozen=True, eq=False)
 class ReducedRim(ByContent):
     """The edge of a surface under pressure, which says by itself what force and torque the pressure has in all.
 
@@ -156,6 +192,7 @@ class ReducedDeformation(ByContent):
     validation_error: float | None = None  # of a run that was not trained on, relative, in the mass norm
     pressures: Mapping[str, Array] = field(default_factory=dict)
     tendons: Mapping[str, ReducedTendon] = field(default_factory=dict)
+    bars: Mapping[str, ReducedBar] = field(default_factory=dict)  # of surfaces that are rigid
     rims: Mapping[str, ReducedRim] = field(default_factory=dict)  # of pressures on surfaces that are open, and move
     trained: TrainingRange | None = None  # files of earlier formats lack it
 
@@ -275,8 +312,10 @@ def _upper_triangle(size: int) -> tuple[Array, Array]:
     return np.triu_indices(size)
 
 
-def check_deformation(body: ReducedDeformation, order: int, actuators: Mapping[str, int]) -> None:
-    """Measures what its energy balance rests on.
+def check_deformation(
+    body: ReducedDeformation, order: int, actuators: Mapping[str, int], bars: Collection[str]
+) -> None:
+    """Measures what its energy balance rests on, of a body with bars of these names.
 
     Raises:
         StructureError: with the measured number.
@@ -320,6 +359,8 @@ def check_deformation(body: ReducedDeformation, order: int, actuators: Mapping[s
     for name, tendon in body.tendons.items():
         if actuators.get(name) != 1 or tendon.shapes.shape != (tendon.points.size, m):
             raise StructureError(f"deformation: tendon {name!r} is no actuator, or has not {m} displacements")
+    if set(body.bars) != set(bars) or any(bar.shapes.shape != (6, m) for bar in body.bars.values()):
+        raise StructureError(f"deformation: its bars are not those of its environment, or have not {m} displacements")
     for name, rim in body.rims.items():
         if name not in body.pressures or not rim.shapes.shape == rim.piece_shapes.shape == (rim.points.size, m):
             raise StructureError(f"deformation: the rim of {name!r} is of no pressure, or has not {m} displacements")

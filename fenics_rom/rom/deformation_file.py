@@ -5,7 +5,7 @@ from typing import Any
 import h5py
 
 from fenics_rom.io.hdf5 import Entry, Sizes, get_each, get_group, get_record, get_text, put_arrays, put_each, put_text
-from fenics_rom.rom.deformation import ReducedDeformation, ReducedRim, ReducedTendon, TrainingRange
+from fenics_rom.rom.deformation import ReducedBar, ReducedDeformation, ReducedRim, ReducedTendon, TrainingRange
 
 BODY = {
     "gradients": Entry("kg^-1/2/m", (3, 3, "Q", "k")),
@@ -31,6 +31,7 @@ TRAINED = {
 }
 TRAINED_LOADS = {"inputs": Entry("unit of the input", (1,)), "pushes": Entry("N", (1,))}
 TENDON = {"points": Entry("m", ("K", 3)), "shapes": Entry("kg^-1/2", ("3K", "k"))}
+BAR = {"points": Entry("m", (2, 3)), "shapes": Entry("kg^-1/2", (6, "k"))}
 RIM = {
     "points": Entry("m", ("G", 3)),
     "pieces": Entry("m", ("G", 3)),
@@ -46,8 +47,8 @@ def put_deformation(h5: h5py.File, body: ReducedDeformation) -> None:
     sizes: Sizes = {"k": body.order}
     put_arrays(group, BODY, sizes, vars(body))
     put_each(group, "pressures", PRESSURE, body.pressures, sizes)
-    for kind, table in (("tendons", TENDON), ("rims", RIM)):
-        if kind == "tendons" or body.rims:
+    for kind, table in (("tendons", TENDON), ("bars", BAR), ("rims", RIM)):
+        if kind == "tendons" or getattr(body, kind):
             parts = group.create_group(kind, track_order=True)
             for name, part in getattr(body, kind).items():
                 put_arrays(parts.create_group(name, track_order=True), table, {"k": body.order}, vars(part))
@@ -62,10 +63,10 @@ def get_deformation(h5: h5py.File, order: int) -> ReducedDeformation:
     """Reads the group, of so many vectors that strain."""
     group = get_group(h5, "deformation")
     sizes: Sizes = {"k": order}
-    body = get_record(group, BODY, sizes, ("pressures", "tendons", "rims", "trained"))
+    body = get_record(group, BODY, sizes, ("pressures", "tendons", "bars", "rims", "trained"))
 
     def parts(kind: str, table: dict[str, Entry]) -> dict[str, Any]:
-        each = get_group(group, kind)
+        each = get_group(group, kind) if kind == "tendons" or kind in group else {}
         return {name: get_record(get_group(each, name), table, {"k": order}) for name in each}
 
     return ReducedDeformation(
@@ -73,7 +74,8 @@ def get_deformation(h5: h5py.File, order: int) -> ReducedDeformation:
         **body,
         pressures=get_each(get_group(group, "pressures"), PRESSURE, sizes),
         tendons={name: ReducedTendon(**cable) for name, cable in parts("tendons", TENDON).items()},
-        rims={name: ReducedRim(**rim) for name, rim in parts("rims", RIM).items()} if "rims" in group else {},
+        bars={name: ReducedBar(**bar) for name, bar in parts("bars", BAR).items()},
+        rims={name: ReducedRim(**rim) for name, rim in parts("rims", RIM).items()},
         trained=_get_trained(get_group(group, "trained"), sizes) if "trained" in group else None,
     )
 

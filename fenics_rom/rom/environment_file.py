@@ -31,6 +31,7 @@ from fenics_rom.mechanics.environment import (
     CONTACT_SWITCHINGS,
     DETAILS,
     FRAMES,
+    RIGID,
     STROKE_UNITS,
     AppliedLoad,
     Environment,
@@ -209,7 +210,7 @@ def _guides(group: h5py.Group) -> dict[str, Guide]:
 def _controls(group: h5py.Group) -> dict[str, str]:
     controls = {name: get_text(group, name) for name in group.attrs}
     for control in controls.values():
-        check_known("control", control, STROKE_UNITS, FileError, f"{group.name}: ")
+        check_known("control", control, [*STROKE_UNITS, RIGID], FileError, f"{group.name}: ")
     return controls
 
 

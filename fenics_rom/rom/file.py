@@ -40,6 +40,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         training_radius (1,) m kg^1/2, points_of (1,), cubature_error, validation_error (1,); the last may be absent
         pressures/NAME (k, 1 + k + k (k+1)/2) m^2/kg^1/2     force of 1 Pa: of 1, q_i and q_i q_j (i <= j)
         tendons/NAME/points (K, 3) m, shapes (3K, k) kg^-1/2
+        bars/NAME/points (2, 3) m, shapes (6, k) kg^-1/2     of rigid surfaces; may be absent
         rims/NAME/points, pieces (G, 3) m, shapes, piece_shapes (3G, k) kg^-1/2      of open surfaces; may be absent
         trained/                     how far training and validation went; absent where it was not kept
             inputs/NAME (1,)         largest of each actuator and load, in the unit of the input

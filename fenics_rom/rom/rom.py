@@ -255,7 +255,8 @@ class Rom(ByContent):
             "large deformation": self.deformation is not None,
             "a moving frame": acting.is_moving,
             "contact with obstacles": acting.contact_law is not None,
-            "actuators that are given strokes": bool(acting.controls),
+            "actuators that are given strokes": len(acting.controls) > len(acting.bars),
+            "surfaces that are rigid": bool(acting.bars),
             "friction of tendons": bool(acting.guides),
         }
         return tuple(part for part, there in parts.items() if there)
@@ -352,7 +353,7 @@ def check_rom(rom: Rom) -> Rom:
         if rom.deformation is not None:
             from fenics_rom.rom.deformation import check_deformation  # here, as few bodies deform largely
 
-            check_deformation(rom.deformation, len(rom.stiffness) - rigid, rom.actuators)
+            check_deformation(rom.deformation, len(rom.stiffness) - rigid, rom.actuators, rom.environment.bars)
         if rom.moving_frame is not None:
             from fenics_rom.rom.moving_frame import check_moving_frame
 

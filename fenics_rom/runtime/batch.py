@@ -260,7 +260,8 @@ def _why_one_by_one(rom: Rom) -> str:
     definite = acting.residual_compliance and rom.residual_compliance is not None
     reasons = {
         "no inertia": not acting.has_inertia,
-        "actuators that are given strokes": bool(acting.controls),
+        "actuators that are given strokes": len(acting.controls) > len(acting.bars),
+        "surfaces that are rigid": bool(acting.bars),
         "friction of tendons": bool(acting.guides),
         "a material that relaxes": acting.viscoelasticity is not None,
         "a free body in a moving frame": acting.is_moving and not carried,

@@ -22,7 +22,7 @@ from fenics_rom.rom.state_space import OperatingPoint, StateSpace, column_names,
 from fenics_rom.runtime.readings import readable
 from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.simulator import Simulator
-from fenics_rom.runtime.step_derivative import differentiate_step, guides_of
+from fenics_rom.runtime.step_derivative import differentiate_step, found_loads
 from fenics_rom.runtime.step_state import StepState
 from fenics_rom.runtime.steppers.residual_maps import strained_back
 from fenics_rom.trajectory.trajectory import Trajectory
@@ -54,7 +54,7 @@ def linearized(
     read = {name: _rows(body, state, name) for name in outputs}
     C = np.vstack([np.zeros((0, len(state.x))), *(rows.rows for rows in read.values())])
     shown_now = [body.displacement(name).ravel() if name in rom.outputs else read[name].rows @ state.x for name in read]
-    columns = {name: n for name, n in body.rom.input_columns(contact).items() if name not in guides_of(body)}
+    columns = {name: n for name, n in body.rom.input_columns(contact).items() if name not in found_loads(body)}
     kept = np.concatenate([
         np.full(n, name in columns) for name, n in body.rom.input_columns(contact).items()
     ])  # fmt: skip
@@ -89,6 +89,7 @@ def _tell(rom: Rom, body: Simulator, touching: Array) -> None:
         if body.base_wrench is not None
         else "the frame does not turn, and weight does not follow it",
         "actuators that are given strokes": "cables are taut",
+        "surfaces that are rigid": "rigid surfaces turn but a little",
         "friction of tendons": "cables slide as the tension grows",
     }
     has = rom.nonlinear_parts
@@ -197,7 +198,7 @@ def _inputs(body: Simulator, u: ArrayLike | None, at: Any) -> Array:
     starts = body.input_slices()
     strokes = readable(body.rom, body.contact, body.state[0], body.shape_coordinates).stroke
     cables = [starts[name].start for name in body.rom.actuators if controls.get(name) == "length"]
-    for name in controls:
+    for name in set(controls) & set(body.rom.actuators):
         u0[starts[name]] = strokes(name)
     for pull in PULLS if at is None and cables else ():
         there = body.save()
@@ -218,9 +219,9 @@ def _held(body: Simulator) -> Array:
         return np.empty(0)
     halfway = body.dt / 2 if environment.environment.has_inertia else body.dt
     loads, column, offsets = environment.loads_at(body.time + halfway), 0, environment.state.offsets.copy()
-    guides = guides_of(body)
+    found = found_loads(body)
     for name, width in body.rom.loads.items():
-        if name not in guides:
+        if name not in found:
             body.set_signal(name, loads[column : column + width])
         column += width
     for name, offset in zip(environment.obstacles, offsets, strict=True):

@@ -47,9 +47,9 @@ def differentiate_step(state: StepState, u: Array, loads: Array) -> StepDerivati
     return StepDerivative(after, A, B, ["a contact point"] if taken.is_kink else [])
 
 
-def guides_of(body: Simulator) -> Sequence[str]:
+def found_loads(body: Simulator) -> Sequence[str]:
     """Loads that are found in a step."""
-    return () if body.environment is None else tuple(body.environment.environment.guides)
+    return () if body.environment is None else body.environment.environment.found_loads
 
 
 class Lean(NamedTuple):

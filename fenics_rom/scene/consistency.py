@@ -29,8 +29,6 @@ def check_consistency(file: SceneFile) -> None:
     for k, held in enumerate(file.supports.held):
         if held.normal is not None and not any(held.normal):
             raise SceneError(f"supports.held[{k}].normal: allowed is any but zero")
-    if file.supports.rigid and file.effects.large_deformation is not None:
-        raise SceneError("supports.rigid: turns but a little; allowed is without effects.large_deformation")
     if (file.material is None) == (file.materials is None):
         raise SceneError("give either [material] or [materials.NAME]")
     if file.materials == {}:

@@ -45,7 +45,8 @@ class Supports:
     rigid: Annotated[
         tuple[PlaceItem, ...],
         Items(),
-        "surfaces that move as rigid bodies do, as where a plate is glued on; they turn but a little",
+        "surfaces that move as rigid bodies do, as where a plate is glued on; with effects.large_deformation they turn "
+        "as far as they like",
     ] = ()
 
 

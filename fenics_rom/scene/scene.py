@@ -140,6 +140,7 @@ class Scene:
         tables: by the names of their files: time in s and what it is a signal of, (times, 1 + columns).
         source: for messages.
         read_files: the file of the scene itself, and those of tables and of a run, which it was read from.
+        bars: names of those that keep surfaces rigid which turn far; its mesh has them, once it is assembled.
 
     Example:
         >>> scene = fr.read_scene("plate.toml")
@@ -169,6 +170,7 @@ class Scene:
     tables: Mapping[str, np.ndarray]
     source: str
     read_files: tuple[Path, ...] = ()
+    bars: tuple[str, ...] = ()
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -186,7 +188,7 @@ class Scene:
         records["supports"] = {"clamped": clamped, "held": self.held} | ({"rigid": rigid} if rigid else {})
         built_in = {place: as_text(record) for place, record in records.items()}
         built_in["mesh"] = as_text(self._mesh)
-        return replace(environment, built_in={**environment.built_in, **built_in})
+        return replace(environment, built_in={**environment.built_in, **built_in}).with_bars(self.bars)
 
     @property
     def _mesh(self) -> dict[str, Any]:

@@ -35,6 +35,18 @@ class Unknowns:
         """The components that can move, ascending: unknowns and tied ones."""
         return np.union1d(self.free, self.tied)
 
+    @cached_property
+    def node_shares(self) -> scipy.sparse.csr_array | None:
+        """z (N, nodes) with Z = z ⊗ I₃, where unknowns are all components of some nodes, and others follow these.
+
+        So M and S of all nodes, m ⊗ I₃, stay such matrices. None: components are held or follow by themselves.
+        """
+        if len(self.free) % 3 or (self.free.reshape(-1, 3) - self.free[::3, None] != np.arange(3)).any():
+            return None
+        shares = self.matrix[::3, ::3]
+        alike = scipy.sparse.kron(shares, np.eye(3), format="csr")
+        return scipy.sparse.csr_array(shares) if abs(alike - self.matrix).max() == 0 else None
+
     def expand(self, x: Array) -> Array:
         """The displacement of all components (3 N, columns) from unknowns (n, columns)."""
         field = np.zeros((self.components, *x.shape[1:]))
@@ -47,8 +59,14 @@ class Unknowns:
         """The forces on unknowns (n, columns) that do the work of forces on all components (3 N, columns)."""
         on_unknowns: Array = forces[self.free]
         if self.weights is not None:
-            on_unknowns = on_unknowns + self.weights.T @ forces[self.tied]
+            on_unknowns = on_unknowns + self._shares @ forces[self.tied]
         return on_unknowns
+
+    @cached_property
+    def _shares(self) -> scipy.sparse.csr_array:
+        """(n, s) of the unknowns in forces on tied components."""
+        assert self.weights is not None
+        return self.weights.T.tocsr()
 
     @cached_property
     def matrix(self) -> scipy.sparse.csr_array:

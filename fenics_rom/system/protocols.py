@@ -101,6 +101,10 @@ class Deformation(Protocol):
         """Points (K, 3), m, and shapes (rows here, 3K): the moved points are points + (shapesᵀ x).reshape(K, 3)."""
 
     @property
+    def bars(self) -> Mapping[str, tuple[Array, Array]]:
+        """The same of the two ends of each rigid bar."""
+
+    @property
     def rims(self) -> Mapping[str, tuple[Array, Array, Array, Array]]:
         """Of pressures points and pieces of the surface's edge, (G, 3) each, m, and their shapes (rows here, 3G)."""
 

@@ -73,7 +73,6 @@ def test_a_wrench_has_the_forces_and_moments_that_it_is_called_by(tmp_path, degr
         ({"supports": 'clamped = ["left"]\nrigid = ["top"]'}, r"supports.rigid\[0\] has nodes that are held"),
         ({"supports": 'clamped = ["left"]\nrigid = ["right", "right"]'}, "or on another rigid surface"),
         ({"supports": 'clamped = ["left"]\nrigid = ["rihgt"]'}, "no surface 'rihgt'.*did you mean 'right'"),
-        ({"effects": "inertia = {}\nlarge_deformation = {}"}, "supports.rigid: .* without effects.large_deformation"),
     ],
 )
 def test_rigid_surfaces_that_cannot_be_are_refused(tmp_path, parts, said):

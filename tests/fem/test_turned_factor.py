@@ -43,7 +43,7 @@ def test_factor_of_a_turned_body_is_the_turned_factor(beam, supports):
     turned = np.einsum("ij,jkp->ikp", R, IDENTITY + H) - IDENTITY
     coefficients = TangentCoefficients(2e3, 1.0, stiffness=5e-4, viscosity=1.0)
     matrix = PetscFactor(body._matrix.definite(H, coefficients), one_by_one=True)
-    factor = TurnedFactor(matrix, points, H, body._model.free)
+    factor = TurnedFactor(matrix, points, H, body._model.components)
     factor.turn(turned)
     b = random.standard_normal((system.size, 2))
     A = PetscMatrix(body._matrix.definite(turned, coefficients))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fenics_rom.runtime.simulator import Simulator
-from fenics_rom.runtime.step_derivative import StepDerivative, guides_of, lean_on
+from fenics_rom.runtime.step_derivative import StepDerivative, found_loads, lean_on
 from fenics_rom.runtime.step_state import StepState
 
 Array = np.ndarray
@@ -70,7 +70,7 @@ class Differences:
         self._state, self._p, self._v, column = state, len(u), np.concatenate([u, loads]), len(u)
         self._columns: dict[int, tuple[str, int]] = {}  # of loads that act by themselves
         for name, width in state.body.rom.loads.items():
-            if name not in guides_of(state.body):
+            if name not in found_loads(state.body):
                 self._columns |= {column + k: (name, k) for k in range(width)}
             column += width
         self.after = self._step(state.x, self._v)

@@ -6,10 +6,11 @@ from functools import cached_property
 from operator import attrgetter
 
 import numpy as np
+import scipy.sparse
 from numpy import ndarray as Array
 
 from fenics_rom.fem.finite_strain.carried_stepper import CarriedFiniteStrainStepper
-from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, PressureLoad, TendonPull
+from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, PressureLoad, RigidBar, TendonPull
 from fenics_rom.fem.finite_strain.free_stepper import FreeFiniteStrainStepper
 from fenics_rom.fem.finite_strain.model import FiniteStrainModel
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
@@ -18,6 +19,7 @@ from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, Hyperelas
 from fenics_rom.fem.nodes import Nodes, shape_functions
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.fem.places import patch_triangles
+from fenics_rom.fem.rigid_surfaces import bars_of
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
@@ -43,8 +45,7 @@ class FullOrderDeformation:
 
     def gradients(self, columns: Array) -> Array:
         """As in `system.Deformation`."""
-        fields = np.zeros((3 * self.model.points.node_count, columns.shape[1]))
-        fields[self.model.free] = self.model.algebra.gather(columns)
+        fields = self.model.unknowns.expand(self.model.algebra.gather(columns))
         return self.model.points.gradients(fields.reshape(-1, 3, columns.shape[1]))
 
     def force(self, x: Array) -> Array:
@@ -80,22 +81,34 @@ class FullOrderDeformation:
     @cached_property
     def tendons(self) -> dict[str, tuple[Array, Array]]:
         """As in `system.Deformation`."""
-        components = self.model.free[self.model.algebra.rows()]
+        return self._lines(TendonPull)
+
+    @cached_property
+    def bars(self) -> dict[str, tuple[Array, Array]]:
+        """As in `system.Deformation`."""
+        return self._lines(RigidBar)
+
+    def _lines(self, kind: type[TendonPull] | type[RigidBar]) -> dict[str, tuple[Array, Array]]:
+        """Points at rest of each of a kind, and what rows here do there."""
         return {
-            name: (follower.points, np.kron(follower.shapes.toarray().T, np.eye(3))[components])
+            name: (follower.points, self._rows_at(follower.shapes))
             for name, follower in self.model.followers.items()
-            if isinstance(follower, TendonPull)
+            if isinstance(follower, kind)
         }
+
+    def _rows_at(self, shapes: scipy.sparse.csr_matrix) -> Array:
+        """Displacements (rows here, 3K) of points of shape functions (K, N), of unknowns of 1."""
+        everywhere = np.kron(shapes.toarray().T, np.eye(3))
+        return self.model.unknowns.restrict(everywhere)[self.model.algebra.rows()]
 
     @cached_property
     def rims(self) -> dict[str, tuple[Array, Array, Array, Array]]:
         """As in `system.Deformation`."""
-        components, rest = self.model.free[self.model.algebra.rows()], self.system.body.nodes
-        found = {}
+        rest, found = self.system.body.nodes, {}
         for name, follower in self.model.followers.items():
             if isinstance(follower, PressureLoad):
                 of_edge = follower.rim()
-                shapes = (np.kron(matrix.toarray().T, np.eye(3))[components] for matrix in of_edge)
+                shapes = (self._rows_at(matrix) for matrix in of_edge)
                 found[name] = (*(matrix @ rest for matrix in of_edge), *shapes)
         return found
 
@@ -118,13 +131,13 @@ def assemble_deformation(
     material = HyperelasticMaterial(scene.effects.large_deformation.law, *points.shared_moduli(λ, μ), β)
     mass: PetscMatrix = system.mass  # type: ignore[assignment]
     matrices, followers = (mass, external_damping, spring), _follower_loads(scene, nodes)
-    body = system.body.free, system.algebra
+    body = system.body.unknowns, system.algebra
     model = FiniteStrainModel(*matrices, points, material, followers, *body, inner_damping=inner_damping)
     return FullOrderDeformation(system, model)
 
 
 def _follower_loads(scene: Scene, nodes: Nodes) -> dict[str, FollowerLoad]:
-    """Pressures and tendons of a scene."""
+    """Pressures, tendons and rigid bars of a scene."""
     followers: dict[str, FollowerLoad] = {}
     for name, pressure in scene.effects.pressure.items():
         followers[name] = PressureLoad(nodes, patch_triangles(nodes, pressure, f"effects.pressure.{name}"))
@@ -132,4 +145,6 @@ def _follower_loads(scene: Scene, nodes: Nodes) -> dict[str, FollowerLoad]:
         points = np.array(tendon.points)
         shapes = [shape_functions(nodes, point, f"effects.tendon.{name}.points") for point in points]
         followers[name] = TendonPull(points, np.array(shapes))
+    for name, ends in bars_of(scene, nodes).items():
+        followers[name] = RigidBar(nodes.coordinates[ends], ends, len(nodes.coordinates))
     return followers

@@ -1,4 +1,4 @@
-"""Forces that follow the body: pressure on the moved surface, and tendons through moved points."""
+"""Forces that follow the body: pressure on the moved surface, tendons through moved points, and rigid bars."""
 
 import numpy as np
 import scipy.sparse
@@ -128,4 +128,51 @@ class TendonPull:
         return TendonPull(self.points[: guide + 1], self.shapes[: guide + 1])
 
 
-FollowerLoad = PressureLoad | TendonPull
+class RigidBar:
+    """A tension of 1 N in a bar of length ℓ between two nodes, which puts x / ℓ on them where they are apart by x.
+
+    It does its work along s = (ℓ² - |x|²) / 2ℓ, which is quadratic: what s changes by in a step is what the force in
+    its middle says, so that a bar whose s stays 0 does no work, and is ℓ long at the ends of steps.
+
+    Args:
+        places: of the nodes at rest, (2, 3), m.
+        ends: these nodes.
+        count: of all nodes.
+    """
+
+    def __init__(self, places: Array, ends: list[int], count: int):
+        self.points, self._ends = places, ends
+        self.length = cable_length(places)
+        unit = scipy.sparse.coo_matrix(([1.0, 1.0], ([0, 1], ends)), shape=(2, count))
+        self.shapes = unit.tocsr()
+        stretch = scipy.sparse.csr_matrix([[-1.0, 1.0]]) @ self.shapes
+        self._stiffness = scipy.sparse.kron(stretch.T @ stretch / self.length, np.eye(3)).tocsr()
+
+    def force(self, u: Array) -> Array:
+        """As of PressureLoad."""
+        return self._pulled(self.points + u[self._ends])
+
+    def jvp(self, u: Array, du: Array) -> Array:
+        """As of PressureLoad."""
+        return self._pulled(du[self._ends])
+
+    def stiffness(self, u: Array) -> scipy.sparse.csr_matrix:
+        """As of PressureLoad; symmetric."""
+        return self._stiffness
+
+    def stroke(self, u: Array) -> float:
+        """As of PressureLoad; s, m."""
+        return (self.length**2 - float(np.square(self._apart(u)).sum())) / (2 * self.length)
+
+    def _apart(self, u: Array) -> Array:
+        places = self.points + u[self._ends]
+        return places[1] - places[0]
+
+    def _pulled(self, ends: Array) -> Array:
+        """Forces (N, 3) of ends (2, 3) that are pulled together."""
+        forces = np.zeros((self.shapes.shape[1], 3))
+        forces[self._ends] = sum_end_forces(np.diff(ends, axis=0) / self.length)
+        return forces
+
+
+FollowerLoad = PressureLoad | TendonPull | RigidBar

@@ -99,7 +99,7 @@ class ForcesInNewton:
         X = np.empty((0, len(W)))
         if self._points is not None:
             X = self._points.spread(inner(self._points.interface.Sᵀ, spread))
-        self._columns, rates = columns, rates - W @ last.actuators
+        self._columns, self._by_actuators, rates = columns, spread, rates - W @ last.actuators
         if last.contact is not None:
             rates = rates - X.T @ last.contact.forces.ravel()
         W, held = self._actuators.compliance(W), None
@@ -134,9 +134,9 @@ class ForcesInNewton:
 
     def spread(self, found: FoundForces, before: FoundForces) -> Array:
         """A⁻¹ times the change (rows here, 1) of forces that were found before."""
+        moved = np.zeros_like(self._equation.start.x)
         if self._actuators is not None:
-            assert self._factor is not None
-            return self._factor.solve(self.force(found) - self.force(before))
+            moved = self._by_actuators @ (found.actuators - before.actuators)[:, None]
         change = np.zeros((1, 3))
         if found.contact is not None:
             change = change + found.contact.forces
@@ -144,13 +144,12 @@ class ForcesInNewton:
             change = change - before.contact.forces
         pushed = np.flatnonzero(change)
         if not len(pushed) or self._points is None:
-            return np.zeros_like(self._equation.start.x)
+            return moved
         change = self._points.seen(change).ravel()
         pushed = np.flatnonzero(change)
         self._points_operator()
         assert self._spread is not None
-        moved: Array = self._spread[:, pushed] @ change[pushed, None]
-        return moved
+        return moved + self._spread[:, pushed] @ change[pushed, None]
 
     def rollback(self) -> None:
         """Forgets the contact that was found since `begin`."""

@@ -21,6 +21,7 @@ class KeptFactor:
     Args:
         matrix: that assembles A.
         equation: of the step that it is made for.
+        found: forces (n,) of actuators in the step before.
         stressed: whether with stresses.
         is_smooth: whether the body moves smoothly: a shape some steps ahead then serves more steps than this one.
 
@@ -32,7 +33,9 @@ class KeptFactor:
         SolverError: A is not positive definite.
     """
 
-    def __init__(self, matrix: TangentMatrix, equation: StepResidual, stressed: bool, is_smooth: bool):
+    def __init__(
+        self, matrix: TangentMatrix, equation: StepResidual, found: np.ndarray, stressed: bool, is_smooth: bool
+    ):
         model, start, self._coefficients = equation.model, equation.start, equation.coefficients
         H, u = start.H, start.u
         if stressed and is_smooth:
@@ -40,11 +43,10 @@ class KeptFactor:
             H = model.points.gradients(u)
         if stressed:
             stresses = EquilibriumStresses(model.material, H)
-            assembled = matrix.stressed(stresses, self._coefficients, equation.external.stiffness(u))
+            assembled = matrix.stressed(stresses, self._coefficients, equation.external.with_found(found).stiffness(u))
         else:
             assembled = matrix.definite(H, self._coefficients)
-        components = model.free[model.algebra.rows()]
-        self.factor = TurnedFactor(PetscFactor(assembled, one_by_one=True), model.points, H, components)
+        self.factor = TurnedFactor(PetscFactor(assembled, one_by_one=True), model.points, H, model.components)
         self.secants = Secants(len(start.x), model.algebra.inner)
         self._steps, self._work = 0, FACTOR_WORK
         self._is_turned = self._is_due = False

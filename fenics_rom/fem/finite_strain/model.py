@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse
@@ -11,6 +12,7 @@ from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, TendonPull
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.finite_strain.stresses import HyperelasticMaterial
 from fenics_rom.fem.petsc_matrix import PetscMatrix
+from fenics_rom.system.body import Unknowns
 from fenics_rom.system.protocols import Algebra
 
 
@@ -25,7 +27,7 @@ class FiniteStrainModel:
         points: where strains are taken, of the cells of this rank.
         material: theirs.
         followers: forces that follow the body, by name of their actuator.
-        free: (n,) free components among the 3 N displacements.
+        unknowns: which of the 3 N displacements are rows, and which follow these.
         algebra: what the ranks do together.
         inner_damping: of a body in a moving frame, what of D_c is of its motion within: α M, N s/m; None: nothing.
     """
@@ -36,19 +38,22 @@ class FiniteStrainModel:
     points: QuadraturePoints
     material: HyperelasticMaterial
     followers: Mapping[str, FollowerLoad]
-    free: Array
+    unknowns: Unknowns
     algebra: Algebra
     inner_damping: PetscMatrix | None = None
 
     def nodal_field(self, x: Array) -> Array:
         """Displacements (N, 3) of all nodes from local rows (rows here, 1)."""
-        field = np.zeros(3 * self.points.node_count)
-        field[self.free] = self.algebra.gather(x)[:, 0]
-        return field.reshape(-1, 3)
+        return self.unknowns.expand(self.algebra.gather(x)).reshape(-1, 3)
 
-    def local_rows(self, field: Array) -> Array:
-        """Local rows (rows here, 1) of a field of all nodes (N, 3)."""
-        return field.ravel()[self.free[self.algebra.rows()], None]
+    def local_rows(self, forces: Array) -> Array:
+        """Local rows (rows here, k) of forces on all nodes (N, 3), or k of them (N, 3, k)."""
+        return self.unknowns.restrict(forces.reshape(self.unknowns.components, -1))[self.algebra.rows()]
+
+    @cached_property
+    def components(self) -> Array:
+        """(rows here,) which of the 3 N displacements each row is."""
+        return self.unknowns.free[self.algebra.rows()]
 
     def internal_force(self, P: Array) -> Array:
         """∫ P : ∇δ (rows here, 1), N, of first Piola-Kirchhoff stresses (3, 3, P here), Pa."""
@@ -96,7 +101,8 @@ class ExternalForce:
 
     def columns(self, model: FiniteStrainModel, u: Array) -> Array:
         """Unit forces (rows here, n) of what is found, at displacements of all nodes (N, 3)."""
-        return np.hstack([np.empty((len(self.dead), 0)), *(model.local_rows(load.force(u)) for load in self.found)])
+        forces = np.stack([load.force(u) for load in self.found], axis=-1) if self.found else np.empty((*u.shape, 0))
+        return model.local_rows(forces)
 
     def strokes(self, u: Array) -> Array:
         """What they do work along, (n,), m or m³."""

@@ -90,7 +90,7 @@ class FiniteStrainStepper(FullOrderBody):
         self._trial = list[residuals.TrialStep]()  # that the last part of a step came to
         self._points: PointsOfStep | None = None  # in that part
         terms = model.mass, model.external_damping, model.spring
-        self._matrix = TangentMatrix(model.points, model.material, model.free, system.algebra.rows(), terms)
+        self._matrix = TangentMatrix(model.points, model.material, model.unknowns, system.algebra.rows(), terms)
         self._krylov = Gmres(len(self.x), system.size, model.mass.mat.comm)
         self._predictor = Predictor(model.dot)
         self._parts = StepParts(SMALLEST_PART if self._has_inertia else SMALLEST_LOAD)
@@ -390,7 +390,7 @@ class FiniteStrainStepper(FullOrderBody):
     def _factor(self, equation: StepResidual, stressed: bool) -> None:
         """Makes a factor, soon if with stresses; SolverError if these make its matrix indefinite."""
         self._forget()
-        self._kept = KeptFactor(self._matrix, equation, stressed, self._predictor.is_smooth)
+        self._kept = KeptFactor(self._matrix, equation, self.reactions, stressed, self._predictor.is_smooth)
         self.factors += 1
 
     def _guesses(self, equation: StepResidual) -> list[Array]:

@@ -24,6 +24,7 @@ from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, EquilibriumStresses, HyperelasticMaterial, Stresses
 from fenics_rom.fem.petsc_matrix import PetscMatrix, combination, from_local_rows
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
+from fenics_rom.system.body import Unknowns
 
 CELLS_PER_BATCH = 4096
 
@@ -49,26 +50,28 @@ OF_EQUILIBRIUM = TangentCoefficients(mass=0.0, external_damping=0.0, stiffness=1
 class TangentMatrix:
     """Assembles A and K, again and again in the same pattern.
 
-    Of `free` components (n,) this rank has `rows`; `constant_terms` are M, D_c and K_s or None.
+    Of the unknowns this rank has `rows`; `constant_terms` are M, D_c and K_s or None.
     """
 
     def __init__(
         self,
         points: QuadraturePoints,
         material: HyperelasticMaterial,
-        free: Array,
+        unknowns: Unknowns,
         rows: slice,
         constant_terms: tuple[PetscMatrix, PetscMatrix | None, PetscMatrix | None],
     ):
         self._points, self._material, self._constant_terms = points, material, constant_terms
         self._rows, self._comm = rows, constant_terms[0].mat.comm
         self._linear: tuple[TangentCoefficients, PetscMatrix, scipy.sparse.csr_matrix] | None = None
-        free_nodes = np.unique(free // 3)
+        free_nodes = np.unique(unknowns.moving // 3)
         count = len(free_nodes)
         self._free_components = (3 * free_nodes[:, None] + np.arange(3)).ravel()
         free_number = np.full(points.node_count, -1)
         free_number[free_nodes] = np.arange(count)
-        self._size, self._kept = 3 * count, 3 * free_number[free // 3] + free % 3
+        self._size, self._Z = 3 * count, None
+        if len(unknowns.free) < self._size:  # some nodes are partly held, or follow others
+            self._Z = scipy.sparse.csr_matrix(unknowns.matrix[self._free_components])
         cell_nodes = free_number[points.cell_nodes]
         row, column = np.broadcast_arrays(cell_nodes[:, :, None], cell_nodes[:, None, :])
         self._both_free = (row >= 0) & (column >= 0)
@@ -139,8 +142,8 @@ class TangentMatrix:
         total = scipy.sparse.bsr_matrix(bsr, shape=(self._size, self._size)).tocsr()
         if following is not None and self._rows.start == 0:  # every rank has all of it
             total = total + following[self._free_components][:, self._free_components]
-        if len(self._kept) < self._size:  # some nodes are partly held
-            total = total[self._kept][:, self._kept]
+        if self._Z is not None:
+            total = (self._Z.T @ total @ self._Z).tocsr()
         comm = self._comm.tompi4py()
         if comm.size > 1:  # the rows of this rank, of all ranks' parts
             total = sum(comm.alltoall([total[rows] for rows in comm.allgather(self._rows)]))

@@ -91,7 +91,7 @@ class FrameLoads:
         self._fields = scene.environment.uniform_fields
         ends = np.cumsum([0, *active.columns.values()]).tolist()
         self._of = dict(zip(active.columns, map(slice, ends, ends[1:]), strict=False))
-        self._guides = scene.environment.guides
+        self._found = scene.environment.found_loads
         shared = np.cumsum([0, *system.widths.values()]).tolist()
         places = dict(zip(system.widths, map(slice, shared, shared[1:]), strict=False))
         self._frame = {name: places[name] for name in KINDS if name in places}
@@ -107,7 +107,7 @@ class FrameLoads:
         middle = self._base(time + (dt / 2 if self._moves else dt))
         R = np.eye(3) if middle is None else rotation_matrix(middle.rotation)
         kept = [
-            loads[part] if name in self._guides else R.T @ loads[part]
+            loads[part] if name in self._found else R.T @ loads[part]
             for name, part in self._of.items()
             if name not in self._fields
         ]

@@ -76,7 +76,7 @@ def forces_of_strokes(problem: ReductionProblem, largest: Mapping[str, float]) -
     """Forces of strokes as large as given by name, each alone, on the body at rest, N or Pa."""
     system, forces = problem.system, dict[str, float]()
     scene = system.scene
-    for name in () if scene is None else scene.environment.controls:
+    for name in () if scene is None else filter(system.actuators.__contains__, scene.environment.controls):
         C = system.unit_forces(name)
         forces[name] = largest[name] / float(system.algebra.inner(C, problem.factor.solve(C))[0, 0])
     return forces

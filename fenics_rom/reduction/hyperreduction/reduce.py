@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError
+from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR
 from fenics_rom.mechanics.step import StepInput
@@ -22,6 +22,7 @@ from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import (
+    ReducedBar,
     ReducedDeformation,
     ReducedRim,
     ReducedTendon,
@@ -33,6 +34,7 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.moving_frame import MovingFrameStepper
 from fenics_rom.runtime.steppers.selection import make_stepper
 from fenics_rom.system.protocols import Algebra, Deformation, Operator
+from fenics_rom.system.rigid_modes import mass_orthonormal
 from fenics_rom.system.system import System
 
 TOLD_ERROR = 0.05  # of shapes in runs that were held out
@@ -109,16 +111,34 @@ def retained_basis(problem: ReductionProblem, columns: Array) -> RetainedBasis:
     """The leading left singular vectors of weighted columns (rows here, c) in the mass norm, as many as are asked for.
 
     The order of several contact modes is the largest, as they have one basis; a tolerance is the share of the sum of
-    singular values that may be left out.
+    singular values that may be left out. What bars do to the body at rest is kept first: without it surfaces that are
+    rigid could not turn far, as a sum of turned ones is not of their size.
+
+    Raises:
+        SceneError: the order leaves nothing beside bars.
     """
-    w, E = significant_eigenpairs(problem.system.algebra.inner(columns, problem.system.mass @ columns))
+    inner, M = problem.system.algebra.inner, problem.system.mass
+    of_bars = _shapes_of_bars(problem)
+    bars = of_bars.shape[1]
+    rest = columns - of_bars @ inner(of_bars, M @ columns) if bars else columns
+    w, E = significant_eigenpairs(inner(rest, M @ rest))
     order = max(problem.order.values()) if isinstance(problem.order, Mapping) else problem.order
-    m = choose_order(np.sqrt(w), order, problem.tolerance)
+    if order is not None and order <= bars:
+        raise SceneError(f"order = {order}: supports.rigid take {bars} of it; allowed is more")
+    m = choose_order(np.sqrt(w), None if order is None else order - bars, problem.tolerance)
     if len(w) < m:
-        problem.messages.append(f"order {m} was asked for, {len(w)} directions were seen and kept")
-    coordinates = problem.space.add(columns @ (E[:, :m] / np.sqrt(w[:m])))
+        problem.messages.append(f"order {m + bars} was asked for, {len(w) + bars} directions were seen and kept")
+    coordinates = problem.space.add(np.hstack([of_bars, rest @ (E[:, :m] / np.sqrt(w[:m]))]))
     span = np.linalg.qr(coordinates)[0]
     return RetainedBasis(span, coordinates, np.empty(0))
+
+
+def _shapes_of_bars(problem: ReductionProblem) -> Array:
+    """What each bar does to the body at rest, (rows here, bars), M-orthonormal."""
+    system = problem.system
+    bars = () if system.scene is None else system.scene.bars
+    forces = np.hstack([np.empty((system.local_size, 0)), *(system.loads[name] for name in bars)])
+    return mass_orthonormal(system.mass, problem.factor.solve(forces), system.algebra) if bars else forces
 
 
 def _in_shared_basis(problem: ReductionProblem, κ: Array, model: ContactModel) -> ContactModel:
@@ -145,6 +165,7 @@ def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, 
     with problem.stages("forces that follow"):
         pressures = project_pressures(body, algebra, W, system.scene.effects.pressure)
         tendons = project_tendons(body, algebra, W)
+        bars = project_bars(body, algebra, W) if system.scene.bars else {}
         rims = {} if system.moving_frame is None else project_rims(body, algebra, W)
 
     def gathered(values: Array) -> Array:
@@ -172,6 +193,7 @@ def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, 
         cubature_error=sampled.error,
         pressures=pressures,
         tendons=tendons,
+        bars=bars,
         rims=rims,
     )
 
@@ -208,6 +230,11 @@ def project_pressures(body: Deformation, algebra: Algebra, W: Array, names: Iter
 def project_tendons(body: Deformation, algebra: Algebra, W: Array) -> dict[str, ReducedTendon]:
     """Tendons through points of the body, whose displacements are shapesᵀW q."""
     return {name: ReducedTendon(points, algebra.inner(shapes, W)) for name, (points, shapes) in body.tendons.items()}
+
+
+def project_bars(body: Deformation, algebra: Algebra, W: Array) -> dict[str, ReducedBar]:
+    """The same of rigid bars."""
+    return {name: ReducedBar(points, algebra.inner(shapes, W)) for name, (points, shapes) in body.bars.items()}
 
 
 def project_rims(body: Deformation, algebra: Algebra, W: Array) -> dict[str, ReducedRim]:

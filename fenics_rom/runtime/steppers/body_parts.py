@@ -75,7 +75,7 @@ def parts_of(
         elastic = StrainsCarried(body, stiffest, maxwell_branches(series, 2, StrainsCarried.strain_count(body)))
     width = model.inputs.shape[1]
     extent.enter(contact, width)
-    following = FollowingLoads.of(rom, width, () if actuators is None else FoundForces.at_guides(rom, actuators))
+    following = FollowingLoads.of(rom, width, () if actuators is None else FoundForces.loads(rom, actuators))
     return BodyParts(elastic, following, found, extent)
 
 

@@ -7,7 +7,14 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.readings import swept_volume, swept_volume_slope
-from fenics_rom.rom.deformation import ReducedDeformation, ReducedRim, ReducedTendon, monomial_slopes, monomials
+from fenics_rom.rom.deformation import (
+    ReducedBar,
+    ReducedDeformation,
+    ReducedRim,
+    ReducedTendon,
+    monomial_slopes,
+    monomials,
+)
 from fenics_rom.rom.rom import Rom
 
 Acting = TypeVar("Acting")
@@ -37,12 +44,13 @@ class Pressure(NamedTuple):
         return swept_volume_slope(self.force, self.slope, q)
 
 
-Follower: TypeAlias = ReducedTendon | Pressure  # what turns with the body: of 1 N or 1 Pa
+Follower: TypeAlias = ReducedTendon | ReducedBar | Pressure  # what turns with the body: of 1 N or 1 Pa
 
 
 def follower(body: ReducedDeformation, name: str) -> Follower:
-    """That of a tendon or a pressure."""
-    return body.tendons[name] if name in body.tendons else Pressure(body.pressures[name])
+    """That of a tendon, a bar or a pressure."""
+    lines: dict[str, Follower] = {**body.tendons, **body.bars}
+    return lines[name] if name in lines else Pressure(body.pressures[name])
 
 
 class FollowingLoads(NamedTuple):
@@ -58,7 +66,8 @@ class FollowingLoads(NamedTuple):
         Args:
             rom: the reduced models.
             width: number p of inputs of the contact mode.
-            found: what is found at guides, with its places counted from the first input that all contact modes share.
+            found: loads that are found in steps, with their places counted from the first input that all contact modes
+                share.
         """
         body, column = rom.deformation, width - sum(rom.actuators.values()) - sum(rom.loads.values())
         if body is None:

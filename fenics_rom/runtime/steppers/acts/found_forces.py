@@ -80,16 +80,16 @@ class FoundForces:
         return slopes
 
     @staticmethod
-    def at_guides(rom: Rom, actuators: ActuatorForces) -> list[tuple[int, Follower]]:
-        """What follows the body at guides, with the places of its forces among the inputs that are shared."""
-        if rom.deformation is None:
+    def loads(rom: Rom, actuators: ActuatorForces) -> list[tuple[int, Follower]]:
+        """Bars, and what follows the body at guides, with the places of their forces among the shared inputs."""
+        body = rom.deformation
+        if body is None:
             return []
-        shared, k = sum(rom.actuators.values()) + sum(rom.loads.values()), len(actuators.names)
-        places = (shared + actuators.columns[k:]).tolist()
-        tendons = rom.deformation.tendons
-        return [
-            (place, tendons[name].up_to(guide)) for place, (name, guide) in zip(places, actuators.guides, strict=True)
-        ]
+        shared = sum(rom.actuators.values()) + sum(rom.loads.values())
+        followers: list[Follower] = [body.bars[name] for name in actuators.names if name in body.bars]
+        followers += [body.tendons[name].up_to(guide) for name, guide in actuators.guides]
+        places = (shared + actuators.columns[len(actuators.columns) - len(followers) :]).tolist()
+        return list(zip(places, followers, strict=True))
 
     def begin(self, u: Array, q: Array, r: Array, h: float) -> "FoundInStep":
         """In a step of h s under u (p,), from q and r (m,)."""

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.actuator_forces import CREEP, SHARE
+from fenics_rom.mechanics.actuator_forces import CREEP
 from fenics_rom.mechanics.actuator_slopes import Conditions, conditions
 from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
 
@@ -55,9 +55,9 @@ class FoundIn(NamedTuple):
         """Of a step with inertia, whose middle `follows` v̂, or the v̂ that was expected."""
         found, (q, r, v, middle), h, k = self.found, self[4:], self.h, len(self.found.actuators.names)
         B, B_start = found.columns(middle), found.columns(q)
-        share = np.where(np.arange(len(self.z)) < k, 1 - SHARE, 0.5)
+        share = 1 - found.actuators.share
         rates, targets = B.T.dot(v), found.actuators.rates(np.zeros(len(self.z)), 0 * self.z, r.dot(B_start), h)
-        goals = np.where(np.arange(len(self.z)) < k, SHARE / h, 0.0)
+        goals = np.where(np.arange(len(self.z)) < k, found.actuators.share / h, 0.0)
         rows = conditions(found.actuators, self.u, self.z, found.angles(middle), rates, targets)
         asked = rows.goes * rows.asked
         by_shape = (asked * goals)[:, None] * found.stroke_slopes(q) - (asked * share)[:, None] * found.turned(q, r)
