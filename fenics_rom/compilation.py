@@ -25,8 +25,13 @@ OLDEST = (0, 57)  # of numba: the first one for Python 3.11
 SHARED = tuple(  # what else than their own folders compiled functions use
     f"{name}.py"
     for name in (
+        "mechanics/base_fit",
         "mechanics/contact_pairs",
         "mechanics/frame_motion",
+        "mechanics/largest_turn",
+        "runtime/steppers/frame_table",
+        "runtime/steppers/inertia",
+        "runtime/steppers/kept_newton",
         "world/normal_law",
         "world/tolerances",
         "world/turning",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, StepError, check_known
-from fenics_rom.mechanics.base_path import BASE_PATH, BaseState, given_base
+from fenics_rom.mechanics.base_path import BASE_PATH, BasePath, BaseState, given_base
 from fenics_rom.mechanics.contact import ObstacleMotion, is_zero
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.signals import CheckedSignal, SignalLike
@@ -129,6 +129,14 @@ class ActiveEnvironment:
     def base_at(self, time: float) -> BaseState | None:
         """The rigid base at a time, s; None where nothing says how it moves."""
         return None if self._base is None else self._base(time)
+
+    def bases_at(self, times: Array) -> Array | None:
+        """The same at times (n,), in rows of 13 numbers."""
+        if self._base is None:
+            return None
+        if isinstance(self._base, BasePath):
+            return np.hstack(self._base.along(times))
+        return np.array([np.concatenate(self._base(time)) for time in times.tolist()]).reshape(-1, 13)
 
     def offsets_at(self, time: float) -> Array:
         """Displacements of the obstacles at a time (s), (O, 3), m."""

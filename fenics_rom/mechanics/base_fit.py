@@ -1,11 +1,10 @@
 """Whether the poses of a base that carries a body fit its twists."""
 
 import math
-from collections.abc import Sequence
 from typing import Protocol
 
 from fenics_rom.mechanics.frame_geometry import Geometry
-from fenics_rom.mechanics.frame_motion import Numbers, Vector, added, cross, rotated, turned
+from fenics_rom.mechanics.frame_motion import Numbers, Rotation, Vector, added, cross, length, rotated, turned
 
 MISFIT = 0.1  # of what the base moves by in a step: so far off may be what its twists say
 NEGLIGIBLE = 1e-5  # rad, and of the size of the body: in a step, of paths whose rows have few digits
@@ -34,19 +33,26 @@ def misfit(start: Placed, end: Placed, turn: Geometry, v̂: Vector, h: float, si
         size: of the body, m.
     """
     (a, b, c), (x, y, z) = start.position, end.position
-    moved = x - a, y - b, z - c
-    said = rotated(turn.before, added(v̂, 0.5, cross(turn.turn, v̂)))
+    ways = turn.before, turn.turn, v̂, h, size
+    return misfit_of((x - a, y - b, z - c), start.rotation, end.rotation, *ways)
+
+
+def misfit_of(
+    moved: Vector, start: Numbers, end: Numbers, R: Rotation, t: Vector, v̂: Vector, h: float, size: float
+) -> tuple[float, float]:
+    """The same of a move, m, and unit quaternions at both ends; R is that at the start, and its twist turns by t."""
+    said = rotated(R, added(v̂, 0.5, cross(t, v̂)))
     away = gap(moved, (h * said[0], h * said[1], h * said[2]), NEGLIGIBLE * size)
-    turned_by, most = _apart(turned(start.rotation, turn.turn), end.rotation), math.hypot(*turn.turn)
-    if turned_by <= NEGLIGIBLE or turned_by <= MISFIT * max(_apart(start.rotation, end.rotation), most):
+    turned_by, most = _apart(turned(start, t), end), length(t)
+    if turned_by <= NEGLIGIBLE or turned_by <= MISFIT * max(_apart(start, end), most):
         turned_by = 0.0
     return away, turned_by
 
 
-def gap(moved: Sequence[float], said: Sequence[float], least: float) -> float:
+def gap(moved: Numbers, said: Numbers, least: float) -> float:
     """By how much a move (3,) is not what was said of it (3,); 0 where that is `least` or little beside them."""
-    off = math.dist(moved, said)
-    return 0.0 if off <= least or off <= MISFIT * max(math.hypot(*moved), math.hypot(*said)) else off
+    off = length((moved[0] - said[0], moved[1] - said[1], moved[2] - said[2]))
+    return 0.0 if off <= least or off <= MISFIT * max(length(moved), length(said)) else off
 
 
 def misfit_message(away: float, turned_by: float, *, driven: str = "") -> tuple[str, ...]:
@@ -68,5 +74,6 @@ def misfit_message(away: float, turned_by: float, *, driven: str = "") -> tuple[
 def _apart(a: Numbers, b: Numbers) -> float:
     """The angle between two rotations, rad: a chord of unit quaternions is twice the sine of a quarter of it."""
     (s, t, u, v), (w, x, y, z) = a, b
-    chord = math.dist((s, t, u, v), (w, x, y, z) if s * w + t * x + u * y + v * z > 0 else (-w, -x, -y, -z))
-    return 4 * math.asin(min(chord / 2, 1.0))
+    sign = math.copysign(1.0, s * w + t * x + u * y + v * z)
+    s, t, u, v = s - sign * w, t - sign * x, u - sign * y, v - sign * z
+    return 4 * math.asin(min(math.sqrt(s * s + t * t + u * u + v * v) / 2, 1.0))

@@ -6,9 +6,10 @@ ends), so that poses and twists are continuous and fit each other. Quaternions a
 
 import math
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -38,7 +39,7 @@ class BaseState(NamedTuple):
         array([0., 0., 2.])
     """
 
-    position: Array  # (3,) of the frame's origin, m
+    position: Array  # (3,), or (n, 3) of n instants, as all that follows, of the frame's origin, m
     rotation: Array  # (4,) from the frame's axes, a unit quaternion w x y z
     velocity: Array  # (3,) of the origin, m/s
     angular_velocity: Array  # (3,), rad/s
@@ -81,14 +82,26 @@ class BasePath:
         h = times[k + 1] - times[k]
         s = (inside - times[k]) / h
         powers = np.array(((1.0, s, s * s, s**3), (0.0, 1 / h, 2 * s / h, 3 * s * s / h)))
-        (*position, w, x, y, z), (*velocity, ẇ, ẋ, ẏ, ż) = powers.dot(cubics[k]).tolist()
-        rotation, length = np.array((w, x, y, z)), math.hypot(w, x, y, z)
+        values, rates = powers.dot(cubics[k]).tolist()
+        length = math.hypot(*values[3:])
         if inside != time:
-            return BaseState(np.array(position), rotation / length, np.zeros(3), np.zeros(3))
-        # 2 q̇ q* of the cubic, whose length is nearly 1
-        turning = w * ẋ - ẇ * x + y * ż - z * ẏ, w * ẏ - ẇ * y + z * ẋ - x * ż, w * ż - ẇ * z + x * ẏ - y * ẋ
-        angular_velocity = np.array(turning) * (2 / length**2)
-        return BaseState(np.array(position), rotation / length, np.array(velocity), angular_velocity)
+            return BaseState(np.array(values[:3]), np.array(values[3:]) / length, np.zeros(3), np.zeros(3))
+        turning = np.array(_turning(values[3:], rates[3:])) * (2 / length**2)
+        return BaseState(np.array(values[:3]), np.array(values[3:]) / length, np.array(rates[:3]), turning)
+
+    def along(self, times: Array) -> BaseState:
+        """The base at all times (n,), s."""
+        (known, cubics), given = self._cubics, np.asarray(times, dtype=float)
+        inside = np.clip(given, known[0], known[-1])
+        k = np.clip(np.searchsorted(known, inside) - 1, 0, len(known) - 2)
+        h = np.diff(known)[k]
+        s = (inside - np.array(known)[k]) / h
+        powers = np.array(((s**0, s, s * s, s**3), (0 * s, 1 / h, 2 * s / h, 3 * s * s / h)))
+        values, rates = np.einsum("rpn,npv->rnv", powers, cubics[k])
+        length = np.linalg.norm(values[:, 3:], axis=1)[:, None]
+        turning = np.array(_turning(values[:, 3:].T, rates[:, 3:].T)).T * (2 / length**2)
+        moves = (inside == given)[:, None]
+        return BaseState(values[:, :3], values[:, 3:] / length, rates[:, :3] * moves, turning * moves)
 
     @cached_property
     def _cubics(self) -> tuple[list[float], Array]:
@@ -198,6 +211,12 @@ class BasePath:
         return f"BasePath of {len(self.times)} poses with {twists}, {self.times[0]:g} s to {self.times[-1]:g} s"
 
 
+def _turning(values: Sequence[Any], rates: Sequence[Any]) -> tuple[Any, Any, Any]:
+    """Half of the angular velocity, by quaternions and their rates: of q̇ q*, their length being nearly 1."""
+    (w, x, y, z), (ẇ, ẋ, ẏ, ż) = values, rates
+    return w * ẋ - ẇ * x + y * ż - z * ẏ, w * ẏ - ẇ * y + z * ẋ - x * ż, w * ż - ẇ * z + x * ẏ - y * ẋ
+
+
 def given_base(given: object, where: str = BASE_PATH) -> "Callable[[float], BaseState]":
     """A function of time of what was given in Python, which checks what it gives; `where` is its name in messages.
 
@@ -234,6 +253,33 @@ def checked_base(given: object, where: str) -> BaseState:
     if not abs(length - 1) <= UNIT_TOLERANCE:
         raise StepError(f"{where}: the rotation has length {length:.6g}: allowed is a unit quaternion, w x y z")
     return BaseState(parts[0], parts[1] / length, parts[2], parts[3])
+
+
+def checked_bases(given: "Sequence[BaseState] | BaseState", first: int) -> Array:
+    """Numbers (steps, 13) of a base at the end of each step, of a list of states, or of one of so many instants.
+
+    Raises:
+        StepError: it is neither. `first` is the number of the first step.
+    """
+    if not isinstance(given, BaseState) or np.ndim(given.position) != 2:
+        each = [np.concatenate(checked_base(state, f"step {first + k}: base")) for k, state in enumerate(given)]
+        return np.array(each).reshape(-1, 13)
+    parts = [real_numbers_or_nan(part) for part in given]
+    if [part.shape for part in parts] != [(len(parts[0]), width) for width in (3, 4, 3, 3)]:
+        given_shapes = [part.shape for part in parts]
+        raise StepError(f"base: allowed are (steps, 3), (steps, 4), (steps, 3) and (steps, 3), given: {given_shapes}")
+    rows: Array = np.hstack(parts)
+    length = np.linalg.norm(rows[:, 3:7], axis=1)
+    wrong = np.flatnonzero(~(np.isfinite(rows).all(axis=1) & (np.abs(length - 1) <= UNIT_TOLERANCE)))
+    if len(wrong):
+        checked_base(base_in(rows[wrong[0]]), f"step {first + wrong[0]}: base")
+    rows[:, 3:7] /= length[:, None]
+    return rows
+
+
+def base_in(row: Array) -> BaseState:
+    """The state of 13 numbers."""
+    return BaseState(row[:3], row[3:7], row[7:10], row[10:])
 
 
 def quaternion_product(a: Array, b: Array) -> Array:

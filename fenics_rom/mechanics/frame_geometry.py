@@ -12,18 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.frame_motion import (
-    ZERO,
-    Numbers,
-    Rotation,
-    Vector,
-    added,
-    cross,
-    cross_matrix,
-    mean,
-    rotated,
-    rotated_back,
-)
+from fenics_rom.mechanics.frame_motion import ZERO, Numbers, Rotation, Vector, added, cross_matrix, seen, turned_along
 
 TOO_FAR = (
     "the body is so far from its shape at rest that its kinetic energy is not positive any more: allowed is what a "
@@ -62,12 +51,11 @@ class Geometry:
 
     def mean(self, a: Vector) -> Vector:
         """(R + R⁺)/2 a: what turns with the frame as it acts in the step."""
-        return ZERO if a == ZERO else mean(rotated(self.before, a), rotated(self.after, a))
+        return ZERO if a == ZERO else turned_along(self.before, self.after, a)
 
     def seen(self, a: Vector) -> Vector:
         """R*ᵀ a = Rᵀa - t/2 × Rᵀa: a vector in world axes as the frame sees it in the step."""
-        b = rotated_back(self.before, a)
-        return added(b, -0.5, cross(self.turn, b))
+        return seen(self.before, self.turn, a)
 
 
 class Push(NamedTuple):

@@ -36,6 +36,11 @@ def rotation_matrix(quaternion: Numbers) -> Array:
     return np.array(rotation_of(*map(float, quaternion)))
 
 
+def rotation_matrices(quaternions: Array) -> Array:
+    """R (n, 3, 3) of unit quaternions (n, 4)."""
+    return np.moveaxis(np.array(rotation_of(*quaternions.T)), -1, 0)
+
+
 def rotation_of(w: float, x: float, y: float, z: float) -> Rotation:
     """R of a unit quaternion."""
     ww, xx, yy, zz, wx, wy, wz = w * w, x * x, y * y, z * z, 2 * w * x, 2 * w * y, 2 * w * z
@@ -121,6 +126,11 @@ def dot(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
+def length(a: Numbers) -> float:
+    """|a|, of (3,)."""
+    return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+
+
 def added(a: Vector, factor: float, b: Vector) -> Vector:
     """a + factor b."""
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
@@ -141,3 +151,14 @@ def rotated_back(R: Rotation, a: Vector) -> Vector:
     """Rᵀ a."""
     ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)), (x, y, z) = R, a
     return xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z
+
+
+def seen(R: Rotation, t: Vector, a: Vector) -> Vector:
+    """R*ᵀ a = Rᵀa - t/2 × Rᵀa: a vector in world axes as a frame sees it that turns from R to R cay(t)."""
+    b = rotated_back(R, a)
+    return added(b, -0.5, cross(t, b))
+
+
+def turned_along(start: Rotation, end: Rotation, a: Vector) -> Vector:
+    """(R + R⁺)/2 a: what turns with a frame as it acts in a step."""
+    return mean(rotated(start, a), rotated(end, a))

@@ -134,7 +134,7 @@ class MovingBody(SimulatedBody):
         self._base = None
         if base is None:
             return
-        if not self._is_carried:
+        if not self.is_carried:
             raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
         from fenics_rom.mechanics.base_path import checked_base
 
@@ -215,9 +215,15 @@ class MovingBody(SimulatedBody):
         return self._stepper if self._stepper.kind == MOVING_FRAME else None  # type: ignore[return-value]
 
     @property
-    def _is_carried(self) -> bool:
+    def is_carried(self) -> bool:
+        """Whether a rigid base carries the body."""
         frame = self.rom.moving_frame
         return self._frame is not None and frame is not None and frame.carried
+
+    @property
+    def takes_compiled_steps(self) -> bool:
+        """Whether compiled functions take steps of the body in its frame."""
+        return self._frame is not None and getattr(self._frame.kernel, "is_compiled", False)
 
     def _rest(self, output: str | None) -> tuple[Array, Array]:
         """The origin of a moving frame, and points at rest: of an output, or all nodes; m."""

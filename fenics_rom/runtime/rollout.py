@@ -26,6 +26,7 @@ from fenics_rom.rom.midpoint_map import checked_dt, matrices
 if TYPE_CHECKING:
     from fenics_rom.mechanics.base_path import BaseState
     from fenics_rom.runtime.contact_rollout import ContactRollout
+    from fenics_rom.runtime.frame_rollout import FrameRollout
 
 Simulator = Any  # fenics_rom.runtime.simulator's, which imports this file
 
@@ -197,10 +198,10 @@ def plan_steps(
     return u, plan
 
 
-def check_bases(base: "Sequence[BaseState] | None", steps: int) -> None:
+def check_bases(base: "Sequence[BaseState] | BaseState | None", steps: int) -> None:
     """A StepError where bases are given, but not one of each step."""
-    if base is not None and len(base) != steps:
-        raise StepError(f"base: allowed is one of each of {steps} steps, given: {len(base)}")
+    if base is not None and (given := len(getattr(base, "position", base))) != steps:
+        raise StepError(f"base: allowed is one of each of {steps} steps, given: {given}")
 
 
 def _by_name(body: Simulator, inputs: Mapping[str, Any], contact: str | Sequence[str] | None) -> Array:
@@ -231,11 +232,12 @@ class Rollout:
         self._body = body
         self._propagators: dict[tuple[Any, ...], list[BlockPropagator]] = {}
         self._among_obstacles: ContactRollout | None = None
+        self._in_a_frame: FrameRollout | None = None
 
     def take(
         self,
         inputs: Sequence[Sequence[float]] | Array | Mapping[str, Any],
-        base: "Sequence[BaseState] | None",
+        base: "Sequence[BaseState] | BaseState | None",
         contact: str | Sequence[str] | None,
         dt: float | Sequence[float] | Array | None,
         every: int,
@@ -252,6 +254,11 @@ class Rollout:
             raise StepError(f"every = {shown(every)}: allowed is a whole number of steps, at least 1")
         u, plan = plan_steps(body, inputs, contact, dt)
         check_bases(base, len(u))
+        bases = None
+        if base is not None:
+            from fenics_rom.mechanics.base_path import checked_bases  # here, as few bodies have a base
+
+            bases = checked_bases(base, body.steps)
         names = tuple(body.rom.outputs) if outputs is None else names_in("outputs", outputs, StepError)
         widths = [len(body.output_rows(name)) for name in names]
         start, rows = body.save(), [np.empty((0, sum(widths)))]
@@ -261,8 +268,8 @@ class Rollout:
                 if contact is not None:
                     body.switch(interval.contact)
                 steps = slice(interval.start, interval.stop)
-                bases = None if base is None else base[steps]
-                rows += self._read(u[steps], bases, interval.start, every if names else 1, names)
+                on = None if bases is None else bases[steps]
+                rows += self._read(u[steps], on, interval.start, every if names else 1, names)
                 body.tensions.note_all(u[steps])
         except BaseException:
             body.restore(start)
@@ -270,14 +277,21 @@ class Rollout:
         parts = np.split(np.concatenate(rows), list(accumulate(widths))[:-1], axis=1) if names else []
         return {name: body.rom.by_point(values) for name, values in zip(names, parts, strict=True)}
 
-    def _read(
-        self, u: Array, base: "Sequence[BaseState] | None", taken: int, every: int, names: tuple[str, ...]
-    ) -> list[Array]:
-        """Takes the steps of one interval, `taken` steps after the rollout began; what is read, in rows."""
+    def _read(self, u: Array, bases: Array | None, taken: int, every: int, names: tuple[str, ...]) -> list[Array]:
+        """Takes the steps of one interval, `taken` steps after the rollout began; what is read, in rows.
+
+        bases: (steps, 13), or None where none are given.
+        """
         body = self._body
-        one_by_one = body.needs_single_steps or body.relaxes or base is not None
+        if body.takes_compiled_steps and (bases is None or body.is_carried):
+            if self._in_a_frame is None:
+                from fenics_rom.runtime.frame_rollout import FrameRollout  # here, as few bodies move in a frame
+
+                self._in_a_frame = FrameRollout(body)
+            return self._in_a_frame.take(u, bases, taken, every, names)
+        one_by_one = body.needs_single_steps or body.relaxes or bases is not None
         if one_by_one or (body.rom.rigid and not body.needs_each_step):  # there is more than energy coordinates hold
-            return self._step_each(u, base, taken, every, names)
+            return self._step_each(u, bases, taken, every, names)
         if body.needs_each_step:
             if self._among_obstacles is None:
                 from fenics_rom.runtime.contact_rollout import ContactRollout  # here, as few bodies have obstacles
@@ -303,13 +317,15 @@ class Rollout:
             u, taken = u[steps:], taken + steps
         return rows
 
-    def _step_each(
-        self, u: Array, base: "Sequence[BaseState] | None", taken: int, every: int, names: tuple[str, ...]
-    ) -> list[Array]:
+    def _step_each(self, u: Array, bases: Array | None, taken: int, every: int, names: tuple[str, ...]) -> list[Array]:
         """The same by `step`."""
+        from fenics_rom.mechanics.base_path import base_in
+
         body, rows = self._body, list[Array]()
         for k, row in enumerate(u):
-            body.step(row[: body.inputs], base=None if base is None else base[k])  # its loads act by themselves
+            body.step(
+                row[: body.inputs], base=None if bases is None else base_in(bases[k])
+            )  # its loads act by themselves
             if names and (taken + k + 1) % every == 0:
                 rows.append(self._outputs(names))
         return rows

@@ -270,7 +270,7 @@ class Simulator(MovingBody):
         self,
         inputs: Sequence[Sequence[float]] | Array | Mapping[str, Any],
         *,
-        base: "Sequence[BaseState] | None" = None,
+        base: "Sequence[BaseState] | BaseState | None" = None,
         contact: str | Sequence[str] | None = None,
         dt: float | Sequence[float] | Array | None = None,
         every: int = 1,
@@ -285,7 +285,8 @@ class Simulator(MovingBody):
 
         Args:
             inputs: (steps, p) of each step, as of `step`; or a mapping by name, with (steps, columns) each.
-            base: that carries the body, at the end of each step, as of `step`.
+            base: that carries the body, at the end of each step, as of `step`; or one state of (steps, 3) positions and
+                so on, as `BasePath.along` gives it.
             contact: contact mode to be in from the first step on, or (steps,) in each; None: the active one, or those
                 that obstacles ask for. All must take p inputs.
             dt: time step from the first step on, or (steps,) of each, s; None: the one that is set.

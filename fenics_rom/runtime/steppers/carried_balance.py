@@ -13,10 +13,11 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.frame_geometry import Push
-from fenics_rom.mechanics.frame_motion import ZERO, Vector, added, cross, dot
+from fenics_rom.mechanics.frame_motion import ZERO, Rotation, Vector, added, cross, dot
 from fenics_rom.runtime.steppers.carried_base import Begun, Motion
 from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame, Expected
-from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED
+from fenics_rom.runtime.steppers.frame_state import Shape
+from fenics_rom.runtime.steppers.frame_table import MOMENTS, TURNED
 from fenics_rom.runtime.steppers.inertia import MOST_ITERATIONS, pairs
 
 Wrench = tuple[Vector, Vector]
@@ -25,8 +26,6 @@ NO_TURN = 1e-18  # rad: by less coordinates are not coupled, as |G| <= 1 and |I2
 
 class CarriedBalance(DifferentiableFrame):
     """Arguments and attributes as in FrameKernel."""
-
-    _now: Motion
 
     def __init__(self, *args: Any, **named: Any):
         super().__init__(*args, **named)
@@ -48,6 +47,12 @@ class CarriedBalance(DifferentiableFrame):
         self._answered: tuple[tuple[Any, ...], Array] | None = None  # how the frame turns, and the same in the world's
         self._size = (sum(self._inertia0[:3]) / 2 / self._mass) ** 0.5
         self.resume(np.empty(0))
+
+    def _motion_told(self, q: Array, R: Rotation, shape: Shape, moving: list[float]) -> Motion:
+        """As in FrameKernel."""
+        x, y, z, a, b, c, *momenta = moving
+        i, j, k, u, v, w = momenta
+        return Motion(q, shape, R, (x, y, z), (a, b, c), (i, j, k), (u, v, w))
 
     def _strained(self, step: Begun) -> Array:
         """r̂ (m,) of a step without contact whose A and right-hand side lack f̂, which are completed."""

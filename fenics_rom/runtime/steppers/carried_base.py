@@ -6,11 +6,11 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_geometry import Geometry, vector
-from fenics_rom.mechanics.frame_motion import Rotation, Vector, added, cross
+from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_state import FrameState, Shape
 from fenics_rom.runtime.steppers.ground_ties import TieForces
-from fenics_rom.runtime.steppers.inertia import times_inertia
+from fenics_rom.runtime.steppers.inertia import momenta_of
 
 
 class Motion(NamedTuple):
@@ -50,9 +50,7 @@ class Begun(NamedTuple):
 
 def motion_of(q: Array, shape: Shape, R: Rotation, v: Vector, ω: Vector, mass: float) -> Motion:
     """The same with its momenta."""
-    P = added(added(cross(ω, shape.moment), mass, v), 1.0, shape.drift)
-    L = added(added(times_inertia(shape.inertia, ω), 1.0, shape.moved), 1.0, cross(shape.moment, v))
-    return Motion(q, shape, R, v, ω, P, L)
+    return Motion(q, shape, R, v, ω, *momenta_of(*shape, v, ω, mass))
 
 
 def frame_state(base: BaseState) -> FrameState:

@@ -18,6 +18,7 @@ and the rest of Σ f·ŝ but for contact, is ΔP·v̂ + ΔL·ω̂ + h f·r̂ les
 
 import math
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
@@ -46,6 +47,9 @@ from fenics_rom.runtime.steppers.carried_balance import CarriedBalance, Wrench
 from fenics_rom.runtime.steppers.carried_base import Begun, Motion, frame_state, motion_of
 from fenics_rom.runtime.steppers.frame_state import FrameState, Shape, in_frame
 
+if TYPE_CHECKING:
+    from fenics_rom.runtime.compiled.frames import Step
+
 
 class CarriedFrame(CarriedBalance):
     """Arguments and attributes as in FrameKernel; `frame.turning` is the angular velocity of the base."""
@@ -58,6 +62,8 @@ class CarriedFrame(CarriedBalance):
     @property
     def energy(self) -> float:
         """Stored, J: of the motion in world axes, and elastic."""
+        if self._motion is None:
+            return self._twice / 2
         now = self._now
         carried = dot(now.P, now.v) + dot(now.L, now.ω) + dot(now.shape.drift, now.v) + dot(now.shape.moved, now.ω)
         return self._with_carried_energy((carried + self._square) / 2)
@@ -117,12 +123,29 @@ class CarriedFrame(CarriedBalance):
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel; to `base`."""
+        if self._compiled is not None and (taken := self._compiled.take(u, self._base_row(), self.frame, self.notes)):
+            return self._end_compiled(u, taken)
         r̂, contact = self._begin_step(u), None
         if self.found is not None or (self._interface is not None and obstacles is not None):
             if not math.isfinite(r̂.dot(r̂)):
                 raise StepError("the inputs are so large that the step overflows; the state was left as it was")
             r̂, contact = touch(self, self._interface, r̂, obstacles, None if self.found is None else self)
         return self._end_step(r̂, contact)
+
+    def _base_row(self) -> Array:
+        """The base at the end of the step, (13,)."""
+        position, rotation, velocity, turning = self._base_at_end()
+        return np.array((*position, *rotation, *velocity, *turning))
+
+    def _base_at_end(self) -> FrameState:
+        """The same; it stands still where nothing says how it moves."""
+        return self.frame._replace(velocity=ZERO, turning=ZERO) if self.base is None else frame_state(self.base)
+
+    def _end_compiled(self, u: Array, step: "Step", *, owed: bool = True) -> float:
+        """As in FrameKernel."""
+        assert self._compiled is not None
+        self._wrench_before, self._wrench = self._wrench, self._compiled.wrench()
+        return super()._end_compiled(u, step, owed=owed)
 
     def open(self, u: Array) -> Array:
         """As in Kernel."""
@@ -159,9 +182,9 @@ class CarriedFrame(CarriedBalance):
 
     def _begin_step(self, u: Array) -> Array:
         """r̂ (m,) of a step without contact."""
-        h, now, start = self.h, self._now, self.frame
+        h, now = self.h, self._now
         self._forces = forces = self._begun(u)
-        end = start._replace(velocity=ZERO, turning=ZERO) if self.base is None else frame_state(self.base)
+        end = self._base_at_end()
         R = rotation_of(*end.rotation)
         v_end, ω_end = rotated_back(R, end.velocity), rotated_back(R, end.turning)
         check_turn(h, now.ω)

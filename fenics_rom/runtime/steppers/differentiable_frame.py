@@ -69,7 +69,8 @@ class DifferentiableFrame(TouchedFrame):
         edges = start.q + self.h / 2 * r, "velocity"
         if isinstance(law, StrainsCarried):
             edges = start.q + self.h / 2 * law.velocity_before, "law"
-        acting = Acting(self._loads, self._forces, self._following, self._acting, middle, reach, self.ties, *edges)
+        forces = self._loads.at(self._acting) if law is None else self._forces  # a compiled step left none
+        acting = Acting(self._loads, forces, self._following, self._acting, middle, reach, self.ties, *edges)
         contact, is_kink = contact_adjoint(self._interface)
         found = found_taken(self._found, u, self.reactions, (self.h, start.q, r.copy(), v, middle), follows=reach > 0)
         part = FramePart(

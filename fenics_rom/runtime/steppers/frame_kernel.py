@@ -13,12 +13,15 @@ Every balance is a sum of few vectors, the rows of one table, whose factors are 
 factors with the table is what the coordinates balance, and the products of its rows with a rate make up the momenta.
 """
 
+import math
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import compiled
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
@@ -27,27 +30,31 @@ from fenics_rom.mechanics.frame_motion import ZERO, Rotation, Vector, added, rot
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.body_parts import PLAIN, BodyParts
+from fenics_rom.runtime.steppers.compilable_frame import CompilableFrame
 from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
 from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.frame_state import FrameState, Shape
+from fenics_rom.runtime.steppers.frame_table import (
+    BENT,
+    BENT_BY_RATE,
+    COUPLED,
+    GIVEN,
+    HALF_INERTIA1,
+    MOMENTS,
+    ROWS,
+    TURNED,
+)
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.ground_ties import GroundTies
 from fenics_rom.runtime.steppers.kept_newton import KeptNewton
 from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork
-from fenics_rom.runtime.steppers.parted_kernel import PartedKernel
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 
-# Rows of the table: ½ I1 and c; at the start of a step S, b, f0 = ω e - 2/h r - f, and T; at a mid-step rate S in the
-# middle of the step, G r̂, and (2/h + h/2 γ + D) r̂.
-HALF_INERTIA1, MOMENTS, BENT, COUPLED = slice(0, 6), slice(6, 9), slice(9, 15), slice(15, 18)
-GIVEN, TURNED, BENT_BY_RATE, TURNED_BY_RATE, ROWS = 18, slice(19, 22), slice(22, 28), slice(28, 31), 32
-
-
-class FrameKernel(PartedKernel):
+class FrameKernel(CompilableFrame):
     """A step in a moving frame.
 
     Args:
@@ -64,9 +71,6 @@ class FrameKernel(PartedKernel):
         ties: springs and dashpots to the ground; None where there are none.
         newton: solves what steps balance, where that is no linear system.
     """
-
-    _now: Any  # how the body moves, and how it did before the step
-    _now_before: Any
 
     def __init__(
         self,
@@ -108,6 +112,7 @@ class FrameKernel(PartedKernel):
         x, y, z = frame.origin.tolist()
         self.base: BaseState | None = None
         self._square = 0.0  # of the state
+        self._surely_definite = math.inf  # up to which |e|² its kinetic energy is for sure, of a free body
         self.frame = self._frame_before = self._at_rest = FrameState((x, y, z), (1.0, 0.0, 0.0, 0.0), ZERO, ZERO)
         self._is_dense = self.elastic is not None or model.damping.ndim == 2
         self._terms = np.empty((2, m))
@@ -117,7 +122,7 @@ class FrameKernel(PartedKernel):
         self._ahead: tuple[Array, ...] | None = None
         self._forces = loads.at(np.zeros(loads.width))  # of the step
         self._turned_to = self.frame.rotation, np.eye(3)
-        self._places: Array | None = None  # of the contact points in this state
+        self._places = None  # of the contact points in this state
         if interface is not None:
             self.points = FramePoints(interface.points.coordinates - frame.origin, self._Sᵀ)
 
@@ -137,6 +142,25 @@ class FrameKernel(PartedKernel):
             self.ties.set_time_step(h)
         self.newton.inverse = self._ahead = None
         self._elastic_and_inertial = np.stack([self._ω, np.full(len(γ), -2 / h)])
+        known = self.elastic is None and self._found is None and self.ties is None and self._interface is None
+        if known and compiled():
+            self._compile()
+
+    def _compile(self) -> None:
+        """Has steps taken by compiled functions, which know all that there is."""
+        from fenics_rom.runtime.steppers import compiled_frame  # here, as numba takes time to import
+
+        frame, of_shape = (
+            replace(self._constants, inertia2=self._second, stiffening=None),
+            (self._products, self._couples),
+        )
+        body = compiled_frame.body_of(self._model, self.h, frame, *of_shape, self._surely_definite)
+        if self._compiled is not None:
+            self._compiled.set_body(body)
+            return
+        acting = compiled_frame.loads_of(self._loads), compiled_frame.watch_of(self._watch)
+        halves = self._halves, self._state_before.reshape(2, -1)
+        self._compiled = compiled_frame.CompiledFrame(body, *acting, *halves, frame.carried)
 
     def reset_buffer(self) -> None:
         """As in Kernel."""
@@ -153,6 +177,8 @@ class FrameKernel(PartedKernel):
 
     def forget(self) -> Shape:
         """Forgets what was kept of steps that led elsewhere; the shape that the body has."""
+        if self._compiled is not None:
+            self._compiled.forget()
         self.newton.inverse = self._ahead = None
         self._square = self._twice_within()
         return self._shape_at(self._coordinates(), self._r)
@@ -220,6 +246,8 @@ class FrameKernel(PartedKernel):
 
     def _begun(self, u: Array) -> FrameForces:
         """Begins a step under u (p,); what acts in the frame."""
+        if self._motion is None:  # what a compiled step led to
+            self.forget()
         self._begin(u)
         return self._loads.at(self._acting) if self.elastic is None else self._forces_as_expected()
 
@@ -296,6 +324,8 @@ class FrameKernel(PartedKernel):
 
     def _arrive(self, e: Array, r: Array) -> float:
         """Where a step led, but for the frame; twice the stored energy, J."""
+        if self._compiled is not None:
+            self._compiled.forget()
         self._e[:], self._r[:], self._places = e, r, None
         self._square = self._twice_within()
         if self.elastic is not None:

@@ -22,6 +22,11 @@ class FrameWatch:
         rom: of displacements that strain.
         model: of the contact mode.
         detail: of the moving frame.
+
+    Attributes:
+        farthest: the square of how far a node can be at most, per |e|², m²/J.
+        limit: how far one may be, m.
+        rows: displacements of the nodes of the surface (3 V, m), per e.
     """
 
     def __init__(self, rom: Rom, model: ContactModel, detail: str):
@@ -30,10 +35,10 @@ class FrameWatch:
         self._is_stiffened = is_large or (rom.moving_frame is not None and rom.moving_frame.stiffening is not None)
         self._length = float(np.ptp(rom.nodes, axis=0).max()) if len(rom.nodes) else np.inf
         nodes = np.unique(rom.triangles)
-        self._rows = rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]) @ model.coordinates / model.safe_frequencies
-        blocks = self._rows.reshape(-1, 3, model.order)
+        self.rows = rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]) @ model.coordinates / model.safe_frequencies
+        blocks = self.rows.reshape(-1, 3, model.order)
         farthest = np.linalg.eigvalsh(blocks @ blocks.transpose(0, 2, 1))[:, -1].max(initial=0.0) if len(nodes) else 0.0
-        self._farthest, self._limit = float(farthest), (np.inf if is_large else LARGEST_DEFLECTION * self._length)
+        self.farthest, self.limit = float(farthest), (np.inf if is_large else LARGEST_DEFLECTION * self._length)
         slow = QUASI_RIGID if detail != "full" else np.inf if self._is_stiffened else UNSTIFFENED
         self._fastest = slow * self._first
         self._looked_at = np.zeros(model.order), 0.0  # last, and how far it was bent there
@@ -50,21 +55,21 @@ class FrameWatch:
         """
         if dot(ω, ω) > notes[TURNED] ** 2:
             notes[TURNED] = dot(ω, ω) ** 0.5
-        most = max(self._limit, notes[BENT])
-        if self._farthest * square > most**2:  # else it is no farther than it was
+        most = max(self.limit, notes[BENT])
+        if self.farthest * square > most**2:  # else it is no farther than it was
             there, bent = self._looked_at
             change = e - there
-            if bent + (self._farthest * float(change.dot(change))) ** 0.5 > most:  # else it has not got so far since
-                bent = float(np.sqrt(np.square(self._rows.dot(e).reshape(-1, 3)).sum(axis=1).max()))
+            if bent + (self.farthest * float(change.dot(change))) ** 0.5 > most:  # else it has not got so far since
+                bent = float(np.sqrt(np.square(self.rows.dot(e).reshape(-1, 3)).sum(axis=1).max()))
                 self._looked_at = e.copy(), bent
                 notes[BENT] = max(notes[BENT], bent)
 
     def distrusts(self, e: Array, speed: Array) -> Array:
         """Which of bodies (B,) in states √γ q (B, m), that turn at a speed (B,), rad/s, go too far."""
         distrusted = speed > self._fastest
-        looked_at = (self._farthest * np.square(e).sum(axis=1) > self._limit**2).nonzero()[0]
+        looked_at = (self.farthest * np.square(e).sum(axis=1) > self.limit**2).nonzero()[0]
         for body in looked_at:
-            distrusted[body] |= np.square(self._rows.dot(e[body]).reshape(-1, 3)).sum(axis=1).max() > self._limit**2
+            distrusted[body] |= np.square(self.rows.dot(e[body]).reshape(-1, 3)).sum(axis=1).max() > self.limit**2
         return distrusted
 
     def messages(self, notes: Mapping[str, float]) -> tuple[str, ...]:

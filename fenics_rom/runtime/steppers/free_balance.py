@@ -27,9 +27,9 @@ from fenics_rom.mechanics.frame_motion import (
     turned,
 )
 from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame, Expected
-from fenics_rom.runtime.steppers.frame_kernel import BENT, BENT_BY_RATE, COUPLED, GIVEN, TURNED, TURNED_BY_RATE
 from fenics_rom.runtime.steppers.frame_slopes import SPIN, Moving, StepTurn
 from fenics_rom.runtime.steppers.frame_state import Shape
+from fenics_rom.runtime.steppers.frame_table import BENT, BENT_BY_RATE, COUPLED, GIVEN, TURNED, TURNED_BY_RATE
 from fenics_rom.runtime.steppers.ground_ties import TieForces
 from fenics_rom.runtime.steppers.inertia import (
     MOST_ITERATIONS,
@@ -58,8 +58,6 @@ class Motion(NamedTuple):
 class FreeBalance(DifferentiableFrame):
     """Arguments and attributes as in FrameKernel; `frame.turning` is the angular momentum."""
 
-    _now: Motion
-
     def __init__(self, *args: Any, **named: Any):
         super().__init__(*args, **named)
         m = self._model.order
@@ -78,6 +76,8 @@ class FreeBalance(DifferentiableFrame):
     @property
     def energy(self) -> float:
         """Stored, J."""
+        if self._motion is None:
+            return self._twice / 2
         v = self.frame.velocity
         return self._with_carried_energy((self._mass * dot(v, v) + self._now.spin + self._square) / 2)
 
@@ -103,6 +103,12 @@ class FreeBalance(DifferentiableFrame):
             check_definite(shape.inertia, self._table[COUPLED])
         L = rotated_back(R, momentum)
         ω = solved_inertia(shape.inertia, added(L, -1.0, shape.moved))
+        return Motion(q, shape, ω, R, L, dot(ω, added(L, 1.0, shape.moved)))
+
+    def _motion_told(self, q: Array, R: Rotation, shape: Shape, moving: list[float]) -> Motion:
+        """As in FrameKernel."""
+        a, b, c, x, y, z, *_ = moving
+        ω, L = (a, b, c), (x, y, z)
         return Motion(q, shape, ω, R, L, dot(ω, added(L, 1.0, shape.moved)))
 
     def _expect(self, x: Array) -> None:

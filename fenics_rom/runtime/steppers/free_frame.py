@@ -29,6 +29,8 @@ from fenics_rom.runtime.steppers.frame_state import FrameState, Shape, in_frame
 from fenics_rom.runtime.steppers.free_balance import FreeBalance, Motion
 from fenics_rom.runtime.steppers.inertia import times_inertia
 
+NO_BASE = np.empty(0)
+
 
 class FreeFrame(FreeBalance):
     """Arguments and attributes as in FrameKernel; `frame.turning` is the angular momentum."""
@@ -53,6 +55,8 @@ class FreeFrame(FreeBalance):
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
+        if self._compiled is not None and (taken := self._compiled.take(u, NO_BASE, self.frame, self.notes)):
+            return self._end_compiled(u, taken)
         x, contact, push, power = self.begin_step(u), None, None, 0.0
         try:
             x = self.iterate(x)

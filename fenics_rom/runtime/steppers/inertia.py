@@ -7,7 +7,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.frame_geometry import TOO_FAR
-from fenics_rom.mechanics.frame_motion import Vector, added, cross, dot
+from fenics_rom.mechanics.frame_motion import Vector, added, cross, dot, length
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 
 TOLERANCE = 1e-15  # of the velocities: what the next correction may be
@@ -33,8 +33,7 @@ def solved_inertia(inertia: Inertia, L: Vector) -> Vector:
 
 def check_definite(inertia: Inertia, b: Array) -> None:
     """A StepError where kinetic energy is not positive definite, [[I, b], [bᵀ, 1]], with b (3, m)."""
-    (xx, yy, zz, yz, xz, xy), ((bxx, bxy, bxz), (_, byy, byz), (_, _, bzz)) = inertia, b.dot(b.T).tolist()
-    if not _is_definite(xx - bxx, yy - byy, zz - bzz, yz - byz, xz - bxz, xy - bxy):
+    if not is_definite(inertia, b.dot(b.T)):
         raise StepError(TOO_FAR)
 
 
@@ -53,15 +52,27 @@ def definite_up_to(inertia0: Array, inertia1: Array, inertia2: Array, coupling: 
     return float((2 / (a + np.sqrt(a**2 + 4 * c))) ** 2) if a or c else math.inf
 
 
-def _is_definite(xx: float, yy: float, zz: float, yz: float, xz: float, xy: float) -> bool:
+def is_definite(inertia: Inertia, bbᵀ: Array) -> bool:
+    """Whether I - b bᵀ is positive definite."""
+    xx, yy, zz = inertia[0] - bbᵀ[0, 0], inertia[1] - bbᵀ[1, 1], inertia[2] - bbᵀ[2, 2]
+    yz, xz, xy = inertia[3] - bbᵀ[1, 2], inertia[4] - bbᵀ[0, 2], inertia[5] - bbᵀ[0, 1]
     minor = xx * yy - xy * xy
-    return xx > 0 and minor > 0 and zz * minor - yz * (xx * yz - xy * xz) + xz * (xy * yz - yy * xz) > 0
+    return bool(xx > 0 and minor > 0 and zz * minor - yz * (xx * yz - xy * xz) + xz * (xy * yz - yy * xz) > 0)
 
 
 def times_inertia(inertia: Inertia, ω: Vector) -> Vector:
     """I ω."""
     (xx, yy, zz, yz, xz, xy), (x, y, z) = inertia, ω
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+
+
+def momenta_of(
+    inertia: Inertia, moved: Vector, moment: Vector, drift: Vector, v: Vector, ω: Vector, mass: float
+) -> tuple[Vector, Vector]:
+    """Linear and, about the frame's origin, angular, in its axes: of a `Shape` at the twist of the base."""
+    P = added(added(cross(ω, moment), mass, v), 1.0, drift)
+    L = added(added(times_inertia(inertia, ω), 1.0, moved), 1.0, cross(moment, v))
+    return P, L
 
 
 def pairs(ω: Vector, η: Vector) -> tuple[float, float, float, float, float, float]:
@@ -84,13 +95,13 @@ def turn_of_top(
     In its axes, 2/h (I ω̂ - L) + ω̂ × I ω̂ = torque; the iteration is Newton's from `start` with kept slopes.
     """
     ω̂, slopes, before, size = start, _slopes(inertia, start, h), math.inf, math.inf
-    known = math.hypot(*start) + math.hypot(*ω)  # nothing from rest, where there is but what the torque makes
+    known = length(start) + length(ω)  # nothing from rest, where there is but what the torque makes
     for _ in range(MOST_ITERATIONS):
         M = times_inertia(inertia, ω̂)
         lack = added(added(cross(ω̂, M), -1.0, torque), 2 / h, added(M, -1.0, L))
         change = _solved(slopes, lack)
-        ω̂, size = added(ω̂, -1.0, change), math.hypot(*change)
-        scale, ratio = max(known, math.hypot(*ω̂)), size / before
+        ω̂, size = added(ω̂, -1.0, change), length(change)
+        scale, ratio = max(known, length(ω̂)), size / before
         if size <= ROUND_OFF * scale or (0 < ratio < 1 and size * ratio <= TOLERANCE * scale):
             return ω̂, 0.0
         if ratio > SLOW:

@@ -1,0 +1,217 @@
+"""The step of a linear body that a rigid base carries: `steppers.carried_frame`, compiled."""
+
+import math
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit
+from fenics_rom.mechanics.frame_motion import Rotation, Vector
+from fenics_rom.mechanics.largest_turn import LARGEST_TURN
+from fenics_rom.runtime.compiled.frames import (
+    ASKEW,
+    AWAY,
+    DRIFT,
+    GIVEN,
+    IS_SHAPE_KNOWN,
+    MOMENT,
+    MOMENTS,
+    MOTION,
+    MOVED,
+    OTHERWISE,
+    POSITION,
+    REST,
+    TAKEN,
+    TURNED,
+    TURNING,
+    VELOCITY,
+    WRENCH,
+    Acting,
+    Body,
+    Loads,
+    State,
+    Step,
+    Taken,
+    Watch,
+    act,
+    added,
+    combine,
+    copy,
+    cross,
+    dot,
+    give,
+    inertia_in,
+    length,
+    look,
+    mean,
+    misfit_of,
+    momenta_of,
+    note,
+    pairs,
+    push_points,
+    put,
+    remember,
+    restore,
+    rotated,
+    rotated_back,
+    rotation_in,
+    rotation_of,
+    seen,
+    shape_at,
+    torque_of,
+    turned_along,
+    vector,
+)
+
+OF_BASE, SPIN, MOMENTUM, ANGULAR_MOMENTUM = MOTION, MOTION + 3, MOTION + 6, MOTION + 9  # in `State.now`: v, ω, P and L
+IS_COUPLING_KNOWN, IS_INVERSE_KNOWN = 1, 2  # in `State.kept`; from REST on the nine factors of A
+NO_TURN = 1e-18  # rad: see `steppers.carried_balance`
+
+
+@jit
+def take_carried_step(body: Body, loads: Loads, u: Array, base: Array, state: State, watch: Watch) -> Step:
+    """Takes a step under u (p,) that ends with the base (13,): position, quaternion and twist in world axes."""
+    h, m, now, table, none = body.h, len(body.ω), state.now[0], state.table, Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
+    e, r = state.halves[0], state.halves[1]
+    q, R, end = e * body.inverse_ω, rotation_of(*rotation_in(now)), rotation_of(*rotation_in(base))
+    if not state.kept[IS_SHAPE_KNOWN]:
+        shape_at(body, q, r, table, now)
+        _move(body.mass, R, now)
+        state.kept[IS_SHAPE_KNOWN] = 1.0
+    v, ω = vector(now, OF_BASE), vector(now, SPIN)
+    v_end, ω_end = rotated_back(end, vector(base, VELOCITY)), rotated_back(end, vector(base, TURNING))
+    if not (h * length(ω) <= LARGEST_TURN and h * length(ω_end) <= LARGEST_TURN):
+        return none
+    v̂, ω̂, acting = mean(v, v_end), mean(ω, ω_end), act(loads, u, m)
+    t = (h * ω̂[0], h * ω̂[1], h * ω̂[2])
+    modal = acting.modal.copy()
+    pull = seen(R, t, acting.acceleration)
+    for i in range(m):
+        for k in range(3):
+            modal[i] += pull[k] * table[MOMENTS + k, i]
+    if len(acting.at_points):
+        pushed = np.empty(m)
+        push_points(loads, acting.at_points, R, end, t, q, h, np.zeros(m), pushed)
+        modal += pushed
+    give(body, modal, e, r, table)
+    r̂ = _rate(body, now, table, state.kept, state.slopes, v_end, ω_end)
+    before = vector(now, MOMENTUM), vector(now, ANGULAR_MOMENTUM), vector(now, MOMENT)
+    remember(state)
+    for i in range(m):
+        e[i] += h * body.ω[i] * r̂[i]
+        r[i] = 2 * r̂[i] - r[i]
+    went = added(vector(base, POSITION), -1.0, vector(now, POSITION))
+    away, askew = misfit_of(went, rotation_in(now), rotation_in(base), R, t, v̂, h, body.size)
+    notes = watch.notes
+    notes[AWAY], notes[ASKEW] = max(notes[AWAY], away), max(notes[ASKEW], askew)
+    for k in range(len(base)):
+        now[k] = base[k]
+    shape_at(body, e * body.inverse_ω, r, table, now)
+    _move(body.mass, end, now)
+    P, L = vector(now, MOMENTUM), vector(now, ANGULAR_MOMENTUM)
+    ΔP, ΔL = added(P, -1.0, before[0]), added(L, -1.0, before[1])
+    supplied = dot(ΔP, v̂) + dot(ΔL, ω̂) + h * modal.dot(r̂)
+    _put_wrench(body, loads, acting, q, r̂, (R, end), t, (v̂, ω̂), before, now, state.kept)
+    carried = dot(P, v_end) + dot(L, ω_end) + dot(vector(now, DRIFT), v_end) + dot(vector(now, MOVED), ω_end)
+    within = e.dot(e) + r.dot(r)
+    look(watch, e, within, length(ω_end))
+    return Step(TAKEN, carried + within, within, supplied, h * r̂.dot(np.dot(body.D, r̂)))
+
+
+@jit
+def _move(mass: float, R: Rotation, now: Array) -> None:
+    """Sets twist and momenta in the frame's axes, of the shape that is known."""
+    v, ω = rotated_back(R, vector(now, VELOCITY)), rotated_back(R, vector(now, TURNING))
+    shape = vector(now, MOVED), vector(now, MOMENT), vector(now, DRIFT)
+    P, L = momenta_of(inertia_in(now), shape[0], shape[1], shape[2], v, ω, mass)
+    put(now, OF_BASE, v)
+    put(now, SPIN, ω)
+    put(now, MOMENTUM, P)
+    put(now, ANGULAR_MOMENTUM, L)
+
+
+@jit
+def _rate(body: Body, now: Array, table: Array, kept: Array, slopes: Array, v_end: Vector, ω_end: Vector) -> Array:
+    """r̂ (m,), of what the table says."""
+    h, m, v, ω = body.h, len(body.ω), vector(now, OF_BASE), vector(now, SPIN)
+    right, factors = np.empty(m), np.zeros(TURNED + 3 - MOMENTS)
+    pulled = added(cross(ω, v_end), 1.0, cross(ω_end, v))
+    xx, yy, zz, yz, xz, xy = pairs(ω, ω_end)
+    put(factors, 0, added(added((0.0, 0.0, 0.0), -1 / h, added(v_end, -1.0, v)), -0.5, pulled))  # c
+    put(factors, 3, (xx, yy, zz))
+    put(factors, 6, (yz, xz, xy))  # S
+    factors[GIVEN - MOMENTS] = -1.0  # f0
+    put(factors, TURNED - MOMENTS, added((0.0, 0.0, 0.0), -1 / h, added(ω_end, -1.0, ω)))
+    combine(factors, table[MOMENTS : TURNED + 3], right)
+    if not (body.couples and h * (length(ω) + length(ω_end)) > NO_TURN):
+        return np.dot(body.inverse, right)
+    coupled = np.empty(10)
+    put(coupled, 0, (-xx, -yy, -zz))
+    put(coupled, 3, (-yz, -xz, -xy))
+    put(coupled, 6, added(ω, 1.0, ω_end))
+    coupled[9] = 1.0
+    A, inverse = slopes[:m], slopes[m:]
+    is_same = kept[IS_COUPLING_KNOWN] != 0.0
+    for k in range(9):
+        is_same = is_same and coupled[k] == kept[REST + k]
+        kept[REST + k] = coupled[k]
+    if not is_same:
+        combine(coupled, body.products, A.reshape(m * m))
+        kept[IS_COUPLING_KNOWN], kept[IS_INVERSE_KNOWN] = 1.0, 0.0
+        return np.linalg.solve(A, right)
+    if not kept[IS_INVERSE_KNOWN]:  # of a base that turns steadily
+        copy(np.linalg.inv(A), inverse)
+        kept[IS_INVERSE_KNOWN] = 1.0
+    return np.dot(inverse, right)
+
+
+@jit
+def _put_wrench(
+    body: Body,
+    loads: Loads,
+    acting: Acting,
+    q: Array,
+    r̂: Array,
+    R: tuple[Rotation, Rotation],
+    t: Vector,
+    twist: tuple[Vector, Vector],
+    before: tuple[Vector, Vector, Vector],
+    now: Array,
+    kept: Array,
+) -> None:
+    """Sets force and torque of the base in world axes; P, L and x̄ + c q are those before the step."""
+    h, (v̂, ω̂), (P, L, moment) = body.h, twist, before
+    P_end, L_end = vector(now, MOMENTUM), vector(now, ANGULAR_MOMENTUM)
+    P̂, L̂ = mean(P, P_end), mean(L, L_end)
+    force = added(cross(ω̂, P̂), 1 / h, added(P_end, -1.0, P))
+    torque = added(added(cross(ω̂, L̂), 1.0, cross(v̂, P̂)), 1 / h, added(L_end, -1.0, L))
+    force = added(added(force, -1.0, acting.force), -body.mass, seen(R[0], t, acting.acceleration))
+    arm = mean(rotated(R[0], moment), rotated(R[1], vector(now, MOMENT)))
+    torque = added(torque, -1.0, torque_of(acting, q, h, r̂))
+    torque = added(torque, -1.0, seen(R[0], t, cross(arm, acting.acceleration)))
+    if len(acting.at_points):
+        pulled, _, turning = push_points(loads, acting.at_points, R[0], R[1], t, q, h, r̂, np.empty(len(q)))
+        force, torque = added(force, -1.0, seen(R[0], t, pulled)), added(torque, -1.0, turning)
+    put(kept, WRENCH, turned_along(R[0], R[1], force))
+    put(kept, WRENCH + 3, turned_along(R[0], R[1], torque))
+
+
+@jit
+def take_carried_steps(
+    body: Body, loads: Loads, inputs: Array, bases: Array, state: State, watch: Watch, taken: Taken
+) -> tuple[int, Step]:
+    """Takes steps under inputs (n, p) that end with bases (n, 13): how many, and the last one.
+
+    It ends before a step that is to be taken otherwise, or whose energy is not finite; `taken` is set.
+    """
+    last = Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
+    for count in range(len(inputs)):
+        step = take_carried_step(body, loads, inputs[count], bases[count], state, watch)
+        if step.status == TAKEN and not math.isfinite(step.square):
+            restore(state)
+            return count, last
+        if step.status == OTHERWISE:
+            return count, last
+        last = step
+        note(body, state, step, taken, count)
+    return len(inputs), last

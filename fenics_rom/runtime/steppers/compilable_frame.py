@@ -1,0 +1,93 @@
+"""A body in a moving frame whose steps compiled functions may take, and what is there after these."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.frame_motion import Rotation, rotation_of
+from fenics_rom.runtime.steppers.frame_state import FrameState, Shape
+from fenics_rom.runtime.steppers.kernel import BOOKED_TOGETHER, StepWork
+from fenics_rom.runtime.steppers.parted_kernel import PartedKernel
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.compiled.frames import Step
+    from fenics_rom.runtime.steppers.compiled_frame import CompiledFrame, FrameSteps
+
+
+class CompilableFrame(PartedKernel):
+    """Arguments as in PartedKernel; attributes as in FrameKernel."""
+
+    frame: FrameState
+    _places: Array | None  # of the contact points in the frame, m, if they are known
+    _compiled: "CompiledFrame | None" = None
+    _motion: Any = None  # how the body moves, and how it did before the step; None where a compiled step knows
+    _motion_before: Any = None
+    _twice = 0.0  # the stored energy, if a compiled step knows, J
+
+    def _end_compiled(self, u: Array, step: "Step", *, owed: bool = True) -> float:
+        """Takes note of a step under u that a compiled function has taken; twice the stored energy, J."""
+        assert self._compiled is not None
+        if owed:
+            if len(self._owed) == BOOKED_TOGETHER:
+                self.flush()
+            self._owed.append(StepWork(step.supplied, step.dissipated, ()))
+        self._contact_before, self._reactions_before, self._notes_before = self.contact, self.reactions, self.notes
+        self._frame_before, self._acting, self._places, self.contact = self.frame, u, None, None
+        self.frame, self.notes = self._compiled.frame(), self._compiled.notes(self.notes)
+        self._motion = self._motion_before = None
+        self._square, self._twice = step.within, step.square
+        return step.square
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether compiled functions take its steps."""
+        return self._compiled is not None
+
+    def roll(self, inputs: Array, bases: Array | None) -> "FrameSteps | None":
+        """Takes steps under inputs (n, p), as many as compiled functions do; None: none.
+
+        bases: at the end of each step, (n, 13); None: it stands still.
+        """
+        if self._compiled is None:
+            return None
+        if bases is None:
+            bases = np.tile((*self.frame.position, *self.frame.rotation, *np.zeros(6)), (len(inputs), 1))
+        taken = self._compiled.take_many(inputs, bases, self.frame, self.notes)
+        if taken is None:
+            return None
+        self.flush()
+        if self._ledger is not None:
+            supplied, dissipated = map(math.fsum, taken.steps.works.T)
+            self._ledger.book(supplied=supplied, dissipated=dissipated)
+        self._end_compiled(inputs[len(taken.steps.q) - 1], taken.last, owed=False)
+        return taken
+
+    @property
+    def _now(self) -> Any:
+        """How the body moves."""
+        if self._motion is None and self._compiled is not None:
+            e, R = self._e, rotation_of(*self.frame.rotation)
+            self._motion = self._motion_told(e * self._inverse_ω, R, *self._compiled.motion())
+        return self._motion
+
+    @_now.setter
+    def _now(self, motion: Any) -> None:
+        self._motion = motion
+
+    @property
+    def _now_before(self) -> Any:
+        """How it did before the step."""
+        if self._motion_before is None and self._compiled is not None:
+            e, R = self._state_before[: self._model.order], rotation_of(*self._frame_before.rotation)
+            self._motion_before = self._motion_told(e * self._inverse_ω, R, *self._compiled.motion(before=True))
+        return self._motion_before
+
+    @_now_before.setter
+    def _now_before(self, motion: Any) -> None:
+        self._motion_before = motion
+
+    def _motion_told(self, q: Array, R: Rotation, shape: Shape, moving: list[float]) -> Any:
+        """How the body moves, as a compiled step tells it."""
+        raise NotImplementedError

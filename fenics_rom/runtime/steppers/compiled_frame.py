@@ -1,0 +1,180 @@
+"""Steps of a linear body in a moving frame by compiled functions: what `FreeFrame` and `CarriedFrame` try first."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.moving_frame import MovingFrame
+from fenics_rom.runtime.compiled.carried_step import take_carried_step, take_carried_steps
+from fenics_rom.runtime.compiled.frames import (
+    INERTIA,
+    LOOKED_AT,
+    NUMBERS,
+    REST,
+    TAKEN,
+    WRENCH,
+    Body,
+    Loads,
+    State,
+    Step,
+    Taken,
+    Watch,
+)
+from fenics_rom.runtime.compiled.free_step import take_free_step, take_free_steps
+from fenics_rom.runtime.steppers.frame_loads import FrameLoads
+from fenics_rom.runtime.steppers.frame_state import FrameState, Shape
+from fenics_rom.runtime.steppers.frame_table import BENT as BENT_ROWS
+from fenics_rom.runtime.steppers.frame_table import COUPLED, HALF_INERTIA1, MOMENTS, ROWS
+from fenics_rom.runtime.steppers.frame_table import TURNED as TURNED_ROWS
+from fenics_rom.runtime.steppers.frame_watch import BENT, TURNED, FrameWatch
+
+NOTES = BENT, TURNED, "misfit", "misfit of turn"  # of a kernel, in the order of those of a watch
+
+
+class FrameSteps(NamedTuple):
+    """Steps in a row."""
+
+    steps: Taken
+    last: Step
+
+
+class CompiledFrame:
+    """Steps of one size.
+
+    Args:
+        body, loads, watch: what moves, what acts on it, and what looks at it.
+        halves, halves_before: the state [e, r], (2, m), which steps change, and where they note it before.
+        carried: by a base.
+    """
+
+    def __init__(self, body: Body, loads: Loads, watch: Watch, halves: Array, halves_before: Array, carried: bool):
+        m = len(body.ω)
+        slopes = np.empty((2 * m, m) if carried else (3 + m, 3 + m))
+        kept = np.zeros(REST + (9 if carried else 5 + m))
+        self._state = State(halves, halves_before, np.zeros((2, NUMBERS)), body.table.copy(), kept, slopes)
+        self._body, self._loads, self._watch, self._carried = body, loads, watch, carried
+        self._frame: FrameState | None = None  # that the state is of
+        self._notes: dict[str, float] | None = None  # that those of the watch are
+
+    def forget(self) -> None:
+        """Forgets what is known of steps that led elsewhere."""
+        self._state.kept[:WRENCH], self._frame, self._notes = 0.0, None, None
+
+    def set_body(self, body: Body) -> None:
+        """Goes on with a body of another step size."""
+        self._body = body
+        self._state.kept[1 if self._carried else 2 : WRENCH] = 0.0  # but for how it moves, and did
+
+    def take(self, u: Array, base: Array, frame: FrameState, notes: dict[str, float]) -> Step | None:
+        """Takes a step under u (p,); None where it is to be taken otherwise, and nothing is changed.
+
+        Args:
+            u: (p,).
+            base: at the end (13,); of a free body (0,).
+            frame: at the start.
+            notes: of the run so far.
+        """
+        self._begin(frame, notes)
+        given = self._body, self._loads, u
+        try:
+            if self._carried:
+                step = take_carried_step(*given, base, self._state, self._watch)
+            else:
+                step = take_free_step(*given, self._state, self._watch)
+        except np.linalg.LinAlgError:
+            self.forget()
+            return None
+        return step if step.status == TAKEN else None
+
+    def take_many(self, inputs: Array, bases: Array, frame: FrameState, notes: dict[str, float]) -> FrameSteps | None:
+        """Takes steps under inputs (n, p) and bases (n, 13), as many as there are none to be taken otherwise."""
+        self._begin(frame, notes)
+        n, m = len(inputs), len(self._body.ω)
+        taken, given = Taken(np.empty((n, 2)), np.empty((n, m)), np.empty((n, 7))), (self._body, self._loads, inputs)
+        if self._carried:
+            count, last = take_carried_steps(*given, bases, self._state, self._watch, taken)
+        else:
+            count, last = take_free_steps(*given, self._state, self._watch, taken)
+        return FrameSteps(Taken(*(rows[:count] for rows in taken)), last) if count else None
+
+    def _begin(self, frame: FrameState, notes: dict[str, float]) -> None:
+        if frame is not self._frame:
+            position, rotation, velocity, turning = frame
+            self._state.now[0, :INERTIA], self._frame = (*position, *rotation, *velocity, *turning), frame
+        if notes is not self._notes:
+            self._watch.notes[:LOOKED_AT], self._notes = [notes.get(name, 0.0) for name in NOTES], notes
+
+    # What the last step led to.
+
+    def frame(self) -> FrameState:
+        """Where the frame is."""
+        x, y, z, w, i, j, k, u, v, s, a, b, c = self._state.now[0, :INERTIA].tolist()
+        self._frame = FrameState((x, y, z), (w, i, j, k), (u, v, s), (a, b, c))
+        return self._frame
+
+    def notes(self, before: dict[str, float]) -> dict[str, float]:
+        """Of the run; those before where nothing is new."""
+        now = self._watch.notes[:LOOKED_AT].tolist()
+        if now != [before.get(name, 0.0) for name in NOTES]:
+            before = before | {name: value for name, value in zip(NOTES, now, strict=True) if name in before}
+        self._notes = before
+        return before
+
+    def motion(self, *, before: bool = False) -> tuple[Shape, list[float]]:
+        """The inertia of the shape, and how the frame moves, (12,); or those before the step."""
+        a, b, c, d, e, f, *rest = self._state.now[int(before), INERTIA:].tolist()
+        u, v, w, x, y, z, i, j, k, *moving = rest
+        return Shape((a, b, c, d, e, f), (u, v, w), (x, y, z), (i, j, k)), moving
+
+    def wrench(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Of the base, in world axes."""
+        x, y, z, a, b, c = self._state.kept[WRENCH:REST].tolist()
+        return (x, y, z), (a, b, c)
+
+
+def body_of(
+    model: ContactModel, h: float, frame: MovingFrame, products: Array, couples: bool, is_definite: float
+) -> Body:
+    """A body as compiled steps of h s take it.
+
+    Args:
+        model: of a contact mode.
+        h: s.
+        frame: with I2 as it is stiffened.
+        products: h/2 I2, G and 2/h + h/2 γ + D, (10, m, m).
+        couples, is_definite: as in `Body`.
+    """
+    m, D, ω = model.order, model.damping, np.sqrt(model.eigenvalues)
+    by_rate = products.transpose(2, 0, 1).reshape(m, 10 * m)
+    by_shape = np.concatenate([frame.inertia2, frame.coupling]).transpose(2, 0, 1).reshape(m, 9 * m)
+    table = np.zeros((ROWS, m))
+    table[HALF_INERTIA1], table[BENT_ROWS], table[MOMENTS] = frame.inertia1 / 2, frame.inertia1 / 2, frame.moment_modes
+    table[COUPLED], table[TURNED_ROWS] = frame.coupling0, frame.coupling0
+    size = (frame.inertia0[:3].sum() / 2 / frame.mass) ** 0.5
+    of_shape = np.diag(D) if D.ndim == 1 else D, products.reshape(10, m * m), by_rate, by_shape
+    arrays = ω, 1 / model.safe_frequencies, *of_shape, np.linalg.inv(products[9]), table
+    rigid = np.concatenate([frame.inertia0, frame.first_moment])
+    return Body(h, frame.mass, couples, is_definite, float(size), *map(_of_one_type, (*arrays, rigid)))
+
+
+def loads_of(loads: FrameLoads) -> Loads:
+    """What acts on a body, as compiled steps take it."""
+    p, rows = loads.width, len(loads.push)
+    push, by_shape = np.zeros((p, rows + 3)), np.zeros((0, 0))
+    push[loads.turning, :rows], push[loads.pulling, rows:] = loads.push.T, loads.fields
+    if loads.by_shape is not None:
+        by_shape = np.zeros((p, 3 * loads.by_shape.shape[1]))
+        by_shape[loads.turning] = loads.by_shape.reshape(by_shape.shape[1], -1).T
+    return Loads(push, by_shape, loads.columns, *map(_of_one_type, loads.points))
+
+
+def watch_of(watch: FrameWatch) -> Watch:
+    """What looks at a body, as compiled steps take it."""
+    return Watch(watch.farthest, watch.limit, _of_one_type(watch.rows), np.zeros(LOOKED_AT + 1 + watch.rows.shape[1]))
+
+
+def _of_one_type(array: Array) -> Array:
+    """A copy for which nothing is compiled anew: with rows one after the other, and not read-only."""
+    return np.array(array, order="C")
