@@ -38,6 +38,7 @@ SHARED = tuple(  # what else than their own folders compiled functions use
     )
 )
 PATIENCE = 1.0  # s that compiling takes in all before a line says so
+EXACT = frozenset({"contract"})  # what of the arithmetic may be other than as written: products that are added at once
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
@@ -114,6 +115,11 @@ def jit(function: _Function) -> _Function:
     return _compile(function) if can_compile() else function
 
 
+def jit_sums(function: _Function) -> _Function:
+    """The same, of long sums, whose terms may be added in any order, several at once."""
+    return _compile(function, EXACT | {"reassoc", "nsz"}) if can_compile() else function
+
+
 @cache
 def jit_shared(function: _Function) -> _Function:
     """The same of a function that NumPy's steps take, too, with those that it calls: they stay as they are there.
@@ -127,12 +133,12 @@ def jit_shared(function: _Function) -> _Function:
     return _compile(FunctionType(function.__code__, known | called))  # type: ignore[return-value]
 
 
-def _compile(function: _Function) -> _Function:
+def _compile(function: _Function, fastmath: frozenset[str] = EXACT) -> _Function:
     from numba import config, njit
 
     before, config.CACHE_DIR = config.CACHE_DIR, str(cache_folder())
     try:
-        made: _Function = njit(cache=_keeps(), nogil=True, error_model="numpy", fastmath={"contract"})(function)
+        made: _Function = njit(cache=_keeps(), nogil=True, error_model="numpy", fastmath=set(fastmath))(function)
     finally:
         config.CACHE_DIR = before
     return made

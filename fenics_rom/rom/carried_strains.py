@@ -23,12 +23,13 @@ class MonomialStrains:
     """Strains as coordinates of monomials, of a body with one viscosity.
 
     Attributes:
+        tables: what they are of.
         size: number of coordinates.
         viscosity: β, s.
     """
 
     def __init__(self, body: ReducedDeformation):
-        self._tables = tables = StrainTables.of(body)
+        self.tables = tables = StrainTables.of(body)
         self.size = len(tables.gram)
         self.viscosity = float(body.viscosity[0])
         self._places = tables.place - 1  # of the products of coordinates in y (m, m),
@@ -38,15 +39,15 @@ class MonomialStrains:
 
     def at(self, q: Array) -> Array:
         """y of E(q)."""
-        return self._tables.at(q)
+        return self.tables.at(q)
 
     def rates(self, q: Array, v: Array) -> Array:
         """A v at q."""
-        return self._tables.rates(q, v)
+        return self.tables.rates(q, v)
 
     def stressed(self, y: Array) -> Array:
         """C₀ y, of one or of each row."""
-        z: Array = y.dot(self._tables.gram)
+        z: Array = y.dot(self.tables.gram)
         return z
 
     def around(self, q: Array) -> "MonomialsAround":
@@ -71,7 +72,7 @@ class MonomialStrains:
         damped = K[1].dot(moved)
         if is_elastic:
             damped += around.linear
-        return MonomialShape(self, q, K[0], float((products[0] * upper[0]).dot(self._tables.half)) / 2), around, damped
+        return MonomialShape(self, q, K[0], float((products[0] * upper[0]).dot(self.tables.half)) / 2), around, damped
 
     def around_another(self, q: Array, shape: "MonomialShape") -> "tuple[MonomialsAround, Array]":
         """Of shapes near q, and Aᵀ there of the stresses at another one."""
@@ -96,13 +97,13 @@ class MonomialStrains:
 
     def _products(self, x: Array) -> Array:
         """Of each of two x (2, n)."""
-        products = x.take(self._tables.first, 1)
-        products *= x.take(self._tables.second, 1)
+        products = x.take(self.tables.first, 1)
+        products *= x.take(self.tables.second, 1)
         return products
 
     def _stiffnesses(self, products: Array) -> tuple[Array, Array]:
         """The upper triangles of ½ K(x), from products (2, 1 + r), and what they have of q (2, m, m)."""
-        upper, table = np.empty(products.shape), self._tables.stiffness
+        upper, table = np.empty(products.shape), self.tables.stiffness
         table.dot(products[0], upper[0])
         table.dot(products[1], upper[1])  # one by one, which takes half the time of a product with both
         return upper, upper.take(self._two_places)

@@ -14,13 +14,28 @@ from fenics_rom.rom.carried_strains import MonomialStrains, PointStrains
 from fenics_rom.rom.deformation import ReducedDeformation
 
 UNIT = np.eye(3)[:, :, None]
+E_OF_Q = np.empty((0, 0))  # strains that are those of the shape
+
+
+class Expected(NamedTuple):
+    """What v̂ of a step was expected to be, and what that came of."""
+
+    before: Array  # v̂ of the step before
+    reactions: Array  # of strokes then (n,)
+    touched: bool  # whether contact forces were under them
+    middle: Array  # with that
+    residual: Array  # forces out of balance there
+    tangent: Array  # T
+    made_tangent: bool  # whether in this step
+    whole: Array  # before - T residual
+    value: Array  # no longer than what was trained
 
 
 class Carried(NamedTuple):
     """What a step hands on to the next one, beside the state."""
 
     velocity: Array  # v̂ (m,)
-    strained: Array | None  # ε and C₀ε (2, size); None: ε is E(q)
+    strained: Array  # ε and C₀ε (2, size); (0, 0): ε is E(q)
     left: float  # ½ s² - c, J
     c: float  # J
     tank: float  # what may be given back, J
@@ -30,11 +45,11 @@ class Carried(NamedTuple):
     def of(numbers: Array, size: int) -> "Carried":
         """Of what `in_one` makes of so many strains."""
         strains, v, energies = np.split(numbers, [2 * size, -4])
-        return Carried(v.copy(), strains.reshape(2, -1).copy() if strains.any() else None, *energies.tolist())
+        return Carried(v.copy(), strains.reshape(2, -1).copy() if strains.any() else E_OF_Q, *energies.tolist())
 
     def in_one(self, size: int) -> Array:
         """(2 size + m + 4,): ε and C₀ε, 0 for None, and the others."""
-        strains = np.zeros(2 * size) if self.strained is None else self.strained.ravel()
+        strains = self.strained.ravel() if len(self.strained) else np.zeros(2 * size)
         return np.concatenate([strains, self.velocity, self[2:]])
 
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import compiled
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
@@ -28,13 +29,16 @@ from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.body_parts import BodyParts
 from fenics_rom.runtime.steppers.convergence import MAX_ITERATIONS, MAX_PARTS, is_solved
 from fenics_rom.runtime.steppers.definite import is_definite
+from fenics_rom.runtime.steppers.deformation_maps import Expected
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
-from fenics_rom.runtime.steppers.held_adjoint import Expected, HeldAdjoint, Part
+from fenics_rom.runtime.steppers.held_adjoint import HeldAdjoint, Part
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 
 if TYPE_CHECKING:
+    from fenics_rom.runtime.compiled.held_step import Step
     from fenics_rom.runtime.steppers.acts.found_forces import FoundInStep
+    from fenics_rom.runtime.steppers.compiled_held import CompiledHeld
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
@@ -115,6 +119,7 @@ class HeldBody(HeldAdjoint):
         self._model, self.loads = model, ShapeLoads(self._rom, model, self._found)
         assert self._extent is not None
         self._extent.enter(self._names[id(model)], model.inputs.shape[1])
+        self._compiled = self._compiled_step()
 
     @property
     def energy(self) -> float:
@@ -142,16 +147,31 @@ class HeldBody(HeldAdjoint):
             self.elastic.set_time_step(h)
         self._inert = 2 / h * self._unit
         self._slope, self.tangent, self._is_small = None, NONE, False
+        self._compiled = self._compiled_step()
+
+    def _compiled_step(self) -> "CompiledHeld | None":
+        """What takes steps where loops are compiled, and there is nothing that they do not know."""
+        law, knows = self.elastic, self._found is None and self._interface is None and self.h > 0
+        if not (compiled() and knows and isinstance(law, StrainsCarried)):
+            return None
+        from fenics_rom.runtime.steppers.compiled_held import CompiledHeld  # here, as numba takes time to import
+
+        return CompiledHeld.of(self._body, law, self.loads, self._ω, self._inverse_ω, self.h)
 
     def reset_buffer(self) -> None:
         """As in Kernel: forgets tangents, and what was found of the next step."""
         self._slope, self.tangent = None, NONE
+        if self._compiled is not None:
+            self._compiled.forget()
         super().reset_buffer()
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel; a StepError also where Newton's method finds no step, however small its parts."""
         law = self.elastic
         assert law is not None
+        self._tangent_before = self.tangent
+        if self._compiled is not None and (step := self._compiled.take(u, self._halves, self.tangent)) is not None:
+            return self._end_compiled(u, law, self._compiled, step)
         try:
             if self._is_small and obstacles is None and u.dot(u) < LARGE:  # looking after overflow costs 5 µs
                 return self._end(u, law, self._at_once(u, None))
@@ -160,8 +180,22 @@ class HeldBody(HeldAdjoint):
         except np.linalg.LinAlgError:
             return math.nan
 
+    def _end_compiled(self, u: Array, law: ElasticLaw, compiled: "CompiledHeld", step: "Step") -> float:
+        """Takes note of a step that a compiled function took; twice the stored energy, J."""
+        motion, work = compiled.motion, StepWork(step.supplied, step.dissipated, ())
+        self.tangent, self._expectation = compiled.tangent, None
+        self._take_over(u, law, Solution(motion.e, motion.r, None, self.reactions, work, ()))
+        return step.square
+
     def _end(self, u: Array, law: ElasticLaw, solution: Solution) -> float:
         """Takes the step under u; twice the stored energy, J."""
+        self._take_over(u, law, solution)
+        energy = self.energy
+        self._is_small = self._is_polynomial and energy < LARGE
+        return 2 * energy
+
+    def _take_over(self, u: Array, law: ElasticLaw, solution: Solution) -> None:
+        """Takes the step under u."""
         extent = self._extent
         assert extent is not None
         self._leave(solution.work)
@@ -174,9 +208,6 @@ class HeldBody(HeldAdjoint):
         law.note(self.notes)
         acting = u if self._found is None else self.loads.with_found(u, self.reactions)
         extent.look(self.notes, acting, self._e * self._inverse_ω, self.contact, self.h)
-        energy = self.energy
-        self._is_small = self._is_polynomial and energy < LARGE
-        return 2 * energy
 
     def _at_once(self, u: Array, obstacles: ObstacleMotion | None) -> Solution:
         """A step by a law that is exact once it knows where the step is expected."""

@@ -7,7 +7,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
-from fenics_rom.runtime.steppers.adjoint import contact_adjoint
+from fenics_rom.runtime.steppers.adjoint import NONE, contact_adjoint
+from fenics_rom.runtime.steppers.deformation_maps import Expected
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.sampled import SampledAdjoint
 from fenics_rom.runtime.steppers.held_part import HeldPart
@@ -18,6 +19,7 @@ from fenics_rom.runtime.steppers.taken_step import found_taken, residual_taken
 if TYPE_CHECKING:
     from fenics_rom.mechanics.viscoelasticity import BranchesAdjoint
     from fenics_rom.runtime.steppers.adjoint import ContactStep
+    from fenics_rom.runtime.steppers.compiled_held import CompiledHeld
     from fenics_rom.runtime.steppers.residual_maps import ResidualMaps
 
 
@@ -34,20 +36,6 @@ class Part(NamedTuple):
     branches: "BranchesAdjoint | None"
 
 
-class Expected(NamedTuple):
-    """What v̂ of a step was expected to be, and what that came of."""
-
-    before: Array  # v̂ of the step before
-    reactions: Array  # of strokes then (n,)
-    touched: bool  # whether contact forces were under them
-    middle: Array  # with that
-    residual: Array  # forces out of balance there
-    tangent: Array  # T
-    made_tangent: bool  # whether in this step
-    whole: Array  # before - T residual
-    value: Array  # no longer than what was trained
-
-
 class HeldAdjoint(PartedKernel):
     """What steps of a held body leave to be gone back through.
 
@@ -59,15 +47,24 @@ class HeldAdjoint(PartedKernel):
     loads: ShapeLoads
     taken: tuple[Part, ...]
     _body: ReducedDeformation
-    _expectation: Expected | None = None  # of the last step, of strains that are carried along
+    _expectation: Expected | None = None  # of the last step, of strains that are carried along; None: loops know it
+    _compiled: "CompiledHeld | None" = None
+    _tangent_before: Array = NONE  # the last step
 
     @property
     def _contact_step(self) -> "ContactStep | None":
         """Tells how contact was solved last; None where nothing can touch."""
         return None if self._interface is None else self._interface.solver.last_step
 
+    def rollback(self) -> None:
+        """As in Kernel."""
+        super().rollback()
+        self.tangent = self._tangent_before
+
     def adjoint(self, u: Array) -> PartedAdjoint:
         """As in Kernel."""
+        if self._compiled is not None and self._expectation is None:
+            self._expectation = self._compiled.expectation(self._reactions_before, self._contact_before is not None)
         forces = self.loads.without_found(u)
         return self._adjoint_at_once(u, forces) if self._expectation else self._adjoint_of_parts(u, forces)
 

@@ -19,12 +19,13 @@ class ShapeLoads:
 
     Attributes:
         dead: forces of inputs of 1 whose direction stays, (m, p); 0 of others.
+        following: what turns with the body; None: nothing does.
     """
 
     def __init__(self, rom: Rom, model: ContactModel, found: FoundForces | None):
-        self._found, self._following = found, FollowingLoads.of(rom, model.inputs.shape[1])
+        self._found, self.following = found, FollowingLoads.of(rom, model.inputs.shape[1])
         self.dead = model.inputs.copy()
-        self._followers = [] if self._following is None else self._following.followers
+        self._followers = [] if self.following is None else self.following.followers
         self.dead[:, [column for column, _ in self._followers]] = 0.0
 
     def force(self, u: Array, q: Array) -> Array:
@@ -50,7 +51,7 @@ class ShapeLoads:
 
     def slope(self, u: Array, reactions: Array, q: Array) -> Array:
         """∂/∂q (m, m) of the forces of the inputs, and of what is found, (n,)."""
-        slope = np.zeros((len(q), len(q))) if self._following is None else self._following.slope(u, q)
+        slope = np.zeros((len(q), len(q))) if self.following is None else self.following.slope(u, q)
         return slope if self._found is None else slope + self._found.slope(reactions, q)
 
     def without_found(self, u: Array) -> Array:

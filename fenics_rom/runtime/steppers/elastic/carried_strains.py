@@ -20,7 +20,7 @@ from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.definite import is_definite
-from fenics_rom.runtime.steppers.deformation_maps import Carried, StrainsMaps, s_of
+from fenics_rom.runtime.steppers.deformation_maps import E_OF_Q, Carried, StrainsMaps, s_of
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
 from fenics_rom.runtime.steppers.elastic.strains_adjoint import StrainsAdjoint, start_back
 
@@ -145,7 +145,7 @@ class StrainsCarried(ElasticLaw):
         if self.points is not None:
             left = float(self.points.energies_and_forces(q)[0][0]) - energy
             c = min(1e-4 * self.points.most + 4 * abs(left), self.points.most)
-        self._carried = Carried(r.copy(), None, left, c, 0.0, energy)
+        self._carried = Carried(r.copy(), E_OF_Q, left, c, 0.0, energy)
 
     def rollback(self) -> None:
         """As in ElasticLaw."""
@@ -197,7 +197,7 @@ class StrainsCarried(ElasticLaw):
         around, pulled = now.shape.around(middle)
         self.matrix = around.stiffness(h / 2 + self._stiffening_time)
         self.matrix += self.steady
-        if was.strained is not None:
+        if len(was.strained):
             pulled = around.pulled(was.strained[1])
         if self.branches is not None:
             pulled = pulled + around.pulled(self.branches.pull[1])
@@ -232,6 +232,24 @@ class StrainsCarried(ElasticLaw):
         self._q_before, self._q = self._q, after
         self._noted = 2 * self._next.shape.energy, gap
         return heat - taken_back
+
+    @property
+    def carried(self) -> Carried:
+        """What steps hand on."""
+        return self._carried
+
+    def took(self, after: Array, carried: Carried, noted: tuple[float, float], went_as_expected: bool) -> None:
+        """Takes note of a step to q⁺ (m,) that a compiled function took, and of what that hands on.
+
+        `noted`: twice the energy of the strains at its end, J, and the square of what those carried along lack.
+        """
+        self._q_before, self._q, self._carried_before, self._carried = self._q, after, self._carried, carried
+        self._next = self._next_before = self._tangent = None
+        self._noted, self.went_as_expected = noted, went_as_expected
+
+    def tell(self, expected: Array, matrix: Array) -> None:
+        """What was expected of that step, (m,) and (m, m)."""
+        self.expected, self.matrix = expected, matrix
 
     @property
     def tangent(self) -> Array:  # type: ignore[override]
@@ -274,7 +292,7 @@ class StrainsCarried(ElasticLaw):
 
     def _with_strains(self, carried: Carried, q: Array) -> Array:
         """What is carried beside q, with ε and C₀ε wherever ε is E(q)."""
-        if carried.strained is None:
+        if not len(carried.strained):
             carried = carried._replace(strained=self._with_stress(self.strains.at(q)))
         return carried.in_one(self.strains.size)
 
@@ -334,11 +352,11 @@ class StrainsCarried(ElasticLaw):
         if self.points is not None:
             s = s_of(left + c)
             gap_s = s_of(there.left + c) - s
-        energy, strained = there.shape.energy, None
+        energy, strained = there.shape.energy, E_OF_Q
         added = energy - was.energy - strained_more + gap_s * (s + gap_s / 2)
         if self.branches is not None or added > budget:
             aimed = self.strains.at(after)
-            went = (self.strains.at(q) if was.strained is None else was.strained[0]) + self._h * around.rates(v)
+            went = (was.strained[0] if len(was.strained) else self.strains.at(q)) + self._h * around.rates(v)
             went, gap = self._with_stress(went), self._with_stress(aimed - went)
             square = gap_square = float(gap[1].dot(gap[0])) + gap_s * gap_s
             slope = float(gap[1].dot(went[0])) + gap_s * s

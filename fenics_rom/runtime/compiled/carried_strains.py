@@ -1,0 +1,294 @@
+"""An elastic law whose strains are carried along, compiled: `steppers.elastic.carried_strains`, of strains in tables.
+
+It knows the body by its shape q and mid-step velocity v̂ alone. A step asks it in this order:
+
+    look_ahead -> force_ahead -> expect -> close         f̂ = pull + matrix v̂ after `expect`, at any v̂
+"""
+
+import math
+from typing import NamedTuple
+
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit
+from fenics_rom.runtime.compiled.material_points import Points, add_force, add_geometric
+from fenics_rom.runtime.compiled.small_matrices import dot, factor, invert, multiply
+from fenics_rom.runtime.compiled.strain_tables import add_rates, read, set_products, set_strains, unfold
+
+
+class Law(NamedTuple):
+    """Of a body with m modes in steps of h s."""
+
+    h: float
+    viscosity: float  # β, s
+    radius: float  # largest |q| that was trained
+    most: float  # largest c, J
+    steepest: float  # largest slope of s, 1/s
+    damping: Array  # D without strains (m, m)
+    springs: Array  # K_s (m, m)
+    steady: Array  # D + h/2 K_s, of what f̂ changes by with v̂ (m, m)
+    stiffness: Array  # table (n, n), see `strain_tables`
+    gram: Array  # (n - 1, n - 1)
+    points: Points  # whose energy is not that of these strains alone; P = 0 where there are none
+
+
+class Strains(NamedTuple):
+    """What steps carry along and set; see `deformation_maps.Carried`."""
+
+    velocity: Array  # v̂ of the step before (m,)
+    carried: Array  # ε and C₀ε (2, n - 1)
+    numbers: Array  # in this order:
+    shape: Array  # K of the shape (m, m)
+    middle: Array  # K in the middle of the next step, if v̂ stays (m, m)
+    force: Array  # there, of what is strained and damped (m,)
+    tangent: Array  # T (m, m) that steps are expected with
+    expected: Array  # v̂ of the step (m,), no longer than what was trained
+    at: Array  # q in the middle with that (m,)
+    K: Array  # there (m, m)
+    pull: Array  # (m,)
+    matrix: Array  # (m, m)
+    pulled: Array  # what of `pull` strains have (m,)
+    slope: Array  # b of s (m,)
+    vectors: Array  # for what is found on the way (2, m),
+    matrices: Array  # (m, m),
+    products: Array  # (2, n), and
+    uppers: Array  # (2, n)
+
+
+class Memory(NamedTuple):
+    """Where `Strains` are."""
+
+    vectors: Array  # (9, m)
+    matrices: Array  # (6, m, m)
+    carried: Array
+    numbers: Array
+    products: Array
+    uppers: Array
+
+
+@jit
+def strains_in(memory: Memory) -> Strains:
+    """As parts of few arrays, as each that is handed to a compiled function takes time."""
+    v, K, carried, numbers, products, uppers = memory
+    return Strains(
+        v[0],
+        carried,
+        numbers,
+        K[0],
+        K[1],
+        v[1],
+        K[2],
+        v[2],
+        v[3],
+        K[3],
+        v[4],
+        K[4],
+        v[5],
+        v[6],
+        v[7:],
+        K[5],
+        products,
+        uppers,
+    )
+
+
+LEFT, C, TANK, ENERGY, IS_CARRIED = 0, 1, 2, 3, 4  # J; and whether ε is not that of the shape
+AHEAD, LEFT_AHEAD, IS_AHEAD = 5, 6, 7  # energy of the shape, of its strains and beside, J; whether it is known
+HAS_TANGENT, MADE_TANGENT, GAP, NUMBERS = 8, 9, 10, 11  # the square of what ε lacks, J
+
+
+@jit
+def root_of(energy: float) -> float:
+    """s of ½ s², J."""
+    return math.sqrt(2 * max(energy, 0.0))
+
+
+@jit
+def look_ahead(law: Law, strains: Strains, q: Array, v: Array) -> None:
+    """From q, to which a step with v̂ led."""
+    m, force, middle, moved = len(q), strains.force, strains.vectors[0], strains.vectors[1]
+    products, uppers, numbers, has_points = strains.products, strains.uppers, strains.numbers, law.points.moduli.size
+    for i in range(m):
+        middle[i] = q[i] + law.h / 2 * v[i]
+        moved[i] = 2 * law.viscosity * v[i] + (0.0 if has_points else middle[i])
+    set_products(1.0, q, products[0])
+    set_products(1.0, middle, products[1])
+    read(law.stiffness, products, uppers)
+    unfold(uppers[0, 1 + m :], strains.shape)
+    unfold(uppers[1, 1 + m :], strains.middle)
+    energy, at = 2 * dot(products[0], uppers[0]), 0
+    for i in range(m + 1):  # squares count once
+        energy -= products[0, at] * uppers[0, at]
+        at += m + 1 - i
+    numbers[AHEAD], numbers[LEFT_AHEAD], numbers[IS_AHEAD] = energy / 4, 0.0, 1.0
+    multiply(strains.middle, moved, force)
+    if has_points:
+        add_force(law.points, middle, force)
+        moved[:] = 0.0
+        numbers[LEFT_AHEAD] = add_force(law.points, q, moved) - numbers[AHEAD]
+    else:
+        for i in range(m):
+            force[i] += uppers[1, 1 + i]
+
+
+@jit
+def add_force_ahead(law: Law, strains: Strains, q: Array, force: Array) -> None:
+    """Adds f̂ (m,) of a step from q with v̂ of the step before."""
+    v = strains.velocity
+    for i in range(len(q)):
+        force[i] += (
+            strains.force[i] + dot(law.damping[i], v) + dot(law.springs[i], q) + law.h / 2 * dot(law.springs[i], v)
+        )
+
+
+@jit
+def _set_matrix(law: Law, K: Array, matrix: Array) -> None:
+    """Sets Aᵀ (h/2 + β) C₀ A of K there, and what does not change (m, m)."""
+    size = 2 * (law.h / 2 + law.viscosity)
+    for i in range(len(K)):
+        row, at, steady = matrix[i], K[i], law.steady[i]
+        for j in range(len(K)):
+            row[j] = size * at[j] + steady[j]
+
+
+@jit
+def add_inertia(law: Law, matrix: Array) -> None:
+    """Adds 2/h."""
+    for i in range(len(matrix)):
+        matrix[i, i] += 2 / law.h
+
+
+@jit
+def make_tangent(law: Law, strains: Strains, q: Array) -> None:
+    """Sets T: the inverse of what a step's forces change by with v̂ of the step before, inertia included."""
+    m, middle, y, σ, matrix = len(q), strains.vectors[0], strains.products, strains.uppers, strains.matrices
+    for i in range(m):
+        middle[i] = q[i] + law.h / 2 * strains.velocity[i]
+    y[:] = 0.0
+    if not law.points.moduli.size:
+        set_strains(middle, y[0, 1:])
+    add_rates(middle, strains.velocity, law.viscosity, y[0, 1:])
+    multiply(law.gram, y[0, 1:], σ[0, 1:])
+    unfold(σ[0, 1 + m :], strains.tangent)
+    _set_matrix(law, strains.middle, matrix)
+    add_inertia(law, matrix)
+    for i in range(m):
+        for j in range(m):
+            matrix[i, j] += law.h / 2 * strains.tangent[i, j]
+    if law.points.moduli.size:
+        add_geometric(law.points, middle, law.h / 2, matrix)
+    if not factor(matrix):
+        _set_matrix(law, strains.middle, matrix)
+        add_inertia(law, matrix)
+        factor(matrix)
+    invert(matrix, strains.tangent)
+
+
+@jit
+def expect(law: Law, strains: Strains, q: Array, v: Array) -> None:
+    """A step from q near v (m,), which can hardly go further than it was trained: sets what f̂ is then."""
+    m, h, numbers, products, uppers = len(q), law.h, strains.numbers, strains.products, strains.uppers
+    expected, at, change, K, pulled = strains.expected, strains.at, strains.vectors[0], strains.K, strains.pulled
+    far = h / 2 * math.sqrt(dot(v, v))
+    share = 0.0 if not math.isfinite(far) else law.radius / far if far > law.radius else 1.0
+    for i in range(m):
+        expected[i] = share * v[i] if share > 0 else 0.0
+        change[i] = h / 2 * expected[i]
+        at[i] = q[i] + change[i]
+    set_products(1.0, at, products[0])
+    set_products(0.0, change, products[1])
+    read(law.stiffness, products, uppers)
+    unfold(uppers[0, 1 + m :], K)
+    _set_matrix(law, K, strains.matrix)
+    if numbers[IS_CARRIED]:
+        z = strains.carried[1]
+        unfold(z[m:], strains.matrices)
+        for i in range(m):
+            pulled[i] = dot(strains.matrices[i], at) + z[i]
+    else:  # stresses at q, pulled at another shape: see `rom.strain_tables`
+        unfold(uppers[1, 1 + m :], strains.matrices)
+        for i in range(m):
+            of_shape = dot(K[i], q) - dot(strains.matrices[i], q) - dot(strains.shape[i], change)
+            pulled[i] = of_shape + uppers[0, 1 + i] - uppers[1, 1 + i]
+    for i in range(m):
+        strains.pull[i] = pulled[i] + dot(law.springs[i], q)
+    if law.points.moduli.size:
+        _add_slope(law, strains)
+
+
+@jit
+def _add_slope(law: Law, strains: Strains) -> None:
+    """Adds what has s: b = ∂√(2 (Ψ + c))/∂q of the energy Ψ that is left there; see `StrainsCarried._slope`."""
+    q, b, numbers, m = strains.at, strains.slope, strains.numbers, len(strains.at)
+    b[:] = 0.0
+    left, upper = add_force(law.points, q, b), strains.uppers[0]
+    left -= upper[0] / 4
+    for i in range(m):
+        of_strains = dot(strains.K[i], q) + upper[1 + i]
+        left -= (of_strains + upper[1 + i]) * q[i] / 4
+        b[i] -= of_strains
+    c = numbers[C]
+    if left + c < c / 2:
+        c = min(c + 4 * abs(left), law.most)
+    size = 1 / math.sqrt(2 * max(left + c, c / 4))
+    steep = size * math.sqrt(dot(b, b))
+    if not steep <= law.steepest:
+        size *= law.steepest / steep
+    numbers[C], s = c, root_of(numbers[LEFT] + c)
+    for i in range(m):
+        b[i] *= size
+        strains.pull[i] += s * b[i]
+    for i in range(m):
+        for j in range(m):
+            strains.matrix[i, j] += law.h / 2 * b[i] * b[j]
+
+
+@jit
+def close(law: Law, strains: Strains, q: Array, after: Array, v: Array) -> float:
+    """Ends a step with v̂ from q to q⁺; what it dissipates, J.
+
+    Strains and s go to those of the shape there as far as dissipation allows: see `StrainsCarried`.
+    """
+    h, m, numbers, had_points, ε = law.h, len(q), strains.numbers, law.points.moduli.size > 0, strains.carried
+    square, lost, power = 0.0, 0.0, dot(v, strains.pulled)
+    for i in range(m):
+        square += 2 * v[i] * dot(strains.K[i], v)
+        lost += v[i] * dot(law.damping[i], v)
+    heat = h * (lost + law.viscosity * square)
+    left, c, s, gap_s = numbers[LEFT], numbers[C], 0.0, 0.0
+    if had_points:
+        grown = h * dot(strains.slope, v)
+        left += grown * (root_of(left + c) + grown / 2)
+    look_ahead(law, strains, after, v)
+    if had_points:
+        s = root_of(left + c)
+        gap_s = root_of(numbers[LEFT_AHEAD] + c) - s
+    energy, budget, share, is_carried = numbers[AHEAD], numbers[TANK] + heat, 1.0, 0.0
+    added = energy - numbers[ENERGY] - h * (power + h / 2 * square) + gap_s * (s + gap_s / 2)
+    numbers[GAP] = 0.0
+    if added > budget:
+        y, z = strains.products[:, 1:], strains.uppers[:, 1:]
+        if numbers[IS_CARRIED]:
+            y[0] = ε[0]
+        else:
+            set_strains(q, y[0])
+        add_rates(strains.at, v, h, y[0])
+        set_strains(after, y[1])
+        for k in range(len(law.gram)):
+            y[1, k] -= y[0, k]
+        read(law.gram, y, z)
+        gap_square, slope = dot(y[1], z[1]) + gap_s * gap_s, dot(y[0], z[1]) + gap_s * s
+        if slope + gap_square / 2 > budget and gap_square > 0:
+            root = math.sqrt(max(slope * slope + 2 * gap_square * budget, 0.0))
+            share = min(2 * budget / (slope + root) if slope > 0 else (root - slope) / gap_square, 1.0)
+        added = share * slope + share**2 * gap_square / 2
+        if share < 1:
+            for k in range(len(law.gram)):
+                ε[0, k], ε[1, k] = y[0, k] + share * y[1, k], z[0, k] + share * z[1, k]
+            energy, is_carried = dot(ε[0], ε[1]) / 2, 1.0
+        numbers[GAP] = (1 - share) ** 2 * gap_square
+    numbers[LEFT] = left + share * gap_s * (s + share * gap_s / 2)
+    numbers[TANK] = min(max(budget - added, 0.0), 2 * numbers[AHEAD])
+    numbers[ENERGY], numbers[IS_CARRIED] = energy, is_carried
+    strains.velocity[:] = v
+    return heat - added

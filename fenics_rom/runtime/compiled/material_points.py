@@ -1,0 +1,100 @@
+"""The points of a body whose stress is not linear in the strain, compiled: `rom.material_points`."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit
+from fenics_rom.runtime.compiled.small_matrices import dot
+
+
+class Points(NamedTuple):
+    """P points of neo-Hookean material."""
+
+    gradients: Array  # of each mode (m, 9 P): [i j P], ∂W_i/∂X_j
+    moduli: Array  # λ and μ with the weights, (2, P), J
+
+
+@jit
+def displacement_gradients(points: Points, q: Array) -> Array:
+    """H (9, P) at q (m,)."""
+    G = points.gradients
+    H = np.zeros(G.shape[1])
+    for i in range(len(q)):
+        row, size = G[i], q[i]
+        for k in range(len(H)):
+            H[k] += size * row[k]
+    return H.reshape(9, -1)
+
+
+@jit
+def add_force(points: Points, q: Array, force: Array) -> float:
+    """Adds the slope (m,) of the energy at q (m,), which it returns, J: see `hyperelastic.energy_and_piola`."""
+    H, energy = displacement_gradients(points, q), 0.0
+    for p in range(H.shape[1]):
+        λ, μ = points.moduli[0, p], points.moduli[1, p]
+        a, b, c, d, e, f, g, i, k = H[0, p], H[1, p], H[2, p], H[3, p], H[4, p], H[5, p], H[6, p], H[7, p], H[8, p]
+        aa, bb, cc = e * k - f * i, f * g - d * k, d * i - e * g  # cofactors of H: those of F are 1 - X
+        dd, ee, ff = c * i - b * k, a * k - c * g, b * g - a * i
+        gg, ii, kk = b * f - c * e, c * d - a * f, a * e - b * d
+        trace = a + e + k
+        change = aa + ee + kk + trace + a * aa + b * bb + c * cc
+        J = 1 + change
+        lnJ = math.log1p(change * (1 + J)) / 2  # of |J|, where a point is turned inside out
+        volumetric = λ * lnJ
+        square = a * a + b * b + c * c + d * d + e * e + f * f + g * g + i * i + k * k
+        energy += μ * (trace - lnJ + square / 2) + volumetric * lnJ / 2
+        scale, spread = (μ - volumetric) / J, (μ * change + volumetric) / J
+        H[0, p] = μ * a + scale * (a - aa - trace) + spread
+        H[1, p] = μ * b + scale * (d - bb)
+        H[2, p] = μ * c + scale * (g - cc)
+        H[3, p] = μ * d + scale * (b - dd)
+        H[4, p] = μ * e + scale * (e - ee - trace) + spread
+        H[5, p] = μ * f + scale * (i - ff)
+        H[6, p] = μ * g + scale * (c - gg)
+        H[7, p] = μ * i + scale * (f - ii)
+        H[8, p] = μ * k + scale * (k - kk - trace) + spread
+    piola = H.reshape(-1)
+    for i in range(len(q)):
+        force[i] += dot(points.gradients[i], piola)
+    return energy
+
+
+@jit
+def add_geometric(points: Points, q: Array, size: float, matrix: Array) -> None:
+    """Adds, so many times, what stresses at q (m,) make stiff, Σ S_jl ∂W_i/∂X_j ∂W_i/∂X_l (m, m)."""
+    H, m = displacement_gradients(points, q), len(q)
+    P = H.shape[1]
+    stressed = np.empty((m, 9 * P))
+    G, SG = points.gradients.reshape(m, 3, 3, P), stressed.reshape(m, 3, 3, P)
+    for p in range(P):
+        S = _stress(points.moduli[0, p], points.moduli[1, p], H, p)
+        for k in range(m):
+            for i in range(3):
+                first, second, third = G[k, i, 0, p], G[k, i, 1, p], G[k, i, 2, p]
+                SG[k, i, 0, p] = size * (S[0] * first + S[5] * second + S[4] * third)
+                SG[k, i, 1, p] = size * (S[5] * first + S[1] * second + S[3] * third)
+                SG[k, i, 2, p] = size * (S[4] * first + S[3] * second + S[2] * third)
+    for i in range(m):
+        for j in range(i, m):
+            added = dot(points.gradients[i], stressed[j])
+            matrix[i, j] += added
+            if i != j:
+                matrix[j, i] += added
+
+
+@jit
+def _stress(λ: float, μ: float, H: Array, p: int) -> tuple[float, float, float, float, float, float]:
+    """S of point p: see `hyperelastic`."""
+    a, b, c, d, e, f, g, i, k = H[0, p], H[1, p], H[2, p], H[3, p], H[4, p], H[5, p], H[6, p], H[7, p], H[8, p]
+    x, y, z = 2 * a + a * a + d * d + g * g, 2 * e + b * b + e * e + i * i, 2 * k + c * c + f * f + k * k  # C - 1
+    u, v, w = f + i + b * c + e * f + i * k, c + g + a * c + d * f + g * k, b + d + a * b + d * e + g * i
+    first, second, third = y * z + y + z - u * u, z * x + z + x - v * v, x * y + x + y - w * w
+    fourth, fifth, sixth = v * w - u - u * x, w * u - v - v * y, u * v - w - w * z
+    change = x * first + x + first + v * fifth + w * sixth
+    volumetric = λ * math.log1p(change) / 2
+    shear = (volumetric - μ) / (1 + change)
+    on = volumetric - shear * change
+    return shear * first + on, shear * second + on, shear * third + on, shear * fourth, shear * fifth, shear * sixth

@@ -1,0 +1,162 @@
+"""Steps of a held body whose strains are carried along by one compiled function: what `HeldBody` tries first."""
+
+from typing import Any
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.rom.carried_strains import MonomialStrains
+from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.runtime.compiled.carried_strains import (
+    GAP,
+    HAS_TANGENT,
+    IS_AHEAD,
+    MADE_TANGENT,
+    NUMBERS,
+    Law,
+    Memory,
+    strains_in,
+)
+from fenics_rom.runtime.compiled.following import Following
+from fenics_rom.runtime.compiled.held_step import Body, Step, motion_in, take_step
+from fenics_rom.runtime.compiled.material_points import Points
+from fenics_rom.runtime.steppers.acts.following import FollowingLoads, Pressure
+from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
+from fenics_rom.runtime.steppers.adjoint import NONE
+from fenics_rom.runtime.steppers.deformation_maps import E_OF_Q, Carried, Expected
+from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
+
+LAWS = "st_venant_kirchhoff", "neo_hookean"  # that are compiled
+
+
+class CompiledHeld:
+    """Steps of h s.
+
+    Args:
+        body: its points.
+        law: what resists its shape.
+        loads: what acts on it.
+        ω: (m,), 1/s.
+        inverse_ω: (m,), s.
+        h: s.
+
+    Attributes:
+        motion: of the last step.
+        tangent: T (m, m) that the next step is expected with; empty: it is to be made.
+    """
+
+    def __init__(
+        self, body: ReducedDeformation, law: StrainsCarried, loads: ShapeLoads, ω: Array, inverse_ω: Array, h: float
+    ):
+        m = body.order
+        self._h, self._elastic, self._still = h, law, np.zeros(m)
+        self._body = Body(ω, inverse_ω, loads.dead, _following(loads.following, m), _law(body, law, h))
+        self._memory = _memory(m)
+        self._of_motion = np.zeros((7, m)), np.zeros((m, m))
+        self.motion, self._strains = motion_in(*self._of_motion), strains_in(self._memory)
+        self.tangent, self._carried = NONE, law.carried
+        self.forget()
+
+    @staticmethod
+    def of(body: ReducedDeformation, law: StrainsCarried, *others: Any) -> "CompiledHeld | None":
+        """Of such arguments; None where loops do not know how it deforms."""
+        knows = body.law in LAWS and law.branches is None and isinstance(law.strains, MonomialStrains)
+        return CompiledHeld(body, law, *others) if knows else None
+
+    def forget(self) -> None:
+        """What is known ahead, so that what follows is the same to the bit, whatever came before."""
+        self._is_known = False
+
+    def take(self, u: Array, halves: Array, tangent: Array) -> Step | None:
+        """Takes a step under u (p,) from e and r (2, m); None where it is to be taken otherwise."""
+        numbers, law = self._strains.numbers, self._elastic
+        if not (self._is_known and law.carried is self._carried and tangent is self.tangent):
+            self._load(law.carried, tangent)
+        step = take_step(self._body, u, halves, self._still, self._memory, *self._of_motion)
+        self._is_known = step.is_taken
+        if not step.is_taken:
+            return None
+        left, c, tank, energy, is_carried, ahead, *_ = numbers.tolist()
+        strained = self._strains.carried.copy() if is_carried else E_OF_Q
+        self._carried = Carried(self._strains.velocity.copy(), strained, left, c, tank, energy)
+        if not step.went_as_expected:
+            self.tangent = NONE
+        elif numbers.item(MADE_TANGENT):
+            self.tangent = self._strains.tangent.copy()
+        law.took(
+            self.motion.e * self._body.inverse_ω, self._carried, (2 * ahead, numbers.item(GAP)), step.went_as_expected
+        )
+        return step
+
+    def _load(self, carried: Carried, tangent: Array) -> None:
+        """Goes on from what another step carried along."""
+        strains, numbers = self._strains, self._strains.numbers
+        strains.velocity[:] = carried.velocity
+        numbers[:5] = *carried[2:], len(carried.strained) > 0
+        if len(carried.strained):
+            strains.carried[:] = carried.strained
+        numbers[IS_AHEAD], numbers[HAS_TANGENT], self.tangent = 0.0, len(tangent) > 0, tangent
+        if len(tangent):
+            strains.tangent[:] = tangent
+
+    def expectation(self, reactions: Array, touched: bool) -> Expected:
+        """What the last step was expected to be, under reactions and contact as they were; the law is told, too."""
+        strains, motion, law = self._strains, self.motion, self._elastic
+        of_T = strains.tangent.copy(), bool(strains.numbers[MADE_TANGENT])
+        before, expected = law.velocity_before, strains.expected.copy()
+        law.tell(expected, strains.matrix.copy())
+        middle = motion.q + self._h / 2 * before
+        return Expected(
+            before, reactions, touched, middle, motion.residual.copy(), *of_T, motion.whole.copy(), expected
+        )
+
+
+def _memory(m: int) -> Memory:
+    n = (m + 1) * (m + 2) // 2
+    return Memory(
+        np.zeros((9, m)),
+        np.zeros((6, m, m)),
+        np.zeros((2, n - 1)),
+        np.zeros(NUMBERS),
+        np.zeros((2, n)),
+        np.zeros((2, n)),
+    )
+
+
+def _law(body: ReducedDeformation, law: StrainsCarried, h: float) -> Law:
+    assert isinstance(law.strains, MonomialStrains)
+    tables, most, P = law.strains.tables, 0.0, 0
+    if law.points is not None:
+        most, P = law.points.most, len(body.weights)
+    gradients = body.gradients[:, :, :P].reshape(-1, body.order).T.copy()
+    points = Points(gradients, np.stack([body.weights * body.first_lame, body.weights * body.shear])[:, :P].copy())
+    return Law(
+        h,
+        law.strains.viscosity,
+        body.training_radius,
+        most,
+        law.steepest,
+        body.external_damping.copy(),
+        body.springs.copy(),
+        law.steady.copy(),
+        tables.stiffness,
+        tables.gram,
+        points,
+    )
+
+
+def _following(loads: FollowingLoads | None, m: int) -> Following:
+    """As arrays."""
+    followers = [] if loads is None else loads.followers
+    pressures = [(column, each.polynomial) for column, each in followers if isinstance(each, Pressure)]
+    tendons = [(column, each) for column, each in followers if not isinstance(each, Pressure)]
+    columns = [np.full(len(each.points) - 1, column) for column, each in tendons]
+    at_rest = [np.diff(each.points, axis=0) for _, each in tendons]
+    shapes = [np.diff(each.shapes.reshape(-1, 3, m), axis=0) for _, each in tendons]
+    return Following(
+        np.array([column for column, _ in pressures], dtype=np.int64),
+        np.array([each for _, each in pressures]).reshape(len(pressures), m, -1 if pressures else 0),
+        np.concatenate([np.empty(0, dtype=np.int64), *columns]),
+        np.concatenate([np.empty((0, 3)), *at_rest]),
+        np.concatenate([np.empty((0, 3, m)), *shapes]),
+    )
