@@ -140,10 +140,9 @@ def held(tmp_path_factory):
 
 
 def beam_and_boxes(rom):
-    """Two boxes land on a beam, turning, and slide; another one moves as it is told, and one flies by."""
+    """Two boxes, the first of their pairs, land on a beam, turning, and slide; one flies by, and a table is below."""
     size = (0.05, 0.05, 0.04)
     bodies = {
-        "beam": fr.SoftBody(rom),
         "table": fr.RigidBody(
             Box((0.4, 0.4, 0.02)), motion=lambda time: LIES._replace(position=np.array([0.15, 0.015, -0.05]))
         ),
@@ -155,6 +154,7 @@ def beam_and_boxes(rom):
             velocity=(-0.2, 0.1, 0.0),
             angular_velocity=(2.0, 3.0, 1.0),
         ),
+        "beam": fr.SoftBody(rom),
         "away": fr.RigidBody(Box(size), mass=0.02, position=(5.0, 0.0, 0.0)),
     }
     return fr.World(bodies, dt=1e-3, gravity=(0, 0, -9.81), friction=0.4, restitution=0.2)
