@@ -13,6 +13,7 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike, DTypeLike
 
 from fenics_rom.arguments import check_flag, is_number, mapping_in, names_in
+from fenics_rom.compilation import compiled
 from fenics_rom.errors import StepError, check_known, shown
 from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.given_rom import given_rom
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
     from fenics_rom.mechanics.active_environment import SignalLike
     from fenics_rom.mechanics.base_path import BaseState
+    from fenics_rom.runtime.compiled_bodies import CompiledBodies
     from fenics_rom.runtime.joint_bodies import JointBodies
     from fenics_rom.runtime.separate_bodies import SeparateBodies
 
@@ -96,9 +98,19 @@ class Batch(BatchedBodies):
         self.size, self.dtype, self._why = int(size), np.dtype(dtype), _why_one_by_one(rom)
         self._given, self._ledger, self._signals, self._detail = rom, ledger, signals, detail
         h = checked_dt(dt)
-        self._bodies = self._one_by_one(h) if self._why else self._together(h)
+        self._bodies = self._compiled(h) or (self._one_by_one(h) if self._why else self._together(h))
         self.rom = self._bodies.rom
         self._shape = self.size, self.inputs
+
+    def _compiled(self, dt: float) -> "CompiledBodies | None":
+        if not compiled() or self._given.environment.contact_law is None:  # others start sooner
+            return None
+        from fenics_rom.runtime.compiled_bodies import CompiledBodies
+
+        others = self._ledger, self._signals, self._detail
+        bodies = CompiledBodies.made(self._given, self.size, dt, *others)
+        self._why = self._why if bodies is None else ""
+        return bodies
 
     def _together(self, dt: float) -> "JointBodies":
         from fenics_rom.runtime.joint_bodies import JointBodies
@@ -182,11 +194,11 @@ class Batch(BatchedBodies):
                 obstacle; all are as they were.
         """
         selected = self._select(bodies)
-        self._check_frame()
+        in_frames = self._in_frames
         given, refused = checked_bases(base, len(selected), "base")
         if len(refused):
             raise StepError(f"base of body {selected[refused[0]]}: {ALLOWED_BASES}")
-        self._bodies.place(given, selected)
+        in_frames.place(given, selected)
 
     def switch(self, contact: str | Sequence[str] | Array, bodies: Bodies = None) -> None:
         """Makes other contact modes active; states are projected, and never gain energy by it.

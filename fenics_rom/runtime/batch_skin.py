@@ -12,7 +12,6 @@ from fenics_rom.mechanics.skin_watch import LOOK_INTERVAL, SkinWatch, displaced
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.obstacles import Obstacle
-    from fenics_rom.runtime.batch_contact import BatchContact
 
 Batch = Any  # fenics_rom.runtime.batch's, which imports this file
 BODY_STEPS = 512  # that are taken for each look, so that it costs next to nothing,
@@ -24,7 +23,6 @@ class BatchSkin:
 
     Args:
         batch: whose bodies they are.
-        contacts: of the batch.
         watch: of a skin.
         obstacles: by name.
 
@@ -32,8 +30,8 @@ class BatchSkin:
         depth: (size,) how deep an obstacle was in each body since its last reset, m; 0 where none was seen in it.
     """
 
-    def __init__(self, batch: Batch, contacts: "BatchContact", watch: SkinWatch, obstacles: "Mapping[str, Obstacle]"):
-        self._batch, self._contacts, self._watch, self._obstacles = batch, contacts, watch, obstacles
+    def __init__(self, batch: Batch, watch: SkinWatch, obstacles: "Mapping[str, Obstacle]"):
+        self._batch, self._watch, self._obstacles = batch, watch, obstacles
         skin, rom = watch.skin, batch.rom
         self._nodes = skin.nodes[skin.few_rows]
         self._rows = rom.rows_of(self._nodes).reshape(3 * len(self._nodes), -1)
@@ -91,8 +89,7 @@ class BatchSkin:
                     self._watch.note(who, time, found)
 
     def _now(self) -> "_Whereabouts":
-        layout = self._batch.layout
-        return _Whereabouts(layout.state[0, layout.row].T * (self._batch.dt / 2), layout.mode, self._contacts.offsets)
+        return _Whereabouts(*self._batch.whereabouts())
 
     def _take(self, now: "_Whereabouts", bodies: Array) -> None:
         """Keeps where bodies (any,) are."""
@@ -119,7 +116,7 @@ class BatchSkin:
         batch, skin = self._batch, self._watch.skin
         few = batch.rom.nodes[self._nodes] + (self._rows @ batch.shape_coordinates(body)).reshape(-1, 3)
         placed = Placement(few, lambda: skin.places(batch.shape(body)))
-        return Instant(placed, displaced(self._obstacles, self._contacts.offsets_of(body)))
+        return Instant(placed, displaced(self._obstacles, batch.offsets_of(body)))
 
     def _before(self, body: int) -> Instant:
         """Where they were at the last look, but for what contact points yield by themselves."""
@@ -128,7 +125,7 @@ class BatchSkin:
         shape = C @ since.q[: C.shape[1], body]
         few = batch.rom.nodes[self._nodes] + (self._rows @ shape).reshape(-1, 3)
         placed = Placement(few, lambda: skin.places(batch.rom.reconstruct(shape)))
-        return Instant(placed, displaced(self._obstacles, self._contacts.offsets_of(body, since.offsets)))
+        return Instant(placed, displaced(self._obstacles, batch.offsets_of(body, since.offsets)))
 
 
 class _Whereabouts(NamedTuple):

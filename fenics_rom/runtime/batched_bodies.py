@@ -14,17 +14,18 @@ from fenics_rom.runtime.batch_arrays import Bodies, select_bodies
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.base_path import BaseState
+    from fenics_rom.runtime.compiled_bodies import CompiledBodies
     from fenics_rom.runtime.joint_bodies import JointBodies
     from fenics_rom.runtime.separate_bodies import SeparateBodies
 
 
 class BatchedBodies:
-    """Bodies of a batch, in either of its forms; `Batch` moves them."""
+    """Bodies of a batch, in one of its forms; `Batch` moves them."""
 
     rom: Rom
     size: int
     dtype: np.dtype
-    _bodies: "JointBodies | SeparateBodies"
+    _bodies: "CompiledBodies | JointBodies | SeparateBodies"
     _ledger: bool
     _why: str  # they are stepped one after another; empty where together
 
@@ -180,8 +181,7 @@ class BatchedBodies:
         Raises:
             StepError: frames of bodies do not move, here as in the following.
         """
-        self._check_frame()
-        return self._bodies.base
+        return self._in_frames.base
 
     @property
     def base_wrench(self) -> tuple[Array, Array]:
@@ -189,8 +189,7 @@ class BatchedBodies:
 
         In world axes; 0 of bodies that did not take it, and of free bodies.
         """
-        self._check_frame()
-        return self._bodies.base_wrench
+        return self._in_frames.base_wrench
 
     @property
     def base_misfit(self) -> Array:
@@ -198,12 +197,13 @@ class BatchedBodies:
 
         Since the last reset; above 0.1 it jumps, or twists and poses do not fit: forces are those of the twists.
         """
-        self._check_frame()
-        return self._bodies.base_misfit
+        return self._in_frames.base_misfit
 
-    def _check_frame(self) -> None:
+    @property
+    def _in_frames(self) -> "JointBodies | SeparateBodies":
         if not self.rom.environment.is_moving:
             raise StepError(f"no base carries bodies of ROM {self.rom.name!r}: allowed is a scene with a moving frame")
+        return self._bodies  # type: ignore[return-value]  # loops are of held bodies
 
     @property
     def reactions(self) -> dict[str, Array]:

@@ -100,7 +100,7 @@ class JointBodies(JointState):
         if self._contacts is not None and self._environment is not None and self._contacts.skin is not None:
             from fenics_rom.runtime.batch_skin import BatchSkin
 
-            self._skin = BatchSkin(self, self._contacts, self._contacts.skin, self._environment.obstacles)
+            self._skin = BatchSkin(self, self._contacts.skin, self._environment.obstacles)
 
     @property
     def dt(self) -> float:

@@ -146,10 +146,17 @@ class JointState:
         """(size, P, 3), N."""
         return self._touching.point_forces
 
-    @property
-    def layout(self) -> BatchLayout:
-        """Where the states of the bodies are."""
-        return self._layout
+    def whereabouts(self) -> tuple[Array, Array, Array]:
+        """q (m, size), numbers of the contact modes (size,), and displacements of the obstacles (O, 3, size), m.
+
+        The last of these are in the axes of contact.
+        """
+        layout = self._layout
+        return layout.state[0, layout.row].T * (self._dt / 2), layout.mode, self._touching.offsets
+
+    def offsets_of(self, body: int, offsets: Array | None = None) -> Array:
+        """Displacements of the obstacles of a body now, or of some kept ones, (O, 3), m."""
+        return self._touching.offsets_of(body, offsets)
 
     def state(self, bodies: Array) -> tuple[Array, Array]:
         """(bodies, m) each."""

@@ -24,6 +24,11 @@ def inverse_of(W: Array) -> Array:
     return np.empty((0, 0))
 
 
+def in_plain(array: Array) -> Array:
+    """The same in one piece, and such that it may be written to: of other kinds all would be compiled again."""
+    return array if array.flags.c_contiguous and array.flags.writeable else array.copy()
+
+
 class StepsTaken(NamedTuple):
     """Steps in a row."""
 
@@ -43,7 +48,7 @@ class CompiledStep:
     """
 
     def __init__(self, body: Body, state: State, solver: CompiledContact, h: float):
-        self._body, self._state, self._solver = body, state, solver
+        self.body, self._state, self._solver = body, state, solver
         self._h = h
         self._beyond = np.zeros(3 * len(solver.points))
 
@@ -52,7 +57,7 @@ class CompiledStep:
         begun = self._solver.search
         found = self._found(begun)
         step = take_step(
-            self._body, self._law, self._solver.shapes, u, *obstacles,
+            self.body, self._law, self._solver.shapes, in_plain(u), *obstacles,
             Begun(begun.forces, self._solver.swung(begun)), self._state, found,
         )  # fmt: skip
         if step.status == OTHERWISE:
@@ -63,10 +68,10 @@ class CompiledStep:
         """Takes steps under inputs (n, p) among obstacles that stand still, as many as the loops find; None: none."""
         begun, n = self._solver.search, len(inputs)
         before = Begun(begun.forces.copy(), self._solver.swung(begun).copy())
-        taken = Taken(np.empty((n, 5)), np.empty((n, len(self._body.ω))), np.empty((n, self._state.beyond.shape[1])))
+        taken = Taken(np.empty((n, 5)), np.empty((n, len(self.body.ω))), np.empty((n, self._state.beyond.shape[1])))
         last_begun, last = Begun(*map(np.empty_like, before)), self._found(begun)
         count, step = take_steps(
-            self._body, self._law, self._solver.shapes, inputs, obstacles.start, before, self._state,
+            self.body, self._law, self._solver.shapes, inputs, obstacles.start, before, self._state,
             self._found(begun), last_begun, last, taken,
         )  # fmt: skip
         if not count:
@@ -103,4 +108,4 @@ class CompiledStep:
         def points() -> PointMotion:
             return PointMotion(*motion[:3].reshape(3, -1, 3))
 
-        return self._solver.keep(told, points, self._body.W, self._h, obstacles)
+        return self._solver.keep(told, points, self.body.W, self._h, obstacles)

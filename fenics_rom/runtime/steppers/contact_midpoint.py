@@ -58,7 +58,7 @@ class ContactMidpoint(BookedKernel):
     """The midpoint step with contact. Arguments and attributes as in BookedKernel."""
 
     _inverse_mass: Array | None = None
-    _compiled: "CompiledStep | None" = None
+    compiled_step: "CompiledStep | None" = None  # what takes steps by loops; None where they do not
     _points: FollowedPoints | None = None
     _at_planes: FollowedPoints | None = None  # the same where they stay on what is round
     _pairs: dict[tuple[FollowedPoints, bytes], SteadyPairs]  # of these, of those sets that were followed last
@@ -83,16 +83,16 @@ class ContactMidpoint(BookedKernel):
         self._pushed_by, self._heat_of = (A.__mul__ if A.ndim == 1 else A.dot for A in (self._a, self._Ra))
         self._elastic_and_inertial = np.stack([-self._ω, np.full(self._model.order, 2 / h)])
         self._travel = h * self._ω
-        self._compiled = self._compiled_step()
+        self.compiled_step = self._make_compiled_step()
 
-    def _compiled_step(self) -> "CompiledStep | None":
+    def _make_compiled_step(self) -> "CompiledStep | None":
         """What takes steps where loops are compiled, and there is nothing that they do not know."""
         solver = None if self._interface is None else self._interface.solver
         if not compiled() or solver is None or self._actuators is not None or self.branches is not None:
             return None
         from fenics_rom.mechanics.compiled_contact import CompiledContact  # here, as numba takes time to import
         from fenics_rom.runtime.compiled.linear_step import Body, State
-        from fenics_rom.runtime.steppers.compiled_step import CompiledStep, inverse_of
+        from fenics_rom.runtime.steppers.compiled_step import CompiledStep, in_plain, inverse_of
 
         if not isinstance(solver, CompiledContact):
             return None
@@ -100,9 +100,9 @@ class ContactMidpoint(BookedKernel):
         (R, *times), (beyond, beyond_before) = (np.empty((0, 0)), 0.0, 1.0, 0.0, 0.0), np.zeros((2, 4, 0))
         if self.residual is not None:
             (R, *times), (beyond, beyond_before) = self.residual.numbers, self.residual.states
-        inputs, points = np.ascontiguousarray(self._model.inputs), np.ascontiguousarray(self._Sᵀ)
-        of_points = points, solver.points, self._delassus, inverse_of(self._delassus)
-        body = Body(self._ω, self._inverse_ω, inputs, A, heat, *of_points, R, *times)
+        ω, inverse_ω, inputs, A, heat = map(in_plain, (self._ω, self._inverse_ω, self._model.inputs, A, heat))
+        points, places, W, R = map(in_plain, (self._Sᵀ, solver.points, self._delassus, R))
+        body = Body(ω, inverse_ω, inputs, A, heat, points, places, W, inverse_of(W), R, *times)
         before = self._state_before.reshape(2, -1), self._rigid_before, beyond_before
         state = State(self._halves, self._rigid_displacement, beyond, *before)
         return CompiledStep(body, state, solver, self.h)
@@ -111,7 +111,11 @@ class ContactMidpoint(BookedKernel):
         """As in Kernel."""
         if self._actuators is not None:
             return self._step_by_strokes(self._actuators, u, obstacles)
-        if self._compiled is not None and obstacles is not None and (taken := self._compiled.take(u, obstacles)):
+        if (
+            self.compiled_step is not None
+            and obstacles is not None
+            and (taken := self.compiled_step.take(u, obstacles))
+        ):
             return self._end_compiled(*taken)
         points = self._points_to_follow(obstacles)
         if points is not None and points.solver.search.planes is not None:
@@ -135,17 +139,17 @@ class ContactMidpoint(BookedKernel):
 
     def _note_touch(self, contact: ContactSolution | None) -> None:
         """Takes note of contact in the last step, which compiled loops have taken."""
-        assert self._compiled is not None
+        assert self.compiled_step is not None
         self._contact_before, self._reactions_before, self._notes_before = self.contact, self.reactions, self.notes
         self.contact = contact
         if contact is not None:
-            self._at_touch = None, None if self.residual is None else self._compiled.beyond
+            self._at_touch = None, None if self.residual is None else self.compiled_step.beyond
 
     def roll(self, inputs: Array, obstacles: ObstacleMotion) -> "StepsTaken | None":
         """Takes steps under inputs (n, p) among obstacles that stand still, as many as loops find; None: none."""
-        if self._compiled is None:
+        if self.compiled_step is None:
             return None
-        taken = self._compiled.take_many(inputs, obstacles)
+        taken = self.compiled_step.take_many(inputs, obstacles)
         if taken is None:
             return None
         self.flush()
