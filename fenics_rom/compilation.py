@@ -145,6 +145,14 @@ def _compile(function: _Function, fastmath: frozenset[str] = EXACT) -> _Function
 
 
 @cache
+def thread_count() -> int:
+    """In how many threads compiled loops run: as many as numba's would, one for each core, or NUMBA_NUM_THREADS."""
+    from numba import config
+
+    return int(config.NUMBA_NUM_THREADS)
+
+
+@cache
 def cache_folder() -> Path:
     """Where compiled functions are kept: one folder for each state of all their sources.
 

@@ -1,7 +1,8 @@
 """Many soft bodies of one ROM: each with its own contact mode, state, input and time.
 
-Where their steps can be written as operations on arrays of all bodies, they are taken together (`joint_bodies.py`);
-else one after another, each by a simulator (`separate_bodies.py`). Both do the same, at rates that differ.
+Where steps are compiled, loops take them (`compiled_bodies.py`). Where they can be written as operations on arrays of
+all bodies, they are taken together (`joint_bodies.py`); else one after another, each by a simulator
+(`separate_bodies.py`). All do the same, at rates that differ.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,7 +44,9 @@ class Batch(BatchedBodies):
     the rigid law of contact with residual compliance or without contact; held bodies of large deformation, and bodies
     that a base carries, without contact. All others are stepped one after another, each at the rate of a simulator,
     with the same results to the bit: without inertia, with strokes, friction of tendons, a material that relaxes,
-    springs in place of the rigid law, free bodies in moving frames, and what else `stepping` tells.
+    springs in place of the rigid law, free bodies in moving frames, and what else `stepping` tells. Where numba is
+    installed, held bodies of small strains among obstacles step compiled on several threads, by any law of contact,
+    and each as a single one to the bit.
 
     `bodies` in the methods are None (all), a mask (size,) or distinct indices; arrays are in the order 0 .. size - 1.
 

@@ -39,8 +39,10 @@ class BatchedBodies:
 
     @property
     def stepping(self) -> str:
-        """How steps are taken: "together", or "one after another", and why."""
-        return f"one after another, as of {self._why}" if self._why else "together"
+        """How steps are taken: "compiled", "together", or "one after another", and why."""
+        if self._why:
+            return f"one after another, as of {self._why}"
+        return "compiled" if getattr(self._bodies, "is_compiled", False) else "together"
 
     @property
     def steps(self) -> int:

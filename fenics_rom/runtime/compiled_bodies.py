@@ -1,75 +1,44 @@
 """Many linear bodies of one ROM among obstacles, stepped by compiled loops: each as it is by itself, to the bit.
 
-What a body is, is stacked, bodies first: a state for each contact mode, in arrays as `compiled.linear_step` has them.
-One simulator has what all bodies share. It is put where a body is, one after another, for what loops do not do: steps
-whose forces they do not find, switches of the contact mode, and what is read of a single body.
+A simulator is put where a body is, one after another, for what loops do not do: steps whose forces they do not find,
+and switches of the contact mode.
 """
 
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled
-from fenics_rom.errors import StepError, check_known
-from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.errors import StepError
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
 from fenics_rom.mechanics.contact import ObstacleMotion
-from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.step import StepInput, StepperState
-from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.mechanics.step import StepInput
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import distinct, stacked_state
-from fenics_rom.runtime.batch_skin import BatchSkin
-from fenics_rom.runtime.compiled.linear_bodies import LOST, Obstacles, Told, look_at_bodies, step_bodies
-from fenics_rom.runtime.compiled.linear_step import Begun, Body, State
+from fenics_rom.runtime.compiled.linear_bodies import LOST, Obstacles, look_at_bodies, step_bodies
+from fenics_rom.runtime.compiled.linear_step import State
+from fenics_rom.runtime.compiled_state import LOST_IN_SWITCHING, CompiledState
 from fenics_rom.runtime.simulator import Simulator
-from fenics_rom.runtime.steppers.residual_maps import strained_back
-from fenics_rom.runtime.steppers.stepper import ReducedStepper
-from fenics_rom.runtime.tension_watch import pulled_columns
 from fenics_rom.runtime.threads import deal_out
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import SignalLike
     from fenics_rom.mechanics.base_path import BaseState
-    from fenics_rom.mechanics.compiled_contact import CompiledContact
-    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
 
 FARTHEST = 1e50  # m, that obstacles are placed away
-LOST_IN_SWITCHING = 4  # a row of the account
-ENTRIES = {
-    "supplied": 0,
-    "dissipated": 1,
-    "supplied_by_obstacles": 2,
-    "dissipated_in_contact": 3,
-    "lost_in_switching": LOST_IN_SWITCHING,
-}
 
 
-class Mode(NamedTuple):
-    """A contact mode."""
-
-    name: str
-    body: Body
-    states: State  # of all bodies; those of bodies in other modes say nothing
-
-
-class CompiledBodies:
+class CompiledBodies(CompiledState):
     """Linear bodies among obstacles; arguments, properties and methods as of `Batch`, where they are checked.
 
     States and obstacles are checked here; `bodies` are indices.
-
-    Attributes:
-        frozen: (size,) bodies that began inside an obstacle.
-        friction: μ (size,).
     """
-
-    input_limit, dtype = 1e75, np.dtype(float)
 
     @classmethod
     def made(
@@ -82,87 +51,6 @@ class CompiledBodies:
         single = Simulator(rom, dt, signals=signals, detail=detail)
         is_compiled = getattr(single.integrator.kernel, "compiled_step", None) is not None
         return cls(single, size, ledger) if is_compiled else None
-
-    def __init__(self, single: Simulator, size: int, ledger: bool):
-        self._single, self._dt, self.size, self.ledger = single, single.dt, size, ledger
-        names, solver, law = list(self.rom.contact_models), self._solver, self._solver.law
-        obstacles, P = len(solver.shapes), len(solver.points)
-        self._mode, self._modes, self.steps = np.zeros(size, int), list[Mode](), 0
-        self._widths, self._numbers = self.rom.contacts, {name: k for k, name in enumerate(names)}
-        self._m = max(model.order for model in self._models)
-        self.friction, self.frozen = np.full(size, float(law.friction)), np.zeros(size, bool)
-        self._began, self._taken = np.zeros(size), np.zeros(size, int)  # s, and steps since then
-        sizes = (size, obstacles * P, 3), (size, obstacles * P)
-        self._begun, self._after = (Begun(np.zeros(sizes[0]), np.zeros(sizes[1], int)) for _ in range(2))
-        self._searches: dict[int, ContactSearch] = {}  # of bodies that took a step otherwise
-        self._told, self._new = (Told(np.zeros(size, int), np.zeros((size, 5)), *self._nothing(size)) for _ in range(2))
-        self._account = np.zeros((5, size))
-        self._placed = np.full((size, obstacles, 3), np.nan)  # where obstacles were put; NaN: where the scene says
-        self._offsets, self._velocities = np.zeros((2, size, obstacles, 3))
-        self._offsets[:] = self._environment.offsets_at(0.0)
-        self._outputs: dict[tuple[int, str], tuple[Array, Array]] = {}
-        self._pulled = pulled_columns(self.rom, max(self._widths.values()))
-        self._least_tensions = np.zeros((len(self._pulled), size))
-        self._size_of_body = float(max(np.ptp(solver.points, axis=0).max(), np.abs(solver.points).max()))
-        self._make_modes()
-        self._skin = None
-        if self._interface.skin is not None:
-            self._skin = BatchSkin(self, self._interface.skin, self._environment.obstacles)
-
-    def _nothing(self, count: int) -> tuple[Array, Array, Array]:
-        """Contact of bodies that nothing touches, as in `Told`."""
-        obstacles, P = len(self._solver.shapes), len(self._solver.points)
-        return np.zeros((count, P, 3)), np.zeros((count, obstacles, 3)), np.zeros((count, P))
-
-    def _make_modes(self) -> None:
-        """What depends on the time step; states stay."""
-        known = {mode.name: mode.states for mode in self._modes}
-        self._modes, stepper = [], self._single.integrator
-        for name, model in self.rom.contact_models.items():
-            stepper.restore(name, self._at_rest(name), self._dt)
-            body = stepper.kernel.compiled_step.body  # type: ignore[attr-defined]
-            sizes = (2, model.order), (self.rom.rigid,), (4, len(body.R))
-            states = known.get(name) or State(*(np.zeros((self.size, *shape)) for shape in sizes * 2))
-            self._modes.append(Mode(name, body, states))
-
-    def _at_rest(self, name: str) -> StepperState:
-        rest = np.zeros(2 * self.rom.contact_models[name].order), np.zeros(self.rom.rigid), np.empty(0)
-        return StepperState(*rest, None, self._solver.first_search, {}, np.empty(0))
-
-    @property
-    def rom(self) -> Rom:
-        """Of what acts in its scene."""
-        return self._single.rom
-
-    @property
-    def _environment(self) -> ActiveEnvironment:
-        assert self._single.environment is not None
-        return self._single.environment
-
-    @property
-    def _models(self) -> list[ContactModel]:
-        return list(self.rom.contact_models.values())
-
-    @property
-    def _interface(self) -> "ContactInterface":
-        assert self._single.integrator.interface is not None
-        return self._single.integrator.interface
-
-    @property
-    def _solver(self) -> "CompiledContact":
-        return self._interface.solver  # type: ignore[return-value]
-
-    # --- a body by itself --------------------------------------------------------------------------------------------
-
-    def _enter(self, body: int) -> ReducedStepper:
-        """The simulator's stepper where a body is."""
-        mode, stepper = self._modes[self._mode[body]], self._single.integrator
-        states, swung = mode.states, self._begun.swung[body]
-        search = self._searches.get(body, self._solver.first_search)
-        search = search._replace(forces=self._begun.forces[body].copy(), swung=swung.copy() if swung.any() else None)
-        now = states.halves[body].ravel(), states.rigid[body], states.beyond[body].ravel()
-        stepper.restore(mode.name, StepperState(*now, None, search, {}, np.empty(0)), self._dt)
-        return stepper
 
     def _rub(self, friction: float) -> None:
         """Has the simulator have this μ."""
@@ -188,7 +76,7 @@ class CompiledBodies:
         """
         stepper, ledger, told = self._enter(body), self._single.ledger, self._new
         assert ledger is not None
-        self._rub(float(self.friction[body]))
+        self._rub(float(self._friction[body]))
         stepper.flush()
         ledger.sums = EnergyLedger().sums
         mode, moving = self._modes[self._mode[body]], ObstacleMotion(*(part[body] for part in obstacles))
@@ -212,176 +100,6 @@ class CompiledBodies:
         if touched is not None:
             told.forces[body], told.resultants[body] = touched.forces, touched.by_obstacle
             told.pressing[body] = touched.normal_forces
-
-    # --- what can be read --------------------------------------------------------------------------------------------
-
-    @property
-    def dt(self) -> float:
-        """Time step, s."""
-        return self._dt
-
-    @dt.setter
-    def dt(self, h: float) -> None:
-        self._began, self._taken = self.time, np.zeros(self.size, int)
-        self._dt = h
-        self._make_modes()
-
-    @property
-    def contact(self) -> Array:
-        """(size,)."""
-        return np.array(list(self.rom.contact_models))[self._mode]
-
-    @property
-    def time(self) -> Array:
-        """(size,), s."""
-        time: Array = self._began + self._taken * self._dt
-        return time
-
-    @property
-    def energy(self) -> Array:
-        """(size,), J."""
-        energy = np.empty(self.size)
-        for bodies, mode in self._by_mode():
-            halves, (g, y, ġ, ẏ) = mode.states.halves[bodies], mode.states.beyond[bodies].transpose(1, 0, 2)
-            stored = np.einsum("bp,bp->b", g, y) + mode.body.τ**2 * np.einsum("bp,bp->b", ġ, ẏ)
-            energy[bodies] = (np.einsum("bim,bim->b", halves, halves) + stored) / 2
-        return energy
-
-    def _by_mode(self, bodies: Array | None = None) -> list[tuple[Array, Mode]]:
-        """Those of some bodies (n,), None: of all, that are in each contact mode."""
-        modes = self._mode if bodies is None else self._mode[bodies]
-        parts = [((modes == k).nonzero()[0], mode) for k, mode in enumerate(self._modes)]
-        return [(part if bodies is None else bodies[part], mode) for part, mode in parts if len(part)]
-
-    def account(self, entry: str) -> Array:
-        """A sum of the energy account (size,), J, by its name in `Batch`."""
-        return self._account[ENTRIES[entry]].copy() if entry in ENTRIES else np.zeros(self.size)
-
-    @property
-    def inexact(self) -> Array:
-        """(size,)."""
-        inexact = np.zeros(self.size, int)
-        for body, search in self._searches.items():
-            inexact[body] = search.residual.steps
-        return inexact
-
-    @property
-    def through_skin(self) -> Array:
-        """(size,), m."""
-        return np.zeros(self.size) if self._skin is None else self._skin.depths()
-
-    @property
-    def least_tensions(self) -> dict[str, Array]:
-        """(size,), N, by name."""
-        return {name: row.copy() for name, row in zip(self._pulled, self._least_tensions, strict=True)}
-
-    @property
-    def beyond_training(self) -> Array:
-        """(size,): of no linear body."""
-        return np.zeros(self.size, bool)
-
-    @property
-    def mismatch(self) -> Array:
-        """(size,): of no linear body."""
-        return np.zeros(self.size)
-
-    @property
-    def reactions(self) -> dict[str, Array]:
-        """None: forces of actuators are given."""
-        return {}
-
-    def contact_force(self, obstacle: str) -> Array:
-        """(size, 3), N."""
-        return self._told.resultants[:, self._number_of(obstacle)].copy()
-
-    def _number_of(self, obstacle: str) -> int:
-        names = list(self._environment.obstacles)
-        check_known("obstacle", obstacle, names, StepError)
-        return names.index(obstacle)
-
-    @property
-    def point_forces(self) -> Array:
-        """(size, P, 3), N."""
-        return self._told.forces.copy()
-
-    def state(self, bodies: Array) -> tuple[Array, Array]:
-        """(bodies, m) each."""
-        q, r = np.zeros((2, len(bodies), self._m))
-        for k in np.unique(self._mode[bodies]):
-            at, states = (self._mode[bodies] == k).nonzero()[0], self._modes[k].states
-            e, rates = states.halves[bodies[at]].transpose(1, 0, 2)
-            q[at, : e.shape[1]], r[at, : e.shape[1]] = e / self._models[k].safe_frequencies, rates
-            q[at, : self.rom.rigid] = states.rigid[bodies[at]]
-        return q, r
-
-    def displacement(self, output: str) -> Array:
-        """(size, points, 3), m."""
-        return self._read_output(0, output)
-
-    def velocity(self, output: str) -> Array:
-        """(size, points, 3), m/s."""
-        return self._read_output(1, output)
-
-    def _read_output(self, part: int, output: str) -> Array:
-        """An output of displacements (0) or velocities (1)."""
-        check_known("output", output, self.rom.outputs, StepError)
-        state, field = self.state(np.arange(self.size))[part], np.zeros((self.size, len(self.rom.outputs[output])))
-        for own, mode in self._by_mode():
-            by_state, by_force = self._maps(self._numbers[mode.name], output)
-            field[own] = state[own, : len(by_state)] @ by_state
-            if not part and len(by_force):
-                field[own] += mode.states.beyond[own, 0] @ by_force
-        return field.reshape(self.size, -1, 3) if len(self.rom.nodes) else field
-
-    def _maps(self, mode: int, output: str) -> tuple[Array, Array]:
-        """What an output is of q (m, rows), and of what is carried beyond the basis (3P, rows)."""
-        if (mode, output) not in self._outputs:
-            rows, model = self.rom.outputs[output], self._models[mode]
-            self._single.integrator.restore(self._modes[mode].name, self._at_rest(self._modes[mode].name), self._dt)
-            residual, by_force = self._single.integrator.kernel.residual, np.empty((0, len(rows)))
-            if residual is not None:
-                elastic = slice(self.rom.rigid, None)
-                by_force = strained_back(residual.part, (rows[:, elastic] / np.sqrt(self.rom.stiffness[elastic])).T)
-            self._outputs[mode, output] = (rows @ model.coordinates).T, by_force
-        return self._outputs[mode, output]
-
-    def shape(self, body: int) -> Array:
-        """(nodes, 3), m."""
-        field, residual = self.rom.reconstruct(self.shape_coordinates(body)), self._enter(body).kernel.residual
-        if residual is not None:
-            nodes = self._interface.points.nodes
-            field[nodes] += residual.beyond_shared[: len(nodes)]
-        return field
-
-    def shape_coordinates(self, body: int) -> Array:
-        """(k,)."""
-        ((q,), _), elastic = self.state(np.array([body])), slice(self.rom.rigid, None)
-        C, residual = self._models[self._mode[body]].coordinates, self._enter(body).kernel.residual
-        shape: Array = C @ q[: C.shape[1]]
-        if residual is not None:
-            shape[elastic] += residual.strained / np.sqrt(self.rom.stiffness[elastic])
-        return shape
-
-    def reading(self, name: str) -> Array:
-        """(size, ...)."""
-        from fenics_rom.runtime.readings import named_reading, readable  # here, as few bodies have readings
-
-        reading, read, points = named_reading(self.rom, name), [], self._interface.points
-        for body, (contact, q) in enumerate(zip(self.contact, self.state(np.arange(self.size))[0], strict=True)):
-            own = q[: self.rom.contact_models[contact].order], self.shape_coordinates(body)
-            read.append(reading.read(readable(self.rom, contact, *own, points, self._told.pressing[body])))
-        return np.array(read)
-
-    def whereabouts(self) -> tuple[Array, Array, Array]:
-        """q (m, size), numbers of the contact modes (size,), and displacements of the obstacles (O, 3, size), m."""
-        return self.state(np.arange(self.size))[0].T, self._mode, self._offsets.transpose(1, 2, 0)
-
-    def offsets_of(self, body: int, offsets: Array | None = None) -> Array:
-        """Displacements of the obstacles of a body now, or of some kept (O, 3, size), (O, 3), m."""
-        own: Array = self._offsets[body] if offsets is None else offsets[..., body]
-        return own
-
-    # --- what can be done --------------------------------------------------------------------------------------------
 
     def set_state(self, q: Array, r: Array, bodies: Array, on_error: str) -> None:
         """As of `Batch`."""
@@ -506,7 +224,7 @@ class CompiledBodies:
         for own, mode in self._by_mode(goes.nonzero()[0]):
             columns = u[:, : self._widths[mode.name]], u[:, most:], loads
             inputs[mode.name] = full = np.ascontiguousarray(np.hstack(columns))
-            given = mode.body, law, self.friction, solver.shapes
+            given = mode.body, law, self._friction, solver.shapes
             between = full, obstacles, self._begun, self._after, mode.states, self._new
             deal_out(partial(_step, given, between), own)
         taken[:] = goes & (self._new.status < OTHERWISE)

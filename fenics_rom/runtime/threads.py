@@ -11,12 +11,14 @@ from functools import cache
 
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import thread_count
+
 FEWEST, PARTS = 16, 4  # bodies that pay a call, and calls for each thread, as some bodies take longer than others
 
 
 def deal_out(take: Callable[[Array], object], bodies: Array) -> None:
     """Calls `take` with parts of bodies (n,), in as many threads as numba would use (NUMBA_NUM_THREADS)."""
-    threads = _threads()
+    threads = thread_count()
     size = max(FEWEST, -(-len(bodies) // (PARTS * threads)))
     parts = [bodies[first : first + size] for first in range(0, len(bodies), size)]
     if threads == 1 or len(parts) < 2:
@@ -28,15 +30,8 @@ def deal_out(take: Callable[[Array], object], bodies: Array) -> None:
 
 
 @cache
-def _threads() -> int:
-    from numba import config
-
-    return int(config.NUMBA_NUM_THREADS)
-
-
-@cache
 def _workers() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(_threads(), "fenics_rom")
+    return ThreadPoolExecutor(thread_count(), "fenics_rom")
 
 
 os.register_at_fork(after_in_child=_workers.cache_clear)  # which has none of these threads

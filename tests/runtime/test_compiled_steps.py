@@ -9,7 +9,11 @@ from landing_box import BALL, BODY, CASES, DT, PARTS, ROUGH, history, landing_me
 
 import fenics_rom as fr
 from fenics_rom.compilation import compiled, numpy_alone
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
 from fenics_rom.mechanics.compiled_contact import CompiledContact
+from fenics_rom.runtime import compiled_bodies
+from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 
 pytestmark = [
     pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off"),
@@ -116,3 +120,71 @@ def test_many_points_of_which_few_touch(mesh):
     one, other = (body.displacement() for body in bodies)
     assert 0 < most < len(bodies[0].contact_forces()) / 2
     np.testing.assert_allclose(one, other, atol=1e-7 * np.abs(other).max(), rtol=0)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_bodies_of_a_batch_are_single_ones_to_the_bit(roms, case):
+    """More than one thread takes at once; one sits a step out, one begins anew, and all take other steps in the end."""
+    size, rom = 40, roms[case]
+    bodies, singles = fr.Batch(rom, size, DT, ledger=True), [fr.Simulator(rom, DT) for _ in range(3)]
+    assert bodies.stepping == "compiled"
+    forces = np.stack([history(seed % 3, roughness=0.02)[:250] for seed in range(size)], axis=1)
+    for step, u in enumerate(forces):
+        if step == 100:
+            u[1] = np.nan
+            bodies.reset([2])
+            singles[2].reset()
+        if step == 200:
+            bodies.dt = DT / 2
+        held = bodies.step(u, on_error="hold")
+        assert held.tolist() == ([1] if step == 100 else [])
+        for k, single in enumerate(singles):
+            single.dt = bodies.dt
+            if k not in held:
+                single.step(u[k])
+    for k, single in enumerate(singles):
+        np.testing.assert_array_equal([part[k] for part in bodies.state()], single.state)
+        np.testing.assert_array_equal(bodies.point_forces[k], single.contact_forces())
+        for number, name in enumerate(rom.environment.obstacles):
+            np.testing.assert_array_equal(bodies.contact_force(name)[k], single.obstacle_forces()[number])
+        assert bodies.time[k] == single.time
+        shape = single.displacement()
+        np.testing.assert_allclose(bodies.shape(k), shape, atol=1e-13 * np.abs(shape).max(), rtol=0)
+        account = single.ledger
+        sums = account.supplied, account.dissipated, account.obstacles, account.contact + account.friction
+        read = bodies.supplied, bodies.dissipated, bodies.supplied_by_obstacles, bodies.dissipated_in_contact
+        np.testing.assert_allclose([each[k] for each in read], sums, atol=1e-12 * np.abs(sums).max(), rtol=0)
+
+
+def test_a_body_whose_forces_loops_do_not_find_steps_as_a_single_one(roms, monkeypatch):
+    """To the bit; and a step that is refused changes nothing, of those bodies either that have taken it."""
+    bodies, forces = fr.Batch(roms["floor"], 3, DT, ledger=True), history(1, roughness=0.02)
+    single, find = fr.Simulator(roms["floor"], DT), compiled_bodies.step_bodies
+
+    def give_up(body, law, friction, shapes, some, *others):
+        find(body, law, friction, shapes, some[some != 1], *others)
+        others[-1].status[1] = OTHERWISE
+
+    def refuse(*_):
+        raise StepError("none")
+
+    monkeypatch.setattr(compiled_bodies, "step_bodies", give_up)
+    for u in forces[:250]:
+        bodies.step(u)
+        single.step(u)
+    for k in range(3):
+        np.testing.assert_array_equal([part[k] for part in bodies.state()], single.state)
+        np.testing.assert_array_equal(bodies.point_forces[k], single.contact_forces())
+    assert bodies.dissipated[1] == pytest.approx(single.ledger.dissipated, rel=1e-12)
+    with monkeypatch.context() as patch:
+        patch.setattr(ContactMidpoint, "step", refuse)
+        before = *bodies.state(), bodies.time, bodies.point_forces, bodies.energy, bodies.dissipated
+        with pytest.raises(StepError, match=r"step 250, body 1: none; all bodies were left as they were"):
+            bodies.step(forces[250])
+    after = *bodies.state(), bodies.time, bodies.point_forces, bodies.energy, bodies.dissipated
+    for one, other in zip(before, after, strict=True):
+        np.testing.assert_array_equal(one, other)
+    for u in forces[250:300]:
+        bodies.step(u)
+        single.step(u)
+    np.testing.assert_array_equal(bodies.state()[0][0], single.state[0])

@@ -9,6 +9,7 @@ import pytest
 from products import kinds
 
 import fenics_rom as fr
+from fenics_rom.compilation import numpy_alone
 from fenics_rom.errors import StepError
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -16,6 +17,13 @@ DT, STEPS = 1e-3, 50
 KINDS = kinds()
 JOINT = [("held", "contact"), ("carried", "plain")]
 SEPARATE = [kind for kind in KINDS if kind not in JOINT]
+
+
+@pytest.fixture(autouse=True)
+def in_numpy():
+    """What is compiled has tests of its own."""
+    with numpy_alone():
+        yield
 
 
 def inputs(rom, seed=0, steps=STEPS):
