@@ -62,11 +62,11 @@ def step_bodies(
     """
     P, N = len(body.places), begun.forces.shape[1]
     vectors, flags = np.empty((3, N, 3)), np.empty((2, N), dtype=np.bool_)
-    axes, forces = np.empty((N, 3, 3)), np.empty((N, 3))
-    sought = Pairs(axes, vectors[0], vectors[1], vectors[2], np.empty(N), flags[0], flags[1], forces)
+    axes, forces, rubs = np.empty((N, 3, 3)), np.empty((N, 3)), np.empty(N)
+    sought = Pairs(axes, vectors[0], vectors[1], vectors[2], np.empty(N), flags[0], flags[1], rubs, forces)
     found = StepContact(sought, np.empty(N), np.zeros((4, 3 * P)), np.empty(3 * P))
     for b in bodies:
-        forces[:] = begun.forces[b]
+        forces[:], rubs[:] = begun.forces[b], friction[b]
         own = Law(law.h, law.restitution, friction[b], law.rate, law.compliance, law.is_at_rest, law.swings)
         now = states.halves[b], states.rigid[b], states.beyond[b]
         state = State(*now, states.halves_before[b], states.rigid_before[b], states.beyond_before[b])
