@@ -71,6 +71,11 @@ class Braking:
         self._below, self._above, self._left, self._known = 0.0, 1.0, MOST_LOOKS, b""
 
     @property
+    def swung_before(self) -> Array | None:
+        """In how many steps in a row, before this one, pairs were not stopped (n,)."""
+        return self._swung
+
+    @property
     def swung(self) -> Array | None:
         """The same with this step (n,)."""
         if self.helped is None or self._swung is None:

@@ -18,6 +18,7 @@ from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Obstacle
 
 _UNKNOWN = np.empty((0, 0))  # inverse of an operator
+_NO_OUTWARDS = np.empty(0)
 
 
 class Told(NamedTuple):
@@ -133,10 +134,11 @@ class CompiledContact(ContactSolver):
     ) -> ContactSolution | None:
         """As in ContactSolver."""
         start = self._begin(points)
-        if settled is None:
-            told = self._find(points, delassus, dt, obstacles, quasi_static, start.forces)
-            if told is not None:
-                return self.keep(told, lambda: points, delassus, dt, obstacles)
+        told = self._find(points, delassus, dt, obstacles, quasi_static, start.forces, settled)
+        if told is not None:
+            if settled is not None:
+                settled.keep(told.pairs.chosen, told.pairs.free[:, 0], told.braking)
+            return self.keep(told, lambda: points, delassus, dt, obstacles)
         return super().solve(points, delassus, dt, obstacles, quasi_static, settled, is_patient)
 
     def keep(
@@ -162,16 +164,29 @@ class CompiledContact(ContactSolver):
         obstacles: ObstacleMotion,
         quasi_static: bool,
         start: Array,
+        settled: Settled | None,
     ) -> Told | None:
         """Forces of a step; None where loops did not find them. start: (N, 3) to begin with, N."""
         law, pairs, begun = self.law_in_steps(dt, quasi_static), pairs_from(start, self.law.friction), self._begun[1]
         gaps, w, P = np.empty(len(start)), obstacles.velocities(dt), len(self.points)
         measure(self.shapes, obstacles.start, self.points + points.displacement, gaps, pairs.axes[:, 0])
         free, velocity = map(np.ascontiguousarray, (points.free_velocity, points.velocity))
-        ask(law, gaps, free, velocity, w, obstacles.velocities_before, begun.forces, pairs)
-        found = find_forces(law, np.ascontiguousarray(delassus), _UNKNOWN, P, self.swung(begun), pairs)
+        outwards = _NO_OUTWARDS if settled is None else np.ascontiguousarray(settled.outwards(_NO_OUTWARDS))
+        ask(law, gaps, free, velocity, w, obstacles.velocities_before, begun.forces, outwards, pairs)
+        swung, decided = begun.swung, None if settled is None else settled.decided()
+        if decided is not None:
+            np.logical_or(pairs.chosen, decided.chosen, pairs.chosen)
+            if decided.braking is not None:
+                swung = decided.braking.swung_before
+                if decided.braking.swinging is not None:
+                    return None
+                if decided.braking.helped is not None:
+                    pairs.helped[:] = decided.braking.helped
+                    pairs.target[pairs.helped, 1:] = 0.0
+        before = self._nothing_swung if swung is None else swung
+        found = find_forces(law, np.ascontiguousarray(delassus), _UNKNOWN, P, before, pairs)
         if found.status == OTHERWISE:
             return None
         forces = pairs.forces if len(self.shapes) == 1 else pairs.forces.reshape(-1, P, 3).sum(axis=0)
         power = found.normal_power if law.friction > 0 else None
-        return Told(law, pairs, gaps, forces, found.sweeps, power, begun.swung)
+        return Told(law, pairs, gaps, forces, found.sweeps, power, swung)

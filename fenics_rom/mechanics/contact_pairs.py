@@ -132,21 +132,27 @@ class Settled:
         """The normal velocities without contact (O P,) that tell what leaves, from those of this sweep, m/s."""
         return free if self._decided is None else self._decided.outwards
 
-    def take_part(self, chosen: Array, pairs: Pairs) -> None:
-        """Adds pairs that took part before, and what was decided of what friction stops."""
+    def decided(self) -> Decided | None:
+        """What was decided before, without braking where that is found anew; None where nothing was."""
         if self._solutions >= FIRST:
             self._decided = self._last
-        if self._decided is None:
-            return
-        chosen |= self._decided.chosen
-        braking, is_near = self._decided.braking, max(self._sweeps, self._solutions) > FIRST
-        if is_near and braking is not None and pairs.braking is not None:
-            braking.renew(pairs.braking.targets)
-            pairs.braking = braking
+        if self._decided is None or max(self._sweeps, self._solutions) > FIRST:
+            return self._decided
+        return self._decided._replace(braking=None)
 
-    def keep(self, chosen: Array, pairs: Pairs) -> None:
-        """Takes note of a solution."""
-        self._last = Decided(chosen, self.outwards(pairs.free[0]), pairs.braking)
+    def take_part(self, chosen: Array, pairs: Pairs) -> None:
+        """Adds pairs that took part before, and what was decided of what friction stops."""
+        before = self.decided()
+        if before is None:
+            return
+        chosen |= before.chosen
+        if before.braking is not None and pairs.braking is not None:
+            before.braking.renew(pairs.braking.targets)
+            pairs.braking = before.braking
+
+    def keep(self, chosen: Array, free: Array, braking: Braking | None) -> None:
+        """Takes note of a solution; free: normal velocities without contact (O P,), m/s."""
+        self._last = Decided(chosen, self.outwards(free), braking)
         self._solutions += 1
 
 

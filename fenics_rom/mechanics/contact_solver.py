@@ -180,7 +180,7 @@ class ContactSolver:
         if not self._touches:
             self._touch_nothing()
             if settled is not None:
-                settled.keep(chosen, pairs)
+                settled.keep(chosen, pairs.free[0], pairs.braking)
             return None
         iterations, are_kept = 0, pairs.frames is search.frames
         while True:
@@ -218,7 +218,7 @@ class ContactSolver:
             is_tried = False  # others than those that did not do what they did
             key = chosen.tobytes()
         if settled is not None:
-            settled.keep(chosen, pairs)
+            settled.keep(chosen, pairs.free[0], pairs.braking)
         if is_loose:
             search = search._replace(residual=search.residual.with_step(solution.residual))
         found = pairs, gaps, active, problem, forces, velocities, is_loose

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_moving_frame import CLAMPED, FORCE, GRAVITY, reduced
+from test_moving_frame import CLAMPED, FLOOR, FORCE, GRAVITY, reduced
 
 import fenics_rom as fr
 from fenics_rom.compilation import compiled, numpy_alone
@@ -257,3 +257,21 @@ def test_what_is_bent_too_far_is_told_as_numpy_does(carried):
         body.step(np.zeros(body.inputs))
     assert_same(*bodies)
     assert any("bent by up to" in message for message in bodies[0].integrator.diagnostics())
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.4])
+def test_a_beam_that_tumbles_on_a_floor_does_as_with_numpy(tmp_path, friction):
+    """Sweeps of a step in NumPy ask compiled loops for forces, and pass on what they decided."""
+    surfaces = "".join(f'[contacts.{name}]\nsurface = "{name}"\n' for name in ("left", "right"))
+    rom = reduced(tmp_path, contacts=surfaces, effects=f"{FLOOR}\nfriction = {{ coefficient = {friction} }}")
+    one = fr.Simulator(rom, 1e-3)
+    with numpy_alone():
+        other = fr.Simulator(rom, 1e-3)
+    for body in (one, other):
+        body.place(body.pose._replace(velocity=np.array([0.5, 0.1, -0.2]), angular_velocity=np.array([0.5, 2.0, 0.3])))
+        for _ in range(STEPS):
+            body.step(np.zeros(body.inputs))
+    assert type(one.integrator.interface.solver) is not type(other.integrator.interface.solver)
+    assert one.ledger.contact > 0.1 * one.energy
+    np.testing.assert_allclose(one.displacement(), other.displacement(), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(one.contact_forces(), other.contact_forces(), rtol=0, atol=1e-6)

@@ -68,7 +68,15 @@ class Found(NamedTuple):
 
 @jit
 def ask(
-    law: Law, gaps: Array, free: Array, velocity: Array, w: Array, w_before: Array, before: Array, pairs: Pairs
+    law: Law,
+    gaps: Array,
+    free: Array,
+    velocity: Array,
+    w: Array,
+    w_before: Array,
+    before: Array,
+    outwards: Array,
+    pairs: Pairs,
 ) -> None:
     """Sets what the law says of every pair, obstacle after obstacle.
 
@@ -78,6 +86,7 @@ def ask(
         free, velocity: of the points (P, 3) in the middle of the step without contact and at its start, m/s.
         w, w_before: of the obstacles (O, 3) in this step and in the one before, m/s.
         before: forces of the step before (N, 3), N.
+        outwards: normal velocities (N,) that tell what leaves, m/s; (0,): those without contact.
         pairs: with normals, the first rows of frames, and forces to begin with; the rest is set.
     """
     P = len(free)
@@ -93,7 +102,7 @@ def ask(
             for j in range(3):
                 pairs.free[c, k] += axes[k, j] * (free[p, j] - w[o, j])
                 relative[k] += axes[k, j] * (velocity[p, j] - w[o, j] + share * (w[o, j] - w_before[o, j]))
-        approach = relative[0]
+        approach, leaving = relative[0], outwards[c] if len(outwards) else pairs.free[c, 0]
         closing = gaps[c] * law.rate
         if law.compliance > 0:
             level = target = closing
@@ -103,12 +112,12 @@ def ask(
             stopped = approach / 2
             later = (closing + stopped) / 2
             level, target = max(closing, later), min(stopped, later)
-            bounces = law.restitution == 1.0 or pairs.free[c, 0] >= approach * BACK * (1 + law.restitution)
+            bounces = law.restitution == 1.0 or leaving >= approach * BACK * (1 + law.restitution)
             if law.restitution > 0 and bounces:
                 target = approach * (1 - law.restitution) / 2
             if gap < 0:
                 speed = math.sqrt(w[o, 0] ** 2 + w[o, 1] ** 2 + w[o, 2] ** 2)
-                if closing > abs(approach) + abs(pairs.free[c, 0]) + speed:
+                if closing > abs(approach) + abs(leaving) + speed:
                     target = 0.0
             target = min(target, 0.0)
         pairs.level[c], pairs.target[c, 0] = level, target

@@ -128,7 +128,7 @@ def take_step(
     places = body.places + motion[0].reshape(P, 3)
     measure(shapes, start, places, gaps, pairs.axes[:, 0])
     w = (end - start) / h
-    ask(law, gaps, motion[2].reshape(P, 3), motion[1].reshape(P, 3), w, w_before, begun.forces, pairs)
+    ask(law, gaps, motion[2].reshape(P, 3), motion[1].reshape(P, 3), w, w_before, begun.forces, np.empty(0), pairs)
     contact = find_forces(law, body.W, body.inverse, P, begun.swung, pairs)
     if contact.status == OTHERWISE:
         return Step(OTHERWISE, contact.sweeps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
