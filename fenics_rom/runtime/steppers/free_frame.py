@@ -93,13 +93,8 @@ class FreeFrame(FreeBalance):
         self.begin_step(u)
         if self.found is not None:
             self.act(other.reactions)
-        assert other._passed is not None
-        x, contact, push, power = (
-            np.concatenate([other._passed[1][:3], P @ other._passed[1][3:]]),
-            other.contact,
-            None,
-            0.0,
-        )
+        spin = (np.array(other._now.ω) + np.array(other._now_before.ω)) / 2
+        x, contact, push, power = np.concatenate([spin, P @ other.passed_rate]), other.contact, None, 0.0
         if contact is not None:
             push, power = self._pushed_by(contact, x)
         lack = self._residual(x, push)[3:]
