@@ -35,7 +35,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.braking import Braking
 from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Frames, solve
-from fenics_rom.mechanics.complementarity.solution import ADVICE, largest
+from fenics_rom.mechanics.complementarity.solution import ADVICE, advice_of, largest
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion, moved_by
 from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled, SolvedPairs, passive_forces
 from fenics_rom.mechanics.contact_search import ContactSearch, TangentPlanes
@@ -44,16 +44,6 @@ from fenics_rom.mechanics.obstacles import Obstacle
 
 _ONES, _ROOT_3 = np.ones(3), math.sqrt(3.0)
 PENETRATION_TOLERANCE = 1e-9  # of the size of the body: as deep in an obstacle as round-off may have put a point
-WEDGED = (
-    "; a point is wedged between obstacles: where these close on it, and friction is more than the tangent of half the "
-    "angle between them, there are none at any dt; less friction or the penalty variant (stiffness) helps"
-)
-TOO_STIFF = (
-    "; the body moves these points in {} independent ways, of the {} that forces push them in, so that there may be "
-    "none at any dt: residual compliance of its contact (effects.contact), a larger order, less friction or the "
-    "penalty variant (stiffness) helps"
-)
-HARDLY_MOVED = 1e-4  # of the mean velocity by a force: what others are that a body does not allow
 _MOST_KEPT = 4  # operators of pairs, of those that were active last
 
 
@@ -192,7 +182,8 @@ class ContactSolver:
             except StepError as error:
                 if is_patient and pairs.stop_asking_friction(active):
                     continue
-                raise StepError(str(error).replace(ADVICE, self._advice(active, delassus))) from error
+                advice = advice_of(operator.matrix, self._wedges(active))
+                raise StepError(str(error).replace(ADVICE, advice)) from error
             is_loose = solution.residual > NEGLIGIBLE_RESIDUAL
             if is_loose and self._wedges(active) and pairs.stop_asking_friction(active):
                 continue
@@ -348,15 +339,6 @@ class ContactSolver:
         placed = zip(self.obstacles, self._placed, strict=True)
         distances = [obstacle.distance(points + displacement) for obstacle, points in placed]
         return np.concatenate([gap for gap, _ in distances]), np.concatenate([normal for _, normal in distances])
-
-    def _advice(self, active: Array, delassus: Array) -> str:
-        """What may help where no forces are found for active pairs."""
-        if self._wedges(active):
-            return WEDGED
-        rows = (3 * active[:, None] % delassus.shape[0] + np.arange(3)).ravel()
-        λ = np.linalg.eigvalsh(delassus[rows[:, None], rows])
-        rank = int((λ > HARDLY_MOVED * λ.mean()).sum())
-        return ADVICE if rank == len(λ) else TOO_STIFF.format(rank, len(λ))
 
     def _wedges(self, active: Array) -> bool:
         """Whether some point takes part with several obstacles."""

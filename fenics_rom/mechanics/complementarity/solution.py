@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
@@ -11,6 +12,16 @@ CONVERGENCE_TOLERANCE = 1e-12  # near what round-off leaves
 NEGLIGIBLE_RESIDUAL = 1e-9  # as good as solved
 STAGNATION_RESIDUAL = NEGLIGIBLE_RESIDUAL / 100  # where an iteration that no longer halves it has met round-off
 ADVICE = "; a smaller dt, less friction or the penalty variant (stiffness) may help"  # where no forces are found
+WEDGED = (
+    "; a point is wedged between obstacles: where these close on it, and friction is more than the tangent of half the "
+    "angle between them, there are none at any dt; less friction or the penalty variant (stiffness) helps"
+)
+TOO_STIFF = (
+    "; the body moves these points in {} independent ways, of the {} that forces push them in, so that there may be "
+    "none at any dt: residual compliance of its contact (effects.contact), a larger order, less friction or the "
+    "penalty variant (stiffness) helps"
+)
+HARDLY_MOVED = 1e-4  # of the mean velocity by a force: what others are that a body does not allow
 LARGEST_RESIDUAL = 1e-3  # accepted, and told, where no method gets further: there may be no solution at all
 PROXIMAL_COMPLIANCE = 1e-9  # added to a system, in parts of each pair's own
 NEWTON_ITERATIONS = 12  # where they suffice they are rarely more than five
@@ -100,3 +111,12 @@ def check_residual(residual: float, pairs: int, iterations: int) -> None:
             f"contact of {pairs} pairs: no forces found that stop them: after {iterations} iterations the residual is "
             f"{residual:.1e} of the velocities, allowed is {LARGEST_RESIDUAL:.0e}{ADVICE}"
         )
+
+
+def advice_of(W: Array, is_wedged: bool) -> str:
+    """What may help where no forces are found of pairs of this operator (3C, 3C), some of them of one point if wedged."""
+    if is_wedged:
+        return WEDGED
+    λ = np.linalg.eigvalsh(W)
+    rank = int((λ > HARDLY_MOVED * λ.mean()).sum())
+    return ADVICE if rank == len(λ) else TOO_STIFF.format(rank, len(λ))
