@@ -114,7 +114,7 @@ def check_residual(residual: float, pairs: int, iterations: int) -> None:
 
 
 def advice_of(W: Array, is_wedged: bool) -> str:
-    """What may help where no forces are found of pairs of this operator (3C, 3C), some of them of one point if wedged."""
+    """What may help where no forces are found of pairs of this operator (3C, 3C), some of one point if wedged."""
     if is_wedged:
         return WEDGED
     λ = np.linalg.eigvalsh(W)
