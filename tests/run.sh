@@ -14,8 +14,8 @@ fi
 unset PYTHONDONTWRITEBYTECODE # some hundred times Python is started, and would compile the package each time
 mapfile -t alone < <(grep -rl --include='test_*.py' 'mark\.alone' tests)
 
-with_numba=(tests/test_compilation.py tests/mechanics/test_{compiled_contact,contact}.py
-  tests/runtime/test_{compiled_steps,every_use,differentiation_contact,energy_laws,residual_compliance}.py)
+with_numba=(tests/test_compilation.py tests/world/test_compiled_world.py tests/mechanics/test_{compiled_contact,contact}.py
+  tests/runtime/test_{compiled_{steps,frames,large_deformation},batch_contact,differentiation_contact,energy_laws,residual_compliance}.py)
 
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
