@@ -5,7 +5,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, wraps
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,7 +13,7 @@ from tempfile import TemporaryFile
 from threading import Timer
 from time import monotonic
 from types import FunctionType
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy import ndarray as Array
@@ -40,6 +40,8 @@ SHARED = tuple(  # what else than their own folders compiled functions use
 PATIENCE = 1.0  # s that compiling takes in all before a line says so
 EXACT = frozenset({"contract"})  # what of the arithmetic may be other than as written: products that are added at once
 _Function = TypeVar("_Function", bound=Callable[..., object])
+_Given = ParamSpec("_Given")
+_Result = TypeVar("_Result")
 
 
 def compiled() -> bool:
@@ -52,7 +54,7 @@ def compiled() -> bool:
         >>> print("compiled" if fr.compiled() else "NumPy")  # doctest: +SKIP
         compiled
     """
-    return not _alone and can_compile()
+    return not (_alone or _failed) and can_compile()
 
 
 @contextmanager
@@ -66,7 +68,7 @@ def numpy_alone() -> Iterator[None]:
         _alone = before
 
 
-_alone = False
+_alone, _failed = False, False
 
 
 @cache
@@ -88,6 +90,29 @@ def can_compile() -> bool:
     except Exception as error:  # as above
         return _tell(f"numba {numba.__version__} does not compile ({type(error).__name__}: {_first_line(error)})")
     return True
+
+
+def or_numpy(method: Callable[_Given, _Result | None]) -> Callable[_Given, _Result | None]:
+    """Of what calls compiled functions, and gives None where NumPy is to do it: also where numba fails to compile them.
+
+    This is told once, and NumPy does all from then on.
+    """
+
+    @wraps(method)
+    def tried(*given: _Given.args, **named: _Given.kwargs) -> _Result | None:
+        global _failed
+        if _failed:
+            return None
+        try:
+            return method(*given, **named)
+        except Exception as error:
+            if not type(error).__module__.startswith("numba."):
+                raise
+            _failed = True
+            _tell(f"numba fails to compile what steps need ({type(error).__name__}: {_first_line(error)})")
+            return None
+
+    return tried
 
 
 def _product(A: Array, x: Array) -> Array:
@@ -126,7 +151,7 @@ def jit_shared(function: _Function) -> _Function:
 
     Its file is to be one of SHARED.
     """
-    if not compiled():
+    if not can_compile():
         return function
     names, known = function.__code__.co_names, function.__globals__
     called = {name: jit_shared(known[name]) for name in names if isinstance(known.get(name), FunctionType)}

@@ -5,8 +5,9 @@ import subprocess
 import sys
 import types
 
+import numpy as np
 import pytest
-from landing_box import landing_mesh, landing_roms
+from landing_box import DT, landing_mesh, landing_roms
 
 import fenics_rom as fr
 from fenics_rom import compilation
@@ -140,3 +141,36 @@ with event.install_recorder("numba:compile") as compiling:
 print(len(compiling.buffer))
 """
     assert run("-c", code, cache=tmp_path / "cache").stdout == "0\n"
+
+
+@pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off")
+def test_where_numba_fails_to_compile_a_step_numpy_takes_it(tmp_path, asked_anew):
+    from numba.core.errors import TypingError
+
+    from fenics_rom.mechanics import compiled_contact
+    from fenics_rom.runtime import compiled_bodies
+    from fenics_rom.runtime.steppers import compiled_step
+
+    def push(pushed, u):
+        for _ in range(20):
+            pushed.step(u)
+
+    def fails(*_):
+        raise TypingError("no such function\nin this numba")
+
+    rom = landing_roms(landing_mesh(tmp_path))["floor"]
+    with numpy_alone():
+        reference = fr.Simulator(rom, DT)
+    body, bodies = fr.Simulator(rom, DT), fr.Batch(rom, 2, DT, ledger=True)
+    assert bodies.stepping == "compiled"
+    for file, name in ((compiled_step, "take_step"), (compiled_contact, "measure"), (compiled_bodies, "step_bodies")):
+        asked_anew.setattr(file, name, fails)
+    asked_anew.setattr(compilation, "_failed", False)
+    with pytest.warns(FenicsRomWarning, match=r"fails to compile what steps need \(TypingError: .*no such") as told:
+        push(body, [1.0, 0.0, 0.0])
+    assert len(told) == 1
+    push(reference, [1.0, 0.0, 0.0])
+    assert np.array_equal(body.displacement(), reference.displacement())
+    assert not compiled()
+    push(bodies, np.tile([1.0, 0.0, 0.0], (2, 1)))
+    np.testing.assert_allclose(bodies.displacement("corner")[1], reference.displacement("corner"), rtol=0, atol=1e-12)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import or_numpy
 from fenics_rom.mechanics import braking
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, Pairs, ask, find_forces, pairs_from
 from fenics_rom.mechanics.compiled.shapes import measure
@@ -156,6 +157,7 @@ class CompiledContact(ContactSolver):
         self._touches, self.search = True, told.search(self.search)
         return told.solution(obstacles.velocities(dt))
 
+    @or_numpy
     def _find(
         self,
         points: PointMotion,

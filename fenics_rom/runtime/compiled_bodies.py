@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import compiled
+from fenics_rom.compilation import compiled, or_numpy
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
 from fenics_rom.mechanics.contact import ObstacleMotion
@@ -226,6 +226,7 @@ class CompiledBodies(CompiledState):
             inputs[mode.name] = full = np.ascontiguousarray(np.hstack(columns))
             given = mode.body, law, self._friction, solver.shapes
             between = full, obstacles, self._begun, self._after, mode.states, self._new
+            self._new.status[own] = OTHERWISE
             deal_out(partial(_step, given, between), own)
         taken[:] = goes & (self._new.status < OTHERWISE)
         for body in (goes & ~taken).nonzero()[0].tolist():
@@ -292,6 +293,7 @@ class CompiledBodies(CompiledState):
 OVERFLOWS = "its input is so large that the step overflows"
 
 
+@or_numpy
 def _step(given: Any, between: Any, bodies: Array) -> None:
     step_bodies(*given, bodies, *between)  # type: ignore[call-arg]
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import or_numpy
 from fenics_rom.mechanics.braking import SWINGS, swung_with
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, pairs_from
 from fenics_rom.runtime.steppers.compiled_step import inverse_of
@@ -42,6 +43,7 @@ class CompiledForces:
         self._friction, self._most = friction, float(friction.max(initial=0.0))
         self._pause = self._waits = 0
 
+    @or_numpy
     def find(self, pairs: Pairs, h: float, start: Array) -> Found | None:
         """Forces of a step of h s that the bodies have begun, who know them then; None where loops do not find them."""
         if self._waits:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import or_numpy
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.compiled.carried_step import take_carried_step, take_carried_steps
@@ -67,6 +68,7 @@ class CompiledFrame:
         self._body = body
         self._state.kept[1 if self._carried else 2 : WRENCH] = 0.0  # but for how it moves, and did
 
+    @or_numpy
     def take(self, u: Array, base: Array, frame: FrameState, notes: dict[str, float]) -> Step | None:
         """Takes a step under u (p,); None where it is to be taken otherwise, and nothing is changed.
 
@@ -88,6 +90,7 @@ class CompiledFrame:
             return None
         return step if step.status == TAKEN else None
 
+    @or_numpy
     def take_many(self, inputs: Array, bases: Array, frame: FrameState, notes: dict[str, float]) -> FrameSteps | None:
         """Takes steps under inputs (n, p) and bases (n, 13), as many as there are none to be taken otherwise."""
         self._begin(frame, notes)

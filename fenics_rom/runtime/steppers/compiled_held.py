@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import or_numpy
 from fenics_rom.rom.carried_strains import MonomialStrains
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.runtime.compiled.carried_strains import (
@@ -67,6 +68,7 @@ class CompiledHeld:
         """What is known ahead, so that what follows is the same to the bit, whatever came before."""
         self._is_known = False
 
+    @or_numpy
     def take(self, u: Array, halves: Array, tangent: Array) -> Step | None:
         """Takes a step under u (p,) from e and r (2, m); None where it is to be taken otherwise."""
         numbers, law = self._strains.numbers, self._elastic

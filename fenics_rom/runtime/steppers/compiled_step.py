@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import or_numpy
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, pairs_from
 from fenics_rom.mechanics.compiled_contact import CompiledContact, Told
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
@@ -52,6 +53,7 @@ class CompiledStep:
         self._h = h
         self._beyond = np.zeros(3 * len(solver.points))
 
+    @or_numpy
     def take(self, u: Array, obstacles: ObstacleMotion) -> tuple[Step, ContactSolution | None] | None:
         """Takes a step under u (p,); None where the loops do not find its forces, and nothing is changed."""
         begun = self._solver.search
@@ -64,6 +66,7 @@ class CompiledStep:
             return None
         return step, self._keep(step, found, begun, obstacles)
 
+    @or_numpy
     def take_many(self, inputs: Array, obstacles: ObstacleMotion) -> StepsTaken | None:
         """Takes steps under inputs (n, p) among obstacles that stand still, as many as the loops find; None: none."""
         begun, n = self._solver.search, len(inputs)
