@@ -53,7 +53,7 @@ MUTATIONS = [
     ("runtime/steppers/parted_adjoint.py", "(1 - share) * by_goal", "share * by_goal"),
     ("runtime/steppers/frame_slopes.py", "sign / h * spin - spun", "sign / h * spin + spun"),
     ("runtime/steppers/frame_slopes.py", "np.cross(at.v, at.ω)", "np.cross(at.ω, at.v)"),
-    ("runtime/steppers/parted_adjoint.py", "np.linalg.solve(whole.T,", "np.linalg.solve(whole,"),
+    ("runtime/steppers/parted_adjoint.py", "np.linalg.solve(whole, right)", "np.linalg.solve(whole.T, right)"),
     ("mechanics/surface_points.py", "np.linalg.solve(J, ", "np.linalg.solve(J.T + J, "),
     ("world/surfaces.py", "shares * (moments @", "(moments @"),
     (
@@ -103,7 +103,7 @@ MUTATIONS = [
     ("runtime/steppers/elastic/carried_strains.py", "pulled = pulled + around.pulled(self.branches.pull[1])", "pass"),
     ("runtime/steppers/elastic/carried_strains.py", "pulled = around.pulled(was.strained[1])", "pass"),
     ("runtime/steppers/elastic/carried_strains.py", "force += now.around.pulled(self.branches.pull[1])", "pass"),
-    ("runtime/steppers/deformation_maps.py", "strains.reshape(2, -1).copy() if strains.any() else None", "None"),
+    ("runtime/steppers/deformation_maps.py", "strains.reshape(2, -1).copy() if strains.any() else E_OF_Q", "E_OF_Q"),
     (
         "runtime/steppers/elastic/carried_strains.py",
         "self._carried, self._next, self._q = self._carried_before, self._next_before, self._q_before",
@@ -327,7 +327,7 @@ MUTATIONS = [
     ),
     ("runtime/steppers/frame_kernel.py", "frame.inertia2 - frame.stiffening", "frame.inertia2 + frame.stiffening"),
     ("runtime/steppers/frame_kernel.py", "np.add(self._turned, self._coupled, self._turned)", "pass"),
-    ("mechanics/frame_geometry.py", "added(b, -0.5, cross(self.turn, b))", "added(b, 0.5, cross(self.turn, b))"),
+    ("mechanics/frame_motion.py", "added(b, -0.5, cross(t, b))", "added(b, 0.5, cross(t, b))"),
     ("mechanics/frame_geometry.py", "self.start.dot(cross_matrix(self.turn)) / 2", "0.0"),
     (
         "mechanics/frame_geometry.py",
@@ -353,7 +353,7 @@ MUTATIONS = [
     ("fem/frame_balance.py", "cross(ω_end, My_end) - np", "cross(ω_end, My_end) + np"),
     ("fem/nodal_frame.py", "inertia -= np.array", "inertia += np.array"),
     ("mechanics/base_fit.py", "added(v̂, 0.5, cross", "added(v̂, -0.5, cross"),
-    ("runtime/steppers/moving_frame.py", "self._carried_along = _holding(", "self._carried_along = None and _holding("),
+    ("runtime/steppers/moving_frame.py", "self._carried_along = holding(", "self._carried_along = None and holding("),
     (
         "runtime/steppers/inertia.py",
         "(2 / (a + np.sqrt(a**2 + 4 * c))) ** 2",
@@ -365,7 +365,7 @@ MUTATIONS = [
     ("runtime/steppers/pushed_step.py", "np.where(follows, 0.0, by_x) - along", "np.where(follows, 0.0, by_x - along)"),
     ("runtime/steppers/pushed_step.py", "now.push.torque).dot(R)", "now.push.torque).dot(middle)"),
     ("world/contact_step.py", "proximal *= STEADIER", "proximal *= 1.0"),
-    ("world/rigid.py", "answers[3:, :3] = answers[3:, 3:]", "answers[3:, :3] = -answers[3:, 3:]"),
+    ("world/rigid.py", "answers[3:, :3] = levered", "answers[3:, :3] = -levered"),
     ("world/rigid.py", "float((torque - self._torque).dot(turning))", "float(torque.dot(turning))"),
     ("world/rigid.py", "h * (ω * self.size + h * (g + speeds_up / 4))", "0.0"),
     ("world/driven.py", "R.dot(cayley(turn / 2))", "R"),

@@ -173,7 +173,7 @@ def test_live_page_colours_by_readings_and_tells_lengths(rom, viser_server, tmp_
         body.step()
     for name in page._readings:
         page._field.value = name
-        page._draw()
+        page._draw(page._seen())
     page._panel_due = 0.0
     page._update_panel()
     assert "cable: " in page._status.content

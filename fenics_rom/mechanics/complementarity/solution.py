@@ -117,6 +117,8 @@ def advice_of(W: Array, is_wedged: bool) -> str:
     """What may help where no forces are found of pairs of this operator (3C, 3C), some of one point if wedged."""
     if is_wedged:
         return WEDGED
+    if not np.isfinite(W).all():
+        return ADVICE
     λ = np.linalg.eigvalsh(W)
     rank = int((λ > HARDLY_MOVED * λ.mean()).sum())
     return ADVICE if rank == len(λ) else TOO_STIFF.format(rank, len(λ))

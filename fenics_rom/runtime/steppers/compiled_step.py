@@ -17,7 +17,7 @@ LARGEST_CONDITION, MOST_ROWS = 1e8, 300  # of Delassus operators whose inverses 
 
 def inverse_of(W: Array) -> Array:
     """Of a symmetric matrix (n, n); (0, 0) where it is large, or hardly tells forces apart."""
-    if len(W) <= MOST_ROWS:
+    if len(W) <= MOST_ROWS and np.isfinite(W).all():
         values, vectors = np.linalg.eigh(W)
         if values[0] * LARGEST_CONDITION > values[-1]:
             root = vectors / np.sqrt(values)
