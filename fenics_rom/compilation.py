@@ -210,7 +210,7 @@ def _watch_compiling(when: str) -> None:
     from numba.core import event
 
     def say() -> None:
-        print(f"fenics_rom: compiles what steps need (10 to 20 s, {when})", file=sys.stderr, flush=True)
+        print(f"fenics_rom: compiles what steps need (up to a minute, {when})", file=sys.stderr, flush=True)
 
     class Watch(event.Listener):
         """Of compiling, which numba does in one thread at a time; functions that others call are compiled within."""

@@ -2,7 +2,6 @@
 
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,14 +13,12 @@ from fenics_rom.rom.file import ROM_FILE
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch import Batch
 from fenics_rom.runtime.simulator import Simulator
-
-if TYPE_CHECKING:
-    from fenics_rom.scene.world_format import WorldScene
+from fenics_rom.scene.world_format import WorldScene
 
 STEP = 1e-3  # s, of a ROM without a run
 
 
-def compile_steps(model: "Rom | WorldScene | str | PathLike[str]") -> None:
+def compile_steps(model: Rom | WorldScene | str | PathLike[str]) -> None:
     """Compiles what steps, rollouts and batches of a model need, by taking a few; it is kept on disk.
 
     Args:
@@ -42,8 +39,8 @@ def compile_steps(model: "Rom | WorldScene | str | PathLike[str]") -> None:
         )
     if isinstance(model, str | PathLike) and Path(model).suffix == ".toml":
         model = load("scene.world_file", "read_world")(model)
-    if type(model).__name__ == "WorldScene":  # whose file needs more than the runtime
-        world = load("world_run", "make_world")(model)
+    if isinstance(model, WorldScene):
+        world = load("world_run", "make_world")(model)  # here, as it needs more than the runtime
         for _ in range(2):
             world.step()
         return

@@ -319,13 +319,11 @@ class Rollout:
 
     def _step_each(self, u: Array, bases: Array | None, taken: int, every: int, names: tuple[str, ...]) -> list[Array]:
         """The same by `step`."""
-        from fenics_rom.mechanics.base_path import base_in
+        from fenics_rom.mechanics.base_path import base_in  # here, as few bodies have a base
 
         body, rows = self._body, list[Array]()
-        for k, row in enumerate(u):
-            body.step(
-                row[: body.inputs], base=None if bases is None else base_in(bases[k])
-            )  # its loads act by themselves
+        for k, row in enumerate(u):  # its loads act by themselves
+            body.step(row[: body.inputs], base=None if bases is None else base_in(bases[k]))
             if names and (taken + k + 1) % every == 0:
                 rows.append(self._outputs(names))
         return rows

@@ -218,8 +218,8 @@ def push_points(
 ) -> tuple[Vector, Vector, Vector]:
     """Force, torque and R*ᵀ torque of forces (n, 3) on points, in world axes; sets theirs on the coordinates, (m,)."""
     force = torque = (0.0, 0.0, 0.0)
-    n = loads.rows.shape[1]
-    start, moved, inside = np.empty(n), np.empty(n), np.empty(n)
+    width = loads.rows.shape[1]
+    start, moved, inside = np.empty(width), np.empty(width), np.empty(width)
     combine(q, loads.rows, start)
     combine(rate, loads.rows, moved)
     for n in range(len(forces)):

@@ -171,7 +171,7 @@ class HeldBody(HeldAdjoint):
         assert law is not None
         self._tangent_before = self.tangent
         if self._compiled is not None and (step := self._compiled.take(u, self._halves, self.tangent)) is not None:
-            return self._end_compiled(u, law, self._compiled, step)
+            return self._end_compiled(u, law, step)
         try:
             if self._is_small and obstacles is None and u.dot(u) < LARGE:  # looking after overflow costs 5 µs
                 return self._end(u, law, self._at_once(u, None))
@@ -180,10 +180,11 @@ class HeldBody(HeldAdjoint):
         except np.linalg.LinAlgError:
             return math.nan
 
-    def _end_compiled(self, u: Array, law: ElasticLaw, compiled: "CompiledHeld", step: "Step") -> float:
+    def _end_compiled(self, u: Array, law: ElasticLaw, step: "Step") -> float:
         """Takes note of a step that a compiled function took; twice the stored energy, J."""
-        motion, work = compiled.motion, StepWork(step.supplied, step.dissipated, ())
-        self.tangent, self._expectation = compiled.tangent, None
+        assert self._compiled is not None
+        motion, work = self._compiled.motion, StepWork(step.supplied, step.dissipated, ())
+        self.tangent, self._expectation = self._compiled.tangent, None
         self._take_over(u, law, Solution(motion.e, motion.r, None, self.reactions, work, ()))
         return step.square
 
