@@ -32,8 +32,9 @@ system = fr.assemble(fr.read_scene("scene.toml"))
 body = FullOrderSimulator(system, 5e-3, system.scene.environment)
 for _ in range(10):
     body.step(np.empty(0))
+moved = body.displacement()  # of all ranks together
 if MPI.COMM_WORLD.rank == 0:
-    np.save(sys.argv[1], body.displacement())
+    np.save(sys.argv[1], moved)
 """
 
 
