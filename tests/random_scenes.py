@@ -46,9 +46,7 @@ ROUND_OFF = 1e-12  # change of what moves a body, by which is seen how a differe
 GROWTH = 1e3  # by how much more two programs may differ than that change does
 MEANINGLESS = 1e-3  # of the largest displacement: from there on an event is decided by round-off, in either program
 HALVED = 4.0  # differences by which halves of steps differ from whole ones, which are as large for other steps
-WAVERING = (
-    0.05  # of the largest power of friction, or of an impact's speed: by W, which is not quite A⁻¹, it may be none
-)
+WAVERING = 0.05  # of the largest power of friction, or an impact's speed: by W, not quite A⁻¹, it may be none
 TOGETHER = 1e-5  # of forces of contact that a batch finds for all bodies at once, see mechanics/batch_contact_solver.py
 EPS = np.finfo(float).eps
 ORDER = 6
@@ -203,7 +201,7 @@ class Run:
     not_alike: list[int] = field(default_factory=list)
     error: str = ""
     stopped: list[tuple[bytes, float]] = field(default_factory=list)  # see stopped_by_friction, of each step
-    bounced: list[tuple[Array, Array]] = field(default_factory=list)  # see bounced_back, of each step
+    asked: list[tuple[Array, Array]] = field(default_factory=list)  # see asked_otherwise, of each step
     missed: float = 0.0  # of the account, J
     turnover: float = 0.0  # J
     moved: float = 0.0  # of momenta, of those at the start
@@ -213,14 +211,14 @@ class Run:
         return np.array([np.abs(x - y).max() for x, y in zip(self.shapes[:count], other.shapes, strict=False)])
 
     def wavers_beside(self, other: "Run") -> list[int]:
-        """The first step in which others are stopped or bounce there, and it is a near thing that they do."""
+        """The first step in which others are stopped there, or are asked otherwise, and that is a near thing."""
         stops = zip(self.stopped, other.stopped, strict=False)
         other_stops = [a[0] != b[0] and min(a[1], b[1]) <= WAVERING for a, b in stops]
-        other_bounces = []
-        for (back, near), (others, others_near) in zip(self.bounced, other.bounced, strict=False):
-            differ = back != others
-            other_bounces.append(np.minimum(near, others_near)[differ].min(initial=np.inf) <= WAVERING)
-        return np.flatnonzero(np.logical_or(other_stops, other_bounces))[:1].tolist()
+        asked_else = []
+        for (is_so, near), (others, others_near) in zip(self.asked, other.asked, strict=False):
+            differ = is_so != others
+            asked_else.append(np.minimum(near, others_near)[differ].min(initial=np.inf) <= WAVERING)
+        return np.flatnonzero(np.logical_or(other_stops, asked_else))[:1].tolist()
 
     def judge(self, name: str, scene: Drawn, found: Outcome) -> None:
         """Notes whether its laws are kept."""
@@ -250,7 +248,7 @@ def run(body, scene: Drawn, share: float = 1.0, parts: int = 1) -> Run:
             is_cut = getattr(stepper, "parted", 0) or getattr(stepper, "notes", {}).get("cut", 0)
             contact = stepper.contact
             done.stopped.append(stopped_by_friction(of_body.interface))
-            done.bounced.append(bounced_back(of_body.interface))
+            done.asked.append(asked_otherwise(of_body.interface))
             if is_cut or (contact is not None and is_wedged(contact, "rigid = " in scene.text)):
                 done.not_alike.append(step)
             if scene.is_alone:
@@ -272,21 +270,28 @@ def stopped_by_friction(interface) -> tuple[bytes, float]:
     return b"" if helped is None else np.flatnonzero(helped).tobytes(), power / most if most > 0 else np.inf
 
 
-def bounced_back(interface) -> tuple[Array, Array]:
-    """Which pairs (O P,) leave again after an impact, and how near they were to do otherwise, of its speed.
+def asked_otherwise(interface) -> tuple[Array, Array]:
+    """What pairs (O P,) are asked for that is a choice of two, and how near they were to the other, as a share.
 
-    What would be back within the step is pressed; see `NormalRule.of`.
+    These are those that leave again after an impact (what would be back within the step is pressed), then those that
+    are so deep inside that they are let out without a push; see `NormalRule.of`.
     """
     if interface is None:
         return np.zeros(0, bool), np.zeros(0)
-    solver, pairs = interface.solver, interface.solver.last_step()[0]
-    e, back = solver.law.restitution, np.zeros(len(solver.obstacles) * len(solver.points), bool)
-    if pairs is None or solver.law.stiffness is not None or not 0 < e < 1:
-        return back, np.full(len(back), np.inf)
+    solver, (pairs, solved) = interface.solver, interface.solver.last_step()
+    e, count = solver.law.restitution, len(solver.obstacles) * len(solver.points)
+    is_so, near = np.zeros(2 * count, bool), np.full(2 * count, np.inf)
+    if pairs is None or solver.law.stiffness is not None:
+        return is_so, near
     approach, free = pairs.relative[0], pairs.free[0]
-    back = (approach < 0) & np.isclose(pairs.target, (1 - e) / 2 * approach, rtol=1e-9, atol=0.0)
-    limit = (1 + e) * np.minimum(approach, -1e-30)
-    return back, np.abs(free / limit - 1)
+    if 0 < e < 1:
+        is_so[:count] = (approach < 0) & np.isclose(pairs.target, (1 - e) / 2 * approach, rtol=1e-9, atol=0.0)
+        limit = (1 + e) * np.minimum(approach, -1e-30)
+        near[:count] = np.abs(free / limit - 1)
+    if solved is not None and not solved.quasi_static:
+        is_so[count:] = (solved.gaps < 0) & (pairs.target == 0) & (approach < 0)
+        near[count:] = 0.0  # what it would do without contact decides, and a first sweep says that
+    return is_so, near
 
 
 def is_wedged(contact: ContactSolution, is_rigid: bool) -> bool:

@@ -163,9 +163,14 @@ def plan_steps(
     """What was asked for, checked: all inputs (steps, p) of each step, and the intervals of one contact mode and dt.
 
     Raises:
-        StepError: wrong shapes, unknown names, or numbers that are not finite.
+        StepError: wrong shapes, unknown names, numbers not finite, or a contact mode where obstacles say which.
     """
     rom = body.rom
+    if contact is not None and body.switches_itself:
+        raise StepError(
+            "contact: obstacles say which contact mode is active; allowed is None, or "
+            "effects.contact.switching = 'scene' in the scene"
+        )
     if isinstance(inputs, Mapping):
         inputs = _by_name(body, inputs, contact)
     try:
@@ -245,11 +250,6 @@ class Rollout:
     ) -> dict[str, Array]:
         """As Simulator.rollout."""
         body = self._body
-        if contact is not None and body.switches_itself:
-            raise StepError(
-                "rollout: contact: obstacles say which contact mode is active; allowed is None, or "
-                "effects.contact.switching = 'scene' in the scene"
-            )
         if not (is_number(every, whole=True) and every >= 1):
             raise StepError(f"every = {shown(every)}: allowed is a whole number of steps, at least 1")
         u, plan = plan_steps(body, inputs, contact, dt)

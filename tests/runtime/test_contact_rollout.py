@@ -184,6 +184,8 @@ def test_mode_follows_the_obstacles_and_is_not_asked_for(mesh):
     before = rolled.save()
     with pytest.raises(StepError, match=r"obstacles say .* effects\.contact\.switching = 'scene'"):
         rolled.rollout(forces, contact="left")
+    with pytest.raises(StepError, match=r"obstacles say .* effects\.contact\.switching = 'scene'"):
+        fr.differentiate(rolled, forces, lambda outputs, energies: (0.0, {}, None), contact="left")
     assert rolled.steps == before.steps
     by_scene = replace(rom, environment=replace(rom.environment, contact_switching="scene"))
     one, other = fr.Simulator(by_scene, DT), fr.Simulator(by_scene, DT)

@@ -108,6 +108,11 @@ class ExternalForce:
         """What they do work along, (n,), m or m³."""
         return np.array([load.stroke(u) for load in self.found])
 
+    @property
+    def guides(self) -> int:
+        """How many there are, the last of what is found."""
+        return sum(len(tendon.points) - 2 for tendon in self.rubbing)
+
     def angles(self, u: Array) -> Array:
         """By which tendons turn at guides, (n,), rad, 0 of strokes."""
         angles = np.concatenate([np.empty(0), *(tendon.angles(u) for tendon in self.rubbing)])

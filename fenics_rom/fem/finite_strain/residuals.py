@@ -228,10 +228,12 @@ class QuasiStaticResidual:
         return internal + self.h * multiply(m.spring, dv) - trial.external.jvp(m, trial.u, du)
 
     def strokes(self, v: Array) -> tuple[Array, Array, Array]:
-        """As in MidpointResidual."""
+        """As in MidpointResidual; of guides rates are those that friction does work along."""
         end, external = self.model.nodal_field(self.start.x + self.h * v), self.external
-        rates = (external.strokes(end) - external.strokes(self.start.u)) / self.h
-        return external.columns(self.model, end), rates, external.angles(end)
+        columns, angles = external.columns(self.model, end), external.angles(end)
+        rates, given = self.model.algebra.inner(columns, v)[:, 0], slice(len(external.found) - external.guides)
+        rates[given] = (external.strokes(end) - external.strokes(self.start.u))[given] / self.h
+        return columns, rates, angles
 
     def targets(self, actuators: ActuatorForces, given: Array) -> Array:
         """As in MidpointResidual."""
