@@ -144,7 +144,7 @@ def _spread_matrix(comm: Any, matrix: Any, together: int) -> PETSc.Mat:
 def _check_stiffness(K: PetscMatrix, R: np.ndarray, body: Body, algebra: PetscAlgebra) -> str:
     """As `_check_definite`, of K beside its rigid motions."""
     fixed = choose_fixed_dofs(R, algebra)
-    singular = partial(is_singular, K, algebra=algebra, fixed=fixed)
+    singular = partial(is_singular, K, _diagonal(K)[algebra.rows()], algebra=algebra, fixed=fixed)
     hint = null_space_hint(R, nodes=len(body.nodes) > 0)
     return _check_definite("stiffness", fix_dofs(K.mat.copy(), fixed), hint, singular)
 

@@ -21,7 +21,9 @@ LEAST_INDEPENDENCE = 1e-8  # smallest eigenvalue of the Gram matrix of columns o
 CLEAR_OF_ROUND_OFF = 100  # times that energy, above which a motion strains the body without doubt
 MOST_MOTIONS = 12  # that are looked for in a stiffness itself: of two pieces
 SHIFT = 1e-8  # share of the mean eigenvalue that makes a singular stiffness definite meanwhile
-REGULAR_SOLVE_ERROR = 1e-2  # largest relative error of K⁻¹K z where K is not taken for singular
+# Share of wᵀ diag(K) w that wᵀKw of w = K⁻¹z is at most where K is singular: from motions that nothing holds round-off
+# leaves 1e-16 to 1e-15, whatever a factor makes of them; K that holds all of them to 1e-12 still solves to 1e-4.
+HELD_BY_ROUND_OFF = 1e-13
 
 
 def mass_orthonormal(M: Operator, columns: Array, algebra: Algebra) -> Array:
@@ -109,12 +111,15 @@ def found_motions(M: Any, K: Any, shifted: Any, algebra: Algebra) -> Array:
     return mass_orthonormal(M, V @ U[:, is_zero], algebra)
 
 
-def is_singular(K: Operator, factor: Factor, algebra: Algebra, fixed: Array) -> bool:
-    """Whether K, `fixed` as in its factor, is singular, though its pivots are positive: K⁻¹K z is not z."""
+def is_singular(K: Operator, diagonal: Array, factor: Factor, algebra: Algebra, fixed: Array) -> bool:
+    """Whether K of this diagonal (rows here,), `fixed` as in its factor, is singular to round-off, the pivots positive.
+
+    One step of inverse iteration finds what K holds least; the share of its energy changes with no units of rows.
+    """
     free = free_rows(algebra, fixed)
-    z = free * probe_columns(algebra, 1)
-    error = factor.solve(free * (K @ z)) - z
-    return not algebra.inner(error, error)[0, 0] <= REGULAR_SOLVE_ERROR**2 * algebra.inner(z, z)[0, 0]
+    w = factor.solve(free * probe_columns(algebra, 1))
+    held, scale = (algebra.inner(w, product)[0, 0] for product in (K @ w, diagonal[:, None] * w))
+    return not held > HELD_BY_ROUND_OFF * scale  # nor where that is not finite
 
 
 def free_rows(algebra: Algebra, fixed: Array) -> Array:

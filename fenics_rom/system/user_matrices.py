@@ -65,7 +65,7 @@ def _lack_of_definiteness(K: Any, R: Array, algebra: MatrixAlgebra) -> str | Non
         factor = MatrixFactor(with_fixed_dofs(K, fixed))
     except SolverError:
         return ""
-    return ", but singular to round-off" if is_singular(K, factor, algebra, fixed) else None
+    return ", but singular to round-off" if is_singular(K, K.diagonal(), factor, algebra, fixed) else None
 
 
 def _refuse_petsc_and_complex(given: Mapping[str, Any]) -> None:

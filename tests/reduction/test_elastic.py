@@ -222,13 +222,19 @@ def test_round_off_does_not_make_a_free_body_a_held_one(free):
     """All pivots of this K are positive, the last ones by round-off alone."""
     M, K = (dense(A, free.size) for A in (free.mass, free.stiffness))
     for matrices in ((M, K), (scipy.sparse.csr_matrix(M), scipy.sparse.csr_matrix(K))):
-        for shift in (0.0, 1e-15, -1e-15):
+        for shift, rigid in ((0.0, 6), (1e-15, 6), (-1e-15, 6), (1e-12, 0)):
             whole = matrices[1] + shift * abs(K).max() * scipy.sparse.identity(free.size)
             found = fr.System(mass=matrices[0], stiffness=whole, rayleigh=(0, 1e-3), contacts=free.contacts)
-            assert found.rigid.shape[1] == 6
+            assert found.rigid.shape[1] == rigid
     system = fr.System(mass=M, stiffness=K, rayleigh=(1.0, 1e-3), contacts=free.contacts, rigid=3 * free.rigid)
     one, other = (fr.reduce(s, order=8).contact_models["right"] for s in (system, free))
     np.testing.assert_allclose(one.hankel_singular_values[:8], other.hankel_singular_values[:8], rtol=1e-9)
+
+
+def test_rows_of_other_units_do_not_make_a_held_body_a_free_one():
+    """Of which the softest is 1e-18 of the mean."""
+    K = np.diag([1e18, 1.0]) + 1e8 * (1 - np.eye(2))
+    assert fr.System(mass=np.eye(2), stiffness=K, rayleigh=(0, 1e-3), contacts={"first": [1, 0]}).rigid.shape[1] == 0
 
 
 def test_what_a_free_body_cannot_have_is_refused(free):
