@@ -323,16 +323,26 @@ class Rom(ByContent):
 def diagonalized_span(κ: Array, span: Array) -> tuple[Array, Array]:
     """γ (m,), ascending, and C (k, m) with the span of given orthonormal columns, CᵀC = I and CᵀκC = diag(γ).
 
-    The singular values of √κ C are √γ: accurate where an eigenproblem of CᵀκC would lose half the digits. Where κ (k,)
-    begins with zeros, the span holds the rigid motions that they are of, which become unit vectors.
+    The singular values of √κ C are √γ: accurate where an eigenproblem of CᵀκC would lose half the digits. Round-off is
+    a share of the largest, so what is far softer, like a body on a weak spring, is looked at again without the stiffer.
+    Where κ (k,) begins with zeros, the span holds the rigid motions that they are of, which become unit vectors.
     """
-    rigid = np.count_nonzero(κ == 0)
-    _, ω, rotation = np.linalg.svd(np.sqrt(κ)[:, None] * span, full_matrices=False)
-    C, γ = span @ rotation[::-1].T, ω[::-1] ** 2
-    γ[:rigid], C[:rigid], C[:, :rigid] = 0.0, 0.0, np.eye(*C.shape)[:, :rigid]
-    return γ, C * np.where(C[np.abs(C).argmax(axis=0), np.arange(C.shape[1])] < 0, -1.0, 1.0)
+    m, rigid = span.shape[1], np.count_nonzero(κ == 0)
+    root, rest, end = np.sqrt(κ)[:, None], span, m
+    γ, C = np.zeros(m), np.eye(len(span), m)
+    while end > rigid:
+        _, ω, rotation = np.linalg.svd(root * rest, full_matrices=False)
+        rest = (rest @ rotation.T)[:, : end - rigid]  # at first without the rigid motions, which come last
+        rest[:rigid] = 0.0
+        count = np.count_nonzero(ω[: end - rigid] >= SOFTER * ω[0])
+        start = end - count
+        γ[start:end], C[:, start:end] = ω[:count][::-1] ** 2, rest[:, :count][:, ::-1]
+        kept, rest, end = C[:, start:end], rest[:, count:], start
+        rest = rest - kept @ ((κ[:, None] * kept / γ[start : start + count]).T @ rest)
+    return γ, C * np.where(C[np.abs(C).argmax(axis=0), np.arange(m)] < 0, -1.0, 1.0)
 
 
+SOFTER = 1e-3  # share of the largest √γ, below which its round-off would leave less than 13 digits
 ORTHONORMALITY = 1e-10  # largest accepted |CᵀC - I|, relative |CᵀκC - diag(γ)|, and |RᵀR - I| of the directions R
 
 

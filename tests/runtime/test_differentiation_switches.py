@@ -52,7 +52,8 @@ def check_switches(at, u, start, directions, ε=1e-4, every=3):
     owed = [(slope * δ).sum() for slope, δ in zip(slopes, directions, strict=True)]
     for place, slope in enumerate(owed):
         one = [δ * (number == place) for number, δ in enumerate(directions)]
-        difference = (run(ε, one)[0] - run(-ε, one)[0]) / (2 * ε)
+        whole, half = ((run(step, one)[0] - run(-step, one)[0]) / (2 * step) for step in (ε, ε / 2))
+        difference = (4 * half - whole) / 3  # ties make the run so curved that either alone is off by 2e-5
         assert slope == pytest.approx(difference, rel=AGREES, abs=AGREES * max(map(abs, owed)))
     return body, gradient
 
