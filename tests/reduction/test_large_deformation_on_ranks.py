@@ -28,6 +28,7 @@ PARTS = {
     "run": RUN,
 }
 pytestmark = pytest.mark.alone
+SAME = 1e-9
 
 
 @pytest.fixture(scope="module")
@@ -47,15 +48,18 @@ def roms(folder):
 
 
 def test_two_ranks_make_the_same_model(roms):
+    """A hundred times what round-off leaves; vectors may have either sign, and what is drawn at random has none."""
     one, two = roms
-    np.testing.assert_allclose(two.stiffness, one.stiffness, rtol=1e-5)
+    signs = np.sign((one.outputs["tip"] * two.outputs["tip"]).sum(axis=0))
+    np.testing.assert_allclose(two.stiffness, one.stiffness, rtol=SAME)
     bodies = [rom.deformation for rom in roms]
     assert bodies[0].points_of == bodies[1].points_of == 24
-    q = 0.5 * bodies[0].training_radius * np.eye(8)[0]
-    for found in (lambda body: body.energy(q), lambda body: np.abs(body.force(q))):  # vectors may have either sign
-        np.testing.assert_allclose(
-            found(bodies[1]), found(bodies[0]), rtol=0.02, atol=0.02 * np.abs(found(bodies[0])).max()
-        )
+    assert len(bodies[0].weights) == len(bodies[1].weights) < 24
+    assert bodies[1].training_radius == pytest.approx(bodies[0].training_radius, rel=SAME)
+    for q in 0.5 * bodies[0].training_radius * np.eye(8):
+        assert bodies[1].energy(signs * q) == pytest.approx(bodies[0].energy(q), rel=SAME)
+        force = bodies[0].force(q)
+        assert np.abs(signs * bodies[1].force(signs * q) - force).max() <= SAME * np.abs(force).max()
 
 
 def test_all_points_and_what_follows_are_those_of_the_full_order(folder, roms):

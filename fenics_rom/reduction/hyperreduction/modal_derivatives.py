@@ -52,6 +52,7 @@ def modal_derivatives(problem: ReductionProblem, checkpoint: Checkpoint) -> Trai
         floor = NEW_SHAPE_SHARE * np.trace(inner(at_rest, M @ at_rest))
         w, E = (x[..., ::-1] for x in significant_eigenpairs(inner(others, M @ others), floor))  # ascending
         shapes = np.hstack([V, others @ (E / np.sqrt(w))])
+        shapes *= _definite_signs(inner(shapes, M @ at_rest))
         a = np.sqrt(np.concatenate([(modal**2).sum(axis=1), w]) / at_rest.shape[1])  # root mean squares
         pairs = sorted(combinations_with_replacement(range(len(a)), 2), key=lambda ij: -a[ij[0]] * a[ij[1]])
         pairs = pairs[:MAX_DERIVATIVES]
@@ -70,6 +71,14 @@ def modal_derivatives(problem: ReductionProblem, checkpoint: Checkpoint) -> Trai
     loads = replace(loads, inputs=loads.inputs | forces_of_strokes(problem, loads.inputs))
     states = np.hstack([s * first + s**2 * second for s in TRAINING_LEVELS])
     return TrainingData(np.hstack(columns), states, loads, OVERSHOOT if moves else 1.0)
+
+
+def _definite_signs(responses: Array) -> Array:
+    """Signs (k,) for shapes of these parts in the responses to loads (k, any), by which random combinations are the
+    same whichever sign an eigensolver gave.
+    """
+    mixed = responses @ np.random.default_rng(1).standard_normal(responses.shape[1])
+    return np.where(mixed < 0, -1.0, 1.0)
 
 
 def forces_of_strokes(problem: ReductionProblem, largest: Mapping[str, float]) -> dict[str, float]:
