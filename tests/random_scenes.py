@@ -159,13 +159,15 @@ def in_all_modes(system: fr.System) -> fr.Rom:
 
 
 def begin(body: fr.Simulator, scene: Drawn, share: float = 1.0) -> None:
-    """Throws a body, and moves it in its lowest eigenvectors."""
+    """Throws a body, and moves it in its lowest eigenvectors, of the same signs whatever the eigensolver gave."""
     if scene.start is not None:
         body.place(started(body, scene, share))
     if scene.speed:
         q, r = body.state
         first = body.rom.rigid if scene.frame == "held" else 0
-        r[first : first + 3] = share * scene.speed * np.sqrt(body.rom.node_mass.sum()) * np.array([0.5, 0.3, 0.2])
+        lowest = body.rom.basis @ body.model.coordinates[:, first : first + 3]
+        signs = np.sign(np.random.default_rng(8).standard_normal(len(lowest)) @ lowest)
+        r[first : first + 3] = share * scene.speed * np.sqrt(body.rom.node_mass.sum()) * signs * [0.5, 0.3, 0.2]
         body.state = q, r
 
 
