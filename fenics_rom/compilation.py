@@ -140,33 +140,59 @@ def jit(function: _Function) -> _Function:
     return _compile(function) if can_compile() else function
 
 
+def jit_part(function: _Function) -> _Function:
+    """Has a function compiled as a part of those that call it; Python takes it as it is.
+
+    Nothing of it is kept by itself, nor made to be called from Python, which would take a tenth of all compiling.
+    """
+    return _part(function, EXACT) if can_compile() else function
+
+
 def jit_sums(function: _Function) -> _Function:
     """The same, of long sums, whose terms may be added in any order, several at once."""
-    return _compile(function, EXACT | {"reassoc", "nsz"}) if can_compile() else function
+    return _part(function, EXACT | {"reassoc", "nsz"}) if can_compile() else function
 
 
 @cache
 def jit_shared(function: _Function) -> _Function:
-    """The same of a function that NumPy's steps take, too, with those that it calls: they stay as they are there.
+    """The same of a function that NumPy's steps take, too, with those that it calls.
 
     Its file is to be one of SHARED.
     """
-    if not can_compile():
-        return function
-    names, known = function.__code__.co_names, function.__globals__
-    called = {name: jit_shared(known[name]) for name in names if isinstance(known.get(name), FunctionType)}
-    return _compile(FunctionType(function.__code__, known | called))  # type: ignore[return-value]
+    if can_compile():
+        known = function.__globals__
+        for name in function.__code__.co_names:
+            if isinstance(known.get(name), FunctionType):
+                jit_shared(known[name])
+        _part(function, EXACT)
+    return function
 
 
-def _compile(function: _Function, fastmath: frozenset[str] = EXACT) -> _Function:
+def _compile(function: _Function) -> _Function:
     from numba import config, njit
 
     before, config.CACHE_DIR = config.CACHE_DIR, str(cache_folder())
     try:
-        made: _Function = njit(cache=_keeps(), nogil=True, error_model="numpy", fastmath=set(fastmath))(function)
+        made: _Function = njit(cache=_keeps(), **_how(EXACT))(function)
     finally:
         config.CACHE_DIR = before
     return made
+
+
+def _part(function: _Function, fastmath: frozenset[str]) -> _Function:
+    from numba.extending import register_jitable
+
+    made: _Function = register_jitable(**_how(fastmath))(function)
+    return made
+
+
+def _how(fastmath: frozenset[str]) -> dict[str, Any]:
+    return {"nogil": True, "error_model": "numpy", "fastmath": set(fastmath)}
+
+
+def in_plain(array: Array) -> Array:
+    """The same in one piece, and such that it may be written to: of other kinds all would be compiled again."""
+    return array if array.flags.c_contiguous and array.flags.writeable else array.copy()
 
 
 @cache

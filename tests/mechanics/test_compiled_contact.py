@@ -5,13 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fenics_rom.compilation import compiled
+from fenics_rom.compilation import compiled, jit
 from fenics_rom.mechanics import braking, contact_pairs, contact_solver, obstacles
 from fenics_rom.mechanics.braking import SWINGS
-from fenics_rom.mechanics.compiled import contact_law, coulomb, shapes
-from fenics_rom.mechanics.compiled.newton import find_by_newton
+from fenics_rom.mechanics.compiled import contact_law, coulomb, newton, shapes, sweeps
 from fenics_rom.mechanics.compiled.shapes import measure, shape_rows
-from fenics_rom.mechanics.compiled.sweeps import find_by_sweeps
 from fenics_rom.mechanics.complementarity import solution
 from fenics_rom.mechanics.contact import ContactLaw, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_search import ContactSearch
@@ -29,6 +27,7 @@ SHAPES = (
     Box([0.1, 0.2, -0.1], [0.6, 0.9, 1.2], [0.5, -0.4, 0.8]),
 )
 H, EPS = 1e-3, float(np.finfo(float).eps)
+find_by_newton, find_by_sweeps = map(jit, (newton.find_by_newton, sweeps.find_by_sweeps))
 seeds = st.integers(0, 2**32 - 1)
 
 

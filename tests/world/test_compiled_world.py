@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from test_soft_motion import CLAMPED, LIES, TOUCHED, reduced
 
 import fenics_rom as fr
-from fenics_rom.compilation import compiled
+from fenics_rom.compilation import compiled, jit
 from fenics_rom.mechanics.braking import SWINGS, Braking
 from fenics_rom.mechanics.compiled import contact_law
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, pairs_from
@@ -15,7 +15,7 @@ from fenics_rom.mechanics.compiled.coulomb import frame_along
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.world import step_pairs
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Points
-from fenics_rom.world.compiled.rigid_bodies import RigidBodies, add_answers, attempt, look_at_answers, set_inverse
+from fenics_rom.world.compiled import rigid_bodies
 from fenics_rom.world.compiled_forces import CompiledForces
 from fenics_rom.world.contact_step import Guide, Pairs, _Asked, _law
 from fenics_rom.world.rigid import Rigid
@@ -26,6 +26,8 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning"),
 ]
 H, EPS = 2e-3, float(np.finfo(float).eps)
+attempt, look_at_answers = map(jit, (rigid_bodies.attempt, rigid_bodies.look_at_answers))
+add_answers, set_inverse = map(jit, (rigid_bodies.add_answers, rigid_bodies.set_inverse))
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -98,7 +100,7 @@ def test_rigid_bodies_answer_as_in_numpy(seed):
     ends = np.array([random.choice([-1, 0, 1, 2], 2, replace=False) for _ in range(C)])
     places = np.array([bodies[max(end)]._p for end in ends]) + random.uniform(-0.1, 0.1, (C, 3))
     forces = random.normal(size=(C, 3))
-    stacked = RigidBodies(
+    stacked = rigid_bodies.RigidBodies(
         np.array([body.mass for body in bodies]),
         np.array([body.inertia for body in bodies]),
         np.array([body.begun[0] for body in bodies]),

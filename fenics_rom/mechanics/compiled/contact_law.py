@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit, jit_part
+from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.coulomb import ACCURATE, add_motion, frame_along, look_at, yielding_of
 from fenics_rom.mechanics.compiled.newton import find_by_newton
 from fenics_rom.mechanics.compiled.sweeps import find_by_sweeps
@@ -152,13 +153,16 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
         few = touched.nonzero()[0]
         among, part = np.arange(P), W
         if 2 * len(few) <= P:
-            among[few], part = np.arange(len(few)), part_of(W, few)
+            part = part_of(W, few)
+            for i in range(len(few)):
+                among[few[i]] = i
         points, axes, yielding = np.empty(C, dtype=np.int64), np.empty((C, 3, 3)), np.empty(C)
         friction = pairs.friction[active]
         q, f, u, speed = np.empty((C, 3)), np.empty((C, 3)), np.empty((C, 3)), 0.0
         for i in range(C):
             c = active[i]
-            points[i], axes[i] = among[c % P], pairs.axes[c]
+            points[i] = among[c % P]
+            copy(pairs.axes[c], axes[i])
             yielding[i] = yielding_of(part, points[i], law.compliance)
             for k in range(3):
                 q[i, k] = pairs.free[c, k] - pairs.target[c, k]
@@ -230,7 +234,7 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
     return Found(OTHERWISE, sweeps, 0.0)
 
 
-@jit
+@jit_part
 def _is_share_none(
     law: Law, swung: Array, active: Array, f: Array, power: float, negligible: float, pairs: Pairs
 ) -> bool:
@@ -248,7 +252,7 @@ def _is_share_none(
     return not swings or (power >= -negligible and slope >= 0)
 
 
-@jit
+@jit_part
 def part_of(W: Array, few: Array) -> Array:
     """What is of some points (s,) in an operator (3P, 3P), (3s, 3s)."""
     part = np.empty((3 * len(few), 3 * len(few)))

@@ -8,14 +8,14 @@ import math
 
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit_part
 
 # Of the velocities that forces stop: how far they may be from the law where they are looked for further, and at all.
 ACCURATE, SOLVED = 1e-14, 1e-12
 REGULAR_SHARE = 0.4  # see `complementarity.solution`
 
 
-@jit
+@jit_part
 def frame_along(axes: Array) -> None:
     """Sets the last two rows of axes (3, 3) to tangents of the first, a unit vector: those of `axes_along`."""
     n = axes[0]
@@ -27,7 +27,7 @@ def frame_along(axes: Array) -> None:
             axes[k, j] = n[j] * (n[k] / w0) - (sign if j == k else 0.0)
 
 
-@jit
+@jit_part
 def add_motion(W: Array, p: int, fx: float, fy: float, fz: float, moved: Array) -> None:
     """Adds what a force on point p does to the velocities of all points, (3P,), by rows of W: the columns of Wᵀ."""
     x, y, z = W[3 * p], W[3 * p + 1], W[3 * p + 2]
@@ -35,7 +35,7 @@ def add_motion(W: Array, p: int, fx: float, fy: float, fz: float, moved: Array) 
         moved[k] += x[k] * fx + y[k] * fy + z[k] * fz
 
 
-@jit
+@jit_part
 def push(W: Array, p: int, frame: Array, a: float, b: float, c: float, moved: Array) -> None:
     """`add_motion` of a force in a frame."""
     x = frame[0, 0] * a + frame[1, 0] * b + frame[2, 0] * c
@@ -44,13 +44,13 @@ def push(W: Array, p: int, frame: Array, a: float, b: float, c: float, moved: Ar
     add_motion(W, p, x, y, z, moved)
 
 
-@jit
+@jit_part
 def yielding_of(W: Array, p: int, compliance: float) -> float:
     """1/ρ of a pair at a point, m/s/N: see `complementarity.frictional`; compliance is along its normal."""
     return (W[3 * p, 3 * p] + W[3 * p + 1, 3 * p + 1] + W[3 * p + 2, 3 * p + 2] + compliance) / (3 * REGULAR_SHARE)
 
 
-@jit
+@jit_part
 def look_at(
     W: Array,
     points: Array,

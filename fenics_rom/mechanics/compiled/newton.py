@@ -17,14 +17,15 @@ import math
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED
 
 OPEN, SLIPS, STICKS, NO_PAIR = range(4)
 MOST_SOLVES = 12  # where they suffice they are rarely more than six
 
 
-@jit
+@jit_part
 def find_by_newton(
     inverse: Array,
     points: Array,
@@ -56,13 +57,15 @@ def find_by_newton(
     stuck, forces = np.empty((P, 3)), np.empty((P, 3))
     for c in range(C):
         p = points[c]
-        kinds[p], ρ[p], μ[p], frames[p], v[p] = OPEN, 1 / yielding[c], friction[c], axes[c], -q[c]
+        kinds[p], ρ[p], μ[p] = OPEN, 1 / yielding[c], friction[c]
+        copy(axes[c], frames[p])
         for k in range(3):
+            v[p, k] = -q[c, k]
             z[p, k] = f[c, k] - ρ[p] * u[c, k]
     _map(inverse, frames, v, stuck)  # the forces that all need to stick
     v[:] = 0.0
     if _look(kinds, ρ, μ, stuck, v, as_if_stuck) < missed:
-        z[:] = as_if_stuck
+        copy(as_if_stuck, z)
     known, blocks = np.zeros((P, P), dtype=np.bool_), np.empty((P, P, 3, 3))
     matrix, right = np.empty((3 * P, 3 * P)), np.empty(3 * P)
     places, begins = np.empty(P, dtype=np.int64), np.empty(P, dtype=np.int64)
@@ -107,7 +110,7 @@ def find_by_newton(
     return count, True
 
 
-@jit
+@jit_part
 def _map(operator: Array, frames: Array, x: Array, y: Array) -> None:
     """Sets y (P, 3) to what a symmetric operator (3P, 3P) makes of x (P, 3), both in frames."""
     moved = np.zeros(len(operator))
@@ -127,7 +130,7 @@ def _map(operator: Array, frames: Array, x: Array, y: Array) -> None:
             y[p, k] = frame[k, 0] * vx + frame[k, 1] * vy + frame[k, 2] * vz
 
 
-@jit
+@jit_part
 def _look(kinds: Array, ρ: Array, μ: Array, forces: Array, v: Array, z: Array) -> float:
     """Sets z (P, 3), N, of forces and velocities; how far the pairs are from the law, m/s."""
     worst = 0.0
@@ -145,7 +148,7 @@ def _look(kinds: Array, ρ: Array, μ: Array, forces: Array, v: Array, z: Array)
     return worst
 
 
-@jit
+@jit_part
 def _blocks_of(inverse: Array, frames: Array, places: Array, known: Array, blocks: Array) -> None:
     """Sets those blocks (3, 3) of W⁻¹ between the points at places, in their frames, that are not known yet."""
     half = np.empty((3, 3))
@@ -166,7 +169,7 @@ def _blocks_of(inverse: Array, frames: Array, places: Array, known: Array, block
                     other[k, a] = block[a, k]
 
 
-@jit
+@jit_part
 def _set_up(
     blocks: Array,
     stuck: Array,
@@ -209,7 +212,7 @@ def _set_up(
         matrix[k + 1, k + 1] += ρ[p] * B22
 
 
-@jit
+@jit_part
 def solve(matrix: Array, x: Array, n: int) -> bool:
     """Solves the first n equations by elimination with pivots, in place; False where they are singular."""
     for k in range(n):

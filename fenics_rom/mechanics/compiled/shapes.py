@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 
 HALF_SPACE, SPHERE, CAPSULE, BOX = range(4)
@@ -64,7 +64,7 @@ def measure(shapes: Array, offsets: Array, places: Array, gaps: Array, normals: 
                 gaps[c] = _from_box(x - s[0], y - s[1], z - s[2], s, n)
 
 
-@jit
+@jit_part
 def _direction(x: float, y: float, z: float, a: float, b: float, c: float, n: Array) -> float:
     """Length of a vector; sets n to its direction, to (a, b, c) where it has none."""
     length = math.sqrt(x * x + y * y + z * z)
@@ -75,7 +75,7 @@ def _direction(x: float, y: float, z: float, a: float, b: float, c: float, n: Ar
     return length
 
 
-@jit
+@jit_part
 def _from_box(x: float, y: float, z: float, s: Array, n: Array) -> float:
     """Signed distance of a place, as seen from its centre, from a box; sets n."""
     local, beyond, deepest, face = np.empty(3), np.empty(3), -np.inf, 0

@@ -10,7 +10,8 @@ import math
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.coulomb import SOLVED, push
 
 ROUND_OFF = 2e-15  # of the velocities that forces stop: what a sweep may change at its end
@@ -18,7 +19,7 @@ MOST_SWEEPS, MOST_FURTHER = 200, 12  # where they suffice they are rarely more t
 FARTHEST = 4.0  # of the last change, by which forces go further
 
 
-@jit
+@jit_part
 def _local_compliance(W: Array, p: int, axes: Array, local: Array) -> None:
     """Sets local (3, 3) to a point's own block of W in a frame."""
     for a in range(3):
@@ -32,7 +33,7 @@ def _local_compliance(W: Array, p: int, axes: Array, local: Array) -> None:
             local[b, a] = x * axes[b, 0] + y * axes[b, 1] + z * axes[b, 2]
 
 
-@jit
+@jit_part
 def find_by_sweeps(
     W: Array, points: Array, axes: Array, q: Array, friction: Array, compliance: float, f: Array, moved: Array
 ) -> int:
@@ -61,7 +62,7 @@ def find_by_sweeps(
     forces, begun, last, changed = f.ravel(), np.empty(n), np.zeros(n), np.zeros(n)  # the first one is f itself
     moved_last = np.zeros(len(moved))
     for count in range(1, MOST_SWEEPS + 1):
-        begun[:] = forces
+        copy(forces, begun)
         missed = _sweep(W, points, axes, q, friction, compliance, own, soft, stiff, f, moved)
         further += missed <= SOLVED * speed
         if missed <= ROUND_OFF * speed or further > MOST_FURTHER:
@@ -77,7 +78,7 @@ def find_by_sweeps(
     return count
 
 
-@jit
+@jit_part
 def _sweep(
     W: Array,
     points: Array,
@@ -116,7 +117,7 @@ def _sweep(
     return missed
 
 
-@jit
+@jit_part
 def _go_further(values: Array, last: Array, share: float) -> None:
     """Takes back a share of the change from the last values, which become those of now."""
     for k in range(len(values)):

@@ -5,7 +5,8 @@ import math
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit, jit_part
+from fenics_rom.mechanics.compiled.copying import copy_rows
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.mechanics.largest_turn import LARGEST_TURN
 from fenics_rom.runtime.compiled.frames import (
@@ -36,7 +37,6 @@ from fenics_rom.runtime.compiled.frames import (
     act,
     added,
     combine,
-    copy,
     cross,
     dot,
     give,
@@ -118,7 +118,7 @@ def take_carried_step(body: Body, loads: Loads, u: Array, base: Array, state: St
     return Step(TAKEN, carried + within, within, supplied, h * r̂.dot(np.dot(body.D, r̂)))
 
 
-@jit
+@jit_part
 def _move(mass: float, R: Rotation, now: Array) -> None:
     """Sets twist and momenta in the frame's axes, of the shape that is known."""
     v, ω = rotated_back(R, vector(now, VELOCITY)), rotated_back(R, vector(now, TURNING))
@@ -130,7 +130,7 @@ def _move(mass: float, R: Rotation, now: Array) -> None:
     put(now, ANGULAR_MOMENTUM, L)
 
 
-@jit
+@jit_part
 def _rate(body: Body, now: Array, table: Array, kept: Array, slopes: Array, v_end: Vector, ω_end: Vector) -> Array:
     """r̂ (m,), of what the table says."""
     h, m, v, ω = body.h, len(body.ω), vector(now, OF_BASE), vector(now, SPIN)
@@ -160,12 +160,12 @@ def _rate(body: Body, now: Array, table: Array, kept: Array, slopes: Array, v_en
         kept[IS_COUPLING_KNOWN], kept[IS_INVERSE_KNOWN] = 1.0, 0.0
         return np.linalg.solve(A, right)
     if not kept[IS_INVERSE_KNOWN]:  # of a base that turns steadily
-        copy(np.linalg.inv(A), inverse)
+        copy_rows(np.linalg.inv(A), inverse)
         kept[IS_INVERSE_KNOWN] = 1.0
     return np.dot(inverse, right)
 
 
-@jit
+@jit_part
 def _put_wrench(
     body: Body,
     loads: Loads,

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.runtime.compiled.material_points import Points, add_force, add_geometric
 from fenics_rom.runtime.compiled.small_matrices import dot, factor, invert, multiply
 from fenics_rom.runtime.compiled.strain_tables import add_rates, read, set_products, set_strains, unfold
@@ -66,7 +67,7 @@ class Memory(NamedTuple):
     uppers: Array
 
 
-@jit
+@jit_part
 def strains_in(memory: Memory) -> Strains:
     """As parts of few arrays, as each that is handed to a compiled function takes time."""
     v, K, carried, numbers, products, uppers = memory
@@ -97,13 +98,13 @@ AHEAD, LEFT_AHEAD, IS_AHEAD = 5, 6, 7  # energy of the shape, of its strains and
 HAS_TANGENT, MADE_TANGENT, GAP, NUMBERS = 8, 9, 10, 11  # the square of what ε lacks, J
 
 
-@jit
+@jit_part
 def root_of(energy: float) -> float:
     """s of ½ s², J."""
     return math.sqrt(2 * max(energy, 0.0))
 
 
-@jit
+@jit_part
 def look_ahead(law: Law, strains: Strains, q: Array, v: Array) -> None:
     """From q, to which a step with v̂ led."""
     m, force, middle, moved = len(q), strains.force, strains.vectors[0], strains.vectors[1]
@@ -131,7 +132,7 @@ def look_ahead(law: Law, strains: Strains, q: Array, v: Array) -> None:
             force[i] += uppers[1, 1 + i]
 
 
-@jit
+@jit_part
 def add_force_ahead(law: Law, strains: Strains, q: Array, force: Array) -> None:
     """Adds f̂ (m,) of a step from q with v̂ of the step before."""
     v = strains.velocity
@@ -141,7 +142,7 @@ def add_force_ahead(law: Law, strains: Strains, q: Array, force: Array) -> None:
         )
 
 
-@jit
+@jit_part
 def _set_matrix(law: Law, K: Array, matrix: Array) -> None:
     """Sets Aᵀ (h/2 + β) C₀ A of K there, and what does not change (m, m)."""
     size = 2 * (law.h / 2 + law.viscosity)
@@ -151,14 +152,14 @@ def _set_matrix(law: Law, K: Array, matrix: Array) -> None:
             row[j] = size * at[j] + steady[j]
 
 
-@jit
+@jit_part
 def add_inertia(law: Law, matrix: Array) -> None:
     """Adds 2/h."""
     for i in range(len(matrix)):
         matrix[i, i] += 2 / law.h
 
 
-@jit
+@jit_part
 def make_tangent(law: Law, strains: Strains, q: Array) -> None:
     """Sets T: the inverse of what a step's forces change by with v̂ of the step before, inertia included."""
     m, middle, y, σ, matrix = len(q), strains.vectors[0], strains.products, strains.uppers, strains.matrices
@@ -184,7 +185,7 @@ def make_tangent(law: Law, strains: Strains, q: Array) -> None:
     invert(matrix, strains.tangent)
 
 
-@jit
+@jit_part
 def expect(law: Law, strains: Strains, q: Array, v: Array) -> None:
     """A step from q near v (m,), which can hardly go further than it was trained: sets what f̂ is then."""
     m, h, numbers, products, uppers = len(q), law.h, strains.numbers, strains.products, strains.uppers
@@ -216,7 +217,7 @@ def expect(law: Law, strains: Strains, q: Array, v: Array) -> None:
         _add_slope(law, strains)
 
 
-@jit
+@jit_part
 def _add_slope(law: Law, strains: Strains) -> None:
     """Adds what has s: b = ∂√(2 (Ψ + c))/∂q of the energy Ψ that is left there; see `StrainsCarried._slope`."""
     q, b, numbers, m = strains.at, strains.slope, strains.numbers, len(strains.at)
@@ -243,7 +244,7 @@ def _add_slope(law: Law, strains: Strains) -> None:
             strains.matrix[i, j] += law.h / 2 * b[i] * b[j]
 
 
-@jit
+@jit_part
 def close(law: Law, strains: Strains, q: Array, after: Array, v: Array) -> float:
     """Ends a step with v̂ from q to q⁺; what it dissipates, J.
 
@@ -269,7 +270,8 @@ def close(law: Law, strains: Strains, q: Array, after: Array, v: Array) -> float
     if added > budget:
         y, z = strains.products[:, 1:], strains.uppers[:, 1:]
         if numbers[IS_CARRIED]:
-            y[0] = ε[0]
+            for k in range(len(law.gram)):
+                y[0, k] = ε[0, k]
         else:
             set_strains(q, y[0])
         add_rates(strains.at, v, h, y[0])
@@ -290,5 +292,5 @@ def close(law: Law, strains: Strains, q: Array, after: Array, v: Array) -> float
     numbers[LEFT] = left + share * gap_s * (s + share * gap_s / 2)
     numbers[TANK] = min(max(budget - added, 0.0), 2 * numbers[AHEAD])
     numbers[ENERGY], numbers[IS_CARRIED] = energy, is_carried
-    strains.velocity[:] = v
+    copy(v, strains.velocity)
     return heat - added

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit_part
 from fenics_rom.runtime.compiled.small_matrices import dot
 from fenics_rom.runtime.compiled.strain_tables import set_products
 
@@ -20,7 +20,7 @@ class Following(NamedTuple):
     shapes: Array  # what they are with q, (s, 3, m)
 
 
-@jit
+@jit_part
 def add_following(loads: Following, u: Array, q: Array, products: Array, force: Array) -> None:
     """Adds generalized forces (m,) of the inputs u (p,) on the body at q, whose products (n,) may be set."""
     if len(loads.pressures):

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_shared
+from fenics_rom.compilation import jit_part, jit_shared
 from fenics_rom.mechanics import base_fit, frame_motion
+from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.frame_motion import Quaternion, Rotation, Vector
 from fenics_rom.runtime.steppers import frame_table, inertia
 from fenics_rom.runtime.steppers.inertia import Inertia
@@ -116,7 +117,7 @@ class Taken(NamedTuple):
     poses: Array  # (n, 7) after it, position and quaternion
 
 
-@jit
+@jit_part
 def combine(factors: Array, rows: Array, total: Array) -> None:
     """Sets total (k,) to the sum of rows (n, k) by factors (n,)."""
     total[:] = 0.0
@@ -126,31 +127,31 @@ def combine(factors: Array, rows: Array, total: Array) -> None:
             total[k] += factor * row[k]
 
 
-@jit
+@jit_part
 def vector(numbers: Array, first: int) -> Vector:
     """Three of many numbers."""
     return numbers[first], numbers[first + 1], numbers[first + 2]
 
 
-@jit
+@jit_part
 def rotation_in(numbers: Array) -> Quaternion:
     """The quaternion of a frame."""
     return numbers[3], numbers[4], numbers[5], numbers[6]
 
 
-@jit
+@jit_part
 def put(numbers: Array, first: int, a: Vector) -> None:
     """Sets three of many numbers."""
     numbers[first], numbers[first + 1], numbers[first + 2] = a
 
 
-@jit
+@jit_part
 def inertia_in(now: Array) -> Inertia:
     """The six entries of I."""
     return now[13], now[14], now[15], now[16], now[17], now[18]
 
 
-@jit
+@jit_part
 def shape_at(body: Body, q: Array, r: Array, table: Array, now: Array) -> None:
     """Sets the inertia at q, moving with r, and the rows of the table that are of q."""
     m = len(q)
@@ -168,7 +169,7 @@ def shape_at(body: Body, q: Array, r: Array, table: Array, now: Array) -> None:
         now[DRIFT + k] = by_r[k]
 
 
-@jit
+@jit_part
 def give(body: Body, modal: Array, e: Array, r: Array, table: Array) -> None:
     """Sets the rows of the table that do not change within a step, under forces (m,) on the coordinates."""
     for i in range(len(e)):
@@ -185,7 +186,7 @@ def give(body: Body, modal: Array, e: Array, r: Array, table: Array) -> None:
             turned_[k] += coupled[k]
 
 
-@jit
+@jit_part
 def act(loads: Loads, u: Array, m: int) -> Acting:
     """What inputs u (p,) do."""
     pushed, by_shape = np.empty(m + 9), np.zeros((3 if len(loads.by_shape) else 0, m))
@@ -199,7 +200,7 @@ def act(loads: Loads, u: Array, m: int) -> Acting:
     return Acting(pushed[:m], parts[0], parts[1], parts[2], by_shape, at_points)
 
 
-@jit
+@jit_part
 def torque_of(acting: Acting, q: Array, h: float, rate: Array) -> Vector:
     """That of forces that turn with the frame, in a step of h s from q at a mid-step rate (m,)."""
     x, y, z = acting.torque
@@ -212,7 +213,7 @@ def torque_of(acting: Acting, q: Array, h: float, rate: Array) -> Vector:
     return x, y, z
 
 
-@jit
+@jit_part
 def push_points(
     loads: Loads, forces: Array, R: Rotation, end: Rotation, t: Vector, q: Array, h: float, rate: Array, modal: Array
 ) -> tuple[Vector, Vector, Vector]:
@@ -228,11 +229,11 @@ def push_points(
         arm = mean(rotated(R, y), rotated(end, added(y, h, vector(moved, 3 * n))))
         force, torque = added(force, 1.0, f), added(torque, 1.0, cross(arm, f))
         put(inside, 3 * n, seen(R, t, f))
-    modal[:] = np.dot(loads.rows, inside)
+    copy(np.dot(loads.rows, inside), modal)
     return force, torque, seen(R, t, torque)
 
 
-@jit
+@jit_part
 def look(watch: Watch, e: Array, square: float, speed: float) -> None:
     """Notes how far a state e (m,) is bent, if it is too far, and how fast it turns, rad/s."""
     notes = watch.notes
@@ -245,26 +246,19 @@ def look(watch: Watch, e: Array, square: float, speed: float) -> None:
         moved, largest = np.dot(watch.rows, e), 0.0
         for n in range(len(moved) // 3):
             largest = max(largest, moved[3 * n] ** 2 + moved[3 * n + 1] ** 2 + moved[3 * n + 2] ** 2)
-        notes[LOOKED_AT], notes[LOOKED_AT + 1 :] = largest**0.5, e
+        notes[LOOKED_AT] = largest**0.5
+        copy(e, notes[LOOKED_AT + 1 :])
         notes[BENDING] = max(notes[BENDING], largest**0.5)
 
 
-@jit
-def copy(rows: Array, to: Array) -> None:
-    """Copies rows (n, k)."""
-    for i in range(len(rows)):
-        for k in range(rows.shape[1]):
-            to[i, k] = rows[i, k]
-
-
-@jit
+@jit_part
 def remember(state: State) -> None:
     """Notes what is there before a step."""
     copy(state.halves, state.halves_before)
     copy(state.now[:1], state.now[1:])
 
 
-@jit
+@jit_part
 def restore(state: State) -> None:
     """Puts the body where it was before the last step."""
     copy(state.halves_before, state.halves)
@@ -272,7 +266,7 @@ def restore(state: State) -> None:
     state.kept[:WRENCH] = 0.0
 
 
-@jit
+@jit_part
 def note(body: Body, state: State, step: Step, taken: Taken, count: int) -> None:
     """Writes a step into its row."""
     taken.works[count, 0], taken.works[count, 1] = step.supplied, step.dissipated

@@ -8,7 +8,8 @@ import math
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit, jit_part
+from fenics_rom.mechanics.compiled.copying import copy, copy_rows
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.mechanics.largest_turn import LARGEST_TURN
 from fenics_rom.runtime.compiled.frames import (
@@ -40,7 +41,6 @@ from fenics_rom.runtime.compiled.frames import (
     act,
     added,
     combine,
-    copy,
     cross,
     dot,
     give,
@@ -93,7 +93,7 @@ def take_free_step(body: Body, loads: Loads, u: Array, state: State, watch: Watc
         return none
     acting, x = act(loads, u, m), np.empty(3 + m)
     put(x, 0, ω)
-    x[3:] = r
+    copy(r, x[3:])
     if kept[IS_PASSED] and h <= 2 * kept[LENGTH]:
         share = h / kept[LENGTH]
         for k in range(3 + m):
@@ -104,7 +104,7 @@ def take_free_step(body: Body, loads: Loads, u: Array, state: State, watch: Watc
             return none
     else:
         r̂ = x[3:]
-        r̂[:] = -np.dot(body.inverse, table[GIVEN])
+        copy(-np.dot(body.inverse, table[GIVEN]), r̂)
         torque, of_top = torque_of(acting, q, h, r̂), inertia_in(now)
         ω̂, left = turn_of_top(of_top, vector(now, MOMENTUM), torque, ω, vector(x, 0), h)
         if left != 0.0:
@@ -113,7 +113,7 @@ def take_free_step(body: Body, loads: Loads, u: Array, state: State, watch: Watc
     return _end_step(body, loads, acting, q, R, x, state, watch)
 
 
-@jit
+@jit_part
 def _find_motion(most: float, e: Array, table: Array, now: Array) -> bool:
     """Sets how the frame moves, of the shape that is known; whether its kinetic energy is positive definite.
 
@@ -133,14 +133,14 @@ def _find_motion(most: float, e: Array, table: Array, now: Array) -> bool:
     return True
 
 
-@jit
+@jit_part
 def _turn(h: float, x: Array, now: Array) -> tuple[Vector, Rotation]:
     """By how much the frame turns in a step, and R at its end."""
     t = (h * x[0], h * x[1], h * x[2])
     return t, rotation_of(*turned(rotation_in(now), t))
 
 
-@jit
+@jit_part
 def _lack(
     body: Body, loads: Loads, acting: Acting, q: Array, R: Rotation, x: Array, now: Array, table: Array, ρ: Array
 ) -> tuple[Inertia, Vector]:
@@ -183,7 +183,7 @@ def _lack(
     return inertia, L_end
 
 
-@jit
+@jit_part
 def _set_slopes(body: Body, inertia: Inertia, L_end: Vector, x: Array, now: Array, table: Array, slopes: Array) -> None:
     """Those of what the balances lack with ω̂ and r̂ (3 + m, 3 + m), at x, of which the table is; forces stay."""
     h, m, ω, (a, b, c) = body.h, len(body.ω), vector(now, SPIN), vector(x, 0)
@@ -216,13 +216,13 @@ def _set_slopes(body: Body, inertia: Inertia, L_end: Vector, x: Array, now: Arra
             slopes[3 + i, 3 + j] = of_shape[m * i + j]
 
 
-@jit
+@jit_part
 def _carried(a: Vector, ω̂: Vector, h: float) -> Vector:
     """(1/h + ω̂~/2) a."""
     return added(added((0.0, 0.0, 0.0), 1 / h, a), 0.5, cross(ω̂, a))
 
 
-@jit
+@jit_part
 def _contracted(entries: Array, ω: Vector) -> Vector:
     """Σ_l ω_l X_kl of the six entries of a symmetric X."""
     x, y, z = ω
@@ -233,14 +233,14 @@ def _contracted(entries: Array, ω: Vector) -> Vector:
     )
 
 
-@jit
+@jit_part
 def _size(weight: float, x: Array) -> float:
     """Of velocities, as √(2 J)."""
     r̂ = x[3:]
     return math.sqrt(weight * (x[0] ** 2 + x[1] ** 2 + x[2] ** 2) + r̂.dot(r̂))
 
 
-@jit
+@jit_part
 def _solve(body: Body, loads: Loads, acting: Acting, q: Array, r: Array, R: Rotation, x: Array, state: State) -> bool:
     """Corrects x until nothing changes, as `steppers.kept_newton` does; whether it ended."""
     now, kept, table, slopes = state.now[0], state.kept, state.table, np.empty((len(x), len(x)))
@@ -253,7 +253,7 @@ def _solve(body: Body, loads: Loads, acting: Acting, q: Array, r: Array, R: Rota
         if kept[ITERATIONS] == 0.0:
             is_new = True
             _set_slopes(body, inertia, L_end, x, now, table, slopes)
-            copy(np.linalg.inv(slopes), state.slopes)
+            copy_rows(np.linalg.inv(slopes), state.slopes)
             kept[ITERATIONS], kept[STEPS] = JACOBIAN, 0.0
         change = np.dot(state.slopes, ρ)
         x -= change
@@ -274,7 +274,7 @@ def _solve(body: Body, loads: Loads, acting: Acting, q: Array, r: Array, R: Rota
     return False
 
 
-@jit
+@jit_part
 def _end_step(
     body: Body, loads: Loads, acting: Acting, q: Array, R: Rotation, x: Array, state: State, watch: Watch
 ) -> Step:

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit, jit_part
+from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.runtime.compiled.carried_strains import (
     ENERGY,
     HAS_TANGENT,
@@ -54,7 +55,7 @@ class Motion(NamedTuple):
     factor: Array  # of the step's matrix (m, m)
 
 
-@jit
+@jit_part
 def motion_in(vectors: Array, factor: Array) -> Motion:
     """As parts of few arrays, (7, m) and (m, m)."""
     return Motion(vectors[0], vectors[1], vectors[2], vectors[3], vectors[4], vectors[5], vectors[6], factor)
@@ -70,7 +71,7 @@ class Step(NamedTuple):
     square: float  # twice the stored energy, J
 
 
-@jit
+@jit_part
 def free_step(body: Body, u: Array, e: Array, r: Array, pushed: Array, strains: Strains, motion: Motion) -> bool:
     """Sets v̂ of a step under u (p,) from e and r (m,) without contact; whether there is one.
 
@@ -97,7 +98,7 @@ def free_step(body: Body, u: Array, e: Array, r: Array, pushed: Array, strains: 
         motion.whole[i] = v[i] - dot(strains.tangent[i], residual)
     expect(law, strains, q, motion.whole)
     add_following(body.loads, u, strains.at, strains.products[0], force)
-    motion.factor[:] = strains.matrix
+    copy(strains.matrix, motion.factor)
     add_inertia(law, motion.factor)
     if not factor(motion.factor):
         return False
@@ -107,7 +108,7 @@ def free_step(body: Body, u: Array, e: Array, r: Array, pushed: Array, strains: 
     return True
 
 
-@jit
+@jit_part
 def end_step(body: Body, r: Array, strains: Strains, motion: Motion) -> Step:
     """Ends a step with v̂ of the motion, from r (m,)."""
     law, v, after, missed, square = body.law, motion.velocity, strains.pull, 0.0, 0.0

@@ -10,8 +10,9 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs
+from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.shapes import measure
-from fenics_rom.runtime.compiled.linear_step import Begun, Body, State, StepContact, take_step
+from fenics_rom.runtime.compiled.linear_step import Begun, Body, State, StepContact, restore, take_step
 
 LOST = 3  # status of a body whose state would not be finite; see `contact_law`
 
@@ -66,7 +67,8 @@ def step_bodies(
     sought = Pairs(axes, vectors[0], vectors[1], vectors[2], np.empty(N), flags[0], flags[1], rubs, forces)
     found = StepContact(sought, np.empty(N), np.zeros((4, 3 * P)), np.empty(3 * P))
     for b in bodies:
-        forces[:], rubs[:] = begun.forces[b], friction[b]
+        copy(begun.forces[b], forces)
+        rubs[:] = friction[b]
         own = Law(law.h, law.restitution, friction[b], law.rate, law.compliance, law.is_at_rest, law.swings)
         now = states.halves[b], states.rigid[b], states.beyond[b]
         state = State(*now, states.halves_before[b], states.rigid_before[b], states.beyond_before[b])
@@ -75,19 +77,16 @@ def step_bodies(
         step = take_step(body, own, shapes, inputs[b], *moving, past, state, found)
         told.status[b] = step.status
         if step.status != OTHERWISE and not np.isfinite(step.square):
-            state.halves[:], state.rigid[:], state.beyond[:] = (
-                state.halves_before,
-                state.rigid_before,
-                state.beyond_before,
-            )
+            restore(state)
             told.status[b] = LOST
         if told.status[b] >= OTHERWISE:
             continue
         works, touched = told.works[b], step.status == FOUND
         works[0], works[1], works[2] = step.supplied, step.dissipated, step.by_obstacles
         works[3], works[4] = step.contact, step.friction
-        told.forces[b], told.resultants[b], told.pressing[b] = found.forces.reshape(P, 3), 0.0, 0.0
-        after.forces[b] = forces if touched else begun.forces[b]
+        told.resultants[b], told.pressing[b] = 0.0, 0.0
+        copy(found.forces.reshape(P, 3), told.forces[b])
+        copy(forces if touched else begun.forces[b], after.forces[b])
         for c in range(N):
             after.swung[b, c] = min(begun.swung[b, c], law.swings) + 1 if sought.helped[c] else 0
             for k in range(3 if touched else 0):
@@ -107,14 +106,13 @@ def look_at_bodies(
     gaps, normals = np.empty(count * P), np.empty((count * P, 3))
     for b in bodies:
         moved = displacement[b].reshape(3 * P)
-        q = states.halves[b, 0] * body.inverse_ω
-        q[:ρ] = states.rigid[b]
         moved[:] = 0.0
         if len(body.R) > 0:
-            moved[:] = states.beyond[b, 1]
-        for i in range(len(q)):
+            copy(states.beyond[b, 1], moved)
+        for i in range(len(body.ω)):
+            q = states.rigid[b, i] if i < ρ else states.halves[b, 0, i] * body.inverse_ω[i]
             for k in range(3 * P):
-                moved[k] += body.points[i, k] * q[i]
+                moved[k] += body.points[i, k] * q
         measure(shapes, start[b], body.places + displacement[b], gaps, normals)
         for p in range(P):
             nearest[b, p] = gaps[p]

@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, Pairs, ask, find_forces
+from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.shapes import measure
 
 FORGOTTEN = 1e-200  # J: see `steppers.residual_motion`
@@ -109,8 +110,9 @@ def take_step(
     pushed = body.inputs.dot(u)
     right = pushed + 2 / h * r - body.ω * e
     v = body.A.dot(right)
-    q = e * body.inverse_ω
-    q[:ρ] = state.rigid
+    q = np.empty(m)
+    for i in range(m):
+        q[i] = state.rigid[i] if i < ρ else e[i] * body.inverse_ω[i]
     for k in range(n):
         motion[0, k], motion[1, k], motion[2, k] = 0.0, 0.0, 0.0
     for i in range(m):
@@ -132,7 +134,7 @@ def take_step(
     contact = find_forces(law, body.W, body.inverse, P, begun.swung, pairs)
     if contact.status == OTHERWISE:
         return Step(OTHERWISE, contact.sweeps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    state.halves_before[:], state.rigid_before[:], state.beyond_before[:] = state.halves, state.rigid, state.beyond
+    _remember(state)
     forces[:] = 0.0
     power = by_obstacles = 0.0
     if contact.status == FOUND:
@@ -174,7 +176,23 @@ def take_step(
     )
 
 
-@jit
+@jit_part
+def _remember(state: State) -> None:
+    """Notes what is there before a step."""
+    copy(state.halves, state.halves_before)
+    copy(state.rigid, state.rigid_before)
+    copy(state.beyond, state.beyond_before)
+
+
+@jit_part
+def restore(state: State) -> None:
+    """Puts a body where it was before the last step."""
+    copy(state.halves_before, state.halves)
+    copy(state.rigid_before, state.rigid)
+    copy(state.beyond_before, state.beyond)
+
+
+@jit_part
 def _step_beyond(body: Body, h: float, beyond: Array, f: Array, rates: Array) -> tuple[float, float, float]:
     """Takes the step of what points do beyond the basis: what it loses, J, the power of f there, W, twice its energy.
 
@@ -233,40 +251,43 @@ def take_steps(
     ρ, still = len(state.rigid), np.zeros(offsets.shape)
     step = Step(OTHERWISE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for count in range(len(inputs)):
-        tried.pairs.forces[:] = begun.forces
+        copy(begun.forces, tried.pairs.forces)
         after = take_step(body, law, shapes, inputs[count], offsets, offsets, still, begun, state, tried)
         if after.status == OTHERWISE:
             return count, step
         if not np.isfinite(after.square):
-            state.halves[:], state.rigid[:] = state.halves_before, state.rigid_before
-            state.beyond[:] = state.beyond_before
+            restore(state)
             return count, step
         step = after
         _keep(begun, tried, last_begun, last)
         for c in range(len(begun.swung)):
             begun.swung[c] = min(begun.swung[c], law.swings) + 1 if tried.pairs.helped[c] else 0
         if step.status == FOUND:
-            begun.forces[:] = tried.pairs.forces
+            copy(tried.pairs.forces, begun.forces)
         works = taken.works[count]
         works[0], works[1], works[2] = step.supplied, step.dissipated, step.by_obstacles
         works[3], works[4] = step.contact, step.friction
-        taken.q[count] = state.halves[0] * body.inverse_ω
-        taken.q[count, :ρ] = state.rigid
+        for i in range(len(body.ω)):
+            taken.q[count, i] = state.rigid[i] if i < ρ else state.halves[0, i] * body.inverse_ω[i]
         if len(body.R) > 0:
-            taken.carried[count] = state.beyond[0]
+            copy(state.beyond[0], taken.carried[count])
     return len(inputs), step
 
 
-@jit
+@jit_part
 def _keep(begun: Begun, tried: StepContact, last_begun: Begun, last: StepContact) -> None:
     """Copies what a step began with, and found."""
-    last_begun.forces[:], last_begun.swung[:] = begun.forces, begun.swung
+    copy(begun.forces, last_begun.forces)
+    copy(begun.swung, last_begun.swung)
     pairs, kept = tried.pairs, last.pairs
-    kept.axes[:], kept.free[:], kept.relative[:], kept.target[:] = pairs.axes, pairs.free, pairs.relative, pairs.target
-    kept.level[:], kept.chosen[:], kept.helped[:], kept.forces[:] = (
-        pairs.level,
-        pairs.chosen,
-        pairs.helped,
-        pairs.forces,
-    )
-    last.gaps[:], last.motion[:], last.forces[:] = tried.gaps, tried.motion, tried.forces
+    copy(pairs.axes, kept.axes)
+    copy(pairs.free, kept.free)
+    copy(pairs.relative, kept.relative)
+    copy(pairs.target, kept.target)
+    copy(pairs.level, kept.level)
+    copy(pairs.chosen, kept.chosen)
+    copy(pairs.helped, kept.helped)
+    copy(pairs.forces, kept.forces)
+    copy(tried.gaps, last.gaps)
+    copy(tried.motion, last.motion)
+    copy(tried.forces, last.forces)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit_part
 from fenics_rom.runtime.compiled.small_matrices import dot
 
 
@@ -17,7 +17,7 @@ class Points(NamedTuple):
     moduli: Array  # λ and μ with the weights, (2, P), J
 
 
-@jit
+@jit_part
 def displacement_gradients(points: Points, q: Array) -> Array:
     """H (9, P) at q (m,)."""
     G = points.gradients
@@ -29,7 +29,7 @@ def displacement_gradients(points: Points, q: Array) -> Array:
     return H.reshape(9, -1)
 
 
-@jit
+@jit_part
 def add_force(points: Points, q: Array, force: Array) -> float:
     """Adds the slope (m,) of the energy at q (m,), which it returns, J: see `hyperelastic.energy_and_piola`."""
     H, energy = displacement_gradients(points, q), 0.0
@@ -62,7 +62,7 @@ def add_force(points: Points, q: Array, force: Array) -> float:
     return energy
 
 
-@jit
+@jit_part
 def add_geometric(points: Points, q: Array, size: float, matrix: Array) -> None:
     """Adds, so many times, what stresses at q (m,) make stiff, Σ S_jl ∂W_i/∂X_j ∂W_i/∂X_l (m, m)."""
     H, m = displacement_gradients(points, q), len(q)
@@ -85,7 +85,7 @@ def add_geometric(points: Points, q: Array, size: float, matrix: Array) -> None:
                 matrix[j, i] += added
 
 
-@jit
+@jit_part
 def _stress(λ: float, μ: float, H: Array, p: int) -> tuple[float, float, float, float, float, float]:
     """S of point p: see `hyperelastic`."""
     a, b, c, d, e, f, g, i, k = H[0, p], H[1, p], H[2, p], H[3, p], H[4, p], H[5, p], H[6, p], H[7, p], H[8, p]

@@ -4,7 +4,7 @@ import math
 
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_sums
+from fenics_rom.compilation import jit_part, jit_sums
 
 
 @jit_sums
@@ -26,7 +26,7 @@ def multiply(A: Array, x: Array, into: Array) -> None:
         into[i] = total
 
 
-@jit
+@jit_part
 def factor(A: Array) -> bool:
     """Sets U above the diagonal of A = UᵀU, with 1/U on it; whether A is positive definite."""
     m = len(A)
@@ -44,7 +44,7 @@ def factor(A: Array) -> bool:
     return True
 
 
-@jit
+@jit_part
 def solve(U: Array, x: Array) -> None:
     """Sets A⁻¹ x, by the factor of A."""
     m = len(x)
@@ -58,7 +58,7 @@ def solve(U: Array, x: Array) -> None:
         x[i] = (x[i] - dot(row[i + 1 :], x[i + 1 :])) * row[i]
 
 
-@jit
+@jit_part
 def invert(U: Array, into: Array) -> None:
     """Sets A⁻¹ by the factor of A, symmetric to the bit."""
     for i in range(len(U)):

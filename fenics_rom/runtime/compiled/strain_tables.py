@@ -7,10 +7,10 @@ Strains y (n - 1,) are the same products but for the first, of squares the half.
 
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_sums
+from fenics_rom.compilation import jit_part, jit_sums
 
 
-@jit
+@jit_part
 def set_products(one: float, q: Array, p: Array) -> None:
     """Of x = (one, q), (n,)."""
     m = len(q)
@@ -22,7 +22,7 @@ def set_products(one: float, q: Array, p: Array) -> None:
             at += 1
 
 
-@jit
+@jit_part
 def set_strains(q: Array, y: Array) -> None:
     """y of E(q)."""
     m = len(q)
@@ -35,7 +35,7 @@ def set_strains(q: Array, y: Array) -> None:
         at += m - i
 
 
-@jit
+@jit_part
 def add_rates(q: Array, v: Array, size: float, y: Array) -> None:
     """Adds to y what it changes by at q with v (m,), so many times."""
     m = len(q)
@@ -77,7 +77,7 @@ def read(table: Array, given: Array, into: Array) -> None:
         into[0, i], into[1, i] = a1, b1
 
 
-@jit
+@jit_part
 def unfold(upper: Array, K: Array) -> None:
     """Sets the symmetric matrix (m, m) of an upper triangle, row by row."""
     m = len(K)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import or_numpy
+from fenics_rom.compilation import in_plain, or_numpy
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.compiled.carried_step import take_carried_step, take_carried_steps
@@ -79,10 +79,10 @@ class CompiledFrame:
             notes: of the run so far.
         """
         self._begin(frame, notes)
-        given = self._body, self._loads, u
+        given = self._body, self._loads, in_plain(u)
         try:
             if self._carried:
-                step = take_carried_step(*given, base, self._state, self._watch)
+                step = take_carried_step(*given, in_plain(base), self._state, self._watch)
             else:
                 step = take_free_step(*given, self._state, self._watch)
         except np.linalg.LinAlgError:
@@ -95,9 +95,12 @@ class CompiledFrame:
         """Takes steps under inputs (n, p) and bases (n, 13), as many as there are none to be taken otherwise."""
         self._begin(frame, notes)
         n, m = len(inputs), len(self._body.ω)
-        taken, given = Taken(np.empty((n, 2)), np.empty((n, m)), np.empty((n, 7))), (self._body, self._loads, inputs)
+        taken, given = (
+            Taken(np.empty((n, 2)), np.empty((n, m)), np.empty((n, 7))),
+            (self._body, self._loads, in_plain(inputs)),
+        )
         if self._carried:
-            count, last = take_carried_steps(*given, bases, self._state, self._watch, taken)
+            count, last = take_carried_steps(*given, in_plain(bases), self._state, self._watch, taken)
         else:
             count, last = take_free_steps(*given, self._state, self._watch, taken)
         return FrameSteps(Taken(*(rows[:count] for rows in taken)), last) if count else None

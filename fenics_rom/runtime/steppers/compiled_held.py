@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import or_numpy
+from fenics_rom.compilation import in_plain, or_numpy
 from fenics_rom.rom.carried_strains import MonomialStrains
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.runtime.compiled.carried_strains import (
@@ -74,7 +74,7 @@ class CompiledHeld:
         numbers, law = self._strains.numbers, self._elastic
         if not (self._is_known and law.carried is self._carried and tangent is self.tangent):
             self._load(law.carried, tangent)
-        step = take_step(self._body, u, halves, self._still, self._memory, *self._of_motion)
+        step = take_step(self._body, in_plain(u), in_plain(halves), self._still, self._memory, *self._of_motion)
         self._is_known = step.is_taken
         if not step.is_taken:
             return None

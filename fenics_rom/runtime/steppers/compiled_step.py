@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import or_numpy
+from fenics_rom.compilation import in_plain, or_numpy
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, pairs_from
 from fenics_rom.mechanics.compiled_contact import CompiledContact, Told
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
@@ -23,11 +23,6 @@ def inverse_of(W: Array) -> Array:
             root = vectors / np.sqrt(values)
             return np.ascontiguousarray(root @ root.T)
     return np.empty((0, 0))
-
-
-def in_plain(array: Array) -> Array:
-    """The same in one piece, and such that it may be written to: of other kinds all would be compiled again."""
-    return array if array.flags.c_contiguous and array.flags.writeable else array.copy()
 
 
 class StepsTaken(NamedTuple):
@@ -74,7 +69,7 @@ class CompiledStep:
         taken = Taken(np.empty((n, 5)), np.empty((n, len(self.body.ω))), np.empty((n, self._state.beyond.shape[1])))
         last_begun, last = Begun(*map(np.empty_like, before)), self._found(begun)
         count, step = take_steps(
-            self.body, self._law, self._solver.shapes, inputs, obstacles.start, before, self._state,
+            self.body, self._law, self._solver.shapes, in_plain(inputs), obstacles.start, before, self._state,
             self._found(begun), last_begun, last, taken,
         )  # fmt: skip
         if not count:

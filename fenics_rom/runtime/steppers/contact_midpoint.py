@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import compiled
+from fenics_rom.compilation import compiled, in_plain
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, is_zero
 from fenics_rom.mechanics.contact_search import TangentPlanes
@@ -92,7 +92,7 @@ class ContactMidpoint(BookedKernel):
             return None
         from fenics_rom.mechanics.compiled_contact import CompiledContact  # here, as numba takes time to import
         from fenics_rom.runtime.compiled.linear_step import Body, State
-        from fenics_rom.runtime.steppers.compiled_step import CompiledStep, in_plain, inverse_of
+        from fenics_rom.runtime.steppers.compiled_step import CompiledStep, inverse_of
 
         if not isinstance(solver, CompiledContact):
             return None

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_shared
+from fenics_rom.compilation import jit, jit_part, jit_shared
 from fenics_rom.mechanics.compiled import contact_law
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, Pairs
+from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.coulomb import add_motion, frame_along
 from fenics_rom.world import normal_law
 from fenics_rom.world.compiled.rigid_bodies import RigidBodies, add_answers, attempt, look_at_answers, set_inverse
@@ -73,7 +74,7 @@ def find_forces(
         if not np.isfinite(fastest):
             break
         if sweep == 1:
-            Wᵀ[:] = operator
+            copy(operator, Wᵀ)
             look_at_answers(bodies, h, contacts.ends, contacts.places, tries, maps, answers)
             add_answers(maps, answers, Wᵀ)
             if len(inverse) > 0 and not set_inverse(inverse, maps, answers, whole):
@@ -120,14 +121,14 @@ def find_forces(
     return OTHERWISE, 0
 
 
-@jit
+@jit_part
 def _ask(h: float, contacts: Contacts, free: Array, pairs: Pairs) -> None:
     """Sets what the law says of pairs that would move by free (C, 3) without forces of contact."""
     C = len(free)
     approach, leaving = np.empty(C), np.empty(C)
     for c in range(C):
         axes = pairs.axes[c]
-        axes[0] = contacts.normals[c]
+        copy(contacts.normals[c], axes[0])
         frame_along(axes)
         _set_in_frame(axes, contacts.before[c], pairs.relative[c])
         _set_in_frame(axes, free[c], pairs.free[c])
@@ -141,13 +142,13 @@ def _ask(h: float, contacts: Contacts, free: Array, pairs: Pairs) -> None:
         pairs.target[c, 1], pairs.target[c, 2] = slides * pairs.relative[c, 1], slides * pairs.relative[c, 2]
 
 
-@jit
+@jit_part
 def _set_in_frame(axes: Array, vector: Array, turned: Array) -> None:
     for k in range(3):
         turned[k] = axes[k, 0] * vector[0] + axes[k, 1] * vector[1] + axes[k, 2] * vector[2]
 
 
-@jit
+@jit_part
 def _move(Wᵀ: Array, f: Array, free: Array, sign: float, u: Array) -> None:
     """Sets u (C, 3) to free ± W f; it may be free itself."""
     C = len(f)
@@ -160,7 +161,7 @@ def _move(Wᵀ: Array, f: Array, free: Array, sign: float, u: Array) -> None:
             u[c, k] = free[c, k] + whole[3 * c + k]
 
 
-@jit
+@jit_part
 def _largest(values: Array) -> float:
     """Of numbers (C, 3), without their signs; not a number where one is none."""
     largest = 0.0
@@ -171,7 +172,7 @@ def _largest(values: Array) -> float:
     return largest
 
 
-@jit
+@jit_part
 def _make_regular(W: Array, yields: Array) -> None:
     """Adds a compliance to each pair whose points do not yield by themselves, as a Guide does."""
     own = np.zeros(len(yields))

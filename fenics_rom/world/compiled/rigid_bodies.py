@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_shared
+from fenics_rom.compilation import jit_part, jit_shared
+from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.newton import solve
 from fenics_rom.mechanics.frame_motion import added, cross, rotated
 from fenics_rom.world import turning
@@ -24,17 +25,17 @@ class RigidBodies(NamedTuple):
     loads: Array  # (B, 2, 3): acceleration, m/s², and torque, N m, but for contact
 
 
-@jit
+@jit_part
 def _row(values: Array) -> tuple[float, float, float]:
     return values[0], values[1], values[2]
 
 
-@jit
+@jit_part
 def _rows(matrix: Array) -> tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]:
     return _row(matrix[0]), _row(matrix[1]), _row(matrix[2])
 
 
-@jit
+@jit_part
 def attempt(bodies: RigidBodies, h: float, ends: Array, places: Array, f: Array, tries: Array, u: Array) -> float:
     """Tries forces: the fastest that a point of a pair moves, m/s; not a number where no step is found.
 
@@ -88,13 +89,13 @@ def attempt(bodies: RigidBodies, h: float, ends: Array, places: Array, f: Array,
     return fastest
 
 
-@jit
+@jit_part
 def _arm(bodies: RigidBodies, h: float, tries: Array, b: int, place: Array) -> tuple[float, float, float]:
     """Of a place from the centre of mass of a body in the middle of the step."""
     return _added(_added(_row(place), -1.0, _row(bodies.motion[b, 0])), -h / 2, _row(tries[b, 2]))
 
 
-@jit
+@jit_part
 def look_at_answers(
     bodies: RigidBodies, h: float, ends: Array, places: Array, tries: Array, maps: Array, answers: Array
 ) -> None:
@@ -119,7 +120,7 @@ def look_at_answers(
                 of_body[3, at + 1], of_body[3, at + 2], of_body[4, at + 2] = -sign * z, sign * y, -sign * x
 
 
-@jit
+@jit_part
 def add_answers(maps: Array, answers: Array, Wᵀ: Array) -> None:
     """Adds these to the operator of all pairs (3C, 3C), transposed: W + Σ M A Mᵀ with maps Mᵀ."""
     for b in range(len(maps)):
@@ -136,7 +137,7 @@ def add_answers(maps: Array, answers: Array, Wᵀ: Array) -> None:
                         to[j] += factor * of[j]
 
 
-@jit
+@jit_part
 def set_inverse(inverse: Array, maps: Array, answers: Array, whole: Array) -> bool:
     """Sets the inverse of W + Σ M A Mᵀ, with A as if symmetric, from that of W (Woodbury); whether there is one.
 
@@ -170,7 +171,7 @@ def set_inverse(inverse: Array, maps: Array, answers: Array, whole: Array) -> bo
         for j in range(n):
             for k in range(len(inverse)):
                 spread[i, k] += small[i, j] * moved[j, k]
-    whole[:] = inverse
+    copy(inverse, whole)
     for row in range(len(inverse)):
         for i in range(n):
             factor, of, to = spread[i, row], moved[i], whole[row]
@@ -179,7 +180,7 @@ def set_inverse(inverse: Array, maps: Array, answers: Array, whole: Array) -> bo
     return True
 
 
-@jit
+@jit_part
 def _invert(matrix: Array) -> bool:
     """Inverts a small matrix (n, n) in place; whether it has an inverse."""
     n = len(matrix)
@@ -195,7 +196,7 @@ def _invert(matrix: Array) -> bool:
     return True
 
 
-@jit
+@jit_part
 def _set(
     block: Array, rows: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 ) -> None:

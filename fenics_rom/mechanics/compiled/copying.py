@@ -1,0 +1,21 @@
+"""Copies of arrays by loops, as numba takes a second and more to compile what `to[:] = of` may fail with."""
+
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit_part
+
+
+@jit_part
+def copy(of: Array, to: Array) -> None:
+    """Copies the numbers of an array into another one of the same shape, both in one piece."""
+    numbers, copied = of.reshape(of.size), to.reshape(to.size)
+    for k in range(len(numbers)):
+        copied[k] = numbers[k]
+
+
+@jit_part
+def copy_rows(rows: Array, to: Array) -> None:
+    """Copies rows (n, k) that need not be in one piece."""
+    for i in range(len(rows)):
+        for k in range(rows.shape[1]):
+            to[i, k] = rows[i, k]
