@@ -115,7 +115,8 @@ class CompiledContact(ContactSolver):
         """The law in steps of dt, s, as numbers."""
         law, asked = self.law, (self.law, dt, quasi_static)
         if self._in_steps is None or self._in_steps[0] != asked:
-            numbers = Law(dt, law.restitution, law.friction, *law.in_steps(dt), quasi_static, braking.SWINGS)
+            restitution, friction = float(law.restitution), float(law.friction)  # whole ones would be compiled anew
+            numbers = Law(dt, restitution, friction, *law.in_steps(dt), quasi_static, braking.SWINGS)
             self._in_steps = asked, numbers
         return self._in_steps[1]
 

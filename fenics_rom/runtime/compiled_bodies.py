@@ -219,7 +219,6 @@ class CompiledBodies(CompiledState):
         """Takes the steps of bodies that go (size,), and notes those that have taken theirs."""
         most, solver = max(self._widths.values()), self._solver
         law = solver.law_in_steps(self._dt)
-        law = law._replace(restitution=float(law.restitution), friction=float(law.friction))
         inputs = dict[str, Array]()
         for own, mode in self._by_mode(goes.nonzero()[0]):
             columns = u[:, : self._widths[mode.name]], u[:, most:], loads

@@ -2,12 +2,14 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.errors import StepError
 from fenics_rom.visualization.viewer.actuators import Actuator
 
 ROUND_OFF = 1e-9  # of a force
@@ -99,6 +101,13 @@ class Live(ABC):
         """Takes one step. Raises StepError where it could not be taken; the state is as it was."""
         self.seconds += self._take_step()
         self.steps += 1
+
+    def take_first_steps(self) -> None:
+        """Takes two steps, and goes back to the start: what they need is compiled then, and no picture waits for it."""
+        with suppress(StepError):  # it is told where it is seen
+            for _ in range(2):
+                self._take_step()
+        self.reset()
 
     def advance(
         self,

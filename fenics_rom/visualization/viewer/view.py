@@ -12,6 +12,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from fenics_rom.compilation import compiled
 from fenics_rom.errors import SceneError
 from fenics_rom.io.given import object_or_file
 from fenics_rom.lazy_import import load
@@ -157,6 +158,8 @@ def _page(viser: Any, models: Sequence[Model], dt: float | None) -> Callable[[An
         if len(models) > 1:
             raise SceneError(f"{_name(worlds[0])}: is a world, and is viewed alone; runs are viewed beside runs")
         live, name = _live_world(worlds[0], dt)
+        if compiled():
+            live.take_first_steps()
         return lambda server: WorldPage(viser, server, live, name)
     given = [object_or_file("view", model, ROM_FILE, RUN_FILE) for model in models]
     roms = [name for name, one in zip(map(_name, models), given, strict=True) if isinstance(one, Rom)]
@@ -164,6 +167,8 @@ def _page(viser: Any, models: Sequence[Model], dt: float | None) -> Callable[[An
         raise SceneError(f"{roms[0]}: is a ROM, and is viewed alone; runs are viewed beside runs")
     if roms:
         body = LiveBody(given[0], dt)
+        if compiled():
+            body.take_first_steps()
         return lambda server: LivePage(viser, server, body, Path.cwd(), Path(roms[0]).stem, _notify)
     if dt is not None:
         raise SceneError("--dt is the time step of a ROM; the steps of a run are taken")

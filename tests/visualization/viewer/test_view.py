@@ -15,6 +15,7 @@ import pytest
 import fenics_rom as fr
 from fenics_rom.errors import CompareError, SceneError, StepError
 from fenics_rom.mechanics.obstacles import HalfSpace, Sphere
+from fenics_rom.visualization.viewer import view
 
 BESIDE = {"port": 0, "browser": False, "wait": False}
 
@@ -48,6 +49,20 @@ def until(condition):
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.01)
+
+
+def test_what_is_compiled_is_compiled_before_there_is_a_page(plate_rom, monkeypatch):
+    """The body is then where it begins."""
+    done, serve, step = [], view.Server, view.LiveBody._take_step
+    monkeypatch.setattr(view, "compiled", lambda: True)
+    monkeypatch.setattr(view.LiveBody, "_take_step", lambda body: (done.append("step"), step(body))[1])
+    monkeypatch.setattr(view.LivePage, "run", lambda page, ended: None)
+    monkeypatch.setattr(view, "Server", lambda port: (done.append("page"), serve(port))[1])
+    with fr.view(plate_rom, **BESIDE) as page:
+        assert done == ["step", "step", "page"]
+        body = page._page.body
+        assert (body.time, body.steps, body.account.supplied) == (0.0, 0, 0.0)
+        assert not body.simulator.displacement().any()
 
 
 def test_a_rom_is_stepped_beside_the_program_until_it_is_closed(plate_rom):
