@@ -97,6 +97,15 @@ class Braking:
             shares[self.swinging] = self.share
         return shares / 2
 
+    def know(self, helped: Array, whole: Array) -> None:
+        """Takes over what was decided elsewhere: pairs (n,) that are not stopped, and c_t (k, n) of all at σ = 1."""
+        self.helped, self.share = helped, 0.0
+        if self._swung is None or not (swinging := helped & (self._swung >= SWINGS)).any():
+            return
+        self.swinging, self._whole = swinging, np.where(swinging, whole, 0.0)
+        square = float((self._whole**2).sum())
+        self.share = float((self._whole * self.targets).sum()) / square if square > 0 else 0.0
+
     def stop_asking(self, active: Array) -> bool:
         """Sets c_t = 0 for all active pairs, for good; whether it was not."""
         if not self.targets[:, active].any():
@@ -173,7 +182,7 @@ class Braking:
             return (self._below + self._above) / 2
         by_slip = by_slip + whole
         slope = float((by_friction * moves).sum() + (friction * by_slip).sum())
-        root = share + _root(float((by_friction * by_slip).sum()), slope, power + negligible / 2)
+        root = share + root_of(float((by_friction * by_slip).sum()), slope, power + negligible / 2)
         if self._below + LEAST_SHARE < root < self._above:
             return root
         if share == 0 and power >= -negligible and slope >= 0:
@@ -186,8 +195,8 @@ def swung_with(helped: Array, swung: Array) -> Array:
     return np.where(helped, np.minimum(swung, SWINGS) + 1, 0)
 
 
-def _root(a: float, b: float, c: float) -> float:
-    """Where a x² + b x + c becomes positive; infinite where it does not."""
+def root_of(a: float, b: float, c: float) -> float:
+    """Where a x² + b x + c, of c <= 0, becomes positive; infinite where it does not."""
     square = b * b - 4 * a * c
     if square < 0 or (a == 0 and b <= 0):
         return math.inf

@@ -63,7 +63,7 @@ class Told(NamedTuple):
             return None
         asked = braking.Braking(np.ascontiguousarray(self.pairs.target[:, 1:].T), self.swung)
         if self.pairs.helped.any():
-            asked.helped, asked.share = self.pairs.helped, 0.0
+            asked.know(self.pairs.helped, np.ascontiguousarray(self.pairs.relative[:, 1:].T) / 2)
         return asked
 
     def known(
@@ -181,11 +181,9 @@ class CompiledContact(ContactSolver):
             np.logical_or(pairs.chosen, decided.chosen, pairs.chosen)
             if decided.braking is not None:
                 swung = decided.braking.swung_before
-                if decided.braking.swinging is not None:
-                    return None
                 if decided.braking.helped is not None:
                     pairs.helped[:] = decided.braking.helped
-                    pairs.target[pairs.helped, 1:] = 0.0
+                    pairs.target[:, 1:] *= 2 * decided.braking.slopes[:, None]
         before = self._nothing_swung if swung is None else swung
         found = find_forces(law, np.ascontiguousarray(delassus), _UNKNOWN, P, before, pairs)
         if found.status == OTHERWISE:

@@ -1,7 +1,7 @@
 """The contact law of one step, as `mechanics.contact_solver` has it, compiled: what takes part, what it asks, forces.
 
-Where it takes more than sweeps over pairs, as where W does not tell forces apart and they shrink slowly, or where a
-share of what swings is to be stopped (`mechanics.braking`), it says so: NumPy takes the step from its beginning.
+Where it takes more than Newton's method and sweeps over pairs, as where W does not tell forces apart, it says so: NumPy
+takes the step from its beginning.
 """
 
 import math
@@ -10,17 +10,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_part
+from fenics_rom.compilation import jit, jit_part, jit_shared
+from fenics_rom.mechanics import braking
+from fenics_rom.mechanics.braking import LEAST_SHARE, MOST_LOOKS, NEARLY_NONE
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.coulomb import ACCURATE, add_motion, frame_along, look_at, yielding_of
+from fenics_rom.mechanics.compiled.linearised import add_change, find_by_steps
 from fenics_rom.mechanics.compiled.newton import find_by_newton
-from fenics_rom.mechanics.compiled.sweeps import find_by_sweeps
+from fenics_rom.mechanics.compiled.sweeps import MOST_SWEEPS, find_by_sweeps
 
 NOTHING, FOUND, OTHERWISE = 0, 1, 2  # what came of it: nothing touches; forces; that it is to be found otherwise
 STAGNATION = 1e-9 / 100  # of the velocities that forces stop: see `complementarity.solution`
 WORK_ROUND_OFF, BACK = 1e-12, 1 + 1e-9  # see `mechanics.braking` and `mechanics.contact_pairs`
 NEAR = 1e-3  # of the velocities that forces stop: forces as far from the law take fewer sweeps than solves
+FEW_SWEEPS = 8  # before steps of Newton's method are tried
 MOST_ROUNDS = 60  # of forces for a set of pairs, and what it asks of them
+
+root_of = jit_shared(braking.root_of)
 
 
 class Law(NamedTuple):
@@ -141,6 +147,7 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
     """
     N, sweeps, any_helped = len(pairs.level), 0, bool(pairs.helped.any())
     slides = law.friction > 0 and not law.is_at_rest
+    share, below, above, looks = _share_of(pairs), 0.0, 1.0, MOST_LOOKS  # σ of `mechanics.braking`, and its bounds
     has_newton = len(inverse) > 0 and slides and law.compliance == 0
     for _ in range(MOST_ROUNDS):
         active = pairs.chosen.nonzero()[0]
@@ -175,13 +182,21 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
         error = look_at(*given, yielding, f, u, moved)
         if not error <= ACCURATE * speed:
             is_found = False
-            if has_newton and len(part) == len(W) and len(few) == C and error > NEAR * speed:
+            is_fit = has_newton and len(part) == len(W) and len(few) == C and error > NEAR * speed
+            if is_fit and _has_few_velocities(P, friction, yielding, f, u):
                 count, is_found = find_by_newton(inverse, points, axes, q, friction, yielding, f, u, error)
                 sweeps += count
                 error = look_at(*given, yielding, f, u, moved)
             if not (is_found and error <= STAGNATION * speed):
-                sweeps += find_by_sweeps(*given, f, moved)
+                sweeps += find_by_sweeps(*given, f, moved, FEW_SWEEPS)
                 error = look_at(*given, yielding, f, u, moved)
+            if not error <= STAGNATION * speed:
+                count, is_found = find_by_steps(*given, yielding, f, u, moved)
+                sweeps += count
+                error = look_at(*given, yielding, f, u, moved)
+                if not is_found:
+                    sweeps += find_by_sweeps(*given, f, moved, MOST_SWEEPS - FEW_SWEEPS)
+                    error = look_at(*given, yielding, f, u, moved)
         if not error <= STAGNATION * speed:
             return Found(OTHERWISE, sweeps, 0.0)
         pairs.forces[:] = 0.0
@@ -204,7 +219,7 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
                     if outwards < pairs.level[c]:
                         pairs.chosen[c] = missed = True
         if missed:  # the power of friction is that of all pairs: what it is not to stop is decided anew
-            any_helped = False
+            any_helped, share, below, above, looks = False, 1.0, 0.0, 1.0, MOST_LOOKS
             for c in range(N if slides else 0):
                 pairs.helped[c] = False
                 pairs.target[c, 1], pairs.target[c, 2] = pairs.relative[c, 1] / 2, pairs.relative[c, 2] / 2
@@ -215,7 +230,7 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
                 c = active[i]
                 asked += f[i, 1] * pairs.target[c, 1] + f[i, 2] * pairs.target[c, 2]
                 power += f[i, 1] * (u[i, 1] + pairs.target[c, 1]) + f[i, 2] * (u[i, 2] + pairs.target[c, 2])
-            if (any_helped or asked > negligible) and power > negligible:
+            if (any_helped or asked > negligible) and power > negligible and (share == 0.0 or share == 1.0):
                 for i in range(C):
                     c = active[i]
                     first, second = pairs.target[c, 1], pairs.target[c, 2]
@@ -223,9 +238,33 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
                     if work > negligible and (first != 0 or second != 0):
                         pairs.helped[c], any_helped, repeat = True, True, True
                         pairs.target[c, 1] = pairs.target[c, 2] = 0.0
+                share = 0.0 if repeat else share
+            whole, moves, swings = np.zeros((C, 3)), u.copy(), False  # c_t of what swings at σ = 1; u + c_t
+            for i in range(C):
+                c = active[i]
+                moves[i, 1], moves[i, 2] = u[i, 1] + pairs.target[c, 1], u[i, 2] + pairs.target[c, 2]
+                if pairs.helped[c] and swung[c] >= law.swings:
+                    swings, whole[i, 1], whole[i, 2] = True, pairs.relative[c, 1] / 2, pairs.relative[c, 2] / 2
+            if swings and not repeat:  # as `Braking` does
+                if power > negligible:
+                    above = share
+                else:
+                    below = share
+                enough, ahead = max(negligible, NEARLY_NONE * np.abs(f * whole).sum()), share
+                stays = power <= negligible and (looks == 0 or (share > 0 and power >= -enough))
+                if not stays and looks == 0:
+                    ahead = below if below < share else 0.0
+                elif not stays:
+                    looks -= 1
+                    of_law = part, points, axes, whole, friction, law.compliance, yielding
+                    ahead = _next_share(*of_law, f, u, moves, share, below, above, negligible)
+                repeat = ahead != share
+                for i in range(C if repeat else 0):
+                    c = active[i]
+                    pairs.target[c, 1] += (ahead - share) * whole[i, 1]
+                    pairs.target[c, 2] += (ahead - share) * whole[i, 2]
+                share = ahead
         if not repeat:
-            if any_helped and not _is_share_none(law, swung, active, f, power, negligible, pairs):
-                return Found(OTHERWISE, sweeps, 0.0)
             power = 0.0
             for i in range(C):
                 c = active[i]
@@ -235,21 +274,73 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
 
 
 @jit_part
-def _is_share_none(
-    law: Law, swung: Array, active: Array, f: Array, power: float, negligible: float, pairs: Pairs
-) -> bool:
-    """Whether what swings is to be stopped by no share of its velocity, as `Braking` would find.
+def _has_few_velocities(P: int, friction: Array, yielding: Array, f: Array, u: Array) -> bool:
+    """Whether Newton's method has fewer unknown velocities of P points than forces of pairs; see `look_at`."""
+    velocities, forces = 3 * (P - len(f)), 0
+    for c in range(len(f)):
+        n, a, b = f[c, 0] - u[c, 0] / yielding[c], f[c, 1] - u[c, 1] / yielding[c], f[c, 2] - u[c, 2] / yielding[c]
+        if n <= 0:
+            velocities += 3
+        elif a * a + b * b > (friction[c] * n) ** 2:
+            velocities, forces = velocities + 2, forces + 2
+        else:
+            forces += 3
+    return velocities <= forces
 
-    So it is where friction does no work at that share, and would do some on the bodies at a little more: what sticks
-    then goes by that share, and forces are those of now.
+
+@jit_part
+def _share_of(pairs: Pairs) -> float:
+    """The share of its velocity that what swings is asked for, 1 where nothing does."""
+    share = 1.0
+    for c in range(len(pairs.helped)):
+        if pairs.helped[c]:
+            (_, x, y), (_, a, b) = pairs.relative[c], pairs.target[c]
+            if a != 0 or b != 0:
+                return 2 * (a * x + b * y) / (x * x + y * y)
+            share = 0.0
+    return share
+
+
+@jit_part
+def _next_share(
+    W: Array,
+    points: Array,
+    axes: Array,
+    whole: Array,
+    friction: Array,
+    compliance: float,
+    yielding: Array,
+    f: Array,
+    u: Array,
+    moves: Array,
+    share: float,
+    below: float,
+    above: float,
+    negligible: float,
+) -> float:
+    """The share that is to be looked at next, between two that are known to be too little and too much.
+
+    Arguments as of `look_at`, but for whole (C, 3), c_t of what swings at σ = 1, and moves (C, 3), u + c_t, m/s.
     """
-    slope, swings = 0.0, False
-    for i in range(len(active)):
-        c = active[i]
-        if pairs.helped[c] and swung[c] >= law.swings:
-            swings = True
-            slope += (f[i, 1] * pairs.relative[c, 1] + f[i, 2] * pairs.relative[c, 2]) / 2
-    return not swings or (power >= -negligible and slope >= 0)
+    z, by_f, by_moves, moved = f.copy(), np.zeros(f.shape), np.empty(f.shape), np.empty(len(W))
+    for c in range(len(points)):
+        for k in range(3):
+            z[c, k] -= u[c, k] / yielding[c]
+    if not add_change(W, points, axes, friction, compliance, yielding, z, -whole, by_f):
+        return (below + above) / 2
+    look_at(W, points, axes, np.zeros(f.shape), friction, compliance, yielding, by_f, by_moves, moved)
+    square = slope = power = 0.0
+    for c in range(len(points)):
+        for k in range(1, 3):
+            square += by_f[c, k] * by_moves[c, k]
+            slope += by_f[c, k] * moves[c, k] + f[c, k] * by_moves[c, k]
+            power += f[c, k] * moves[c, k]
+    root = share + root_of(square, slope, power + negligible / 2)
+    if below + LEAST_SHARE < root < above:
+        return root
+    if share == 0.0 and power >= -negligible and slope >= 0:
+        return 0.0  # a little would be too much
+    return (below + above) / 2
 
 
 @jit_part

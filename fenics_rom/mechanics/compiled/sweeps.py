@@ -35,7 +35,15 @@ def _local_compliance(W: Array, p: int, axes: Array, local: Array) -> None:
 
 @jit_part
 def find_by_sweeps(
-    W: Array, points: Array, axes: Array, q: Array, friction: Array, compliance: float, f: Array, moved: Array
+    W: Array,
+    points: Array,
+    axes: Array,
+    q: Array,
+    friction: Array,
+    compliance: float,
+    f: Array,
+    moved: Array,
+    most: int,
 ) -> int:
     """Forces of C pairs: how many sweeps they took.
 
@@ -48,6 +56,7 @@ def find_by_sweeps(
         compliance: of each pair along its normal, m/s/N.
         f: (C, 3) in the frames, to begin with; set to what is found, in the cones.
         moved: (3P,) W f of all points, along the axes of space; changed with f.
+        most: sweeps.
     """
     C, speed, further = len(points), np.abs(q).max(), 0
     own, soft = np.empty((C, 3, 3)), np.empty((C, 2))
@@ -61,7 +70,7 @@ def find_by_sweeps(
     stiff, n = 1 / soft, 3 * C
     forces, begun, last, changed = f.ravel(), np.empty(n), np.zeros(n), np.zeros(n)  # the first one is f itself
     moved_last = np.zeros(len(moved))
-    for count in range(1, MOST_SWEEPS + 1):
+    for count in range(1, most + 1):
         copy(forces, begun)
         missed = _sweep(W, points, axes, q, friction, compliance, own, soft, stiff, f, moved)
         further += missed <= SOLVED * speed

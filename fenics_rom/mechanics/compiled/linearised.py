@@ -1,0 +1,126 @@
+"""Coulomb's law of many pairs linearised, by forces: `complementarity.linearised`, compiled.
+
+Where few points take part, or W⁻¹ is not known, Newton's method goes by it to forces that sweeps come near to too
+slowly; and what forces change by, where all pairs do what they do, follows from it.
+"""
+
+import math
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, look_at
+from fenics_rom.mechanics.compiled.newton import solve
+
+MOST_STEPS = 8  # of Newton's method: where they suffice they are rarely more than four
+
+
+@jit_part
+def add_change(
+    W: Array,
+    points: Array,
+    axes: Array,
+    friction: Array,
+    compliance: float,
+    yielding: Array,
+    z: Array,
+    v: Array,
+    f: Array,
+) -> bool:
+    """Adds to forces (C, 3) what velocities v (C, 3) ask for, as `Linearisation.change`; False where that is not known.
+
+    Args:
+        W, points, axes, friction, compliance: as of `find_by_sweeps`.
+        yielding: (C,) 1/ρ of each pair, m/s/N.
+        z: f - ρ u (C, 3), which says what pairs do.
+        v: in the frames, m/s.
+        f: in the frames, N.
+    """
+    C, P = len(points), len(W) // 3
+    owner, row, column = np.empty(3 * C, dtype=np.int64), np.empty((3 * C, 3)), np.empty((3 * C, 3))
+    matrix, right, n = np.zeros((3 * C, 3 * C)), np.empty(3 * C), 0
+    for c in range(C):
+        length, cone = math.sqrt(z[c, 1] ** 2 + z[c, 2] ** 2), friction[c] * z[c, 0]
+        if z[c, 0] <= 0:
+            continue
+        row[n], column[n], owner[n], right[n] = (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), c, -v[c, 0]
+        if length > cone:
+            cos, sin = z[c, 1] / length, z[c, 2] / length
+            column[n] = 1.0, friction[c] * cos, friction[c] * sin
+            if cone > 0:
+                n += 1
+                row[n] = column[n] = 0.0, -sin, cos
+                owner[n], right[n], matrix[n, n] = c, sin * v[c, 1] - cos * v[c, 2], (length / cone - 1) * yielding[c]
+        else:
+            for k in range(1, 3):
+                n += 1
+                row[n] = column[n] = 0.0, 2.0 - k, k - 1.0
+                owner[n], right[n] = c, -v[c, k]
+        n += 1
+    asked, pushed, moved = np.empty((n, 3)), np.empty((n, 3)), np.empty(3 * P)  # rows and columns in space
+    for i in range(n):
+        _in_space(axes[owner[i]], row[i], asked[i])
+        _in_space(axes[owner[i]], column[i], pushed[i])
+    for j in range(n):
+        a, b, c, at = pushed[j, 0], pushed[j, 1], pushed[j, 2], 3 * points[owner[j]]
+        first, second, third = W[at], W[at + 1], W[at + 2]
+        for k in range(3 * P):
+            moved[k] = a * first[k] + b * second[k] + c * third[k]
+        for i in range(n):
+            to = 3 * points[owner[i]]
+            matrix[i, j] += asked[i, 0] * moved[to] + asked[i, 1] * moved[to + 1] + asked[i, 2] * moved[to + 2]
+            if owner[i] == owner[j]:
+                matrix[i, j] += compliance * row[i, 0] * column[j, 0]
+    if not solve(matrix, right, n):
+        return False
+    for j in range(n):
+        for k in range(3):
+            f[owner[j], k] += right[j] * column[j, k]
+    return True
+
+
+@jit_part
+def _in_space(frame: Array, a: Array, turned: Array) -> None:
+    """Sets a vector (3,) that is a (3,) in a frame."""
+    for k in range(3):
+        turned[k] = frame[0, k] * a[0] + frame[1, k] * a[1] + frame[2, k] * a[2]
+
+
+@jit_part
+def find_by_steps(
+    W: Array,
+    points: Array,
+    axes: Array,
+    q: Array,
+    friction: Array,
+    compliance: float,
+    yielding: Array,
+    f: Array,
+    u: Array,
+    moved: Array,
+) -> tuple[int, bool]:
+    """Forces of C pairs by Newton's method: how many steps it took, and whether they are found.
+
+    Arguments as of `look_at`, which is asked of f (C, 3) first; f is changed only if they are found.
+    """
+    C, speed, before, now, z = len(points), np.abs(q).max(), np.inf, f.copy(), np.empty(f.shape)
+    for count in range(MOST_STEPS + 1):
+        error = look_at(W, points, axes, q, friction, compliance, yielding, now, u, moved)
+        is_found = error <= ACCURATE * speed or (error <= SOLVED * speed and error >= before / 2)
+        before = error
+        for c in range(C):
+            for k in range(3):
+                z[c, k] = now[c, k] - u[c, k] / yielding[c]
+            into = now[c] if is_found else z[c]
+            length, cone = math.sqrt(into[1] ** 2 + into[2] ** 2), friction[c] * max(into[0], 0.0)
+            share = cone / length if length > cone else 1.0
+            now[c, 0], now[c, 1], now[c, 2] = max(into[0], 0.0), share * into[1], share * into[2]
+        if is_found:
+            copy(now, f)
+            return count, True
+        look_at(W, points, axes, q, friction, compliance, yielding, now, u, moved)
+        if not add_change(W, points, axes, friction, compliance, yielding, z, u, now):
+            break
+    return count, False
