@@ -45,6 +45,9 @@ def check_switches(at, u, start, directions, ε=1e-4, every=3):
             energies.append(body.energy)
         return squares({"tip": np.array(read)}, np.array(energies))[0], body
 
+    def difference_along(one, ε):
+        return (run(ε, one)[0] - run(-ε, one)[0]) / (2 * ε)
+
     gradient, (value, body) = fr.differentiate(at(*start), u, squares, contact=contact), run(0.0, directions)
     assert gradient.kinks == ()
     assert gradient.value == pytest.approx(value, rel=1e-12)
@@ -52,9 +55,11 @@ def check_switches(at, u, start, directions, ε=1e-4, every=3):
     owed = [(slope * δ).sum() for slope, δ in zip(slopes, directions, strict=True)]
     for place, slope in enumerate(owed):
         one = [δ * (number == place) for number, δ in enumerate(directions)]
-        whole, half = ((run(step, one)[0] - run(-step, one)[0]) / (2 * step) for step in (ε, ε / 2))
-        difference = (4 * half - whole) / 3  # ties make the run so curved that either alone is off by 2e-5
-        assert slope == pytest.approx(difference, rel=AGREES, abs=AGREES * max(map(abs, owed)))
+        allowed = {"rel": AGREES, "abs": AGREES * max(map(abs, owed))}
+        difference = difference_along(one, ε)
+        if slope != pytest.approx(difference, **allowed):  # ties make a run so curved that it is off by 2e-5
+            difference = (4 * difference_along(one, ε / 2) - difference) / 3
+        assert slope == pytest.approx(difference, **allowed)
     return body, gradient
 
 
@@ -111,7 +116,8 @@ def test_gradient_goes_through_switches_of_a_body_that_bends_far(kind, stepper):
     """Whose contact modes have the same shapes."""
     rom = in_frame(KINDS[kind](soft_rom("neo_hookean", order=8, contact=True)))
     points = {name: np.tile(rom.nodes[-1], (len(rows) // 3, 1)) for name, rows in rom.outputs.items()}
-    rom = replace(rom, moving_frame=replace(rom.moving_frame, output_points=points))
+    scene = replace(rom.environment, contact_switching="scene")
+    rom = replace(rom, environment=scene, moving_frame=replace(rom.moving_frame, output_points=points))
 
     def make():
         return fr.Simulator(rom, H, stepper=stepper, signals={"base_path": lowered})
