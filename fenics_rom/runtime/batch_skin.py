@@ -8,13 +8,13 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.skin import MovedIntruder
 from fenics_rom.mechanics.skin_path import CHECK_INTERVAL, Instant, Placement, on_the_way, stride_of
-from fenics_rom.mechanics.skin_watch import LOOK_INTERVAL, SkinWatch, displaced
+from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.obstacles import Obstacle
 
 Batch = Any  # fenics_rom.runtime.batch's, which imports this file
-BODY_STEPS = 512  # that are taken for each look, so that it costs next to nothing,
+BODY_STEPS = 512  # that are taken for each look in turn, and for each that is due: one takes as long as many of them,
 FEWEST_STEPS = 4  # and these of all bodies, as a look at one takes a twentieth of a step of a thousand
 
 
@@ -62,7 +62,7 @@ class BatchSkin:
         if not left and not self._batch.frozen[body]:
             self.look(body)
         if not self._batch.steps % CHECK_INTERVAL:
-            most = max(1, CHECK_INTERVAL * self._batch.size // LOOK_INTERVAL)
+            most = max(1, CHECK_INTERVAL * self._batch.size // BODY_STEPS)
             for body in self._due()[-most:].tolist():
                 self.look(body)
 

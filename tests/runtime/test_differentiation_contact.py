@@ -10,7 +10,6 @@ from bodies import acted_on, box_arrays, write_arrays
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics import braking
-from fenics_rom.mechanics.braking import Braking
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.runtime.differentiation import taken_steps
@@ -95,6 +94,8 @@ class Case:
             obstacles={name: known.obstacles[name] for name in obstacles},
             residual_compliance=residual,
         )
+        if modes is not None:
+            self.environment = replace(self.environment, contact_switching="scene")
         self.signals, random = PUSH | signals, np.random.default_rng(0)
         body = self.body()
         self.u = 4.0 * random.standard_normal((STEPS, body.inputs)).cumsum(axis=0)
@@ -170,14 +171,11 @@ def test_gradient_goes_through_what_friction_stops_in_part(damped, monkeypatch, 
     shaken = {"push": lambda t: (20.0 + swing[0] * np.sin(swing[1] * t), -6.0, -60.0)}
     case = Case(damped, ContactLaw(friction=μ), obstacles, True, shaken, None)
     monkeypatch.setattr(braking, "SWINGS", 2)
-    shares, asks_less = [], Braking.asks_less
-
-    def noted(self, *given):
-        shares.append(self.share)
-        return asks_less(self, *given)
-
-    monkeypatch.setattr(Braking, "asks_less", noted)
-    case.gradient()
+    shares, (body, inputs) = [], case.moved()
+    for row in inputs:
+        body.step(row)
+        asked = body.integrator.interface.solver.last_step()[0]
+        shares.append(asked.braking.share if asked is not None else 1.0)
     assert any(0 < share < 1 for share in shares)
     check(case)
 
