@@ -12,7 +12,9 @@ if [ $# -gt 0 ] && [ "$*" != --slow ]; then
   exec "${pytest[@]}" "$@"
 fi
 unset PYTHONDONTWRITEBYTECODE # some hundred times Python is started, and would compile the package each time
-mapfile -t alone < <(grep -rl --include='test_*.py' 'mark\.alone' tests)
+marked() { grep -rl --include='test_*.py' "mark\.$1" tests; }
+mapfile -t alone < <(marked alone)
+mapfile -t ranks < <(marked ranks)
 
 with_numba=(tests/test_compilation.py tests/world/test_compiled_world.py tests/mechanics/test_{compiled_contact,contact}.py
   tests/runtime/test_{compiled_{steps,frames,large_deformation},batch_contact,differentiation_contact,energy_laws,residual_compliance}.py)
@@ -29,8 +31,9 @@ part() { # NAME PYTEST ARGUMENT ...
 }
 
 export FENICS_ROM_COMPILED=0 # NumPy is the reference; what runs compiled is held to it below
-part "on all cores" "$@" -m "not alone" --numprocesses auto --maxprocesses 4 --dist loadfile
-part "alone" "$@" -m alone "${alone[@]}" # what starts ranks of its own, or goes by the clock
+part "on all cores" "$@" -m "not (alone or ranks)" --numprocesses auto --maxprocesses 4 --dist loadfile
+part "ranks" "$@" -m ranks "${ranks[@]}" --numprocesses 2 --dist loadfile # each is one process for most of its time
+part "alone" "$@" -m alone "${alone[@]}" # what goes by the clock
 FENICS_ROM_COMPILED=1 part "compiled" "$@" "${with_numba[@]}" --numprocesses auto --maxprocesses 4 --dist loadfile
 printf '=== %s\n' "${summaries[@]}"
 exit "$failed"

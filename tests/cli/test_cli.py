@@ -675,7 +675,7 @@ def test_terminal_without_greek_letters_gets_the_rest():
 @pytest.mark.parametrize(
     ("there", "instead", "said"), [("name", "nam", "no key 'nam'"), (".msh", ".none", "not found")]
 )
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_two_ranks_say_once_what_is_wrong_and_end(inside, there, instead, said):
     """Both before and after MPI is at work."""
     (inside / "plate.toml").write_text(TEXT.replace(there, instead, 1))
@@ -687,7 +687,7 @@ def test_two_ranks_say_once_what_is_wrong_and_end(inside, there, instead, said):
     assert [file.name for file in inside.iterdir()] == ["plate.toml"]
 
 
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_two_ranks_write_one_rom_and_one_summary(inside, plate_rom):
     run = run_ranks(
         2, "-m", "fenics_rom", "reduce", PLATE, "-o", "rom.h5", "--order", "20", "-fenics_rom_eps_nvc", "40"

@@ -124,7 +124,7 @@ def test_killed_run_goes_on_to_the_same_rom(inside, say, expected):
     assert not Path("rom.h5.partial").exists()
 
 
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_one_rank_goes_on_with_what_two_left(scene, tmp_path, monkeypatch, say, expected):
     monkeypatch.chdir(copied(scene, tmp_path))
     assert run_ranks(2, "-c", KILLS_ITSELF, *COMMAND).returncode != 0

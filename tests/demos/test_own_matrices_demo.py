@@ -27,7 +27,7 @@ def test_example_keeps_its_claims(script):
 
 
 @pytest.mark.parametrize("script", by_length(PARALLEL))
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_example_keeps_its_claims_on_two_ranks(script):
     assert_checks_held(run_ranks(2, FOLDER / script), 2)
 

@@ -204,7 +204,7 @@ def test_toggle_snaps_through_at_the_loads_of_beam_theory(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_path_does_not_depend_on_the_number_of_ranks(tmp_path):
     (tmp_path / "toggle.toml").write_text(toggle_scene(tmp_path, (4, 1, 1), 10))
     words = ["simulate", "toggle.toml", "--arc-length", "-o", "two.h5"]

@@ -165,7 +165,7 @@ def test_parts_that_share_nodes_alone_are_told():
     )
 
 
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_two_ranks_say_what_one_says(tmp_path):
     box = box_arrays(HALF, BRICKS)
     file = write_arrays(tmp_path / "two.msh", *together(box, moved(box, 0, 0.008, 0.003)))

@@ -13,7 +13,7 @@ import fenics_rom as fr
 
 RANKS = (1, 2)
 LENGTHS, BRICKS = (1.0, 0.4, 0.3), (4, 2, 2)
-pytestmark = [pytest.mark.alone, pytest.mark.slow]
+pytestmark = [pytest.mark.ranks, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")

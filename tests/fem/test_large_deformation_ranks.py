@@ -36,7 +36,7 @@ for name in sys.argv[1:]:
     with suppress(SystemExit):
         main(["simulate", name + ".toml", "-o", name + ".h5"])
 """
-pytestmark = [pytest.mark.alone, pytest.mark.slow]
+pytestmark = [pytest.mark.ranks, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")

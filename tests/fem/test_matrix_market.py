@@ -140,7 +140,7 @@ def test_free_body_of_files_and_its_nodes(inside, say):
     assert "nodes are needed" in say(*given, "--frame", "moving")[2]
 
 
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_two_ranks_find_what_a_stiffness_does_not_see(inside):
     (inside / "K.mtx").write_text(FREE)
     run = reduce_on_two(*MATRICES, "--contact", "middle=middle.mtx", "--order", "8")
@@ -148,7 +148,7 @@ def test_two_ranks_find_what_a_stiffness_does_not_see(inside):
     assert fr.read_rom("rom.h5").rigid == 1
 
 
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_two_ranks_have_whole_nodes_of_a_body_in_a_moving_frame(inside):
     given, X = truss()
     run = reduce_on_two(*given, "--nodes", "X.csv", "--frame", "moving", "--order", "4")
@@ -157,7 +157,7 @@ def test_two_ranks_have_whole_nodes_of_a_body_in_a_moving_frame(inside):
 
 
 @pytest.mark.slow
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_two_ranks_spread_the_rows(inside):
     run = reduce_on_two(*MATRICES, "--contact", "ends=ends.mtx", "--order", "8")
     assert run.returncode == 0, run.stderr
@@ -176,7 +176,7 @@ def reduce_on_two(*arguments):
         (BANNER + "31 31 1\n1 1 -2.0\n", "K.mtx: stiffness is not positive definite: mumps could not factor"),
     ],
 )
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_two_ranks_say_once_what_is_wrong_and_end(inside, content, said):
     """Also that it is PETSc's matrix that is reduced then."""
     (inside / "K.mtx").write_text(content)

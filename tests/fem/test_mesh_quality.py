@@ -113,7 +113,7 @@ def test_cell_on_a_face_that_two_have_is_refused(box):
         check_filling(np.vstack([points, apex]), more, "box")
 
 
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_two_ranks_say_once_that_cells_overlap(broken, tmp_path):
     points, cells, _ = broken
     file = write_arrays(tmp_path / "broken.msh", points, cells, box_surfaces(*box_arrays(LENGTHS, BRICKS)))

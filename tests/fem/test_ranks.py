@@ -79,7 +79,7 @@ snapshots = 10
 load = [{ actuator = "air", force = [50.0] }, { actuator = "rope", start = 0.1, force = [3.0] }]"""
 RUN = 'dt = 0.01\nduration = 0.5\nload = [{ contact = "middle", stop = 0.3, force = [0.0, 0.1, 0.5] }]'
 TIP = {"outputs.tip": "points = [[0.9, 0.2, 0.1]]", "reduction": "order = 12"}
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.ranks
 FOUR = pytest.param(4, marks=pytest.mark.slow)
 SHORT = ("plate", "plate-krylov", "beam", "free-krylov", "run", "effects", "effects-run", "landing-run")
 

@@ -216,7 +216,7 @@ def test_a_surface_that_is_hardly_curved_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_ranks_agree(beam, tmp_path):
     """On an obstacle, too."""
     large = 'large_deformation = { material = "neo_hookean" }\n'

@@ -10,7 +10,7 @@ from bodies import box_arrays, write_arrays
 from ranks import run_ranks
 
 RANKS = pytest.mark.parametrize("ranks", [1, 2])
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.ranks
 
 
 @pytest.fixture(scope="module")

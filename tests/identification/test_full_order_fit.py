@@ -81,7 +81,7 @@ def two_materials(mesh, soft, hard, beta):
 
 
 @pytest.mark.slow
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_several_materials_that_deform_largely_are_told_apart_on_two_ranks(tmp_path):
     points, cells = box_arrays((1.0, 0.4, 0.3), (2, 1, 1), shake=0.2)
     halves = {"inner": np.arange(6), "outer": np.arange(6, len(cells))}

@@ -99,7 +99,7 @@ def test_a_start_value_is_not_written_as_if_it_were_known(folder, tmp_path):
     assert "poisson = 0.2 (+0.01: " in report.split("\n| young ")[1].split("\n")[0]
 
 
-@pytest.mark.alone
+@pytest.mark.ranks
 @pytest.mark.slow
 def test_two_ranks_find_the_same(folder, one):
     done = command(folder, *DATA, "-o", "two", ranks=2)
@@ -113,7 +113,7 @@ def test_two_ranks_find_the_same(folder, one):
 
 
 @pytest.mark.slow
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_wrong_data_end_with_one_line_and_no_folder(folder):
     (folder / "wrong.csv").write_text("time (s),tip[0].z (mm)\n0.1,much\n")
     for ranks in (1, 2):

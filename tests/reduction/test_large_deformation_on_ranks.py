@@ -27,7 +27,7 @@ PARTS = {
     "reduction": 'method = "modal+derivatives"\norder = 8',  # few solves: two ranks wait long where a machine is busy
     "run": RUN,
 }
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.ranks
 SAME = 1e-9
 
 

@@ -299,7 +299,7 @@ def test_place_that_cannot_be_written_to_is_told(tmp_path, rom):
 
 
 @pytest.mark.parametrize(("uses_mpi", "written"), [("from mpi4py import MPI", 1), ("", 2)])
-@pytest.mark.alone
+@pytest.mark.ranks
 def test_of_the_ranks_of_a_program_the_first_alone_writes(tmp_path, uses_mpi, written):
     """Two programs that know nothing of each other are no ranks, whoever launched them."""
     script = f"""

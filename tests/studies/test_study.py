@@ -202,7 +202,7 @@ def test_study_killed_between_its_files_leaves_none_to_resume_wrongly(scene, box
     assert [row.error for row in resumed.rows] == pytest.approx([row.error for row in unbroken.rows], rel=1e-9)
 
 
-@pytest.mark.alone
+@pytest.mark.ranks
 @pytest.mark.slow
 def test_two_ranks_find_the_same(box_file, tmp_path):
     file = tmp_path / "box.toml"
