@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,7 @@ def table_of_batches(size: int, steps: int, out: Path) -> tuple[float, dict[str,
         rom = fr.reduce(fr.assemble(scene(CASES["at rest"], file, STEP)), order=ORDER)
         for name, (every, share) in PUSHED.items():
             bodies, single = fr.Batch(rom, size, STEP), fr.Simulator(rom, STEP, ledger=False)
-            together, alone = pushed_about(bodies, single, every, share, steps)
+            together, alone = pushed_about((bodies, single), every, share, steps)
             touching = np.count_nonzero(bodies.point_forces.any(axis=2)) / size
             off = np.abs(bodies.state(0)[0][0] - single.state[0]).max() / np.abs(single.state[0]).max()
             worst = max(worst, off)
@@ -50,21 +51,26 @@ def table_of_batches(size: int, steps: int, out: Path) -> tuple[float, dict[str,
     return worst, reached
 
 
-def pushed_about(bodies: fr.Batch, single: fr.Simulator, every: int, share: float, steps: int) -> tuple[float, float]:
-    """Steps per second of all bodies, and of a single one that is pushed like the first; medians of parts in turns."""
-    random, seconds, u = np.random.default_rng(0), np.zeros((2, PARTS)), np.zeros((bodies.size, bodies.inputs))
+def pushed_about(pads: Sequence[fr.Batch | fr.Simulator], every: int, share: float, steps: int) -> list[float]:
+    """Steps per second of batches, the first of all, and of single pads that are pushed like their first ones.
+
+    Medians of parts in turns.
+    """
+    random, seconds, u = (
+        np.random.default_rng(0),
+        np.zeros((PARTS, len(pads))),
+        np.zeros((pads[0].size, pads[0].inputs)),
+    )
     for part in range(1 + PARTS):  # the first of them is for settling
         for step in range(steps):
             if every and step % every == 0:
                 u = random.uniform(-1, 1, u.shape) * share * COEFFICIENT * PRESSED
-            started = time.process_time()
-            bodies.step(u)
-            between = time.process_time()
-            single.step(u[0])
-            if part:
-                seconds[:, part - 1] += between - started, time.process_time() - between
-    together, alone = steps / np.median(seconds, axis=1)
-    return float(together), float(alone)
+            for k, pad in enumerate(pads):
+                started = time.process_time()
+                pad.step(u if isinstance(pad, fr.Batch) else u[0])
+                seconds[part - 1, k] += (time.process_time() - started) * (part > 0)
+    rates: list[float] = (steps / np.median(seconds, axis=0)).tolist()
+    return rates
 
 
 def table_of_very_many(size: int, steps: int, out: Path) -> None:

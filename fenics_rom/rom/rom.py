@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
-from numpy.typing import ArrayLike
 
 from fenics_rom.arguments import names_in
 from fenics_rom.errors import StepError, StructureError, check_known, shown
@@ -22,6 +21,8 @@ from fenics_rom.rom.content import ByContent, digest_of
 from fenics_rom.rom.linearizer import linearizer
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike  # which takes 4 ms to import
+
     from fenics_rom.mechanics.readings import Reading
     from fenics_rom.rom.deformation import ReducedDeformation
     from fenics_rom.rom.moving_frame import MovingFrame
@@ -178,7 +179,7 @@ class Rom(ByContent):
         dt: float | None = None,
         *,
         at: Any = None,
-        u: ArrayLike | None = None,
+        u: "ArrayLike | None" = None,
     ) -> "StateSpace":
         """The linear model of a contact mode, for `control.ss(*plant, plant.dt)`, `scipy.signal.dlti(*plant, dt=dt)`.
 

@@ -22,7 +22,9 @@ from fenics_rom.mechanics.compiled.sweeps import MOST_SWEEPS, find_by_sweeps
 NOTHING, FOUND, OTHERWISE = 0, 1, 2  # what came of it: nothing touches; forces; that it is to be found otherwise
 STAGNATION = 1e-9 / 100  # of the velocities that forces stop: see `complementarity.solution`
 WORK_ROUND_OFF, BACK = 1e-12, 1 + 1e-9  # see `mechanics.braking` and `mechanics.contact_pairs`
-NEAR = 1e-3  # of the velocities that forces stop: forces as far from the law take fewer sweeps than solves
+# Of the velocities that forces stop; and unknown velocities, as a share of unknown forces: with more of them, forces as
+# near to the law take fewer sweeps than solves.
+NEAR, FEW = 1e-3, 2 / 3
 FEW_SWEEPS = 8  # before steps of Newton's method are tried
 MOST_ROUNDS = 60  # of forces for a set of pairs, and what it asks of them
 
@@ -182,8 +184,8 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
         error = look_at(*given, yielding, f, u, moved)
         if not error <= ACCURATE * speed:
             is_found = False
-            is_fit = has_newton and len(part) == len(W) and len(few) == C and error > NEAR * speed
-            if is_fit and _has_few_velocities(P, friction, yielding, f, u):
+            is_fit, share = has_newton and len(part) == len(W) and len(few) == C, 1.0 if error > NEAR * speed else FEW
+            if is_fit and _velocities(P, friction, yielding, f, u) <= share:
                 count, is_found = find_by_newton(inverse, points, axes, q, friction, yielding, f, u, error)
                 sweeps += count
                 error = look_at(*given, yielding, f, u, moved)
@@ -274,8 +276,8 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
 
 
 @jit_part
-def _has_few_velocities(P: int, friction: Array, yielding: Array, f: Array, u: Array) -> bool:
-    """Whether Newton's method has fewer unknown velocities of P points than forces of pairs; see `look_at`."""
+def _velocities(P: int, friction: Array, yielding: Array, f: Array, u: Array) -> float:
+    """How many velocities of P points Newton's method does not know, as a share of forces of pairs; see `look_at`."""
     velocities, forces = 3 * (P - len(f)), 0
     for c in range(len(f)):
         n, a, b = f[c, 0] - u[c, 0] / yielding[c], f[c, 1] - u[c, 1] / yielding[c], f[c, 2] - u[c, 2] / yielding[c]
@@ -285,7 +287,7 @@ def _has_few_velocities(P: int, friction: Array, yielding: Array, f: Array, u: A
             velocities, forces = velocities + 2, forces + 2
         else:
             forces += 3
-    return velocities <= forces
+    return velocities / forces if forces else np.inf
 
 
 @jit_part

@@ -1,12 +1,14 @@
 """The contact problems of many bodies at once; arrays hold bodies along their last axis."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
-from numpy.typing import DTypeLike
 
 from fenics_rom.mechanics.body_axis import taken
+
+if TYPE_CHECKING:
+    from numpy.typing import DTypeLike
 
 
 class Problems(NamedTuple):
@@ -28,7 +30,7 @@ class Problems(NamedTuple):
         normals = None if self.normals is None else taken(self.normals, bodies)
         return Problems(taken(self.q, bodies), normals, *(taken(part, bodies) for part in self[2:]))
 
-    def astype(self, dtype: DTypeLike) -> "Problems":
+    def astype(self, dtype: "DTypeLike") -> "Problems":
         """The same in another precision."""
         normals = None if self.normals is None else self.normals.astype(dtype, copy=False)
         parts = (part.astype(dtype, copy=False) for part in self[2:])
