@@ -276,6 +276,31 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
 
 
 @jit_part
+def is_out_of_reach(
+    law: Law, gap: float, free: Array, velocity: Array, w: Array, w_before: Array, pairs: Pairs
+) -> bool:
+    """Whether no pair takes part for sure, as the smallest gap, m, is wide for a step; the rest is as of `ask`.
+
+    A pair takes part below -g/h or (-g/h + a/2)/2, the larger one; where all velocities are within s and g >= 2.5 h s
+    both are below -s.
+    """
+    if law.compliance > 0 or law.is_at_rest:
+        return False
+    fastest = obstacles = 0.0
+    for p in range(len(free)):
+        square = free[p, 0] ** 2 + free[p, 1] ** 2 + free[p, 2] ** 2
+        fastest = max(fastest, square, velocity[p, 0] ** 2 + velocity[p, 1] ** 2 + velocity[p, 2] ** 2)
+    for o in range(len(w)):
+        obstacles = max(obstacles, w[o, 0] ** 2 + w[o, 1] ** 2 + w[o, 2] ** 2)
+        obstacles = max(obstacles, w_before[o, 0] ** 2 + w_before[o, 1] ** 2 + w_before[o, 2] ** 2)
+    if not gap > 2.5 * law.h * (math.sqrt(fastest) + 2 * math.sqrt(obstacles)):
+        return False
+    for c in range(len(pairs.chosen)):
+        pairs.chosen[c] = pairs.helped[c] = False
+    return True
+
+
+@jit_part
 def _velocities(P: int, friction: Array, yielding: Array, f: Array, u: Array) -> float:
     """How many velocities of P points Newton's method does not know, as a share of forces of pairs; see `look_at`."""
     velocities, forces = 3 * (P - len(f)), 0

@@ -74,7 +74,7 @@ def step_bodies(
         state = State(*now, states.halves_before[b], states.rigid_before[b], states.beyond_before[b])
         past = Begun(begun.forces[b], begun.swung[b])
         moving = obstacles.start[b], obstacles.end[b], obstacles.before[b]
-        step = take_step(body, own, shapes, inputs[b], *moving, past, state, found)
+        step = take_step(body, own, shapes, inputs[b], *moving, past, state, found, False)
         told.status[b] = step.status
         if step.status != OTHERWISE and not np.isfinite(step.square):
             restore(state)

@@ -11,7 +11,17 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
-from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, Pairs, ask, find_forces
+from fenics_rom.mechanics.compiled.contact_law import (
+    FOUND,
+    NOTHING,
+    OTHERWISE,
+    Found,
+    Law,
+    Pairs,
+    ask,
+    find_forces,
+    is_out_of_reach,
+)
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.shapes import measure
 
@@ -90,6 +100,7 @@ def take_step(
     begun: Begun,
     state: State,
     found: StepContact,
+    is_told: bool,
 ) -> Step:
     """Takes a step.
 
@@ -102,6 +113,7 @@ def take_step(
         begun: what the step begins with.
         state: changed.
         found: with forces to begin with; set.
+        is_told: whether what the law says is set where nothing is within reach, too.
     """
     pairs, gaps, motion, forces = found
     h, m, n, P = law.h, len(body.ω), len(forces), len(body.places)
@@ -130,8 +142,10 @@ def take_step(
     places = body.places + motion[0].reshape(P, 3)
     measure(shapes, start, places, gaps, pairs.axes[:, 0])
     w = (end - start) / h
-    ask(law, gaps, motion[2].reshape(P, 3), motion[1].reshape(P, 3), w, w_before, begun.forces, np.empty(0), pairs)
-    contact = find_forces(law, body.W, body.inverse, P, begun.swung, pairs)
+    free, velocity, contact = motion[2].reshape(P, 3), motion[1].reshape(P, 3), Found(NOTHING, 0, 0.0)
+    if is_told or not is_out_of_reach(law, gaps.min(), free, velocity, w, w_before, pairs):
+        ask(law, gaps, free, velocity, w, w_before, begun.forces, np.empty(0), pairs)
+        contact = find_forces(law, body.W, body.inverse, P, begun.swung, pairs)
     if contact.status == OTHERWISE:
         return Step(OTHERWISE, contact.sweeps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     _remember(state)
@@ -252,7 +266,7 @@ def take_steps(
     step = Step(OTHERWISE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for count in range(len(inputs)):
         copy(begun.forces, tried.pairs.forces)
-        after = take_step(body, law, shapes, inputs[count], offsets, offsets, still, begun, state, tried)
+        after = take_step(body, law, shapes, inputs[count], offsets, offsets, still, begun, state, tried, True)
         if after.status == OTHERWISE:
             return count, step
         if not np.isfinite(after.square):

@@ -55,7 +55,7 @@ class CompiledStep:
         found = self._found(begun)
         step = take_step(
             self.body, self._law, self._solver.shapes, in_plain(u), *obstacles,
-            Begun(begun.forces, self._solver.swung(begun)), self._state, found,
+            Begun(begun.forces, self._solver.swung(begun)), self._state, found, True,
         )  # fmt: skip
         if step.status == OTHERWISE:
             return None
