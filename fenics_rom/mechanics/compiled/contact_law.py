@@ -184,8 +184,8 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
         error = look_at(*given, yielding, f, u, moved)
         if not error <= ACCURATE * speed:
             is_found = False
-            is_fit, share = has_newton and len(part) == len(W) and len(few) == C, 1.0 if error > NEAR * speed else FEW
-            if is_fit and _velocities(P, friction, yielding, f, u) <= share:
+            is_fit, most = has_newton and len(part) == len(W) and len(few) == C, 1.0 if error > NEAR * speed else FEW
+            if is_fit and _velocities(P, friction, yielding, f, u) <= most:
                 count, is_found = find_by_newton(inverse, points, axes, q, friction, yielding, f, u, error)
                 sweeps += count
                 error = look_at(*given, yielding, f, u, moved)
