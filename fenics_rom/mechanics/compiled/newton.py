@@ -226,11 +226,10 @@ def solve(matrix: Array, x: Array, n: int) -> bool:
             for j in range(k, n):
                 matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
             x[k], x[pivot] = x[pivot], x[k]
-        row, whole = matrix[k], 1 / matrix[k, k]
+        row, whole = matrix[k, k + 1 : n], 1 / matrix[k, k]
         for i in range(k + 1, n):
-            other = matrix[i]
-            share = other[k] * whole
-            for j in range(k + 1, n):
+            other, share = matrix[i, k + 1 : n], matrix[i, k] * whole
+            for j in range(len(row)):  # of a row from its first number on: twice as fast
                 other[j] -= share * row[j]
             x[i] -= share * x[k]
     for k in range(n - 1, -1, -1):
