@@ -28,8 +28,8 @@ class Law(NamedTuple):
     damping: Array  # D without strains (m, m)
     springs: Array  # K_s (m, m)
     steady: Array  # D + h/2 K_s, of what f̂ changes by with v̂ (m, m)
-    stiffness: Array  # table (n, n), see `strain_tables`
-    gram: Array  # (n - 1, n - 1)
+    stiffness: Array  # folded table (N, N), see `strain_tables`
+    gram: Array  # the same of strains, after a row and a column of zeros
     points: Points  # whose energy is not that of these strains alone; P = 0 where there are none
 
 
@@ -52,8 +52,8 @@ class Strains(NamedTuple):
     slope: Array  # b of s (m,)
     vectors: Array  # for what is found on the way (2, m),
     matrices: Array  # (m, m),
-    products: Array  # (2, n), and
-    uppers: Array  # (2, n)
+    products: Array  # (2, N), and
+    uppers: Array  # (2, N)
 
 
 class Memory(NamedTuple):
@@ -117,11 +117,7 @@ def look_ahead(law: Law, strains: Strains, q: Array, v: Array) -> None:
     read(law.stiffness, products, uppers)
     unfold(uppers[0, 1 + m :], strains.shape)
     unfold(uppers[1, 1 + m :], strains.middle)
-    energy, at = 2 * dot(products[0], uppers[0]), 0
-    for i in range(m + 1):  # squares count once
-        energy -= products[0, at] * uppers[0, at]
-        at += m + 1 - i
-    numbers[AHEAD], numbers[LEFT_AHEAD], numbers[IS_AHEAD] = energy / 4, 0.0, 1.0
+    numbers[AHEAD], numbers[LEFT_AHEAD], numbers[IS_AHEAD] = dot(products[0], uppers[0]) / 2, 0.0, 1.0
     multiply(strains.middle, moved, force)
     if has_points:
         add_force(law.points, middle, force)
@@ -169,7 +165,7 @@ def make_tangent(law: Law, strains: Strains, q: Array) -> None:
     if not law.points.moduli.size:
         set_strains(middle, y[0, 1:])
     add_rates(middle, strains.velocity, law.viscosity, y[0, 1:])
-    multiply(law.gram, y[0, 1:], σ[0, 1:])
+    read(law.gram, y, σ)
     unfold(σ[0, 1 + m :], strains.tangent)
     _set_matrix(law, strains.middle, matrix)
     add_inertia(law, matrix)
@@ -268,16 +264,18 @@ def close(law: Law, strains: Strains, q: Array, after: Array, v: Array) -> float
     added = energy - numbers[ENERGY] - h * (power + h / 2 * square) + gap_s * (s + gap_s / 2)
     numbers[GAP] = 0.0
     if added > budget:
-        y, z = strains.products[:, 1:], strains.uppers[:, 1:]
+        y, z, size = strains.products, strains.uppers, ε.shape[1]
         if numbers[IS_CARRIED]:
-            for k in range(len(law.gram)):
-                y[0, k] = ε[0, k]
+            for k in range(size):
+                y[0, 1 + k] = ε[0, k]
         else:
-            set_strains(q, y[0])
-        add_rates(strains.at, v, h, y[0])
-        set_strains(after, y[1])
-        for k in range(len(law.gram)):
-            y[1, k] -= y[0, k]
+            set_strains(q, y[0, 1:])
+        add_rates(strains.at, v, h, y[0, 1:])
+        set_strains(after, y[1, 1:])
+        y[0, 0] = 0.0
+        y[1, 0] = 0.0
+        for k in range(size):
+            y[1, 1 + k] -= y[0, 1 + k]
         read(law.gram, y, z)
         gap_square, slope = dot(y[1], z[1]) + gap_s * gap_s, dot(y[0], z[1]) + gap_s * s
         if slope + gap_square / 2 > budget and gap_square > 0:
@@ -285,8 +283,8 @@ def close(law: Law, strains: Strains, q: Array, after: Array, v: Array) -> float
             share = min(2 * budget / (slope + root) if slope > 0 else (root - slope) / gap_square, 1.0)
         added = share * slope + share**2 * gap_square / 2
         if share < 1:
-            for k in range(len(law.gram)):
-                ε[0, k], ε[1, k] = y[0, k] + share * y[1, k], z[0, k] + share * z[1, k]
+            for k in range(size):
+                ε[0, k], ε[1, k] = y[0, 1 + k] + share * y[1, 1 + k], z[0, 1 + k] + share * z[1, 1 + k]
             energy, is_carried = dot(ε[0], ε[1]) / 2, 1.0
         numbers[GAP] = (1 - share) ** 2 * gap_square
     numbers[LEFT] = left + share * gap_s * (s + share * gap_s / 2)

@@ -14,7 +14,7 @@ class Following(NamedTuple):
     """Pressures and tendons of a body with m modes, with the columns of their inputs."""
 
     pressures: Array  # columns (a,)
-    polynomials: Array  # of their forces (a, m, n), of the products of (1, q)
+    polynomials: Array  # of their forces (a, m, n), of the products of (1, q), of squares the half
     tendons: Array  # columns of segments (s,)
     at_rest: Array  # segments (s, 3), m
     shapes: Array  # what they are with q, (s, 3, m)

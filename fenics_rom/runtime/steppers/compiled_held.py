@@ -1,6 +1,7 @@
 """Steps of a held body whose strains are carried along by one compiled function: what `HeldBody` tries first."""
 
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy import ndarray as Array
@@ -8,6 +9,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import in_plain, or_numpy
 from fenics_rom.rom.carried_strains import MonomialStrains
 from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.rom.strain_tables import StrainTables
 from fenics_rom.runtime.compiled.carried_strains import (
     GAP,
     HAS_TANGENT,
@@ -21,6 +23,7 @@ from fenics_rom.runtime.compiled.carried_strains import (
 from fenics_rom.runtime.compiled.following import Following
 from fenics_rom.runtime.compiled.held_step import Body, Step, motion_in, take_step
 from fenics_rom.runtime.compiled.material_points import Points
+from fenics_rom.runtime.compiled.strain_tables import folded, padded
 from fenics_rom.runtime.steppers.acts.following import FollowingLoads, Pressure
 from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
 from fenics_rom.runtime.steppers.adjoint import NONE
@@ -115,19 +118,23 @@ class CompiledHeld:
 
 def _memory(m: int) -> Memory:
     n = (m + 1) * (m + 2) // 2
-    return Memory(
-        np.zeros((9, m)),
-        np.zeros((6, m, m)),
-        np.zeros((2, n - 1)),
-        np.zeros(NUMBERS),
-        np.zeros((2, n)),
-        np.zeros((2, n)),
-    )
+    sizes = (9, m), (6, m, m), (2, n - 1), (NUMBERS,), (2, padded(n)), (2, padded(n))
+    return Memory(*map(np.zeros, sizes))
+
+
+def _tables_of(body: ReducedDeformation, tables: StrainTables) -> tuple[Array, Array]:
+    """Folded stiffness and gram of a body, made once."""
+    if body not in _folded:
+        _folded[body] = folded(tables.stiffness / tables.half), folded(tables.gram, first=1)
+    return _folded[body]
+
+
+_folded: WeakKeyDictionary[ReducedDeformation, tuple[Array, Array]] = WeakKeyDictionary()
 
 
 def _law(body: ReducedDeformation, law: StrainsCarried, h: float) -> Law:
     assert isinstance(law.strains, MonomialStrains)
-    tables, most, P = law.strains.tables, 0.0, 0
+    most, P = 0.0, 0
     if law.points is not None:
         most, P = law.points.most, len(body.weights)
     gradients = body.gradients[:, :, :P].reshape(-1, body.order).T.copy()
@@ -141,8 +148,7 @@ def _law(body: ReducedDeformation, law: StrainsCarried, h: float) -> Law:
         body.external_damping.copy(),
         body.springs.copy(),
         law.steady.copy(),
-        tables.stiffness,
-        tables.gram,
+        *_tables_of(body, law.strains.tables),
         points,
     )
 
@@ -155,9 +161,13 @@ def _following(loads: FollowingLoads | None, m: int) -> Following:
     columns = [np.full(len(each.points) - 1, column) for column, each in tendons]
     at_rest = [np.diff(each.points, axis=0) for _, each in tendons]
     shapes = [np.diff(each.shapes.reshape(-1, 3, m), axis=0) for _, each in tendons]
+    polynomials = np.array([each for _, each in pressures]).reshape(len(pressures), m, -1 if pressures else 0)
+    if pressures:
+        squares = np.cumsum([0, *range(m + 1, 1, -1)])
+        polynomials[:, :, squares] *= 2  # of which products have the half
     return Following(
         np.array([column for column, _ in pressures], dtype=np.int64),
-        np.array([each for _, each in pressures]).reshape(len(pressures), m, -1 if pressures else 0),
+        polynomials,
         np.concatenate([np.empty(0, dtype=np.int64), *columns]),
         np.concatenate([np.empty((0, 3)), *at_rest]),
         np.concatenate([np.empty((0, 3, m)), *shapes]),
