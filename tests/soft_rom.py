@@ -40,11 +40,13 @@ def soft_rom(
     beta: float = 2e-3,
     inertia: bool = True,
     contact: bool = False,
+    touched_from: float = 0.3,
     bent: Array | None = None,
 ) -> Rom:
     """A slender box, 0.3 m long, with contact modes "tip" and "middle", pressure "air" and tendon "cable".
 
-    Its basis has the lowest eigenvectors or, of an order, `bent` shapes (n, s) and the lowest ones beside.
+    Its basis has the lowest eigenvectors or, of an order, `bent` shapes (n, s) and the lowest ones beside. With contact
+    the floor touches nodes from some x on, m.
     """
     system = soft_box(*SOFT_BOX, law=law, alpha=alpha, beta=beta)
     body, nodes = system.deformation, system.body.nodes
@@ -55,7 +57,9 @@ def soft_rom(
         γ, U = scipy.linalg.eigh(W.T @ K @ W, W.T @ M @ W)
         W = W @ U
     touched = (
-        np.flatnonzero(np.isclose(nodes[:, 0], 0.3) & np.isclose(nodes[:, 2], 0.0)) if contact else np.empty(0, int)
+        np.flatnonzero((nodes[:, 0] > touched_from - 1e-6) & np.isclose(nodes[:, 2], 0.0))
+        if contact
+        else np.empty(0, int)
     )
     modes = {
         name: ContactModel(

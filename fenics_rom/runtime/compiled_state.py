@@ -17,7 +17,8 @@ from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_skin import BatchSkin
 from fenics_rom.runtime.compiled.linear_bodies import Told
-from fenics_rom.runtime.compiled.linear_step import Begun, Body, State
+from fenics_rom.runtime.compiled.linear_step import Body, State
+from fenics_rom.runtime.compiled.touching import Begun
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.residual_maps import strained_back
 from fenics_rom.runtime.steppers.stepper import ReducedStepper

@@ -1,14 +1,19 @@
 """The step of a held body whose strains are carried along, whole: `steppers.held`, compiled.
 
 (2/h + matrix) v̂ = 2/h r - pull + G u + Sᵀ f,   q⁺ = q + h v̂,   r⁺ = 2 v̂ - r
+
+Where nothing can touch the body `among` is None, and numba makes the same functions without contact.
 """
 
 import math
 from typing import NamedTuple
 
+import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
+from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, find_forces
+from fenics_rom.mechanics.compiled.contact_law import Law as ContactLaw
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.runtime.compiled.carried_strains import (
     ENERGY,
@@ -28,7 +33,8 @@ from fenics_rom.runtime.compiled.carried_strains import (
     strains_in,
 )
 from fenics_rom.runtime.compiled.following import Following, add_following
-from fenics_rom.runtime.compiled.small_matrices import dot, factor, multiply, solve
+from fenics_rom.runtime.compiled.small_matrices import dot, factor, multiply, solve, solve_rows, squares
+from fenics_rom.runtime.compiled.touching import FORGOTTEN, Begun, StepContact, add_up_forces, ask_points, step_beyond
 from fenics_rom.runtime.steppers.elastic.carried_strains import TANGENT_RENEWAL
 
 
@@ -52,23 +58,62 @@ class Motion(NamedTuple):
     whole: Array  # v̂ that these lead to, before it is made no longer than what was trained
     force: Array  # of inputs
     velocity: Array  # v̂
+    answer: Array  # of it to contact
     factor: Array  # of the step's matrix (m, m)
 
 
 @jit_part
 def motion_in(vectors: Array, factor: Array) -> Motion:
-    """As parts of few arrays, (7, m) and (m, m)."""
-    return Motion(vectors[0], vectors[1], vectors[2], vectors[3], vectors[4], vectors[5], vectors[6], factor)
+    """As parts of few arrays, (8, m) and (m, m)."""
+    first, second = (vectors[0], vectors[1], vectors[2], vectors[3]), (vectors[4], vectors[5], vectors[6], vectors[7])
+    return Motion(*first, *second, factor)
+
+
+class Touch(NamedTuple):
+    """Where a body can be touched; see `touching.Touched`."""
+
+    points: Array  # (m, 3P)
+    places: Array  # (P, 3)
+    R: Array  # (3P, 3P) or (0, 0)
+    inertia: float
+    whole: float
+    lost: float
+    τ: float
+
+
+class Among(NamedTuple):
+    """The obstacles that a body is among in a step, and what it finds of them."""
+
+    touch: Touch
+    law: ContactLaw
+    shapes: Array  # of the obstacles, (O, 17)
+    start: Array  # displacements of the obstacles, (O, 3), m
+    end: Array
+    w_before: Array  # their velocities in the step before, (O, 3), m/s
+    begun: Begun
+    beyond: Array  # g, y and their rates, (4, 3P), changed
+    beyond_before: Array  # the same before the step
+    found: StepContact  # with forces to begin with; set
+    spread: Array  # for roots of W (m, 3P),
+    W: Array  # and W, m/s/N (3P, 3P)
 
 
 class Step(NamedTuple):
     """What a step did."""
 
-    is_taken: bool
+    status: int  # of contact; where that is OTHERWISE no step was taken
+    sweeps: int
     went_as_expected: bool
-    supplied: float  # J
-    dissipated: float  # J
     square: float  # twice the stored energy, J
+    supplied: float  # by inputs, J
+    dissipated: float  # but for contact, J
+    by_obstacles: float  # supplied, J
+    contact: float  # dissipated in impacts, J
+    friction: float  # dissipated, J
+    normal_power: float  # Σ λ s of the pairs, W
+
+
+NOT_TAKEN = Step(OTHERWISE, 0, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @jit_part
@@ -122,18 +167,92 @@ def end_step(body: Body, r: Array, strains: Strains, motion: Motion) -> Step:
     for i in range(len(v)):
         square += after[i] * dot(law.springs[i], after)
     square += dot(motion.r, motion.r) + 2 * (strains.numbers[ENERGY] + strains.numbers[LEFT])
-    return Step(math.isfinite(square), went_as_expected, law.h * dot(motion.force, v), heat, square)
+    supplied, status = law.h * dot(motion.force, v), NOTHING if math.isfinite(square) else OTHERWISE
+    return Step(status, 0, went_as_expected, square, supplied, heat, 0.0, 0.0, 0.0, 0.0)
+
+
+@jit_part
+def _end_touched(body: Body, r: Array, pushed: Array, strains: Strains, motion: Motion, among: Among) -> Step:
+    """Ends a step among obstacles from r (m,), with v̂ of the motion without contact; sets forces of contact (m,)."""
+    touch, law, found, forces, v = among.touch, among.law, among.found, among.found.forces, motion.velocity
+    h, w = law.h, (among.end - among.start) / law.h
+    motions = motion.q, r, v
+    ask_points(
+        touch, law, among.shapes, among.start, w, among.w_before, among.begun, motions, among.beyond, found, True
+    )
+    if found.pairs.chosen.any():
+        _set_delassus(touch, motion.factor, among.spread, among.W)
+    contact = find_forces(law, among.W, np.empty((0, 0)), len(touch.places), among.begun.swung, found.pairs)
+    if contact.status == OTHERWISE:
+        return NOT_TAKEN
+    copy(among.beyond, among.beyond_before)
+    by_obstacles, power, stored, yields = add_up_forces(contact, w, found), 0.0, 0.0, len(touch.R) > 0
+    for i in range(len(v)):
+        motion.answer[i] = pushed[i] = dot(touch.points[i], forces) if contact.status == FOUND else 0.0
+    if contact.status == FOUND:
+        solve(motion.factor, motion.answer)
+        for i in range(len(v)):
+            v[i] += motion.answer[i]
+        power = dot(pushed, v)
+    step = end_step(body, r, strains, motion)
+    dissipated = step.dissipated
+    if yields:
+        lost, power_beyond, stored = step_beyond(touch, h, among.beyond, forces, found.motion[3])
+        dissipated, power = dissipated + lost, power + power_beyond
+        if contact.status == NOTHING and stored < 2 * FORGOTTEN:
+            stored = 0.0
+            for k in range(len(forces)):
+                for j in range(4):
+                    among.beyond[j, k] = 0.0
+    square, whole = step.square + stored, power - by_obstacles
+    normal = contact.normal_power if law.friction > 0 else whole
+    if not math.isfinite(square):
+        copy(among.beyond_before, among.beyond)
+        return NOT_TAKEN
+    return Step(
+        contact.status,
+        contact.sweeps,
+        step.went_as_expected,
+        square,
+        step.supplied,
+        dissipated,
+        h * by_obstacles,
+        -h * normal,
+        h * (normal - whole),
+        contact.normal_power,
+    )
+
+
+@jit_part
+def _set_delassus(touch: Touch, factor: Array, spread: Array, W: Array) -> None:
+    """Sets W = S A⁻¹ Sᵀ + R/a by the factor of A."""
+    copy(touch.points, spread)
+    solve_rows(factor, spread)
+    squares(spread, W)
+    if len(touch.R) > 0:
+        for i in range(len(W)):
+            for j in range(len(W)):
+                W[i, j] += touch.R[i, j] / touch.whole
 
 
 @jit
 def take_step(
-    body: Body, u: Array, halves: Array, pushed: Array, memory: Memory, vectors: Array, matrix: Array
+    body: Body,
+    u: Array,
+    halves: Array,
+    pushed: Array,
+    memory: Memory,
+    vectors: Array,
+    matrix: Array,
+    among: Among | None,
 ) -> Step:
-    """A step under u (p,) from e and r (2, m) that nothing touches; `pushed` as in `free_step`.
+    """A step under u (p,) from e and r (2, m); `pushed` as in `free_step`, then those of this step.
 
     Where it is not taken, what strains are then is of no use.
     """
-    e, r, strains, motion = halves[0], halves[1], strains_in(memory), motion_in(vectors, matrix)
-    if not free_step(body, u, e, r, pushed, strains, motion):
-        return Step(False, False, 0.0, 0.0, 0.0)
-    return end_step(body, r, strains, motion)
+    strains, motion = strains_in(memory), motion_in(vectors, matrix)
+    if not free_step(body, u, halves[0], halves[1], pushed, strains, motion):
+        return NOT_TAKEN
+    if among is None:
+        return end_step(body, halves[1], strains, motion)
+    return _end_touched(body, halves[1], pushed, strains, motion, among)

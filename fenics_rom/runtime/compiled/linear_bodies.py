@@ -12,7 +12,8 @@ from fenics_rom.compilation import jit
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.shapes import measure
-from fenics_rom.runtime.compiled.linear_step import Begun, Body, State, StepContact, restore, take_step
+from fenics_rom.runtime.compiled.linear_step import Body, State, restore, take_step
+from fenics_rom.runtime.compiled.touching import Begun, StepContact, hand_on
 
 LOST = 3  # status of a body whose state would not be finite; see `contact_law`
 
@@ -86,9 +87,8 @@ def step_bodies(
         works[3], works[4] = step.contact, step.friction
         told.resultants[b], told.pressing[b] = 0.0, 0.0
         copy(found.forces.reshape(P, 3), told.forces[b])
-        copy(forces if touched else begun.forces[b], after.forces[b])
+        hand_on(law, past, touched, sought, Begun(after.forces[b], after.swung[b]))
         for c in range(N):
-            after.swung[b, c] = min(begun.swung[b, c], law.swings) + 1 if sought.helped[c] else 0
             for k in range(3 if touched else 0):
                 told.resultants[b, c // P, k] += forces[c, k]
                 told.pressing[b, c % P] += forces[c, k] * axes[c, 0, k]

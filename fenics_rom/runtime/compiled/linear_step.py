@@ -11,21 +11,18 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
-from fenics_rom.mechanics.compiled.contact_law import (
-    FOUND,
-    NOTHING,
-    OTHERWISE,
-    Found,
-    Law,
-    Pairs,
-    ask,
-    find_forces,
-    is_out_of_reach,
-)
+from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, Law, find_forces
 from fenics_rom.mechanics.compiled.copying import copy
-from fenics_rom.mechanics.compiled.shapes import measure
-
-FORGOTTEN = 1e-200  # J: see `steppers.residual_motion`
+from fenics_rom.runtime.compiled.touching import (
+    FORGOTTEN,
+    Begun,
+    StepContact,
+    add_up_forces,
+    ask_points,
+    hand_on,
+    keep_found,
+    step_beyond,
+)
 
 
 class Body(NamedTuple):
@@ -72,22 +69,6 @@ class Step(NamedTuple):
     normal_power: float  # Σ λ s of the pairs, W
 
 
-class Begun(NamedTuple):
-    """What a step begins with of the past."""
-
-    forces: Array  # of the step before (N, 3), N
-    swung: Array  # (N,) in how many steps in a row friction did not stop a pair
-
-
-class StepContact(NamedTuple):
-    """What a step found of contact."""
-
-    pairs: Pairs
-    gaps: Array  # (N,), m
-    motion: Array  # (4, 3P): displacement, velocity, free mid-step velocity of the points, and that beyond the basis
-    forces: Array  # (3P,), N
-
-
 @jit
 def take_step(
     body: Body,
@@ -115,8 +96,8 @@ def take_step(
         found: with forces to begin with; set.
         is_told: whether what the law says is set where nothing is within reach, too.
     """
-    pairs, gaps, motion, forces = found
-    h, m, n, P = law.h, len(body.ω), len(forces), len(body.places)
+    pairs, _, motion, forces = found
+    h, m, P = law.h, len(body.ω), len(body.places)
     e, r, ρ = state.halves[0], state.halves[1], len(state.rigid)
     yields = len(body.R) > 0
     pushed = body.inputs.dot(u)
@@ -125,37 +106,15 @@ def take_step(
     q = np.empty(m)
     for i in range(m):
         q[i] = state.rigid[i] if i < ρ else e[i] * body.inverse_ω[i]
-    for k in range(n):
-        motion[0, k], motion[1, k], motion[2, k] = 0.0, 0.0, 0.0
-    for i in range(m):
-        row, qi, ri, vi = body.points[i], q[i], r[i], v[i]
-        for k in range(n):
-            motion[0, k] += row[k] * qi
-            motion[1, k] += row[k] * ri
-            motion[2, k] += row[k] * vi
-    if yields:
-        y, rate = state.beyond[1], state.beyond[3]
-        for k in range(n):
-            motion[0, k] += y[k]
-            motion[1, k] += rate[k]
-            motion[2, k] += (body.inertia * rate[k] - y[k]) / body.whole
-    places = body.places + motion[0].reshape(P, 3)
-    measure(shapes, start, places, gaps, pairs.axes[:, 0])
     w = (end - start) / h
-    free, velocity, contact = motion[2].reshape(P, 3), motion[1].reshape(P, 3), Found(NOTHING, 0, 0.0)
-    if is_told or not is_out_of_reach(law, gaps.min(), free, velocity, w, w_before, pairs):
-        ask(law, gaps, free, velocity, w, w_before, begun.forces, np.empty(0), pairs)
+    contact, motions = Found(NOTHING, 0, 0.0), (q, r, v)
+    if ask_points(body, law, shapes, start, w, w_before, begun, motions, state.beyond, found, is_told):
         contact = find_forces(law, body.W, body.inverse, P, begun.swung, pairs)
     if contact.status == OTHERWISE:
         return Step(OTHERWISE, contact.sweeps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     _remember(state)
-    forces[:] = 0.0
-    power = by_obstacles = 0.0
+    by_obstacles, power = add_up_forces(contact, w, found), 0.0
     if contact.status == FOUND:
-        for c in range(len(gaps)):
-            for k in range(3):
-                forces[3 * (c % P) + k] += pairs.forces[c, k]
-                by_obstacles += pairs.forces[c, k] * w[c // P, k]
         by_contact = body.points.dot(forces)
         right += by_contact
         v = body.A.dot(right)
@@ -164,7 +123,7 @@ def take_step(
     supplied, dissipated = h * pushed.dot(v), h * heat.dot(heat)
     stored = 0.0
     if yields:
-        lost, power_beyond, stored = _step_beyond(body, h, state.beyond, forces, motion[3])
+        lost, power_beyond, stored = step_beyond(body, h, state.beyond, forces, motion[3])
         dissipated, power = dissipated + lost, power + power_beyond
         if contact.status == NOTHING and stored < 2 * FORGOTTEN:
             state.beyond[:] = 0.0
@@ -204,27 +163,6 @@ def restore(state: State) -> None:
     copy(state.halves_before, state.halves)
     copy(state.rigid_before, state.rigid)
     copy(state.beyond_before, state.beyond)
-
-
-@jit_part
-def _step_beyond(body: Body, h: float, beyond: Array, f: Array, rates: Array) -> tuple[float, float, float]:
-    """Takes the step of what points do beyond the basis: what it loses, J, the power of f there, W, twice its energy.
-
-    Sets the rates (3P,) of y in it.
-    """
-    g, y, g_rate, y_rate = beyond[0], beyond[1], beyond[2], beyond[3]
-    Rf = body.R.dot(f)
-    lost = power = stored = 0.0
-    for k in range(len(f)):
-        g_mid = (body.inertia * g_rate[k] - g[k] + f[k]) / body.whole
-        y_mid = (body.inertia * y_rate[k] - y[k] + Rf[k]) / body.whole
-        rates[k] = y_mid
-        g[k], y[k] = g[k] + h * g_mid, y[k] + h * y_mid
-        g_rate[k], y_rate[k] = 2 * g_mid - g_rate[k], 2 * y_mid - y_rate[k]
-        lost += g_mid * y_mid
-        power += f[k] * y_mid
-        stored += g[k] * y[k] + body.τ**2 * g_rate[k] * y_rate[k]
-    return h * body.lost * lost, power, stored
 
 
 class Taken(NamedTuple):
@@ -273,11 +211,8 @@ def take_steps(
             restore(state)
             return count, step
         step = after
-        _keep(begun, tried, last_begun, last)
-        for c in range(len(begun.swung)):
-            begun.swung[c] = min(begun.swung[c], law.swings) + 1 if tried.pairs.helped[c] else 0
-        if step.status == FOUND:
-            copy(tried.pairs.forces, begun.forces)
+        keep_found(begun, tried, last_begun, last)
+        hand_on(law, begun, step.status == FOUND, tried.pairs, begun)
         works = taken.works[count]
         works[0], works[1], works[2] = step.supplied, step.dissipated, step.by_obstacles
         works[3], works[4] = step.contact, step.friction
@@ -286,22 +221,3 @@ def take_steps(
         if len(body.R) > 0:
             copy(state.beyond[0], taken.carried[count])
     return len(inputs), step
-
-
-@jit_part
-def _keep(begun: Begun, tried: StepContact, last_begun: Begun, last: StepContact) -> None:
-    """Copies what a step began with, and found."""
-    copy(begun.forces, last_begun.forces)
-    copy(begun.swung, last_begun.swung)
-    pairs, kept = tried.pairs, last.pairs
-    copy(pairs.axes, kept.axes)
-    copy(pairs.free, kept.free)
-    copy(pairs.relative, kept.relative)
-    copy(pairs.target, kept.target)
-    copy(pairs.level, kept.level)
-    copy(pairs.chosen, kept.chosen)
-    copy(pairs.helped, kept.helped)
-    copy(pairs.forces, kept.forces)
-    copy(tried.gaps, last.gaps)
-    copy(tried.motion, last.motion)
-    copy(tried.forces, last.forces)

@@ -59,6 +59,35 @@ def solve(U: Array, x: Array) -> None:
 
 
 @jit_part
+def solve_rows(U: Array, X: Array) -> None:
+    """Sets U⁻ᵀ X of rows (m, n), by the factor U with 1/U on its diagonal."""
+    for i in range(len(U)):
+        row, own = U[i], X[i]
+        for k in range(i):
+            share, other = U[k, i], X[k]
+            for j in range(len(own)):
+                own[j] -= share * other[j]
+        for j in range(len(own)):
+            own[j] *= row[i]
+
+
+@jit_part
+def squares(X: Array, into: Array) -> None:
+    """Sets XᵀX (n, n) of rows (m, n), symmetric to the bit."""
+    for i in range(len(into)):
+        row = into[i, i:]
+        for j in range(len(row)):
+            row[j] = 0.0
+        for k in range(len(X)):
+            share, other = X[k, i], X[k, i:]
+            for j in range(len(row)):
+                row[j] += share * other[j]
+    for i in range(len(into)):
+        for j in range(i):
+            into[i, j] = into[j, i]
+
+
+@jit_part
 def invert(U: Array, into: Array) -> None:
     """Sets A⁻¹ by the factor of A, symmetric to the bit."""
     for i in range(len(U)):

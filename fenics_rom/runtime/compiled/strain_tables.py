@@ -16,7 +16,6 @@ from fenics_rom.compilation import jit_part, jit_sums
 LINE = 8  # numbers on a cache line
 
 
-
 def folded(matrix: Array, first: int = 0) -> Array:
     """A symmetric matrix as `read` takes it, after so many rows and columns of zeros."""
     n = first + len(matrix)

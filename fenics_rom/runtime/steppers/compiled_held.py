@@ -7,6 +7,10 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain, or_numpy
+from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
+from fenics_rom.mechanics.compiled_contact import CompiledContact
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
+from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.rom.carried_strains import MonomialStrains
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.strain_tables import StrainTables
@@ -29,6 +33,8 @@ from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
 from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.deformation_maps import E_OF_Q, Carried, Expected
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
+from fenics_rom.runtime.steppers.held_contact import HeldContact
+from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 LAWS = "st_venant_kirchhoff", "neo_hookean"  # that are compiled
 
@@ -40,6 +46,7 @@ class CompiledHeld:
         body: its points.
         law: what resists its shape.
         loads: what acts on it.
+        contact: how obstacles touch it; None: they cannot.
         ω: (m,), 1/s.
         inverse_ω: (m,), s.
         h: s.
@@ -50,36 +57,70 @@ class CompiledHeld:
     """
 
     def __init__(
-        self, body: ReducedDeformation, law: StrainsCarried, loads: ShapeLoads, ω: Array, inverse_ω: Array, h: float
+        self,
+        body: ReducedDeformation,
+        law: StrainsCarried,
+        loads: ShapeLoads,
+        contact: HeldContact | None,
+        ω: Array,
+        inverse_ω: Array,
+        h: float,
     ):
         m = body.order
-        self._h, self._elastic, self._still = h, law, np.zeros(m)
+        self._h, self._elastic, self._pushed = h, law, np.zeros(m)
         self._body = Body(ω, inverse_ω, loads.dead, _following(loads.following, m), _law(body, law, h))
         self._memory = _memory(m)
-        self._of_motion = np.zeros((7, m)), np.zeros((m, m))
+        self._of_motion = np.zeros((8, m)), np.zeros((m, m))
         self.motion, self._strains = motion_in(*self._of_motion), strains_in(self._memory)
         self.tangent, self._carried = NONE, law.carried
+        self._met = contact
         self.forget()
 
     @staticmethod
-    def of(body: ReducedDeformation, law: StrainsCarried, *others: Any) -> "CompiledHeld | None":
-        """Of such arguments; None where loops do not know how it deforms."""
+    def of(
+        body: ReducedDeformation,
+        law: StrainsCarried,
+        loads: ShapeLoads,
+        solver: ContactSolver | None,
+        points: Array,
+        residual: ResidualMotion | None,
+        *others: Any,
+    ) -> "CompiledHeld | None":
+        """Of such arguments; None where loops do not know how it deforms, or what touches.
+
+        `solver`: what finds contact forces, if anything can touch; `points` and `residual` as in `HeldContact`.
+        """
         knows = body.law in LAWS and law.branches is None and isinstance(law.strains, MonomialStrains)
-        return CompiledHeld(body, law, *others) if knows else None
+        if not (knows and (solver is None or isinstance(solver, CompiledContact))):
+            return None
+        contact = None if solver is None else HeldContact(solver, points, residual, others[-1])
+        return CompiledHeld(body, law, loads, contact, *others)
 
     def forget(self) -> None:
         """What is known ahead, so that what follows is the same to the bit, whatever came before."""
         self._is_known = False
+        if self._met is not None:
+            self._met.forget()
 
     @or_numpy
-    def take(self, u: Array, halves: Array, tangent: Array) -> Step | None:
-        """Takes a step under u (p,) from e and r (2, m); None where it is to be taken otherwise."""
-        numbers, law = self._strains.numbers, self._elastic
+    def take(
+        self, u: Array, halves: Array, tangent: Array, obstacles: ObstacleMotion | None, touched: ContactSolution | None
+    ) -> tuple[Step, ContactSolution | None] | None:
+        """Takes a step under u (p,) from e and r (2, m), with contact in it; None where it is to be taken otherwise.
+
+        `touched`: contact in the step before.
+        """
+        numbers, law, met, among = self._strains.numbers, self._elastic, self._met, None
         if not (self._is_known and law.carried is self._carried and tangent is self.tangent):
             self._load(law.carried, tangent)
-        step = take_step(self._body, in_plain(u), in_plain(halves), self._still, self._memory, *self._of_motion)
-        self._is_known = step.is_taken
-        if not step.is_taken:
+        if met is not None:
+            if obstacles is None:
+                return None
+            among = met.among(obstacles)
+            met.set_pushed(self._pushed, touched)
+        step = take_step(self._body, in_plain(u), in_plain(halves), self._pushed, self._memory, *self._of_motion, among)
+        self._is_known = step.status != OTHERWISE
+        if not self._is_known:
             return None
         left, c, tank, energy, is_carried, ahead, *_ = numbers.tolist()
         strained = self._strains.carried.copy() if is_carried else E_OF_Q
@@ -91,7 +132,12 @@ class CompiledHeld:
         law.took(
             self.motion.e * self._body.inverse_ω, self._carried, (2 * ahead, numbers.item(GAP)), step.went_as_expected
         )
-        return step
+        return step, None if met is None or among is None else met.keep(step, among)
+
+    @property
+    def beyond(self) -> Array | None:
+        """Velocities (P, 3) of the contact points beyond the basis in the last step, m/s; None where they have none."""
+        return None if self._met is None else self._met.beyond
 
     def _load(self, carried: Carried, tangent: Array) -> None:
         """Goes on from what another step carried along."""

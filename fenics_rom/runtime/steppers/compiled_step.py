@@ -10,7 +10,8 @@ from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, pairs_from
 from fenics_rom.mechanics.compiled_contact import CompiledContact, Told
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_search import ContactSearch
-from fenics_rom.runtime.compiled.linear_step import Begun, Body, State, Step, StepContact, Taken, take_step, take_steps
+from fenics_rom.runtime.compiled.linear_step import Body, State, Step, Taken, take_step, take_steps
+from fenics_rom.runtime.compiled.touching import Begun, StepContact
 
 LARGEST_CONDITION, MOST_ROWS = 1e8, 300  # of Delassus operators whose inverses are kept
 

@@ -13,14 +13,14 @@ import math
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
+from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
@@ -33,7 +33,8 @@ from fenics_rom.runtime.steppers.deformation_maps import Expected
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
 from fenics_rom.runtime.steppers.held_adjoint import HeldAdjoint, Part
-from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
+from fenics_rom.runtime.steppers.held_solution import Solution, Start, Touched
+from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork, symmetric
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.compiled.held_step import Step
@@ -44,37 +45,6 @@ if TYPE_CHECKING:
 
 LARGE = 1e15  # J, N² or Pa²: up to there a step of strains of second degree is far from overflow
 FAST_CONTRACTION = 0.1  # up to which the tangent of an earlier iteration will do
-
-
-class Start(NamedTuple):
-    """Where a step, or a part of one, begins."""
-
-    q: Array  # (m,)
-    r: Array
-    h: float  # s
-    obstacles: ObstacleMotion | None
-    reactions: Array  # (n,) that the search for forces begins with
-
-
-class Touched(NamedTuple):
-    """What was found near a velocity."""
-
-    contact: ContactSolution | None
-    reactions: Array  # (n,)
-    held: Array | None  # forces of strokes (m,)
-    rubbed: Array | None  # those at guides
-    pushed: Array | None  # all of them, and those of contact
-
-
-class Solution(NamedTuple):
-    """Where a step leads to, and what it came of."""
-
-    e: Array  # (m,)
-    r: Array
-    contact: ContactSolution | None
-    reactions: Array
-    work: StepWork
-    taken: tuple[Part, ...]
 
 
 class HeldBody(HeldAdjoint):
@@ -151,12 +121,13 @@ class HeldBody(HeldAdjoint):
 
     def _compiled_step(self) -> "CompiledHeld | None":
         """What takes steps where loops are compiled, and there is nothing that they do not know."""
-        law, knows = self.elastic, self._found is None and self._interface is None and self.h > 0
-        if not (compiled() and knows and isinstance(law, StrainsCarried)):
+        law, solver = self.elastic, None if self._interface is None else self._interface.solver
+        if not (compiled() and isinstance(law, StrainsCarried) and self._found is None and self.h > 0):
             return None
         from fenics_rom.runtime.steppers.compiled_held import CompiledHeld  # here, as numba takes time to import
 
-        return CompiledHeld.of(self._body, law, self.loads, self._ω, self._inverse_ω, self.h)
+        touched = solver, self._Sᵀ, self.residual
+        return CompiledHeld.of(self._body, law, self.loads, *touched, self._ω, self._inverse_ω, self.h)
 
     def reset_buffer(self) -> None:
         """As in Kernel: forgets tangents, and what was found of the next step."""
@@ -170,8 +141,10 @@ class HeldBody(HeldAdjoint):
         law = self.elastic
         assert law is not None
         self._tangent_before = self.tangent
-        if self._compiled is not None and (step := self._compiled.take(u, self._halves, self.tangent)) is not None:
-            return self._end_compiled(u, law, step)
+        if self._compiled is not None:
+            taken = self._compiled.take(u, self._halves, self.tangent, obstacles, self.contact)
+            if taken is not None:
+                return self._end_compiled(u, law, *taken)
         try:
             if self._is_small and obstacles is None and u.dot(u) < LARGE:  # looking after overflow costs 5 µs
                 return self._end(u, law, self._at_once(u, None))
@@ -180,12 +153,16 @@ class HeldBody(HeldAdjoint):
         except np.linalg.LinAlgError:
             return math.nan
 
-    def _end_compiled(self, u: Array, law: ElasticLaw, step: "Step") -> float:
+    def _end_compiled(self, u: Array, law: ElasticLaw, step: "Step", contact: ContactSolution | None) -> float:
         """Takes note of a step that a compiled function took; twice the stored energy, J."""
         assert self._compiled is not None
-        motion, work = self._compiled.motion, StepWork(step.supplied, step.dissipated, ())
+        motion, of_contact = self._compiled.motion, (step.by_obstacles, step.contact, step.friction)
+        contacts: ContactWorks = ()
+        if contact is not None:
+            contacts, self._at_touch = (partial(ContactWork, *of_contact),), (None, self._compiled.beyond)
         self.tangent, self._expectation = self._compiled.tangent, None
-        self._take_over(u, law, Solution(motion.e, motion.r, None, self.reactions, work, ()))
+        work = StepWork(step.supplied, step.dissipated, contacts)
+        self._take_over(u, law, Solution(motion.e, motion.r, contact, self.reactions, work, ()))
         return step.square
 
     def _end(self, u: Array, law: ElasticLaw, solution: Solution) -> float:
