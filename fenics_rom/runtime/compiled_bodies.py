@@ -21,8 +21,9 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import distinct, stacked_state
-from fenics_rom.runtime.compiled.linear_bodies import LOST, Obstacles, look_at_bodies, step_bodies
+from fenics_rom.runtime.compiled.linear_bodies import Obstacles, look_at_bodies, step_bodies
 from fenics_rom.runtime.compiled.linear_step import State
+from fenics_rom.runtime.compiled.touching import LOST
 from fenics_rom.runtime.compiled_state import LOST_IN_SWITCHING, CompiledState
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.threads import deal_out

@@ -52,14 +52,14 @@ class ContactRollout:
         while taken < len(u):
             if (rolled := self._roll(u[taken : taken + LONGEST_BLOCK], names)) is not None:
                 if names:
-                    rows.append(rolled[_due(every, first + taken)])
+                    rows.append(rolled[due(every, first + taken)])
                 taken += len(rolled)
                 continue
             block = self._block(u[taken:-1])  # the last step is taken by itself
             if block is not None:
                 kept_map, steps = block
                 if names:
-                    read = steps.states[1:][_due(every, first + taken)]
+                    read = steps.states[1:][due(every, first + taken)]
                     rows.append(read @ self._output_columns(kept_map, names))
                 taken += len(steps.inputs)
                 continue
@@ -235,18 +235,23 @@ class ContactRollout:
         return np.vstack(columns)
 
     def _output_maps(self, names: tuple[str, ...]) -> tuple[Array, Array]:
-        """Displacements of outputs from q (m, width), and from what is carried beyond the basis (3P, width), m/N."""
-        body, rom, residual = self._body, self._body.rom, self._body.integrator.kernel.residual
-        asked = body.contact, names
+        """As `output_maps`."""
+        asked = self._body.contact, names
         if asked not in self._outputs:
-            rows = np.concatenate([np.empty((0, rom.basis.shape[1])), *(rom.outputs[name] for name in names)])
-            by_force = np.empty((0, len(rows)))
-            if residual is not None:
-                by_force = strained_back(residual.part, (rows[:, rom.rigid :] / np.sqrt(rom.stiffness[rom.rigid :])).T)
-            self._outputs[asked] = (rows @ body.model.coordinates).T, by_force
+            self._outputs[asked] = output_maps(self._body, names)
         return self._outputs[asked]
 
 
-def _due(every: int, taken: int) -> slice:
+def output_maps(body: Simulator, names: tuple[str, ...]) -> tuple[Array, Array]:
+    """Displacements of outputs from q (m, width), and from what is carried beyond the basis (3P, width), m/N."""
+    rom, residual = body.rom, body.integrator.kernel.residual
+    rows = np.concatenate([np.empty((0, rom.basis.shape[1])), *(rom.outputs[name] for name in names)])
+    by_force = np.empty((0, len(rows)))
+    if residual is not None:
+        by_force = strained_back(residual.part, (rows[:, rom.rigid :] / np.sqrt(rom.stiffness[rom.rigid :])).T)
+    return (rows @ body.model.coordinates).T, by_force
+
+
+def due(every: int, taken: int) -> slice:
     """Which of the steps after so many are read, one in every so many."""
     return slice(every - 1 - taken % every, None, every)

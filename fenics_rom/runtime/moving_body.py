@@ -225,6 +225,12 @@ class MovingBody(SimulatedBody):
         """Whether compiled functions take steps of the body in its frame."""
         return self._frame is not None and getattr(self._frame.kernel, "is_compiled", False)
 
+    @property
+    def bends_compiled(self) -> bool:
+        """Whether compiled functions take steps of the body, which is held and deforms largely."""
+        kernel = self._stepper.kernel
+        return self._frame is None and self.rom.deformation is not None and getattr(kernel, "is_compiled", False)
+
     def _rest(self, output: str | None) -> tuple[Array, Array]:
         """The origin of a moving frame, and points at rest: of an output, or all nodes; m."""
         frame = self.rom.moving_frame

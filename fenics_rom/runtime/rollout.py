@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.base_path import BaseState
     from fenics_rom.runtime.contact_rollout import ContactRollout
     from fenics_rom.runtime.frame_rollout import FrameRollout
+    from fenics_rom.runtime.held_rollout import HeldRollout
 
 Simulator = Any  # fenics_rom.runtime.simulator's, which imports this file
 
@@ -238,6 +239,7 @@ class Rollout:
         self._propagators: dict[tuple[Any, ...], list[BlockPropagator]] = {}
         self._among_obstacles: ContactRollout | None = None
         self._in_a_frame: FrameRollout | None = None
+        self._bending: HeldRollout | None = None
 
     def take(
         self,
@@ -289,6 +291,12 @@ class Rollout:
 
                 self._in_a_frame = FrameRollout(body)
             return self._in_a_frame.take(u, bases, taken, every, names)
+        if bases is None and body.bends_compiled:
+            if self._bending is None:
+                from fenics_rom.runtime.held_rollout import HeldRollout  # here, as few bodies deform largely
+
+                self._bending = HeldRollout(body)
+            return self._bending.take(u, taken, every, names)
         one_by_one = body.needs_single_steps or body.relaxes or bases is not None
         if one_by_one or (body.rom.rigid and not body.needs_each_step):  # there is more than energy coordinates hold
             return self._step_each(u, bases, taken, every, names)

@@ -281,7 +281,8 @@ class Simulator(MovingBody):
         Among obstacles blocks of steps in which all contact pairs do what they did are taken so, and the steps between
         by themselves: the same as stepping, to the tolerance of contact forces. Nothing is gained where a step is no
         such map: without inertia, with large deformation, strokes, friction of tendons, a material that relaxes, rigid
-        motions, or in a moving frame. There steps are taken one by one, the same to the bit as `step` after `save`.
+        motions, or in a moving frame. There steps are the same to the bit as `step` after `save`, taken one by one, or
+        where they are compiled mostly in one loop.
 
         Args:
             inputs: (steps, p) of each step, as of `step`; or a mapping by name, with (steps, columns) each.

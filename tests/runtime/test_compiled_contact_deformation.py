@@ -11,6 +11,7 @@ import fenics_rom as fr
 from fenics_rom.compilation import compiled, numpy_alone
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
+from fenics_rom.runtime.compiled import held_step, held_steps
 from fenics_rom.runtime.steppers import compiled_held
 from fenics_rom.runtime.steppers.held import HeldBody
 
@@ -47,6 +48,11 @@ def random_rom(law, seed):
     order, reach = int(rng.integers(6, 15)), rng.choice([0.3, 0.25, 0.2])
     rom = soft_rom(law, order=order, beta=rng.uniform(1e-3, 4e-3), contact=True, touched_from=reach)
     return replace(rom, residual_compliance=None) if seed % 3 == 2 else rom
+
+
+def in_one_mode(rom):
+    """Without the other contact mode, so that obstacles do not ask for it."""
+    return replace(rom, contact_models={"tip": rom.contact_models["tip"]})
 
 
 def assert_account_closes(body):
@@ -160,4 +166,66 @@ def test_a_step_that_is_refused_changes_nothing(monkeypatch):
             body.step(forces[100])
     np.testing.assert_array_equal(np.concatenate([*body.state, body.contact_forces().ravel()]), before)
     body.step(forces[100])
+    assert_account_closes(body)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_rollouts_are_steps(law):
+    """State, forces and notes to the bit, also of a run whose loops find no forces of some steps."""
+    rom = in_one_mode(random_rom(law, 1))
+    body, rolled = (fr.Simulator(rom, DT, stepper="linearly-implicit") for _ in range(2))
+    forces, read, touched = history(7, body.inputs), [], 0
+    for k, u in enumerate(forces, start=1):
+        body.step(u)
+        touched += body.contact_forces().any()
+        if k % 7 == 0:
+            read.append(body.displacement("tip"))
+    assert touched > STEPS // 10
+    tip = rolled.rollout(forces, every=7)["tip"]
+    np.testing.assert_allclose(tip, read, atol=1e-12 * np.abs(read).max(), rtol=0)
+    for name in ("state", "contact_forces"):
+        one, other = (getattr(each, name) for each in (body, rolled))
+        np.testing.assert_array_equal(*((one(), other()) if callable(one) else (one, other)))
+    assert rolled.integrator.kernel.notes == pytest.approx(body.integrator.kernel.notes, rel=1e-12)
+    assert_account_closes(rolled)
+    sums = np.array([[total for total, _ in each.ledger.sums] for each in (body, rolled)])
+    np.testing.assert_allclose(*sums, atol=1e-12 * np.abs(sums).max(), rtol=0)
+    assert rolled.time == pytest.approx(body.time)
+    body.step(forces[0])
+    rolled.step(forces[0])
+    np.testing.assert_array_equal(np.concatenate(body.state), np.concatenate(rolled.state))
+
+
+def test_a_rollout_goes_on_where_loops_find_no_forces(monkeypatch):
+    """The step is taken by itself, from where the one before led; loops take those after it."""
+    rom, take = in_one_mode(soft_rom("neo_hookean", order=8, contact=True)), held_steps.take_step
+    bodies = [fr.Simulator(rom, DT, stepper="linearly-implicit") for _ in range(2)]
+    forces, calls = history(8, bodies[0].inputs), []
+
+    def give_up(body, u, halves, pushed, memory, *others):
+        calls.append(u)
+        if len(calls) % 30 == 0:
+            memory.numbers[:] = np.nan
+            return held_step.NOT_TAKEN
+        return take(body, u, halves, pushed, memory, *others)
+
+    bodies[0].rollout(forces)
+    with monkeypatch.context() as patch:
+        patch.setattr(held_steps, "take_step", give_up)
+        patch.setattr(compiled_held, "take_steps", held_steps.take_steps.py_func)
+        bodies[1].rollout(forces)
+    assert len(calls) > 150
+    np.testing.assert_array_equal(*(np.concatenate(body.state) for body in bodies))
+    assert_account_closes(bodies[1])
+
+
+def test_a_rollout_that_overflows_names_its_step_and_changes_nothing():
+    body = fr.Simulator(in_one_mode(soft_rom(order=6, contact=True)), DT, stepper="linearly-implicit")
+    forces = history(6, body.inputs)
+    body.rollout(forces[:50])
+    before = np.concatenate([*body.state, body.contact_forces().ravel()])
+    forces[90] = 1e300
+    with pytest.raises(StepError, match="step 90"):
+        body.rollout(forces[50:])
+    np.testing.assert_array_equal(np.concatenate([*body.state, body.contact_forces().ravel()]), before)
     assert_account_closes(body)

@@ -131,3 +131,24 @@ def test_a_step_that_overflows_is_refused_and_changes_nothing():
     np.testing.assert_array_equal(np.concatenate(body.state), before)
     body.step(np.ones(body.inputs) * 1e-2)
     assert_account_closes(body)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_rollouts_are_steps_to_the_bit(law):
+    """Also where strains go off those of the shape, with a switch, and steps of another length."""
+    body, rolled = (fr.Simulator(random_rom(law, 1), DT, stepper="linearly-implicit") for _ in range(2))
+    forces, read = history(9, body.inputs, 4.0), []
+    for k, u in enumerate(forces):
+        if k == 40:
+            body.switch("middle")
+        if k == 70:
+            body.dt = DT / 2
+        body.step(u)
+        read.append(body.displacement("tip"))
+    modes, sizes = np.repeat(["tip", "middle"], [40, STEPS - 40]), np.repeat([DT, DT / 2], [70, STEPS - 70])
+    tip = rolled.rollout(forces, contact=modes, dt=sizes)["tip"]
+    np.testing.assert_allclose(tip, read, atol=1e-12 * np.abs(read).max(), rtol=0)
+    np.testing.assert_array_equal(np.concatenate(body.state), np.concatenate(rolled.state))
+    assert rolled.integrator.kernel.notes == pytest.approx(body.integrator.kernel.notes, rel=1e-12)
+    assert_account_closes(rolled)

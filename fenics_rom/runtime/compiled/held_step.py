@@ -34,7 +34,15 @@ from fenics_rom.runtime.compiled.carried_strains import (
 )
 from fenics_rom.runtime.compiled.following import Following, add_following
 from fenics_rom.runtime.compiled.small_matrices import dot, factor, multiply, solve, solve_rows, squares
-from fenics_rom.runtime.compiled.touching import FORGOTTEN, Begun, StepContact, add_up_forces, ask_points, step_beyond
+from fenics_rom.runtime.compiled.touching import (
+    FORGOTTEN,
+    LOST,
+    Begun,
+    StepContact,
+    add_up_forces,
+    ask_points,
+    step_beyond,
+)
 from fenics_rom.runtime.steppers.elastic.carried_strains import TANGENT_RENEWAL
 
 
@@ -101,7 +109,7 @@ class Among(NamedTuple):
 class Step(NamedTuple):
     """What a step did."""
 
-    status: int  # of contact; where that is OTHERWISE no step was taken
+    status: int  # of contact; where that is OTHERWISE no step was taken, and where it is LOST nothing is of use
     sweeps: int
     went_as_expected: bool
     square: float  # twice the stored energy, J
@@ -167,7 +175,7 @@ def end_step(body: Body, r: Array, strains: Strains, motion: Motion) -> Step:
     for i in range(len(v)):
         square += after[i] * dot(law.springs[i], after)
     square += dot(motion.r, motion.r) + 2 * (strains.numbers[ENERGY] + strains.numbers[LEFT])
-    supplied, status = law.h * dot(motion.force, v), NOTHING if math.isfinite(square) else OTHERWISE
+    supplied, status = law.h * dot(motion.force, v), NOTHING if math.isfinite(square) else LOST
     return Step(status, 0, went_as_expected, square, supplied, heat, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -208,9 +216,8 @@ def _end_touched(body: Body, r: Array, pushed: Array, strains: Strains, motion: 
     normal = contact.normal_power if law.friction > 0 else whole
     if not math.isfinite(square):
         copy(among.beyond_before, among.beyond)
-        return NOT_TAKEN
     return Step(
-        contact.status,
+        contact.status if math.isfinite(square) else LOST,
         contact.sweeps,
         step.went_as_expected,
         square,
@@ -248,7 +255,7 @@ def take_step(
 ) -> Step:
     """A step under u (p,) from e and r (2, m); `pushed` as in `free_step`, then those of this step.
 
-    Where it is not taken, what strains are then is of no use.
+    Where it is not taken, what is carried is as it was, but for numbers of the memory; where it is lost, it is not.
     """
     strains, motion = strains_in(memory), motion_in(vectors, matrix)
     if not free_step(body, u, halves[0], halves[1], pushed, strains, motion):

@@ -13,9 +13,7 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pai
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.runtime.compiled.linear_step import Body, State, restore, take_step
-from fenics_rom.runtime.compiled.touching import Begun, StepContact, hand_on
-
-LOST = 3  # status of a body whose state would not be finite; see `contact_law`
+from fenics_rom.runtime.compiled.touching import LOST, Begun, StepContact, hand_on
 
 
 class Obstacles(NamedTuple):

@@ -14,6 +14,7 @@ from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.shapes import measure
 
 FORGOTTEN = 1e-200  # J: see `steppers.residual_motion`
+LOST = 3  # status of a step whose state would not be finite; see `contact_law`
 
 
 class Touched(Protocol):

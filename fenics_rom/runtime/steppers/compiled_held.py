@@ -1,6 +1,6 @@
 """Steps of a held body whose strains are carried along by one compiled function: what `HeldBody` tries first."""
 
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -25,9 +25,11 @@ from fenics_rom.runtime.compiled.carried_strains import (
     strains_in,
 )
 from fenics_rom.runtime.compiled.following import Following
-from fenics_rom.runtime.compiled.held_step import Body, Step, motion_in, take_step
+from fenics_rom.runtime.compiled.held_step import Among, Body, Step, motion_in, take_step
+from fenics_rom.runtime.compiled.held_steps import Taken, take_steps
 from fenics_rom.runtime.compiled.material_points import Points
 from fenics_rom.runtime.compiled.strain_tables import folded, padded
+from fenics_rom.runtime.compiled.touching import LOST
 from fenics_rom.runtime.steppers.acts.following import FollowingLoads, Pressure
 from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
 from fenics_rom.runtime.steppers.adjoint import NONE
@@ -37,6 +39,14 @@ from fenics_rom.runtime.steppers.held_contact import HeldContact
 from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 LAWS = "st_venant_kirchhoff", "neo_hookean"  # that are compiled
+
+
+class HeldStepsTaken(NamedTuple):
+    """Steps in a row."""
+
+    steps: Taken
+    last: Step
+    contact: ContactSolution | None  # in the last one
 
 
 class CompiledHeld:
@@ -110,29 +120,77 @@ class CompiledHeld:
 
         `touched`: contact in the step before.
         """
-        numbers, law, met, among = self._strains.numbers, self._elastic, self._met, None
-        if not (self._is_known and law.carried is self._carried and tangent is self.tangent):
-            self._load(law.carried, tangent)
-        if met is not None:
-            if obstacles is None:
-                return None
-            among = met.among(obstacles)
-            met.set_pushed(self._pushed, touched)
-        step = take_step(self._body, in_plain(u), in_plain(halves), self._pushed, self._memory, *self._of_motion, among)
-        self._is_known = step.status != OTHERWISE
-        if not self._is_known:
+        among = self._begin(halves, tangent, obstacles, touched)
+        if among is None and self._met is not None:
             return None
+        step = take_step(self._body, in_plain(u), in_plain(halves), self._pushed, self._memory, *self._of_motion, among)
+        if step.status >= OTHERWISE:
+            self.forget()
+            return None
+        self._hand_on(step)
+        return step, None if self._met is None or among is None else self._met.keep(step, among)
+
+    @or_numpy
+    def take_many(
+        self,
+        inputs: Array,
+        halves: Array,
+        tangent: Array,
+        obstacles: ObstacleMotion | None,
+        touched: ContactSolution | None,
+    ) -> HeldStepsTaken | None:
+        """Takes steps under inputs (n, p) among obstacles that stand still, as many as loops find; None: none.
+
+        Other arguments as of `take`; e and r are changed.
+        """
+        among, last, n, met = self._begin(halves, tangent, obstacles, touched), None, len(inputs), self._met
+        if among is None and met is not None:
+            return None
+        widths = (0, 0) if among is None else (among.beyond.shape[1], len(among.shapes))
+        shapes = (n, 5), (n, len(self._pushed)), (n, 2), (n, widths[0]), (n, widths[1], 3)
+        taken = Taken(*map(np.empty, shapes))
+        before = halves.copy(), None if among is None else among.beyond.copy()
+        if met is not None and among is not None:
+            among, last = met.for_many(among)
+        count, step = take_steps(
+            self._body, in_plain(inputs), halves, self._pushed, self._memory, *self._of_motion, among, last, taken
+        )
+        if step.status == LOST:
+            halves[:] = before[0]
+            if among is not None:
+                among.beyond[:] = before[1]
+            self.forget()
+        if step.status >= OTHERWISE:
+            return None
+        self._hand_on(step)
+        contact = None
+        if met is not None and among is not None and last is not None:
+            contact = met.keep_last(step, among, last)
+        return HeldStepsTaken(Taken(*(rows[:count] for rows in taken)), step, contact)
+
+    def _begin(
+        self, halves: Array, tangent: Array, obstacles: ObstacleMotion | None, touched: ContactSolution | None
+    ) -> Among | None:
+        """Has loops go on from what is carried; what a step is among, None: it is not known, or there is nothing."""
+        if not (self._is_known and self._elastic.carried is self._carried and tangent is self.tangent):
+            self._load(self._elastic.carried, tangent)
+        if self._met is None or obstacles is None:
+            return None
+        self._met.set_pushed(self._pushed, touched)
+        return self._met.among(obstacles)
+
+    def _hand_on(self, step: Step) -> None:
+        """Has the law know what the last step that was taken carries along."""
+        self._is_known, numbers = True, self._strains.numbers
         left, c, tank, energy, is_carried, ahead, *_ = numbers.tolist()
         strained = self._strains.carried.copy() if is_carried else E_OF_Q
         self._carried = Carried(self._strains.velocity.copy(), strained, left, c, tank, energy)
-        if not step.went_as_expected:
+        if not numbers.item(HAS_TANGENT):
             self.tangent = NONE
-        elif numbers.item(MADE_TANGENT):
+        elif numbers.item(MADE_TANGENT) or not len(self.tangent):
             self.tangent = self._strains.tangent.copy()
-        law.took(
-            self.motion.e * self._body.inverse_ω, self._carried, (2 * ahead, numbers.item(GAP)), step.went_as_expected
-        )
-        return step, None if met is None or among is None else met.keep(step, among)
+        noted = 2 * ahead, numbers.item(GAP)
+        self._elastic.took(self.motion.e * self._body.inverse_ω, self._carried, noted, step.went_as_expected)
 
     @property
     def beyond(self) -> Array | None:

@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import compiled
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
+from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
@@ -32,14 +31,13 @@ from fenics_rom.runtime.steppers.definite import is_definite
 from fenics_rom.runtime.steppers.deformation_maps import Expected
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
-from fenics_rom.runtime.steppers.held_adjoint import HeldAdjoint, Part
+from fenics_rom.runtime.steppers.held_adjoint import Part
+from fenics_rom.runtime.steppers.held_loops import HeldByLoops
 from fenics_rom.runtime.steppers.held_solution import Solution, Start, Touched
-from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork, symmetric
+from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 
 if TYPE_CHECKING:
-    from fenics_rom.runtime.compiled.held_step import Step
     from fenics_rom.runtime.steppers.acts.found_forces import FoundInStep
-    from fenics_rom.runtime.steppers.compiled_held import CompiledHeld
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
@@ -47,7 +45,7 @@ LARGE = 1e15  # J, N² or Pa²: up to there a step of strains of second degree i
 FAST_CONTRACTION = 0.1  # up to which the tangent of an earlier iteration will do
 
 
-class HeldBody(HeldAdjoint):
+class HeldBody(HeldByLoops):
     """Of all contact modes, which share a basis.
 
     Args:
@@ -119,16 +117,6 @@ class HeldBody(HeldAdjoint):
         self._slope, self.tangent, self._is_small = None, NONE, False
         self._compiled = self._compiled_step()
 
-    def _compiled_step(self) -> "CompiledHeld | None":
-        """What takes steps where loops are compiled, and there is nothing that they do not know."""
-        law, solver = self.elastic, None if self._interface is None else self._interface.solver
-        if not (compiled() and isinstance(law, StrainsCarried) and self._found is None and self.h > 0):
-            return None
-        from fenics_rom.runtime.steppers.compiled_held import CompiledHeld  # here, as numba takes time to import
-
-        touched = solver, self._Sᵀ, self.residual
-        return CompiledHeld.of(self._body, law, self.loads, *touched, self._ω, self._inverse_ω, self.h)
-
     def reset_buffer(self) -> None:
         """As in Kernel: forgets tangents, and what was found of the next step."""
         self._slope, self.tangent = None, NONE
@@ -152,18 +140,6 @@ class HeldBody(HeldAdjoint):
                 return self._end(u, law, (self._at_once if law.is_exact else self._in_few_parts)(u, obstacles))
         except np.linalg.LinAlgError:
             return math.nan
-
-    def _end_compiled(self, u: Array, law: ElasticLaw, step: "Step", contact: ContactSolution | None) -> float:
-        """Takes note of a step that a compiled function took; twice the stored energy, J."""
-        assert self._compiled is not None
-        motion, of_contact = self._compiled.motion, (step.by_obstacles, step.contact, step.friction)
-        contacts: ContactWorks = ()
-        if contact is not None:
-            contacts, self._at_touch = (partial(ContactWork, *of_contact),), (None, self._compiled.beyond)
-        self.tangent, self._expectation = self._compiled.tangent, None
-        work = StepWork(step.supplied, step.dissipated, contacts)
-        self._take_over(u, law, Solution(motion.e, motion.r, contact, self.reactions, work, ()))
-        return step.square
 
     def _end(self, u: Array, law: ElasticLaw, solution: Solution) -> float:
         """Takes the step under u; twice the stored energy, J."""

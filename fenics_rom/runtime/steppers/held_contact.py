@@ -8,6 +8,7 @@ from fenics_rom.mechanics.compiled.contact_law import pairs_from
 from fenics_rom.mechanics.compiled_contact import CompiledContact, Told
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.runtime.compiled.held_step import Among, Step, Touch
+from fenics_rom.runtime.compiled.held_steps import Last
 from fenics_rom.runtime.compiled.touching import Begun, StepContact
 from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
@@ -28,7 +29,7 @@ class HeldContact:
         if self._residual is not None:
             (R, *times), beyond = self._residual.numbers, self._residual.states
         self._touch, self._beyond = Touch(in_plain(points), in_plain(self._solver.points), in_plain(R), *times), beyond
-        self._of_operator = np.zeros((len(points), n)), np.zeros((n, n))
+        self._spread = np.zeros(points.shape)
         self._rates = np.zeros(n)
         self.forget()
 
@@ -54,7 +55,13 @@ class HeldContact:
         found = StepContact(pairs, np.empty(len(search.forces)), np.zeros((4, 3 * P)), np.empty(3 * P))
         begun = Begun(search.forces, self._solver.swung(search))
         law, shapes = self._solver.law_in_steps(self._h), self._solver.shapes
-        return Among(self._touch, law, shapes, *obstacles, begun, *self._beyond, found, *self._of_operator)
+        W = np.empty((3 * P, 3 * P))  # another one each time, as the solver keeps parts of it
+        return Among(self._touch, law, shapes, *obstacles, begun, *self._beyond, found, self._spread, W)
+
+    def for_many(self, among: Among) -> tuple[Among, Last]:
+        """The same for steps in a row, which change what they begin with; and where the last one is kept."""
+        begun, found = Begun(*(each.copy() for each in among.begun)), self.among(self._motion(among)).found
+        return among._replace(begun=begun), Last(Begun(*map(np.empty_like, begun)), found)
 
     def keep(self, step: Step, among: Among) -> ContactSolution | None:
         """Contact of a step that was taken; the next search begins with it."""
@@ -67,6 +74,16 @@ class HeldContact:
         def points() -> PointMotion:
             return PointMotion(*motion[:3].reshape(3, -1, 3))
 
-        obstacles = ObstacleMotion(among.start, among.end, among.w_before)
-        self._pushing = contact = self._solver.keep(told, points, among.W, self._h, obstacles)
+        contact = self._solver.keep(told, points, among.W, self._h, self._motion(among))
+        self._pushing = contact
         return contact
+
+    def keep_last(self, step: Step, among: Among, last: Last) -> ContactSolution | None:
+        """The same of steps in a row."""
+        swung = last.begun.swung if last.begun.swung.any() else None
+        self._solver.search = self._solver.search._replace(forces=last.begun.forces, swung=swung)
+        return self.keep(step, among._replace(found=last.found))
+
+    @staticmethod
+    def _motion(among: Among) -> ObstacleMotion:
+        return ObstacleMotion(among.start, among.end, among.w_before)

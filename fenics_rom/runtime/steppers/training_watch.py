@@ -30,6 +30,7 @@ TRUSTED_EXTENT = 1.5  # times as far as the states that the model was trained on
 LOCAL_STRAIN = 0.5  # of the largest strain of training, up to which any point may go: obstacles press in places
 MINOR_AXIS = 0.1  # of the largest of a frame's motions, up to which it may move along or about any axis
 HARDLY = 1e-6  # m/s², rad/s² or rad/s: of a frame that stood still
+LOOKED_AT_ONCE = 32  # shapes in a row
 NEVER = 1e-100  # what stands for an input that was not there
 STRAIN = "strain"  # of the kept point that went furthest beyond its own in training
 TOUCHED = "touched"  # whether an obstacle pushed
@@ -123,17 +124,39 @@ class TrainingWatch:
         """Notes a step of h s under u (p,), N, that led to q; warns of the first one beyond training."""
         shares = u * self._inverse_limits
         if shares.dot(shares) > TRUSTED_LOAD**2:  # else none of them is beyond
-            of_each = self._of_each.dot(shares * shares)
-            if not (of_each <= TRUSTED_LOAD**2).all():
-                self._look_at_loads(notes, u)
+            self._look_at_shares(notes, u, shares)
         self._look_at_shape(notes, q)
         if contact is not None or notes[TOUCHED]:
-            self._look_at_contact(notes, contact, h)
-        far, before, limit = math.sqrt(q.dot(q)), notes[DISTANCE], TRUSTED_EXTENT * self._radius
+            forces = np.zeros((len(self._pushers), 3)) if contact is None else contact.by_obstacle
+            self._look_at_contact(notes, forces[None], h)
+        self._look_at_distance(notes, math.sqrt(q.dot(q)))
+
+    def look_along(self, notes: Notes, u: Array, q: Array, forces: Array, h: float) -> None:
+        """The same of n steps in a row, under u (n, p), to q (n, m), with forces of the obstacles (n, O, 3), N."""
+        shares = u * self._inverse_limits
+        for step in (np.einsum("np,np->n", shares, shares) > TRUSTED_LOAD**2).nonzero()[0]:
+            self._look_at_shares(notes, u[step], shares[step])
+        rest = q
+        while len(rest):
+            y = self._scale * (rest[:LOOKED_AT_ONCE] - self._looked_at)
+            near = np.sqrt(np.einsum("nm,nm->n", y, y)) <= self._clear
+            if near.all():
+                rest = rest[LOOKED_AT_ONCE:]
+                continue
+            first = int(near.argmin())
+            self._look_at_shape(notes, rest[first])
+            rest = rest[first + 1 :]
+        touched = forces.any(axis=(1, 2))
+        if notes[TOUCHED] or touched.any():
+            self._look_at_contact(notes, forces if notes[TOUCHED] else forces[touched.argmax() :], h)
+        self._look_at_distance(notes, math.sqrt(np.einsum("nm,nm->n", q, q).max()))
+
+    def _look_at_distance(self, notes: Notes, far: float) -> None:
+        before, limit = notes[DISTANCE], TRUSTED_EXTENT * self._radius
         if far > before:
             notes[DISTANCE] = far
             if before <= limit < far < math.inf:
-                warnings.warn(self._too_far(far), FenicsRomWarning, stacklevel=5)
+                warnings.warn(self._too_far(far), FenicsRomWarning, stacklevel=6)
 
     def look_at_frame(self, notes: Notes, *motion: Vector | None) -> None:
         """Notes how a frame moved in a step: its acceleration less gravity's, its angular acceleration, its spin.
@@ -160,6 +183,11 @@ class TrainingWatch:
         self._looked_at, strains = q.copy(), np.sqrt(squares)
         self._clear = float(((self._stretched - np.sqrt(1 + 2 * strains)) * self._reach).min())
 
+    def _look_at_shares(self, notes: Notes, u: Array, shares: Array) -> None:
+        """Notes what of u is beyond training, with the shares that its columns have of that."""
+        if not (self._of_each.dot(shares * shares) <= TRUSTED_LOAD**2).all():
+            self._look_at_loads(notes, u)
+
     def _look_at_loads(self, notes: Notes, u: Array) -> None:
         shared = u[self._columns :]
         values = {name: math.sqrt(shared[part].dot(shared[part])) for name, part in self._inputs.items()}
@@ -169,14 +197,17 @@ class TrainingWatch:
             if value > TRUSTED_LOAD * self._ranges[what][0]:
                 self._note(notes, what, value)
 
-    def _look_at_contact(self, notes: Notes, contact: ContactSolution | None, h: float) -> None:
-        """Forces of obstacles, averaged: what pushes for less time moves the body by less."""
-        mean = np.array([notes[name] for name in self._means]).reshape(-1, 3)
-        forces = np.zeros_like(mean) if contact is None else contact.by_obstacle
-        mean += h / (h + self._smoothing_time) * (forces - mean)
+    def _look_at_contact(self, notes: Notes, forces: Array, h: float) -> None:
+        """Forces of obstacles in steps (n, O, 3), averaged: what pushes for less time moves the body by less."""
+        mean, means = np.array([notes[name] for name in self._means]).reshape(-1, 3), np.empty(forces.shape)
+        share = h / (h + self._smoothing_time)
+        for step, pushing in enumerate(forces):
+            mean = mean + share * (pushing - mean)
+            means[step] = mean
         notes.update(zip(self._means, mean.ravel().tolist(), strict=True))
         notes[TOUCHED] = 1.0
-        for name, size in zip(self._pushers, np.sqrt((mean**2).sum(axis=1)).tolist(), strict=True):
+        largest = np.sqrt((means**2).sum(axis=2).max(axis=0))
+        for name, size in zip(self._pushers, largest.tolist(), strict=True):
             what = f"the force of {name}"
             if size > TRUSTED_STRAIN * self._ranges[what][0]:
                 self._note(notes, what, size)

@@ -107,6 +107,13 @@ class StrainsCarried(ElasticLaw):
         if gap and most > 0:
             notes["mismatch"] = max(notes["mismatch"], math.sqrt(gap / most))
 
+    def note_all(self, notes: dict[str, float], noted: Array) -> None:
+        """The same of steps in a row, which noted so (n, 2): see `took`."""
+        most = np.maximum.accumulate(np.maximum(noted[:, 0], notes["strained"]))
+        has_gap = (noted[:, 1] > 0) & (most > 0)
+        gaps = np.sqrt(noted[has_gap, 1] / most[has_gap])
+        notes["strained"], notes["mismatch"] = float(most[-1]), max(notes["mismatch"], float(gaps.max(initial=0.0)))
+
     def messages(self, notes: Mapping[str, float]) -> tuple[str, ...]:
         """As in ElasticLaw."""
         mismatch = notes["mismatch"]

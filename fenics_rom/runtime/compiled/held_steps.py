@@ -1,0 +1,96 @@
+"""Steps in a row of a held body that deforms largely, each that of `held_step`, for rollouts."""
+
+from typing import NamedTuple
+
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit, jit_part
+from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE
+from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, Memory
+from fenics_rom.runtime.compiled.held_step import NOT_TAKEN, Among, Body, Step, motion_in, take_step
+from fenics_rom.runtime.compiled.touching import Begun, StepContact, hand_on, keep_found
+
+
+class Taken(NamedTuple):
+    """Of steps in a row, one row each."""
+
+    works: Array  # (n, 5), J: supplied, dissipated, by obstacles, contact and friction, as in `Step`
+    q: Array  # (n, m) after it
+    noted: Array  # (n, 2): twice the energy of the strains after it, J, and the square of what those carried lack
+    carried: Array  # g (n, 3P) beyond the basis after it, N; (n, 0) where there is nothing
+    by_obstacle: Array  # forces of the obstacles in it (n, O, 3), N
+
+
+class Last(NamedTuple):
+    """What the last step that was taken began with of contact, and found."""
+
+    begun: Begun
+    found: StepContact
+
+
+@jit
+def take_steps(
+    body: Body,
+    inputs: Array,
+    halves: Array,
+    pushed: Array,
+    memory: Memory,
+    vectors: Array,
+    matrix: Array,
+    among: Among | None,
+    last: Last | None,
+    taken: Taken,
+) -> tuple[int, Step]:
+    """Takes steps under inputs (n, p) among obstacles that stand still: how many, and the last one.
+
+    It ends before a step that is to be found otherwise. Where a state is not finite nothing that was given is of use,
+    and the status of the last step is LOST.
+
+    Args:
+        body, halves, pushed, memory, vectors, matrix: as in `take_step`; e and r are changed, too.
+        inputs: (n, p).
+        among: as there; what a step begins with is changed. None: nothing can touch the body.
+        last: set, where something can.
+        taken: set.
+    """
+    motion, numbers, step, m = motion_in(vectors, matrix), memory.numbers.copy(), NOT_TAKEN, len(body.ω)
+    for count in range(len(inputs)):
+        copy(memory.numbers, numbers)
+        if among is not None:
+            copy(among.begun.forces, among.found.pairs.forces)
+        after = take_step(body, inputs[count], halves, pushed, memory, vectors, matrix, among)
+        if after.status == OTHERWISE:
+            copy(numbers, memory.numbers)
+            return count, step
+        step = after
+        if after.status > OTHERWISE:
+            return count, step
+        copy(motion.e, halves[0])
+        copy(motion.r, halves[1])
+        for i in range(m):
+            taken.q[count, i] = motion.e[i] * body.inverse_ω[i]
+        works, noted = taken.works[count], taken.noted[count]
+        works[0], works[1], works[2] = step.supplied, step.dissipated, step.by_obstacles
+        works[3], works[4] = step.contact, step.friction
+        noted[0], noted[1] = 2 * memory.numbers[AHEAD], memory.numbers[GAP]
+        if among is not None and last is not None:
+            _keep_contact(among, step.status == FOUND, last, taken, count)
+    return len(inputs), step
+
+
+@jit_part
+def _keep_contact(among: Among, touches: bool, last: Last, taken: Taken, count: int) -> None:
+    """Notes what a step found, and what the next one begins with."""
+    pairs, P = among.found.pairs, len(among.touch.places)
+    keep_found(among.begun, among.found, last.begun, last.found)
+    hand_on(among.law, among.begun, touches, pairs, among.begun)
+    if len(among.touch.R) > 0:
+        copy(among.beyond[0], taken.carried[count])
+    of_each = taken.by_obstacle[count]
+    for o in range(len(of_each)):
+        for k in range(3):
+            of_each[o, k] = 0.0
+    for c in range(len(pairs.forces) if touches else 0):
+        for k in range(3):
+            of_each[c // P, k] += pairs.forces[c, k]

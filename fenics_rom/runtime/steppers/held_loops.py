@@ -1,0 +1,78 @@
+"""Steps of a held body that compiled functions take, one by one or in a row, and what the body notes of them."""
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING
+
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import compiled
+from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
+from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
+from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
+from fenics_rom.runtime.steppers.held_adjoint import HeldAdjoint
+from fenics_rom.runtime.steppers.held_solution import Solution
+from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.compiled.held_step import Step
+    from fenics_rom.runtime.steppers.compiled_held import CompiledHeld, HeldStepsTaken
+
+
+class HeldByLoops(HeldAdjoint):
+    """What of a held body loops do, where they are compiled, and know all that acts on it."""
+
+    def _take_over(self, u: Array, law: ElasticLaw, solution: Solution) -> None:
+        """Takes the step under u (p,)."""
+        raise NotImplementedError
+
+    def _compiled_step(self) -> "CompiledHeld | None":
+        """What takes steps where loops are compiled, and there is nothing that they do not know."""
+        law, solver = self.elastic, None if self._interface is None else self._interface.solver
+        if not (compiled() and isinstance(law, StrainsCarried) and self._found is None and self.h > 0):
+            return None
+        from fenics_rom.runtime.steppers.compiled_held import CompiledHeld  # here, as numba takes time to import
+
+        touched = solver, self._Sᵀ, self.residual
+        return CompiledHeld.of(self._body, law, self.loads, *touched, self._ω, self._inverse_ω, self.h)
+
+    def _end_compiled(self, u: Array, law: ElasticLaw, step: "Step", contact: ContactSolution | None) -> float:
+        """Takes note of a step that a compiled function took; twice the stored energy, J."""
+        assert self._compiled is not None
+        motion, of_contact = self._compiled.motion, (step.by_obstacles, step.contact, step.friction)
+        contacts: ContactWorks = ()
+        if contact is not None:
+            contacts, self._at_touch = (partial(ContactWork, *of_contact),), (None, self._compiled.beyond)
+        self.tangent, self._expectation = self._compiled.tangent, None
+        work = StepWork(step.supplied, step.dissipated, contacts)
+        self._take_over(u, law, Solution(motion.e, motion.r, contact, self.reactions, work, ()))
+        return step.square
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether compiled functions take steps."""
+        return self._compiled is not None
+
+    def roll(self, inputs: Array, obstacles: ObstacleMotion | None) -> "HeldStepsTaken | None":
+        """Takes steps under inputs (n, p) among obstacles that stand still, as many as loops find; None: none.
+
+        No step is to be taken back after them.
+        """
+        law, halves = self.elastic, self._halves.copy()
+        if self._compiled is None or not isinstance(law, StrainsCarried):
+            return None
+        taken = self._compiled.take_many(inputs, halves, self.tangent, obstacles, self.contact)
+        if taken is None:
+            return None
+        self.flush()
+        steps, count = taken.steps, len(taken.steps.q)
+        if self._ledger is not None:
+            supplied, dissipated, by_obstacles, contact, friction = map(math.fsum, steps.works.T)
+            self._ledger.book(supplied=supplied, dissipated=dissipated)
+            self._ledger.book_contact(by_obstacles, contact, friction, 0.0)
+        self._halves[:], self.contact, self.tangent = halves, taken.contact, self._compiled.tangent
+        self._remember()
+        law.note_all(self.notes, steps.noted)
+        assert self._extent is not None
+        self._extent.look_along(self.notes, inputs[:count], steps.q, steps.by_obstacle, self.h)
+        return taken
