@@ -6,7 +6,8 @@
 An arm of rubber is pulled by its tendon and pushed at its tip, by pushes that are others every 40 ms. Of two materials
 it is reduced to several orders, and
 
-1. one body takes linearly implicit steps, and Newton's, in turns in one process; the best of several rounds counts;
+1. one body takes linearly implicit steps, in NumPy and compiled, and Newton's, in turns in one process; the best of
+   several rounds counts;
 2. a `Batch` steps 1,024 of them, each under pushes and a tension of its own;
 3. errors stand beside: of either step, against Newton's at a sixteenth of it; of the batch, against single bodies; of
    the energy account; and of the model, against full order in the run of the scene.
@@ -28,6 +29,7 @@ import numpy as np
 from findings import Findings, rates
 
 import fenics_rom as fr
+from fenics_rom.compilation import numpy_alone
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.rom.rom import Rom
@@ -97,13 +99,13 @@ def main() -> None:
         system = fr.assemble(parse_scene(text, folder=out, source="arm"))
         full = fr.simulate(system)
         rate = (len(full.times) - 1) / full.settings["seconds"]
-        rows.append((law, f"full order, {system.size:,}", "", f"{rate:,.0f}", "", "", ""))
+        rows.append((law, f"full order, {system.size:,}", "", f"{rate:,.0f}", *[""] * 4))
         for order in COARSE_ORDERS if quick else ORDERS:
             case = f"{law}, order {order}"
             rom = fr.reduce(system, order=order)
             assert rom.deformation is not None
-            newton, single, batch = rates_of(rom, 1 if quick else ROUNDS).values()
-            numbers = (f"{each:,.0f}" for each in (newton, single, batch))
+            newton, single, compiled, batch = rates_of(rom, 1 if quick else ROUNDS).values()
+            numbers = (f"{each:,.0f}" for each in (newton, single, compiled, batch))
             rows.append((law, order, len(rom.deformation.weights), *numbers, f"{batch / single:.1f}"))
             findings.at_least(
                 f"{case}: linearly implicit steps, times the rate of Newton's", single / newton, 2, rate=True
@@ -116,8 +118,9 @@ def main() -> None:
             findings.at_most(f"{case}: error of linearly implicit steps, in Newton's", of_implicit / of_newton, 1.5)
             findings.at_most(f"{case}: a batch beside single bodies", of_batch, 1e-10)
             findings.at_most(f"{case}: gap of the energy account, as a share of the work", of_account, 1e-11)
-    columns = "material", "order", "points", "one body, Newton", "one body, linearly implicit", f"{BODIES:,} bodies"
-    findings.table("## Steps of a body per second", (*columns, "ratio of these"), rows)
+    one = "one body, Newton", "linearly implicit, NumPy", "compiled"
+    columns = "material", "order", "points", *one, f"{BODIES:,} bodies", "beside one in NumPy"
+    findings.table("## Steps of a body per second", columns, rows)
     columns = "material", "order", "model", "steps, Newton", "steps, linearly implicit", "batch", "account"
     findings.table("## Errors, relative", columns, errors)
     held = findings.verdict()
@@ -163,16 +166,15 @@ def inputs(steps: int, bodies: int) -> Array:
 
 
 def rates_of(rom: Rom, rounds: int) -> dict[str, float]:
-    """Steps of a body per second: Newton's and linearly implicit ones of one body, and those of a batch."""
+    """Steps of a body per second: Newton's, linearly implicit ones in NumPy and compiled, and those of a batch."""
     given, many = inputs(STEPS, BODIES), fr.Batch(rom, BODIES, STEP, ledger=True)
-    turns = {stepper: cycle(given[:, 0]) for stepper in FINITE_STRAIN_STEPPERS}
     all_turns = cycle(given)
 
     def of_one(stepper: str, steps: int) -> Callable[[], int]:
-        body = fr.Simulator(rom, STEP, stepper=stepper)
+        body, turns = fr.Simulator(rom, STEP, stepper=stepper), cycle(given[:, 0])
 
         def loop() -> int:
-            for u in islice(turns[stepper], steps):
+            for u in islice(turns, steps):
                 body.step(u)
             return steps
 
@@ -184,7 +186,10 @@ def rates_of(rom: Rom, rounds: int) -> dict[str, float]:
         return 2 * BODIES
 
     newton, implicit = FINITE_STRAIN_STEPPERS
-    return rates({newton: of_one(newton, 20), implicit: of_one(implicit, 100), "batch": of_all}, rounds)
+    with numpy_alone():
+        in_numpy = of_one(implicit, 100)
+    loops = {newton: of_one(newton, 20), implicit: in_numpy, "compiled": of_one(implicit, 100), "batch": of_all}
+    return rates(loops, rounds)
 
 
 def errors_of(rom: Rom) -> tuple[float, float, float, float]:

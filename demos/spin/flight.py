@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from spin import COMPARED, changes, rate, shortened
+from spin import COMPARED, changes, rates, shortened, words_of_rates
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
@@ -56,7 +56,7 @@ def main() -> None:
     if not quick:  # elements of degree 1 are too stiff to bend that far
         sag = bent(full).max() / LENGTH
         claims.append((f"it bends by more than a third of its length ({sag:.3f})", sag > 1 / 3))
-        print(f"{rate(rom, scene, 'full', scene.run.dt):,.0f} steps per second")
+        print(words_of_rates(*rates(rom, scene, "full", scene.run.dt)))
         same = beside_small_strains(out)
         claims.append((f"where strains are small it is demos/spin to {SAME:g} ({same:.1e})", same < SAME))
         draw(out / "flight.png", full, run)
