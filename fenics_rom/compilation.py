@@ -26,6 +26,7 @@ SHARED = tuple(  # what else than their own folders compiled functions use
     f"{name}.py"
     for name in (
         "mechanics/base_fit",
+        "mechanics/base_path",
         "mechanics/braking",
         "mechanics/contact_pairs",
         "mechanics/frame_motion",

@@ -217,6 +217,21 @@ def _turning(values: Sequence[Any], rates: Sequence[Any]) -> tuple[Any, Any, Any
     return w * ẋ - ẇ * x + y * ż - z * ẏ, w * ẏ - ẇ * y + z * ẋ - x * ż, w * ż - ẇ * z + x * ẏ - y * ẋ
 
 
+class CheckedMotion:
+    """A function of time of which each state is checked; `where` is its name in messages.
+
+    Attributes:
+        unchecked: the same function without that, for those who look themselves.
+    """
+
+    def __init__(self, motion: "Callable[[float], BaseState]", where: str):
+        self.unchecked, self._where = motion, where
+
+    def __call__(self, time: float) -> BaseState:
+        """The state at a time, s."""
+        return checked_base(self.unchecked(time), f"{self._where} at {time:g} s")
+
+
 def given_base(given: object, where: str = BASE_PATH) -> "Callable[[float], BaseState]":
     """A function of time of what was given in Python, which checks what it gives; `where` is its name in messages.
 
@@ -228,7 +243,7 @@ def given_base(given: object, where: str = BASE_PATH) -> "Callable[[float], Base
             raise StepError(f"{where}: {mistake}")
         return given
     if callable(given):
-        return lambda time: checked_base(given(time), f"{where} at {time:g} s")
+        return CheckedMotion(given, where)
     state = checked_base(given, where)
     return lambda time: state
 

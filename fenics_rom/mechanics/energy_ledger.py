@@ -14,10 +14,13 @@ class EnergyLedger:
 
     Args:
         flush: called before a sum is read, to book what is still to be booked.
+
+    Attributes:
+        flush: as given.
     """
 
     def __init__(self, flush: Callable[[], None] = lambda: None):
-        self._flush = flush
+        self.flush = flush
         self._sums = [(0.0, 0.0)] * 7  # supplied, dissipated, lost, numerical; by obstacles, in contact, by friction
 
     @property
@@ -81,12 +84,12 @@ class EnergyLedger:
     @property
     def sums(self) -> tuple[tuple[float, float], ...]:
         """Each sum, J, and what it was rounded by: all that there is to save."""
-        self._flush()
+        self.flush()
         return tuple(self._sums)
 
     @sums.setter
     def sums(self, sums: tuple[tuple[float, float], ...]) -> None:
-        self._flush()  # what is not yet booked belongs to the old ones
+        self.flush()  # what is not yet booked belongs to the old ones
         self._sums = list(sums)
 
     def __repr__(self) -> str:

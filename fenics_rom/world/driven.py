@@ -16,9 +16,8 @@ from fenics_rom.mechanics.frame_motion import added, cayley, composed, cross, ro
 from fenics_rom.world.bodies import NOTHING, Points, PointsOfRigid, arms_of, moving
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.shapes import Shape
+from fenics_rom.world.tolerances import LEAST_COSINE, MOST_TURNED
 
-MOST_TURNED = 2.0  # rad in a step: beyond it nobody knows which way
-LEAST_COSINE = math.cos(MOST_TURNED / 2)
 NO_GAPS = 0.0, 0.0
 
 
@@ -54,6 +53,17 @@ class Driven(PointsOfRigid):
     def twist(self) -> tuple[Array, Array]:
         """As in PointsOfRigid."""
         return self._start.velocity, self._start.angular_velocity
+
+    @property
+    def misfit(self) -> tuple[float, float]:
+        """How far it went at most in a step, m, and turned, rad, otherwise than its twists say."""
+        return self._misfit
+
+    def go_on(self, pose: BaseState, misfit: tuple[float, float]) -> None:
+        """Goes on from where compiled steps led, with the misfit of these."""
+        self._start = self.end = pose
+        self._R = self._R_end = rotation_matrix(pose.rotation)
+        self._given, self._is_still, self._misfit = pose, False, misfit
 
     def warnings(self, name: str) -> tuple[str, ...]:
         """Whether it, of some name, jumped, or went otherwise than its velocities say."""

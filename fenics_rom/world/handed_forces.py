@@ -28,6 +28,12 @@ def handed(forces: Array, reached: Array) -> Handed:
     return Handed(forces, 0, reached, 0 * pushed, pushed, np.zeros((0, 3)), None)
 
 
+def handed_in(forces: Array) -> Handed | None:
+    """Forces (P, 3) that others handed to a body, of which a copy is made; None: there are none."""
+    reached = forces.any(axis=1).nonzero()[0]
+    return handed(forces.copy(), reached) if len(reached) else None
+
+
 class HandedForces(ContactSolver):
     """In place of what finds the forces of obstacles.
 

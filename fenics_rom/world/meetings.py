@@ -15,9 +15,9 @@ from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.world.bodies import Body
 from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape
 from fenics_rom.world.collision.find import find_contacts
+from fenics_rom.world.tolerances import PENETRATION_TOLERANCE
 
 STILL = 1e-10  # rad, and of the body's size: poses that differ by less are the same
-PENETRATION_TOLERANCE = 1e-9  # of the smaller body: as deep as round-off may have put it
 
 
 @dataclass

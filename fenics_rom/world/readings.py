@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
@@ -19,6 +20,9 @@ from fenics_rom.world.skins import WorldSkins
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.step_pairs import StepPairs
 
+if TYPE_CHECKING:
+    from fenics_rom.world.compiled_world import CompiledWorld
+
 
 class ReadWorld:
     """What a World is read by; it makes what this reads."""
@@ -35,6 +39,11 @@ class ReadWorld:
     _steps: int
     _time: float
     _residuals: tuple[int, float]
+    _loops: "CompiledWorld | None"
+
+    def _tell(self) -> None:
+        """Has all bodies know of the last step."""
+        raise NotImplementedError
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -68,6 +77,7 @@ class ReadWorld:
     @property
     def energy(self) -> float:
         """Of all bodies, J: kinetic and elastic."""
+        self._tell()
         return math.fsum(body.energy for body in self._bodies.values())
 
     @property
@@ -87,6 +97,8 @@ class ReadWorld:
         """Force of the second body on the first in the last step, by contact and joints, (3,), N."""
         for name in (first, second):
             self._body(name)
+        if self._loops is not None and self._loops.is_ahead:
+            return self._loops.force_between(self._names.index(first), self._names.index(second))
         return self._step_pairs.force_between(self._names.index(first), self._names.index(second), self._found.forces)
 
     def joint_forces(self, which: str | int) -> Array:
@@ -106,16 +118,21 @@ class ReadWorld:
     @property
     def touching(self) -> int:
         """Number of pairs of points that push in the last step."""
+        if self._loops is not None and self._loops.is_ahead:
+            return self._loops.touching
         return self._step_pairs.touching(self._found.forces)
 
     @property
     def sweeps(self) -> int:
         """That the last step took."""
+        if self._loops is not None and self._loops.is_ahead:
+            return self._loops.sweeps
         return self._found.sweeps
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the user should know of the run so far."""
+        self._tell()
         steps, residual = self._residuals
         soft = {name: body for name, body in self._bodies.items() if isinstance(body, Soft)}
         said = [
@@ -135,4 +152,6 @@ class ReadWorld:
 
     def _body(self, name: str) -> AnyBody:
         check_known("body", name, self.bodies, StepError)
+        if self._loops is not None and self._loops.is_ahead:
+            self._loops.tell(self._names.index(name))
         return self._bodies[name]

@@ -70,6 +70,27 @@ class Rigid(PointsOfRigid):
         self.account.sums = EnergyLedger().sums
 
     @property
+    def gravity(self) -> Array:
+        """(3,), m/s²."""
+        return self._gravity
+
+    @property
+    def given(self) -> tuple[Array, Array]:
+        """Force, N, and torque, N m, of inputs, (3,) each."""
+        return self._force, self._torque
+
+    @property
+    def turning(self) -> tuple[tuple[float, float, float, float], Array, Array]:
+        """Its unit quaternion, angular momentum, and acceleration in the last step."""
+        return self._q, self._ℓ, self._acceleration
+
+    def go_on(self, motion: Array, rotation: Array, quaternion: Array, momentum: Array, acceleration: Array) -> None:
+        """Goes on from where compiled steps led: p, v and ω (3, 3), R (3, 3), and as in `turning`."""
+        (self._p, self._v, self._ω), self._R = motion.copy(), rotation.copy()
+        w, x, y, z = quaternion.tolist()
+        self._q, self._ℓ, self._acceleration = (w, x, y, z), momentum.copy(), acceleration.copy()
+
+    @property
     def energy(self) -> float:
         """Kinetic, J; what gravity does is supplied."""
         return (self.mass * float(self._v.dot(self._v)) + float(self._ω.dot(self.inertia.dot(self._ω)))) / 2

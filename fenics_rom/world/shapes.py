@@ -44,6 +44,11 @@ class Shape:
         mass = density * self.volume
         return mass, mass * (np.trace(self.squares) * np.eye(3) - self.squares)
 
+    @property
+    def obstacle(self) -> obstacles.Obstacle:
+        """What has its distances, if it is none of a round block or a hull."""
+        return self._obstacle
+
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
         return self._obstacle.distance(points)

@@ -75,10 +75,12 @@ class WorldSkins:
         """What to say of the run so far."""
         return tuple(message for each in self._watched.values() for message in each.watch.messages)
 
+    def asks(self, steps: int) -> bool:
+        """Whether `is_due` is to be asked, when so many steps were taken."""
+        return bool(self._watched) and (steps >= self._next_look or steps % CHECK_INTERVAL == 0)
+
     def is_due(self, steps: int) -> bool:
         """Whether to look, when so many steps were taken: after enough of them, or as something may have gone in."""
-        if not self._watched or (steps < self._next_look and steps % CHECK_INTERVAL):
-            return False
         if steps >= self._next_look:
             return True
         rigid = {name: _placed(body).moved(self._since.rigid[name]) for name, body in self._rigid.items()}

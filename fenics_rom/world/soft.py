@@ -33,11 +33,12 @@ from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Body, Points
 from fenics_rom.world.carriers import Carriers
 from fenics_rom.world.collision.contacts import PlacedSurface
 from fenics_rom.world.driven import Driven, mounted
-from fenics_rom.world.handed_forces import Handed, HandedForces, handed
+from fenics_rom.world.handed_forces import Handed, HandedForces, handed, handed_in
 from fenics_rom.world.surfaces import nearest_carriers, soft_points, triangles_among
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.signals import SignalLike
+    from fenics_rom.world.soft_tables import SoftTable
 
 _ONES = np.ones(3)
 KICKED = ContactMidpoint, CarriedFrame  # steppers of what takes impulses of joints
@@ -126,6 +127,11 @@ class Soft(Simulator, Body):
         pose = super().pose
         assert pose is not None
         return pose
+
+    @property
+    def mount(self) -> BaseState:
+        """Where its frame is on what carries it, from the centre of mass of that, or a held body's in world axes."""
+        return self._held_at
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -354,6 +360,29 @@ class Soft(Simulator, Body):
             self.steps += 1
         else:
             self._step_high(self._inputs.u, self._twice)
+
+    def stays_in(self, kernel: BookedKernel) -> bool:
+        """Whether the next step is in the contact mode of a kernel, which others were nearest to in the step before."""
+        assert self._source is not None
+        is_there = self._stepper.kernel is kernel
+        return is_there and (self.keeps_contact_mode or self._source.nearest(self._stepper) == self.contact)
+
+    def note_near(self, nodes: Array, gaps: Array) -> None:
+        """Takes note of all contact points (k,) that others were near to when a step began, and how far, m."""
+        self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
+        np.minimum.at(self._handed.point_gaps, nodes, gaps)
+
+    def end_compiled(self, table: "SoftTable") -> None:
+        """Ends a step that compiled functions have taken."""
+        kernel, told = table.kernel, table.step.told
+        self._twice = told.item(0)
+        kernel.contact = partial(handed_in, table.points.forces)
+        if isinstance(kernel, CarriedFrame):
+            kernel.end_in_world(self._twice, told.item(1))
+        if self._twice <= self._monitor_threshold:
+            self.steps += 1
+        else:
+            self._step_high(table.step.u, self._twice)
 
     def _commit_rest(self) -> None:
         """Books what others do by the forces that they feel, those at the end of a step, and notes how points went.

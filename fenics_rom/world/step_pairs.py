@@ -1,28 +1,20 @@
 """The pairs of points of a step, and what later steps begin with: forces of the same pairs, and what guided them."""
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import compiled
 from fenics_rom.mechanics.complementarity.solution import largest
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Body, Points
 from fenics_rom.world.collision.contacts import Contacts, Placed, Spots, no_contacts
 from fenics_rom.world.contact_step import Found, Guide, Pairs, Part, add_operator
 from fenics_rom.world.joints import JointPoints
-from fenics_rom.world.meetings import PENETRATION_TOLERANCE, Meeting, is_still
+from fenics_rom.world.meetings import Meeting, is_still
 from fenics_rom.world.soft import Soft
+from fenics_rom.world.tolerances import LARGEST, NEAR, NO_GAP, PENETRATION_TOLERANCE, SWERVES
 
-if TYPE_CHECKING:
-    from fenics_rom.world.compiled_forces import CompiledForces
-
-NEAR = 0.01  # of the smaller body: what is nearer is looked at in every step, besides what can be reached
-SWERVES = 0.005  # of a body's size: so much farther than was foreseen it may go before others are looked for again
-ROUND_OFF = 1e-12  # of the smaller body: gaps that are none
-LARGEST = 1.0  # m: of a half-space, of how far it moves
 GUIDES = 1e-9  # of arms, and rad: by so much bodies may have moved since W was found
 RESTS = 2.5  # times as deep as two bodies are in one another: so far points may move in a step of what rests there
 _ONES = np.ones(3)
@@ -52,7 +44,6 @@ class StepPairs:
         self._joint_ends: list[list[_End]] = [[] for _ in bodies]  # of them on each body
         self._held = list[Part]()  # the bodies with these
         self._joint_forces = np.empty((0, 3))
-        self.compiled: CompiledForces | None = None  # what finds their forces, if it is compiled
         self._guide: tuple[Guide, float, list[Array | tuple[Array, Array]]] | None = None
         self._fewest = 0  # sweeps, with the guide
         self._lie = list[Array | tuple[Array, Array]]()  # the bodies in the step, as `_where`
@@ -63,7 +54,7 @@ class StepPairs:
         self._swerve = SWERVES * self._sizes_met.min(initial=np.inf)
         both = [(bodies[meeting.first], bodies[meeting.second]) for meeting in meetings]
         self._are_rigid = np.array([not any(isinstance(body, Soft) for body in pair) for pair in both], dtype=bool)
-        self._none = ROUND_OFF * np.where(self._are_rigid, self._sizes_met, 0.0)  # gaps that are none, m
+        self._none = NO_GAP * np.where(self._are_rigid, self._sizes_met, 0.0)  # gaps that are none, m
         self._yield_at_once = np.array([not all(body.has_inertia for body in pair) for pair in both], dtype=bool)
         self._dissipated = np.zeros(len(meetings))  # by contact, of which what is let out may take, J
 
@@ -80,7 +71,28 @@ class StepPairs:
             forces.append(self._joint_forces[known[joint]] if joint in known else np.zeros((len(rows), 3)))
         self._joint_forces = np.concatenate(forces)
         self._held = [_part(*each) for each in zip(self._bodies, self._joint_ends, strict=True) if each[1]]
-        self._pairs = self._guide = self.compiled = None
+        self._pairs = self._guide = None
+
+    @property
+    def dissipated(self) -> Array:
+        """By contact of each meeting, J; what takes steps adds to it."""
+        return self._dissipated
+
+    def kept_contacts(self, slot_of: Callable[[int, int, int], int]) -> Iterator[tuple[int, int, Array, int]]:
+        """Of each contact of the last step where it is to be kept, its feature, force (3,), and as of `Pairs.swung`.
+
+        `slot_of` gives the place, of a meeting, which of its contacts it is, and its feature.
+        """
+        row = 0
+        for number, contacts in self._contacts:
+            for place, feature in enumerate(contacts.first.feature.tolist()):
+                yield slot_of(number, place, feature), feature, self._start[row], int(self._swung[row])
+                row += 1
+
+    def go_on(self, contacts: list[tuple[int, Contacts]], forces: Array, swung: Array) -> None:
+        """Goes on from contacts and forces (C, 3) of a step that compiled functions took."""
+        self._contacts, self._start, self._swung = contacts, forces, swung
+        self._pairs = self._guide = None
 
     def of_step(self, h: float, far: bool = False) -> tuple[Pairs, Array, Guide | None]:
         """The pairs of a step of h s that all bodies have begun, forces to begin with, and what may guide.
@@ -205,7 +217,6 @@ class StepPairs:
             *(e, self._are_rigid[self._meeting_of], self._yield_at_once[self._meeting_of]),
             *(np.zeros(C), (μ > 0)[:, None] / 2),
         )
-        self.compiled = _compiled_forces(self._pairs)
         self._start = np.concatenate([np.array([force for force, _ in start]).reshape(-1, 3), self._joint_forces])
         self._swung = np.array([swung for _, swung in start], dtype=int)
 
@@ -244,16 +255,14 @@ class StepPairs:
                 lie.append(known[1])
         return lie
 
-    def keep(self, found: Found, guide: Guide | None, h: float) -> None:
+    def keep(self, found: Found, guide: Guide, h: float) -> None:
         """Takes note of the forces of a step of h s that was taken, and of what guided them."""
         C = len(found.forces) - len(self._joint_forces)
         self._start, self._joint_forces = found.forces, found.forces[C:]
         self._swung = np.zeros(C, int) if found.swung is None else found.swung
         if C:
             self._dissipated += self._dissipation(found, h)
-        if guide is None:
-            self._guide = None
-        elif self._guide is None or self._guide[0] is not guide:
+        if self._guide is None or self._guide[0] is not guide:
             self._guide, self._fewest = (guide, h, self._lie), found.sweeps
         elif found.sweeps > self._fewest + MORE_SWEEPS:
             self._guide = None
@@ -298,9 +307,10 @@ class StepPairs:
 
     def touching(self, forces: Array) -> int:
         """How many pairs of points push, by more than round-off."""
-        if self._pairs is None or not len(self._pairs.normals):
+        normals = np.concatenate([_NONE.normals, *(contacts.normals for _, contacts in self._contacts)])
+        if not len(normals):
             return 0
-        pressure = (forces[: len(self._pairs.normals)] * self._pairs.normals).sum(axis=1)
+        pressure = (forces[: len(normals)] * normals).sum(axis=1)
         return int(np.count_nonzero(pressure > 1e-9 * pressure.max()))
 
 
@@ -326,14 +336,6 @@ def _lies_as(now: Array | tuple[Array, Array], then: Array | tuple[Array, Array]
     if np.abs(rotation - rotation_then).max() > GUIDES:
         return False
     return bool(np.abs(arms - arms_then).max() <= GUIDES * np.abs(arms_then).max())
-
-
-def _compiled_forces(pairs: Pairs) -> "CompiledForces | None":
-    if not compiled():
-        return None
-    from fenics_rom.world.compiled_forces import compiled_forces  # here, as numba takes time to import
-
-    return compiled_forces(pairs)
 
 
 def _points(spots: Spots, follows: bool = False) -> Points:

@@ -1,14 +1,16 @@
 """Several bodies in one step, rigid and soft, in contact and joined, and an energy account of each and of the whole."""
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.arguments import mapping_in
+from fenics_rom.compilation import compiled
 from fenics_rom.errors import SceneError, StepError, shown
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
@@ -26,8 +28,12 @@ from fenics_rom.world.skins import WorldSkins
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.step_pairs import StepPairs
 
+if TYPE_CHECKING:
+    from fenics_rom.world.compiled_world import CompiledWorld
+
 _ONES = np.ones(3)
 MOVES = 1e-6  # m/s: slower parts are joined as if they moved alike
+STAYS = 4  # steps in another contact mode, after which compiled steps are made for it
 LONGEST_TO_SHORTEST = 1000  # of steps that are looked at where one of a world is refused
 
 
@@ -111,11 +117,33 @@ class World(ReadWorld):
         self._step_pairs = StepPairs([] if self._lone else everyone, self._meetings)
         self._found = Found(np.empty((0, 3)), np.empty((0, 3)), 0, 0.0)
         self._residuals = 0, 0.0
+        self._loops: CompiledWorld | None = None  # what takes whole steps, if it is compiled
         if made:
             self._go_on_with_joints(made)
+        else:
+            self._make_loops()
+
+    def _leave_loops(self) -> None:
+        """Has no steps taken by compiled functions from now on."""
+        if self._loops is not None:
+            if self._loops.is_ahead:
+                self._found = self._loops.found
+            self._loops.leave()
+            self._loops = None
+
+    def _make_loops(self) -> None:
+        """Has whole steps taken by compiled functions from now on, if they know all that there is."""
+        self._leave_loops()
+        plan, everyone = self._joints, all(meeting.is_on for meeting in self._meetings)
+        if not compiled() or self._lone is not None or plan.points or math.isfinite(plan.next_change) or not everyone:
+            return
+        from fenics_rom.world.compiled_world import compiled_world  # here, as numba takes time to import
+
+        self._loops = compiled_world(self._bodies, self._meetings, self._step_pairs, self._met, self._dt)
 
     def _go_on_with_joints(self, made: Sequence[str]) -> None:
         """Goes on with the joints that hold now, some of which were made now, and stops what moves there."""
+        self._leave_loops()
         self._step_pairs.join(list(self._joints.points.values()))
         pairs, forces, _ = self._begin({})
         self._found = Found(forces.copy(), np.zeros(forces.shape), self._found.sweeps, 0.0)
@@ -130,6 +158,7 @@ class World(ReadWorld):
                     "impulse: it swings by that until damping takes it; join what moves alike"
                 )
         self._met.book(dissipated=self._step_pairs.stop_joints())
+        self._make_loops()
 
     def _met_by(self, body: Soft) -> dict[str, float]:
         """Radii, m, by name, of the rigid bodies that a soft one may meet."""
@@ -148,6 +177,7 @@ class World(ReadWorld):
         for body in self._bodies.values():
             if isinstance(body, Soft):
                 body.dt = self._dt
+        self._make_loops()
 
     def join(self, joint: AnyJoint) -> str:
         """Makes a joint where the bodies are now, between two steps; its name.
@@ -211,10 +241,21 @@ class World(ReadWorld):
             StepError: no such body or input, or no forces were found; everything is as it was.
         """
         h, bodies = self._dt, self._bodies
-        if inputs is not None:
+        if inputs is not None and self._loops is None:
             self._check_inputs(inputs)
         if self._time + h / 2 >= self._joints.next_change:
             self._go_on_with_joints(self._joints.change(self._time + h / 2))
+        if self._loops is not None:
+            if self._loops.take(inputs or {}, self._time):
+                self._look_at_skins()
+                return
+            if self._loops.is_ahead:
+                self._found = self._loops.found
+                self._loops.tell_all()
+            if self._loops.misfits == STAYS:
+                self._make_loops()
+            if inputs is not None:
+                self._check_inputs(inputs)
         before = copy(self._step_pairs)
         try:
             pairs, found, guide = self._find(inputs or {})
@@ -237,15 +278,28 @@ class World(ReadWorld):
             self._met.book(dissipated=self._step_pairs.stop_joints())
         if found.residual:
             self._residuals = self._residuals[0] + 1, max(self._residuals[1], found.residual)
-        self._steps, self._time = self._steps + 1, self._time + h
+        self._look_at_skins()
+
+    def _look_at_skins(self) -> None:
+        """Ends a step."""
+        self._steps, self._time = self._steps + 1, self._time + self._dt
+        if not self._skins.asks(self._steps):
+            return
+        self._tell()
         if self._skins.is_due(self._steps):
             self._skins.look(self._steps, self._time)
 
-    def _find(self, inputs: Mapping[str, Mapping[str, Any]]) -> tuple[Pairs, Found, Guide | None]:
+    def _tell(self) -> None:
+        """Has all bodies know of the last step."""
+        if self._loops is not None and self._loops.is_ahead:
+            for number in range(len(self._bodies)):
+                self._loops.tell(number)
+
+    def _find(self, inputs: Mapping[str, Mapping[str, Any]]) -> tuple[Pairs, Found, Guide]:
         """Opens a step, and finds its forces; all bodies have tried them last."""
         h, known = self._dt, self._step_pairs
         pairs, start, guide = self._begin(inputs)
-        found, guide = self._forces(pairs, start, guide)
+        found, guide = find_forces(pairs, h, start, guide)
         for _ in self.bodies:  # each may hit the next
             if not known.lacks_pairs(pairs, found, h):
                 break
@@ -253,21 +307,12 @@ class World(ReadWorld):
             if more.parts is pairs.parts:
                 break
             pairs = more
-            found, guide = self._forces(pairs, start, guided)
-        if guide is not None and (deep := known.let_out(pairs, found, guide, h)) is not pairs:
+            found, guide = find_forces(pairs, h, start, guided)
+        if (deep := known.let_out(pairs, found, guide, h)) is not pairs:
             found, guide = find_forces(deep, h, found.forces, guide)
             if known.overdraws(found, h):
                 found, guide = find_forces(pairs, h, start, guide)
         return pairs, found, guide
-
-    def _forces(self, pairs: Pairs, start: Array, guide: Guide | None) -> tuple[Found, Guide | None]:
-        """Forces of pairs; without a guide where compiled loops found them."""
-        h, known = self._dt, self._step_pairs
-        if known.compiled is not None and known.are_deep(pairs) is None:
-            found = known.compiled.find(pairs, h, start)
-            if found is not None:
-                return found, None
-        return find_forces(pairs, h, start, guide)
 
     def _step_that_would_do(self, inputs: Mapping[str, Mapping[str, Any]]) -> float | None:
         """The longest of shorter steps, s, in which forces are found; None where that is not looked for."""

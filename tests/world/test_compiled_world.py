@@ -1,5 +1,8 @@
 """Compiled steps of worlds are those of NumPy: the same law of all pairs, the same bodies, the same runs."""
 
+from contextlib import contextmanager, nullcontext
+from itertools import combinations
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,19 +10,19 @@ from hypothesis import strategies as st
 from test_soft_motion import CLAMPED, LIES, TOUCHED, reduced
 
 import fenics_rom as fr
-from fenics_rom.compilation import compiled, jit
+from fenics_rom.compilation import compiled, jit, numpy_alone
 from fenics_rom.mechanics.braking import SWINGS, Braking
 from fenics_rom.mechanics.compiled import contact_law
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, pairs_from
 from fenics_rom.mechanics.compiled.coulomb import frame_along
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
-from fenics_rom.world import step_pairs
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Points
 from fenics_rom.world.compiled import rigid_bodies
-from fenics_rom.world.compiled_forces import CompiledForces
+from fenics_rom.world.compiled_world import CompiledWorld
 from fenics_rom.world.contact_step import Guide, Pairs, _Asked, _law
+from fenics_rom.world.joints import ball
 from fenics_rom.world.rigid import Rigid
-from fenics_rom.world.shapes import Box
+from fenics_rom.world.shapes import Box, Capsule, HalfSpace, Sphere
 
 pytestmark = [
     pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off"),
@@ -165,31 +168,148 @@ def beam_and_boxes(rom):
 def told(world):
     """Numbers of a world."""
     of_bodies = [np.concatenate([*map(np.ravel, world.pose(name))]) for name in world.names]
-    return np.concatenate([*of_bodies, [world.energy, world.ledger.dissipated, world.ledger.supplied]])
+    account = world.ledger
+    forces = [world.force_between(*pair) for pair in combinations(world.names, 2)]
+    numbers = [world.energy, account.dissipated, account.supplied, account.contact, account.friction]
+    return np.concatenate([*of_bodies, *(np.ravel(of) for of in told_of_soft(world)), *forces, numbers])
 
 
-def test_a_run_is_that_of_numpy(held, monkeypatch):
-    """Boxes fall on a beam: 150 steps, in most of which loops find the forces."""
-    found, known = [], CompiledForces.find
+def told_of_soft(world):
+    for name, record in world.bodies.items():
+        if isinstance(record, fr.SoftBody):
+            body = world.simulator(name)
+            yield from (*body.state, body.contact_forces(), [world.account(name).obstacles])
+            yield from body.base_wrench or ()
 
-    def find(self, *given):
-        found.append(known(self, *given))
-        return found[-1]
 
-    monkeypatch.setattr(CompiledForces, "find", find)
-    runs = []
-    for is_compiled in (True, False):
-        monkeypatch.setattr(step_pairs, "compiled", lambda answer=is_compiled: answer)
-        world, numbers, touching = beam_and_boxes(held), [], 0
-        start = world.energy
-        for _ in range(150):
+def assert_closes(world, start, steps):
+    """The account does, but for round-off of each step."""
+    account = world.ledger
+    gap = world.energy - start - account.supplied + account.dissipated + account.numerical
+    assert abs(gap) < 10 * steps * EPS * max(start, world.energy, abs(account.supplied), account.dissipated)
+
+
+@pytest.fixture
+def taken(monkeypatch):
+    """Whether each step that was asked of compiled functions was taken by them."""
+    steps, known = [], CompiledWorld.take
+
+    def take(self, *given):
+        steps.append(bool(known(self, *given)))
+        return steps[-1]
+
+    monkeypatch.setattr(CompiledWorld, "take", take)
+    return steps
+
+
+def both(make):
+    """A world whose steps compiled functions take, and one of NumPy."""
+    one = make()
+    with numpy_alone():
+        return one, make()
+
+
+def each(worlds):
+    """Both, the second where nothing compiles: also what is made anew."""
+    yield worlds[0]
+    with numpy_alone():
+        yield worlds[1]
+
+
+def test_a_run_is_that_of_numpy(held, taken):
+    """Boxes fall on a beam: 150 steps, most of which compiled functions take."""
+    worlds, touching = both(lambda: beam_and_boxes(held)), 0
+    starts = [world.energy for world in worlds]
+    for _ in range(150):
+        for world in worlds:
             world.step()
-            numbers.append(told(world))
-            touching = max(touching, world.touching)
-        account = world.ledger
-        gap = world.energy - start - account.supplied + account.dissipated + account.numerical
-        assert abs(gap) < 10 * 150 * EPS * start  # in each step by round-off
-        assert touching > 3
-        runs.append(np.array(numbers))
-    assert sum(each is not None for each in found) > 0.8 * len(found) > 0.8 * 60
-    np.testing.assert_allclose(runs[0], runs[1], atol=1e-9)
+        touching = max(touching, worlds[0].touching)
+        np.testing.assert_allclose(told(worlds[0]), told(worlds[1]), atol=1e-8)
+    for world, start in zip(worlds, starts, strict=True):
+        assert_closes(world, start, 150)
+    assert touching > 3
+    assert sum(taken) > 0.7 * 150  # others are of boxes in one another, and of a contact mode that changes
+
+
+@pytest.fixture(scope="module")
+def carried(tmp_path_factory):
+    base = {"effects.base_path": "origin = [0.0, 0.015, 0.01]"}
+    return reduced(tmp_path_factory.mktemp("carried"), frame="moving", **base, **CLAMPED, **TOUCHED)
+
+
+def ridden(rom, seed):
+    """A world in which a beam on a hand that moves and turns at random carries what lies and falls on it."""
+    random = np.random.default_rng(seed)
+    (reach, turn), (ω, ν) = random.uniform(-1, 1, (2, 3)), random.uniform(5, 30, (2, 3))
+
+    def motion(time):
+        angle, rate = 0.3 * turn * np.sin(ν * time), 0.3 * turn * ν * np.cos(ν * time)
+        place, velocity = 5e-3 * reach * np.sin(ω * time), 5e-3 * reach * ω * np.cos(ω * time)
+        return fr.BaseState(place, quaternion_of_vector(angle), velocity, rate)
+
+    shape = [Sphere(0.02), Box((0.05, 0.03, 0.04)), Capsule(0.015, 0.03)][random.integers(3)]
+    high = 0.011 + {Sphere: 0.02, Box: 0.02, Capsule: 0.03}[type(shape)]
+    bodies = {
+        "hand": fr.RigidBody(Box((0.02, 0.05, 0.05)), motion=motion),
+        "beam": fr.SoftBody(rom, on="hand", position=(0.02, 0.0, 0.0)),
+        "rides": fr.RigidBody(shape, mass=0.02, position=(random.uniform(0.15, 0.25), 0.0, high)),
+        "falls": fr.RigidBody(Box((0.03, 0.03, 0.03)), mass=0.01, position=(0.1, 0.0, 0.04), velocity=(0.0, 0.0, -0.3)),
+        "ground": fr.RigidBody(HalfSpace(), motion=LIES._replace(position=np.array([0.0, 0.0, -0.3]))),
+    }
+    laws = {"friction": random.choice([0.0, 0.5]), "restitution": random.choice([0.0, 0.4])}
+    return fr.World(bodies, dt=1e-3, gravity=(0, 0, -9.81), apart=[("hand", "rides", "falls", "ground")], **laws)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_rides_on_a_carried_body_does_as_with_numpy(carried, taken, seed):
+    """Motion, forces, wrench of the base and account; either takes over from the other."""
+    random, worlds = np.random.default_rng(seed), both(lambda: ridden(carried, seed))
+    start, loops = worlds[0].energy, worlds[0]._loops
+    for step in range(60):
+        with nullcontext() if random.random() < 0.8 else without(worlds[0], loops):
+            worlds[0].step()
+        worlds[1].step()
+        if step % 5 == 4:
+            np.testing.assert_allclose(told(worlds[0]), told(worlds[1]), atol=1e-8)
+    assert_closes(worlds[0], start, 60)
+    assert sum(taken) > 0.4 * 60
+
+
+@contextmanager
+def without(world, loops):
+    """A step of NumPy."""
+    if loops.is_ahead:
+        loops.tell_all()
+    world._loops = None
+    yield
+    world._loops = loops
+
+
+def test_bodies_that_are_joined_and_let_go_are_those_of_numpy(held, taken):
+    worlds = both(lambda: beam_and_boxes(held))
+    for step in range(60):
+        for world in each(worlds):
+            if step == 30:
+                world.join(ball("low", "high", world.pose("low").position, name="rope"))
+            if step == 40:
+                world.release("rope")
+            world.step()
+        np.testing.assert_allclose(told(worlds[0]), told(worlds[1]), atol=1e-8)
+    assert len(taken) == 50
+
+
+def test_another_step_and_inputs_are_those_of_numpy(held):
+    worlds = both(lambda: beam_and_boxes(held))
+    for step in range(40):
+        for world in each(worlds):
+            world.dt = 1e-3 if step < 20 else 5e-4
+            world.step({"low": {"force": [0.1, 0.0, 0.0]}, "away": {"torque": [0.0, 1e-4, 0.0]}} if step % 2 else {})
+    np.testing.assert_allclose(told(worlds[0]), told(worlds[1]), atol=1e-8)
+    for inputs in ({"nobody": {}}, {"table": {"force": [1.0, 0.0, 0.0]}}, {"low": {"force": [1.0, "x", 0.0]}}):
+        before, told_by = told(worlds[0]), []
+        for world in each(worlds):
+            with pytest.raises(fr.StepError) as caught:
+                world.step(inputs)
+            told_by.append(str(caught.value))
+        assert told_by[0] == told_by[1]
+        np.testing.assert_array_equal(told(worlds[0]), before)

@@ -8,8 +8,8 @@ import pytest
 import fenics_rom as fr
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.world import world as world_module
-from fenics_rom.world.meetings import PENETRATION_TOLERANCE
 from fenics_rom.world.shapes import Box, Capsule, Cylinder, HalfSpace, Sphere
+from fenics_rom.world.tolerances import PENETRATION_TOLERANCE
 
 G = 9.81
 LIES = fr.BaseState(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))

@@ -47,7 +47,7 @@ def find_by_newton(
         friction: μ (C,).
         yielding: (C,) 1/ρ of each pair, m/s/N.
         f: (C, 3) in the frames, to begin with; set if they are found.
-        u: (C, 3) W f + q.
+        u: (C, 3) W f + q; set if they are found.
         missed: how far these are from the law, m/s.
     """
     P, C, speed = len(inverse) // 3, len(points), np.abs(q).max()
@@ -107,6 +107,8 @@ def find_by_newton(
         length = math.sqrt(forces[p, 1] ** 2 + forces[p, 2] ** 2)
         share = cone / length if length > cone else 1.0
         f[c, 1], f[c, 2] = share * forces[p, 1], share * forces[p, 2]
+        for k in range(3):
+            u[c, k] = v[p, k]
     return count, True
 
 

@@ -46,22 +46,26 @@ def measure(shapes: Array, offsets: Array, places: Array, gaps: Array, normals: 
     """
     P = len(places)
     for o in range(len(shapes)):
-        kind, s = int(shapes[o, 0]), shapes[o, 1:]
         for p in range(P):
             x, y, z = places[p, 0] - offsets[o, 0], places[p, 1] - offsets[o, 1], places[p, 2] - offsets[o, 2]
-            n, c = normals[o * P + p], o * P + p
-            if kind == HALF_SPACE:
-                n[0], n[1], n[2] = s[0], s[1], s[2]
-                gaps[c] = x * s[0] + y * s[1] + z * s[2] - s[3]
-            elif kind == SPHERE:
-                gaps[c] = _direction(x - s[0], y - s[1], z - s[2], 0.0, 0.0, 1.0, n) - s[3]
-            elif kind == CAPSULE:
-                x, y, z = x - s[0], y - s[1], z - s[2]
-                along = max(0.0, min(1.0, x * s[6] + y * s[7] + z * s[8]))
-                x, y, z = x - along * s[3], y - along * s[4], z - along * s[5]
-                gaps[c] = _direction(x, y, z, s[9], s[10], s[11], n) - s[12]
-            else:
-                gaps[c] = _from_box(x - s[0], y - s[1], z - s[2], s, n)
+            gaps[o * P + p] = distance(shapes[o], x, y, z, normals[o * P + p])
+
+
+@jit_part
+def distance(shape: Array, x: float, y: float, z: float, n: Array) -> float:
+    """Of a place from a shape, a row of `shape_rows`, m; sets its unit normal n (3,)."""
+    kind, s = int(shape[0]), shape[1:]
+    if kind == HALF_SPACE:
+        n[0], n[1], n[2] = s[0], s[1], s[2]
+        return x * s[0] + y * s[1] + z * s[2] - s[3]
+    if kind == SPHERE:
+        return _direction(x - s[0], y - s[1], z - s[2], 0.0, 0.0, 1.0, n) - s[3]
+    if kind == CAPSULE:
+        x, y, z = x - s[0], y - s[1], z - s[2]
+        along = max(0.0, min(1.0, x * s[6] + y * s[7] + z * s[8]))
+        x, y, z = x - along * s[3], y - along * s[4], z - along * s[5]
+        return _direction(x, y, z, s[9], s[10], s[11], n) - s[12]
+    return _from_box(x - s[0], y - s[1], z - s[2], s, n)
 
 
 @jit_part

@@ -1,6 +1,7 @@
 """The step of a linear body that a rigid base carries: `steppers.carried_frame`, compiled."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -19,6 +20,7 @@ from fenics_rom.runtime.compiled.frames import (
     MOMENTS,
     MOTION,
     MOVED,
+    NOT_PUSHED,
     OTHERWISE,
     POSITION,
     REST,
@@ -30,6 +32,7 @@ from fenics_rom.runtime.compiled.frames import (
     Acting,
     Body,
     Loads,
+    Push,
     State,
     Step,
     Taken,
@@ -64,14 +67,39 @@ from fenics_rom.runtime.compiled.frames import (
 )
 
 OF_BASE, SPIN, MOMENTUM, ANGULAR_MOMENTUM = MOTION, MOTION + 3, MOTION + 6, MOTION + 9  # in `State.now`: v, ω, P and L
-IS_COUPLING_KNOWN, IS_INVERSE_KNOWN = 1, 2  # in `State.kept`; from REST on the nine factors of A
+IS_COUPLING_KNOWN, IS_INVERSE_KNOWN, IS_COUPLED = 1, 2, 3  # in `State.kept`; from REST on the nine factors of A
 NO_TURN = 1e-18  # rad: see `steppers.carried_balance`
+
+
+class Begun(NamedTuple):
+    """A step of a carried body that has begun."""
+
+    status: int
+    R: Rotation  # when it begins
+    end: Rotation  # when it ends
+    t: Vector  # by which the frame turns, in its axes
+    v̂: Vector  # of the base in the frame's axes, m/s
+    ω̂: Vector  # rad/s
+    v_end: Vector  # the same when it ends
+    ω_end: Vector
+    acting: Acting
+    modal: Array  # (m,) forces on the coordinates, but for contact
+    rate: Array  # r̂ (m,) without contact
 
 
 @jit
 def take_carried_step(body: Body, loads: Loads, u: Array, base: Array, state: State, watch: Watch) -> Step:
     """Takes a step under u (p,) that ends with the base (13,): position, quaternion and twist in world axes."""
-    h, m, now, table, none = body.h, len(body.ω), state.now[0], state.table, Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
+    begun = begin_carried_step(body, loads, u, base, state)
+    if begun.status == OTHERWISE:
+        return Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
+    return end_carried_step(body, loads, begun, base, begun.rate, NOT_PUSHED, state, watch)
+
+
+@jit_part
+def begin_carried_step(body: Body, loads: Loads, u: Array, base: Array, state: State) -> Begun:
+    """Begins a step; arguments as of `take_carried_step`. Nothing is changed but what is known of the state."""
+    h, m, now, table = body.h, len(body.ω), state.now[0], state.table
     e, r = state.halves[0], state.halves[1]
     q, R, end = e * body.inverse_ω, rotation_of(*rotation_in(now)), rotation_of(*rotation_in(base))
     if not state.kept[IS_SHAPE_KNOWN]:
@@ -80,11 +108,11 @@ def take_carried_step(body: Body, loads: Loads, u: Array, base: Array, state: St
         state.kept[IS_SHAPE_KNOWN] = 1.0
     v, ω = vector(now, OF_BASE), vector(now, SPIN)
     v_end, ω_end = rotated_back(end, vector(base, VELOCITY)), rotated_back(end, vector(base, TURNING))
-    if not (h * length(ω) <= LARGEST_TURN and h * length(ω_end) <= LARGEST_TURN):
-        return none
     v̂, ω̂, acting = mean(v, v_end), mean(ω, ω_end), act(loads, u, m)
     t = (h * ω̂[0], h * ω̂[1], h * ω̂[2])
     modal = acting.modal.copy()
+    if not (h * length(ω) <= LARGEST_TURN and h * length(ω_end) <= LARGEST_TURN):
+        return Begun(OTHERWISE, R, end, t, v̂, ω̂, v_end, ω_end, acting, modal, modal)
     pull = seen(R, t, acting.acceleration)
     for i in range(m):
         for k in range(3):
@@ -95,8 +123,20 @@ def take_carried_step(body: Body, loads: Loads, u: Array, base: Array, state: St
         modal += pushed
     give(body, modal, e, r, table)
     r̂ = _rate(body, now, table, state.kept, state.slopes, v_end, ω_end)
+    return Begun(TAKEN, R, end, t, v̂, ω̂, v_end, ω_end, acting, modal, r̂)
+
+
+@jit_part
+def end_carried_step(
+    body: Body, loads: Loads, begun: Begun, base: Array, r̂: Array, push: Push, state: State, watch: Watch
+) -> Step:
+    """Takes a step that has begun with r̂ (m,), under contact forces that push; their work is not among what is told."""
+    h, m, now = body.h, len(body.ω), state.now[0]
+    R, t, v̂, ω̂, v_end, ω_end = begun.R, begun.t, begun.v̂, begun.ω̂, begun.v_end, begun.ω_end
     before = vector(now, MOMENTUM), vector(now, ANGULAR_MOMENTUM), vector(now, MOMENT)
     remember(state)
+    e, r = state.halves[0], state.halves[1]
+    q = e * body.inverse_ω
     for i in range(m):
         e[i] += h * body.ω[i] * r̂[i]
         r[i] = 2 * r̂[i] - r[i]
@@ -106,16 +146,34 @@ def take_carried_step(body: Body, loads: Loads, u: Array, base: Array, state: St
     notes[AWAY], notes[ASKEW] = max(notes[AWAY], away), max(notes[ASKEW], askew)
     for k in range(len(base)):
         now[k] = base[k]
-    shape_at(body, e * body.inverse_ω, r, table, now)
-    _move(body.mass, end, now)
+    shape_at(body, e * body.inverse_ω, r, state.table, now)
+    _move(body.mass, begun.end, now)
     P, L = vector(now, MOMENTUM), vector(now, ANGULAR_MOMENTUM)
     ΔP, ΔL = added(P, -1.0, before[0]), added(L, -1.0, before[1])
-    supplied = dot(ΔP, v̂) + dot(ΔL, ω̂) + h * modal.dot(r̂)
-    _put_wrench(body, loads, acting, q, r̂, (R, end), t, (v̂, ω̂), before, now, state.kept)
+    pushed = seen(R, t, push.force)
+    supplied = dot(ΔP, v̂) + dot(ΔL, ω̂) + h * (begun.modal.dot(r̂) - dot(pushed, v̂) - dot(push.turning, ω̂))
+    _put_wrench(body, loads, begun, q, r̂, before, now, state.kept)
+    if push.force != (0.0, 0.0, 0.0) or push.turning != (0.0, 0.0, 0.0):
+        for first, of_contact in ((WRENCH, pushed), (WRENCH + 3, push.turning)):
+            there = turned_along(R, begun.end, of_contact)
+            put(state.kept, first, added(vector(state.kept, first), -1.0, there))
     carried = dot(P, v_end) + dot(L, ω_end) + dot(vector(now, DRIFT), v_end) + dot(vector(now, MOVED), ω_end)
     within = e.dot(e) + r.dot(r)
     look(watch, e, within, length(ω_end))
     return Step(TAKEN, carried + within, within, supplied, h * r̂.dot(np.dot(body.D, r̂)))
+
+
+@jit_part
+def inverse_of_carried(body: Body, state: State) -> Array:
+    """A⁻¹ (m, m) of the step that has begun."""
+    m = len(body.ω)
+    if not state.kept[IS_COUPLED]:
+        return body.inverse
+    inverse = state.slopes[m:]
+    if not state.kept[IS_INVERSE_KNOWN]:
+        copy_rows(np.linalg.inv(state.slopes[:m]), inverse)
+        state.kept[IS_INVERSE_KNOWN] = 1.0
+    return inverse
 
 
 @jit_part
@@ -143,7 +201,8 @@ def _rate(body: Body, now: Array, table: Array, kept: Array, slopes: Array, v_en
     factors[GIVEN - MOMENTS] = -1.0  # f0
     put(factors, TURNED - MOMENTS, added((0.0, 0.0, 0.0), -1 / h, added(ω_end, -1.0, ω)))
     combine(factors, table[MOMENTS : TURNED + 3], right)
-    if not (body.couples and h * (length(ω) + length(ω_end)) > NO_TURN):
+    kept[IS_COUPLED] = body.couples and h * (length(ω) + length(ω_end)) > NO_TURN
+    if not kept[IS_COUPLED]:
         return np.dot(body.inverse, right)
     coupled = np.empty(10)
     put(coupled, 0, (-xx, -yy, -zz))
@@ -169,31 +228,29 @@ def _rate(body: Body, now: Array, table: Array, kept: Array, slopes: Array, v_en
 def _put_wrench(
     body: Body,
     loads: Loads,
-    acting: Acting,
+    begun: Begun,
     q: Array,
     r̂: Array,
-    R: tuple[Rotation, Rotation],
-    t: Vector,
-    twist: tuple[Vector, Vector],
     before: tuple[Vector, Vector, Vector],
     now: Array,
     kept: Array,
 ) -> None:
-    """Sets force and torque of the base in world axes; P, L and x̄ + c q are those before the step."""
-    h, (v̂, ω̂), (P, L, moment) = body.h, twist, before
+    """Sets force and torque of the base in world axes, but for contact; P, L and x̄ + c q are those before the step."""
+    h, (P, L, moment), R, end, t = body.h, before, begun.R, begun.end, begun.t
+    v̂, ω̂, acting = begun.v̂, begun.ω̂, begun.acting
     P_end, L_end = vector(now, MOMENTUM), vector(now, ANGULAR_MOMENTUM)
     P̂, L̂ = mean(P, P_end), mean(L, L_end)
     force = added(cross(ω̂, P̂), 1 / h, added(P_end, -1.0, P))
     torque = added(added(cross(ω̂, L̂), 1.0, cross(v̂, P̂)), 1 / h, added(L_end, -1.0, L))
-    force = added(added(force, -1.0, acting.force), -body.mass, seen(R[0], t, acting.acceleration))
-    arm = mean(rotated(R[0], moment), rotated(R[1], vector(now, MOMENT)))
+    force = added(added(force, -1.0, acting.force), -body.mass, seen(R, t, acting.acceleration))
+    arm = mean(rotated(R, moment), rotated(end, vector(now, MOMENT)))
     torque = added(torque, -1.0, torque_of(acting, q, h, r̂))
-    torque = added(torque, -1.0, seen(R[0], t, cross(arm, acting.acceleration)))
+    torque = added(torque, -1.0, seen(R, t, cross(arm, acting.acceleration)))
     if len(acting.at_points):
-        pulled, _, turning = push_points(loads, acting.at_points, R[0], R[1], t, q, h, r̂, np.empty(len(q)))
-        force, torque = added(force, -1.0, seen(R[0], t, pulled)), added(torque, -1.0, turning)
-    put(kept, WRENCH, turned_along(R[0], R[1], force))
-    put(kept, WRENCH + 3, turned_along(R[0], R[1], torque))
+        pulled, _, turning = push_points(loads, acting.at_points, R, end, t, q, h, r̂, np.empty(len(q)))
+        force, torque = added(force, -1.0, seen(R, t, pulled)), added(torque, -1.0, turning)
+    put(kept, WRENCH, turned_along(R, end, force))
+    put(kept, WRENCH + 3, turned_along(R, end, torque))
 
 
 @jit

@@ -77,6 +77,17 @@ class Acting(NamedTuple):
     at_points: Array  # (n, 3)
 
 
+class Push(NamedTuple):
+    """What contact forces do: `mechanics.frame_geometry.Push`, but for the coordinates."""
+
+    force: Vector  # all together, in world axes, N
+    torque: Vector  # about the frame's origin, in world axes, N m
+    turning: Vector  # R*ᵀ of it
+
+
+NOT_PUSHED = Push((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
 class Watch(NamedTuple):
     """What the model does not follow: `steppers.frame_watch`."""
 

@@ -4,6 +4,7 @@ It is one linear system where f̂ is exact as the shape's law gives it; else New
 """
 
 import math
+from collections.abc import Callable
 from functools import partial
 from struct import Struct
 from typing import Any
@@ -30,8 +31,8 @@ class CarriedBalance(DifferentiableFrame):
     def __init__(self, *args: Any, **named: Any):
         super().__init__(*args, **named)
         self.notes |= {"misfit": 0.0, "misfit of turn": 0.0}
-        self._wrench: Wrench | partial[Wrench] = (ZERO, ZERO)  # or how it is found, as not everyone asks
-        self._wrench_before: Wrench | partial[Wrench] = self._wrench
+        self._wrench: Wrench | Callable[[], Wrench] = (ZERO, ZERO)  # or how it is found, as not everyone asks
+        self._wrench_before: Wrench | Callable[[], Wrench] = self._wrench
         self._sum = self._table[MOMENTS.start : TURNED.stop]  # what a step begins with is a sum of
         self._factors, self._coefficients = np.empty(len(self._sum)), np.empty(len(self._products))
         self._set_factors, self._set_coefficients = (

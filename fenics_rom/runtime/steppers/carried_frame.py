@@ -81,7 +81,7 @@ class CarriedFrame(CarriedBalance):
     @property
     def wrench(self) -> Wrench:
         """Force (N) and torque about the frame's origin (N m) of the base on the body in the last step, world axes."""
-        if isinstance(self._wrench, partial):
+        if callable(self._wrench):
             self._wrench = self._wrench()
         return self._wrench
 
@@ -123,7 +123,7 @@ class CarriedFrame(CarriedBalance):
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel; to `base`."""
-        if self._compiled is not None and (taken := self._compiled.take(u, self._base_row(), self.frame, self.notes)):
+        if self._interface is None and (taken := self._taken_compiled(u, self._base_row())):
             return self._end_compiled(u, taken)
         r̂, contact = self._begin_step(u), None
         if self.found is not None or (self._interface is not None and obstacles is not None):
@@ -140,6 +140,12 @@ class CarriedFrame(CarriedBalance):
     def _base_at_end(self) -> FrameState:
         """The same; it stands still where nothing says how it moves."""
         return self.frame._replace(velocity=ZERO, turning=ZERO) if self.base is None else frame_state(self.base)
+
+    def end_in_world(self, square: float, within: float) -> None:
+        """As in CompilableFrame."""
+        assert self._compiled is not None
+        super().end_in_world(square, within)
+        self._wrench = self._compiled.wrench
 
     def _end_compiled(self, u: Array, step: "Step", *, owed: bool = True) -> float:
         """As in FrameKernel."""

@@ -19,12 +19,49 @@ if TYPE_CHECKING:
 class CompilableFrame(PartedKernel):
     """Arguments as in PartedKernel; attributes as in FrameKernel."""
 
-    frame: FrameState
+    _frame_known: FrameState | None = None  # where the frame is; None where a compiled step knows
     _places: Array | None  # of the contact points in the frame, m, if they are known
     _compiled: "CompiledFrame | None" = None
     _motion: Any = None  # how the body moves, and how it did before the step; None where a compiled step knows
     _motion_before: Any = None
     _twice = 0.0  # the stored energy, if a compiled step knows, J
+
+    @property
+    def frame(self) -> FrameState:
+        """Where the frame is."""
+        if self._frame_known is None:
+            assert self._compiled is not None
+            self._frame_known = self._compiled.frame()
+        return self._frame_known
+
+    @frame.setter
+    def frame(self, frame: FrameState) -> None:
+        self._frame_known = frame
+
+    def compile(self) -> "CompiledFrame | None":
+        """What compiled functions know of the body, with the state that it is in; None where there is more to it."""
+        raise NotImplementedError
+
+    def begin_in_world(self) -> None:
+        """Has compiled functions know of the state, as far as another step has changed it."""
+        assert self._compiled is not None
+        self._compiled.begin(self._frame_known, self.notes)
+
+    def end_in_world(self, square: float, within: float) -> None:
+        """Takes note of a step under contact forces, by which compiled functions have changed the state.
+
+        Args:
+            square: twice the stored energy, J.
+            within: what of this is in the shape and its rate, J.
+        """
+        assert self._compiled is not None
+        self._frame_known = self._places = self._motion = self._motion_before = None
+        self.notes = self._compiled.notes(self.notes)
+        self._square, self._twice = within, square
+
+    def _taken_compiled(self, u: Array, base: Array) -> "Step | None":
+        """A step that compiled functions have taken; None where they do not."""
+        return None if self._compiled is None else self._compiled.take(u, base, self.frame, self.notes)
 
     def _end_compiled(self, u: Array, step: "Step", *, owed: bool = True) -> float:
         """Takes note of a step under u that a compiled function has taken; twice the stored energy, J."""
@@ -43,14 +80,14 @@ class CompilableFrame(PartedKernel):
     @property
     def is_compiled(self) -> bool:
         """Whether compiled functions take its steps."""
-        return self._compiled is not None
+        return self._compiled is not None and self._interface is None
 
     def roll(self, inputs: Array, bases: Array | None) -> "FrameSteps | None":
         """Takes steps under inputs (n, p), as many as compiled functions do; None: none.
 
         bases: at the end of each step, (n, 13); None: it stands still.
         """
-        if self._compiled is None:
+        if self._compiled is None or self._interface is not None:
             return None
         if bases is None:
             bases = np.tile((*self.frame.position, *self.frame.rotation, *np.zeros(6)), (len(inputs), 1))
@@ -68,6 +105,7 @@ class CompilableFrame(PartedKernel):
     def _now(self) -> Any:
         """How the body moves."""
         if self._motion is None and self._compiled is not None:
+            self._shape_at(self._coordinates(), self._r)  # of which NumPy's steps are to know, too
             e, R = self._e, rotation_of(*self.frame.rotation)
             self._motion = self._motion_told(e * self._inverse_ω, R, *self._compiled.motion())
         return self._motion
@@ -87,6 +125,10 @@ class CompilableFrame(PartedKernel):
     @_now_before.setter
     def _now_before(self, motion: Any) -> None:
         self._motion_before = motion
+
+    def _shape_at(self, q: Array, r: Array) -> Shape:
+        """The inertia there, which the table is of from now on."""
+        raise NotImplementedError
 
     def _motion_told(self, q: Array, R: Rotation, shape: Shape, moving: list[float]) -> Any:
         """How the body moves, as a compiled step tells it."""

@@ -78,7 +78,7 @@ class CompiledFrame:
             frame: at the start.
             notes: of the run so far.
         """
-        self._begin(frame, notes)
+        self.begin(frame, notes)
         given = self._body, self._loads, in_plain(u)
         try:
             if self._carried:
@@ -93,7 +93,7 @@ class CompiledFrame:
     @or_numpy
     def take_many(self, inputs: Array, bases: Array, frame: FrameState, notes: dict[str, float]) -> FrameSteps | None:
         """Takes steps under inputs (n, p) and bases (n, 13), as many as there are none to be taken otherwise."""
-        self._begin(frame, notes)
+        self.begin(frame, notes)
         n, m = len(inputs), len(self._body.ω)
         taken, given = (
             Taken(np.empty((n, 2)), np.empty((n, m)), np.empty((n, 7))),
@@ -105,8 +105,19 @@ class CompiledFrame:
             count, last = take_free_steps(*given, self._state, self._watch, taken)
         return FrameSteps(Taken(*(rows[:count] for rows in taken)), last) if count else None
 
-    def _begin(self, frame: FrameState, notes: dict[str, float]) -> None:
-        if frame is not self._frame:
+    @property
+    def h(self) -> float:
+        """Of the steps, s."""
+        return self._body.h
+
+    @property
+    def parts(self) -> tuple[Body, Loads, State, Watch]:
+        """What compiled functions know of the body."""
+        return self._body, self._loads, self._state, self._watch
+
+    def begin(self, frame: FrameState | None, notes: dict[str, float]) -> None:
+        """Takes over where the frame is, unless that is None, and notes of the run, as far as they are not known."""
+        if frame is not None and frame is not self._frame:
             position, rotation, velocity, turning = frame
             self._state.now[0, :INERTIA], self._frame = (*position, *rotation, *velocity, *turning), frame
         if notes is not self._notes:

@@ -291,6 +291,11 @@ class ContactMidpoint(BookedKernel):
         return self._end_step(self._opened, contact)
 
     @property
+    def inverse(self) -> Array:
+        """A⁻¹, (m,) where it is diagonal, else (m, m)."""
+        return self._a
+
+    @property
     def inverse_mass(self) -> Array:
         """Velocities within the basis of the contact points per impulse on them between two steps, (3P, 3P), 1/kg."""
         if self._inverse_mass is None:

@@ -50,6 +50,7 @@ from fenics_rom.runtime.steppers.kept_newton import KeptNewton
 from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork
 
 if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.compiled_frame import CompiledFrame
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
@@ -142,12 +143,15 @@ class FrameKernel(CompilableFrame):
             self.ties.set_time_step(h)
         self.newton.inverse = self._ahead = None
         self._elastic_and_inertial = np.stack([self._ω, np.full(len(γ), -2 / h)])
-        known = self.elastic is None and self._found is None and self.ties is None and self._interface is None
-        if known and compiled():
-            self._compile()
+        if self._compiled is not None or (self._interface is None and compiled()):
+            self.compile()
 
-    def _compile(self) -> None:
-        """Has steps taken by compiled functions, which know all that there is."""
+    def compile(self) -> "CompiledFrame | None":
+        """As in CompilableFrame."""
+        if self.elastic is not None or self._found is not None or self.ties is not None:
+            return None
+        if self._compiled is not None and self._compiled.h == self.h:
+            return self._compiled
         from fenics_rom.runtime.steppers import compiled_frame  # here, as numba takes time to import
 
         frame, of_shape = (
@@ -157,10 +161,11 @@ class FrameKernel(CompilableFrame):
         body = compiled_frame.body_of(self._model, self.h, frame, *of_shape, self._surely_definite)
         if self._compiled is not None:
             self._compiled.set_body(body)
-            return
+            return self._compiled
         acting = compiled_frame.loads_of(self._loads), compiled_frame.watch_of(self._watch)
         halves = self._halves, self._state_before.reshape(2, -1)
         self._compiled = compiled_frame.CompiledFrame(body, *acting, *halves, frame.carried)
+        return self._compiled
 
     def reset_buffer(self) -> None:
         """As in Kernel."""
@@ -246,8 +251,6 @@ class FrameKernel(CompilableFrame):
 
     def _begun(self, u: Array) -> FrameForces:
         """Begins a step under u (p,); what acts in the frame."""
-        if self._motion is None:  # what a compiled step led to
-            self.forget()
         self._begin(u)
         return self._loads.at(self._acting) if self.elastic is None else self._forces_as_expected()
 

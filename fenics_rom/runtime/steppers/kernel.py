@@ -155,6 +155,7 @@ class BookedKernel(Kernel):
     """
 
     _at_touch: tuple[Array | None, Array | None]  # v̂ (m,) in the last contact, or None, and beyond (P, 3)
+    _contact: "ContactSolution | Callable[[], ContactSolution | None] | None" = None  # or how it is told, as few ask
 
     def __init__(
         self,
@@ -189,9 +190,30 @@ class BookedKernel(Kernel):
         self._motions = self._motion[:, : model.order]  # q, r and v̂
 
     @property
+    def contact(self) -> "ContactSolution | None":
+        """As in Kernel."""
+        if callable(self._contact):
+            self._contact = self._contact()
+        return self._contact
+
+    @contact.setter
+    def contact(self, contact: "ContactSolution | Callable[[], ContactSolution | None] | None") -> None:
+        self._contact = contact
+
+    @property
     def energy(self) -> float:
         """Stored, J."""
         return self._with_carried_energy(super().energy)
+
+    @property
+    def state_before(self) -> Array:
+        """That before the last step."""
+        return self._state_before
+
+    @property
+    def rows_of_points(self) -> Array:
+        """What a unit of each coordinate moves the contact points by, (m, 3P)."""
+        return self._Sᵀ
 
     @property
     def auxiliary(self) -> Array:

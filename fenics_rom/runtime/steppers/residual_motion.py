@@ -106,6 +106,11 @@ class ResidualMotion:
         return self._R, *self._relaxation, self._τ
 
     @property
+    def relaxes(self) -> bool:
+        """Whether branches of the material are beside it."""
+        return self._branches is not None
+
+    @property
     def part(self) -> ResidualPart:
         """What the contact mode lacks."""
         return self._part

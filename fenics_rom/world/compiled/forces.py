@@ -1,7 +1,7 @@
 """The forces of all contacts of a step, in sweeps: `world.contact_step`, of bodies of which all is known as it begins.
 
-Those are rigid bodies that move freely or as they are told, and soft ones that answer forces linearly, without joints.
-Where sweeps do not end soon, NumPy's take the step from its beginning.
+What takes part is looked for first: those contacts that would close without forces, or had some in the step before.
+The operator of these alone is made. Others are looked at when forces are found, and are among them if they would close.
 """
 
 from typing import NamedTuple
@@ -12,134 +12,231 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_part, jit_shared
 from fenics_rom.mechanics.compiled import contact_law
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, Pairs
-from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.coulomb import add_motion, frame_along
+from fenics_rom.runtime.compiled.frames import added, dot, put, vector
 from fenics_rom.world import normal_law
-from fenics_rom.world.compiled.rigid_bodies import RigidBodies, add_answers, attempt, look_at_answers, set_inverse
-from fenics_rom.world.tolerances import MOST_SWEEPS, PROXIMAL, ROUND_OFF, SLOW, TOLERANCE
+from fenics_rom.world.compiled.bodies import velocity_of_driven
+from fenics_rom.world.compiled.operators import inverse_among, set_operator
+from fenics_rom.world.compiled.rigid_bodies import attempt
+from fenics_rom.world.compiled.soft_bodies import points_at, try_soft, turn_at, velocity_of
+from fenics_rom.world.compiled.tables import (
+    DRIVEN,
+    HELPED,
+    OF_FRICTION,
+    OF_RESTITUTION,
+    SOFT,
+    SWUNG,
+    bodies_at,
+    driven_at,
+    freedoms_at,
+    near_at,
+    rigid_at,
+    softs_at,
+)
+from fenics_rom.world.tolerances import MOST_SWEEPS, ROUND_OFF, SLOW, TOLERANCE
 
 _normal_law = jit_shared(normal_law.normal_law)
+MOST_ROUNDS = 10  # in which more contacts take part
 
 
-class Contacts(NamedTuple):
-    """The C contacts of a step, as in `world.contact_step`."""
+class Found(NamedTuple):
+    """What came of a search."""
 
-    ends: Array  # (C, 2) numbers of their rigid bodies; -1 of others
-    places: Array  # (C, 3), m
-    before: Array  # u (C, 3) when the step begins, m/s
-    normals: Array  # (C, 3)
-    gaps: Array  # (C,), m
-    restitution: Array  # e (C,)
-    are_rigid: Array  # (C,)
-    yield_at_once: Array  # (C,)
-    out: Array  # (C,), m/s
-    yields: Array  # (C,) whether of a point that yields by itself
-    swung: Array  # (C,)
+    status: int  # FOUND or OTHERWISE
+    sweeps: int
+    scale: float  # of the velocities, m/s
 
 
 @jit
-def find_forces(
-    law: Law,
-    contacts: Contacts,
-    bodies: RigidBodies,
-    free: Array,
-    operator: Array,
-    inverse: Array,
-    speed: float,
-    pairs: Pairs,
-    tries: Array,
-    u: Array,
-) -> tuple[int, int]:
-    """Whether forces were found, FOUND or OTHERWISE, and in how many sweeps.
+def find_forces(world: Array, C: int, law: Law) -> Found:
+    """Forces of the C contacts of a step, and velocities under them, which bodies have tried last; both are set.
 
     Args:
+        world: whose bodies have begun the step; its contacts have forces to begin with.
+        C: how many these are.
         law: h, friction at most, and what swings; nothing else is asked of it.
-        contacts: those of the step.
-        bodies: rigid ones that move freely.
-        free: velocities of contacts (C, 3) by all other bodies without forces, m/s.
-        operator: what these answer forces with, (3C, 3C), symmetric, m/s/N.
-        inverse: of it; (0, 0) where it is not known.
-        speed: of the fastest of them, m/s.
-        pairs: with friction, and forces to begin with; set to what was found.
-        tries: (B, 4, 3) of `bodies`, set.
-        u: (C, 3) velocities, set, m/s.
     """
-    h, C, n = law.h, len(free), 3 * len(free)
-    f, Wᵀ, size_before, scale = pairs.forces.copy(), np.empty((n, n)), 0.0, max(speed, _largest(contacts.before))
-    without, moved, whole = np.empty((C, 3)), np.empty((C, 3)), np.empty(inverse.shape)
-    maps, answers = np.empty((len(tries), 6, n)), np.empty((len(tries), 6, 6))
-    _move(operator, f, free, 1.0, u)
-    fastest = attempt(bodies, h, contacts.ends, contacts.places, f, tries, u)
+    near = near_at(world)
+    h, f, u, before = law.h, near.forces[:C], near.u[:C], near.before[:C]
+    fixed = np.zeros((C, 3))
+    speed = _look_at_driven(world, C, fixed)
+    fastest = max(speed, try_forces(world, C, h, fixed, np.zeros((C, 3))))
+    if not np.isfinite(fastest):
+        return Found(OTHERWISE, 0, 0.0)
+    scale = max(fastest, _largest(before), _largest(u))
+    level, target, chosen = _ask(world, C, h)
+    sweeps = 0
+    for _ in range(MOST_ROUNDS):
+        among = _taking_part(chosen, f)
+        if len(among) == 0:
+            return Found(FOUND, 1, scale)
+        found = _find_among(world, C, law, fixed, level, target, among, scale)
+        sweeps, scale = sweeps + found.sweeps, found.scale
+        if found.status == OTHERWISE:
+            return found
+        is_in, missed = np.zeros(C, dtype=np.bool_), False
+        is_in[among] = True
+        for c in range(C):
+            if not is_in[c] and dot(vector(near.normals[c], 0), vector(u[c], 0)) < level[c]:
+                chosen[c] = missed = True
+        if not missed:
+            return Found(FOUND, sweeps, scale)
+    return Found(OTHERWISE, sweeps, scale)
+
+
+@jit_part
+def _look_at_driven(world: Array, C: int, fixed: Array) -> float:
+    """Sets what bodies that are driven do at the contacts, (C, 3); the fastest, m/s."""
+    bodies, near, driven, fastest = bodies_at(world), near_at(world), driven_at(world), 0.0
+    for c in range(C):
+        for side in range(2):
+            body = near.ends[c, side]
+            if bodies.kinds[body] == DRIVEN:
+                v = velocity_of_driven(driven, bodies.numbers[body], vector(near.places[c], 0))
+                put(fixed[c], 0, added(vector(fixed[c], 0), 1.0 - 2 * side, v))
+                fastest = max(fastest, abs(v[0]), abs(v[1]), abs(v[2]))
+    return fastest
+
+
+@jit_part
+def try_forces(world: Array, C: int, h: float, fixed: Array, f: Array) -> float:
+    """Sets velocities of the contacts under forces (C, 3); the fastest of a body, m/s, no number without a step."""
+    near, fastest = near_at(world), 0.0
+    u = near.u[:C]
+    u[:] = fixed
+    for s in range(len(softs_at(world))):
+        fastest = max(fastest, _try_soft_body(world, C, h, s, f))
+    rigid = rigid_at(world)
+    if len(rigid.mass):
+        moving = attempt(rigid, h, near.rigid[:C], near.places[:C], f, freedoms_at(world).tries, u)
+        fastest = max(fastest, moving) if np.isfinite(moving) else moving
+    return fastest
+
+
+@jit_part
+def _try_soft_body(world: Array, C: int, h: float, s: int, f: Array) -> float:
+    """The same of a soft body."""
+    bodies, near, table = bodies_at(world), near_at(world), softs_at(world)[s]
+    points, turn, fastest = points_at(table), turn_at(table), 0.0
+    points.forces[:] = 0.0
+    for c in range(C):
+        for side in range(2):
+            body = near.ends[c, side]
+            if bodies.kinds[body] == SOFT and bodies.numbers[body] == s:
+                for k in range(3):
+                    share = (1.0 - 2 * side) * near.weights[c, side, k]
+                    if share != 0.0:
+                        to = points.forces[near.nodes[c, side, k]]
+                        put(to, 0, added(vector(to, 0), share, vector(f[c], 0)))
+    try_soft(table)
+    for c in range(C):
+        for side in range(2):
+            body = near.ends[c, side]
+            if bodies.kinds[body] == SOFT and bodies.numbers[body] == s:
+                v = (0.0, 0.0, 0.0)
+                for k in range(3):
+                    share = near.weights[c, side, k]
+                    if share != 0.0:
+                        v = added(v, share, velocity_of(points, turn, h, near.nodes[c, side, k]))
+                put(near.u[c], 0, added(vector(near.u[c], 0), 1.0 - 2 * side, v))
+                fastest = max(fastest, abs(v[0]), abs(v[1]), abs(v[2]))
+    return fastest
+
+
+@jit_part
+def _ask(world: Array, C: int, h: float) -> tuple[Array, Array, Array]:
+    """Levels and targets of the contacts, (C,), m/s, and which would be beyond these without forces."""
+    near = near_at(world)
+    approach, leaving, none = np.empty(C), np.empty(C), np.zeros(C)
+    for c in range(C):
+        n = vector(near.normals[c], 0)
+        approach[c], leaving[c] = dot(n, vector(near.before[c], 0)), dot(n, vector(near.u[c], 0))
+    given = near.numbers[:C, OF_RESTITUTION], near.are_rigid[:C] != 0
+    level, target = _normal_law(h, near.gaps[:C], approach, leaving, given[0], given[1], none > 0, none)
+    return level, target, leaving < level
+
+
+@jit_part
+def _taking_part(chosen: Array, f: Array) -> Array:
+    """Those that are chosen, or have a force."""
+    takes = chosen.copy()
+    for c in range(len(f)):
+        takes[c] = takes[c] or f[c, 0] != 0.0 or f[c, 1] != 0.0 or f[c, 2] != 0.0
+    return takes.nonzero()[0]
+
+
+@jit_part
+def _pairs_among(world: Array, among: Array, level: Array, target: Array) -> Pairs:
+    """What the law asks of some contacts (K,)."""
+    near, K = near_at(world), len(among)
+    axes, friction = np.empty((K, 3, 3)), np.empty(K)
+    free, relative, asked = np.empty((K, 3)), np.empty((K, 3)), np.empty((K, 3))
+    none = np.zeros(K, dtype=np.bool_)
+    pairs = Pairs(axes, free, relative, asked, level[among], none, none.copy(), friction, near.forces[among])
+    for i in range(K):
+        c = among[i]
+        axes[i, 0], friction[i] = near.normals[c], near.numbers[c, OF_FRICTION]
+        frame_along(axes[i])
+        _set_in_frame(axes[i], near.before[c], relative[i])
+        slides = 0.5 if friction[i] > 0 else 0.0
+        asked[i, 0], asked[i, 1], asked[i, 2] = target[c], slides * relative[i, 1], slides * relative[i, 2]
+    return pairs
+
+
+@jit_part
+def _find_among(
+    world: Array, C: int, law: Law, fixed: Array, level: Array, target: Array, among: Array, scale: float
+) -> Found:
+    """Forces where no other contacts take part than some (K,); others are as in `find_forces` and `_ask`."""
+    near, h, K = near_at(world), law.h, len(among)
+    f, pairs, size_before = near.forces[:C], _pairs_among(world, among, level, target), 0.0
+    fastest = try_forces(world, C, h, fixed, f) if f.any() else 0.0
+    Wᵀ, whole = np.zeros((3 * K, 3 * K)), np.empty((0, 0))
+    known, swung = near.u[among], np.empty(K, dtype=np.int64)
+    tried, without, moved = f[among], np.empty((K, 3)), np.empty((K, 3))
+    for i in range(K):
+        swung[i] = int(near.numbers[among[i], SWUNG])
     for sweep in range(1, MOST_SWEEPS + 1):
         if not np.isfinite(fastest):
             break
         if sweep == 1:
-            copy(operator, Wᵀ)
-            look_at_answers(bodies, h, contacts.ends, contacts.places, tries, maps, answers)
-            add_answers(maps, answers, Wᵀ)
-            if len(inverse) > 0 and not set_inverse(inverse, maps, answers, whole):
-                break
-            _make_regular(Wᵀ, contacts.yields)
-        _move(Wᵀ, f, u, -1.0, without)
+            set_operator(world, h, among, Wᵀ)
+            whole = inverse_among(world)
+        _move(Wᵀ, tried, known, -1.0, without)
         scale = max(scale, fastest, _largest(without))
-        if sweep == 1:
-            _ask(h, contacts, without, pairs)
-        for c in range(C):
-            _set_in_frame(pairs.axes[c], without[c], pairs.free[c])
-            pairs.chosen[c] = pairs.chosen[c] or pairs.free[c, 0] < pairs.level[c]
-        status = contact_law.find_forces(law, Wᵀ, whole, C, contacts.swung, pairs).status
+        for i in range(K):
+            _set_in_frame(pairs.axes[i], without[i], pairs.free[i])
+            pairs.chosen[i] = pairs.chosen[i] or pairs.free[i, 0] < pairs.level[i]
+        status = contact_law.find_forces(law, Wᵀ, whole, K, swung, pairs).status
         if status == OTHERWISE:
             break
         if status == NOTHING:
             pairs.forces[:] = 0.0
-        for c in range(C):
+        for i in range(K):
+            near.numbers[among[i], HELPED] = 1.0 if pairs.helped[i] else 0.0
             for k in range(3):
-                f[c, k] -= pairs.forces[c, k]
-                moved[c, k] = 0.0
-        _move(Wᵀ, f, moved, -1.0, moved)
+                tried[i, k] -= pairs.forces[i, k]
+        moved[:] = 0.0
+        _move(Wᵀ, tried, moved, -1.0, moved)
         size = _largest(moved)
+        if not np.isfinite(size):
+            break
         if size <= ROUND_OFF * scale:
-            for c in range(C):
-                for k in range(3):
-                    pairs.forces[c, k] += f[c, k]  # those that were tried
-            return FOUND, sweep
-        for c in range(C):
+            return Found(FOUND, sweep, scale)  # those that were tried
+        for i in range(K):
             for k in range(3):
-                moved[c, k] += u[c, k]  # as is expected
-                f[c, k] = pairs.forces[c, k]
-        _move(operator, f, free, 1.0, u)
-        fastest = attempt(bodies, h, contacts.ends, contacts.places, f, tries, u)
-        for c in range(C):
-            for k in range(3):
-                moved[c, k] -= u[c, k]
+                moved[i, k] += known[i, k]  # as is expected
+                tried[i, k] = f[among[i], k] = pairs.forces[i, k]
+        fastest = try_forces(world, C, h, fixed, f)
+        known[:] = near.u[among]
+        moved -= known
         missed = _largest(moved)
         if size * size <= TOLERANCE * scale * size_before or missed <= ROUND_OFF * scale:
-            return FOUND, sweep
+            return Found(FOUND, sweep, scale)
         if size > SLOW * size_before > 0:
             break
         size_before = size
-    return OTHERWISE, 0
-
-
-@jit_part
-def _ask(h: float, contacts: Contacts, free: Array, pairs: Pairs) -> None:
-    """Sets what the law says of pairs that would move by free (C, 3) without forces of contact."""
-    C = len(free)
-    approach, leaving = np.empty(C), np.empty(C)
-    for c in range(C):
-        axes = pairs.axes[c]
-        copy(contacts.normals[c], axes[0])
-        frame_along(axes)
-        _set_in_frame(axes, contacts.before[c], pairs.relative[c])
-        _set_in_frame(axes, free[c], pairs.free[c])
-        approach[c], leaving[c] = pairs.relative[c, 0], pairs.free[c, 0]
-        pairs.chosen[c] = pairs.helped[c] = False
-    given = contacts.restitution, contacts.are_rigid, contacts.yield_at_once, contacts.out
-    level, target = _normal_law(h, contacts.gaps, approach, leaving, *given)
-    for c in range(C):
-        slides = 0.5 if pairs.friction[c] > 0 else 0.0
-        pairs.level[c], pairs.target[c, 0] = level[c], target[c]
-        pairs.target[c, 1], pairs.target[c, 2] = slides * pairs.relative[c, 1], slides * pairs.relative[c, 2]
+    return Found(OTHERWISE, 0, scale)
 
 
 @jit_part
@@ -170,16 +267,3 @@ def _largest(values: Array) -> float:
             if not abs(values[c, k]) <= largest:
                 largest = abs(values[c, k])
     return largest
-
-
-@jit_part
-def _make_regular(W: Array, yields: Array) -> None:
-    """Adds a compliance to each pair whose points do not yield by themselves, as a Guide does."""
-    own = np.zeros(len(yields))
-    for c in range(len(yields)):
-        own[c] = (W[3 * c, 3 * c] + W[3 * c + 1, 3 * c + 1] + W[3 * c + 2, 3 * c + 2]) / 3
-    least = 1e-12 * own.max()
-    for c in range(len(yields)):
-        if not yields[c]:
-            for k in range(3 * c, 3 * c + 3):
-                W[k, k] += PROXIMAL * max(own[c], least)

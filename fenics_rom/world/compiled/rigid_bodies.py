@@ -6,7 +6,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part, jit_shared
-from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.newton import solve
 from fenics_rom.mechanics.frame_motion import added, cross, rotated
 from fenics_rom.world import turning
@@ -124,17 +123,11 @@ def look_at_answers(
 def add_answers(maps: Array, answers: Array, Wᵀ: Array) -> None:
     """Adds these to the operator of all pairs (3C, 3C), transposed: W + Σ M A Mᵀ with maps Mᵀ."""
     for b in range(len(maps)):
+        of_body = np.dot(np.ascontiguousarray(maps[b].T), np.dot(np.ascontiguousarray(answers[b].T), maps[b]))
         for row in range(len(Wᵀ)):
-            pushed, to = np.zeros(6), Wᵀ[row]
-            for m in range(6):
-                if maps[b, m, row] != 0.0:
-                    for k in range(6):
-                        pushed[k] += answers[b, k, m] * maps[b, m, row]
-            for k in range(6):
-                if pushed[k] != 0.0:
-                    of, factor = maps[b, k], pushed[k]
-                    for j in range(len(to)):
-                        to[j] += factor * of[j]
+            to, of = Wᵀ[row], of_body[row]
+            for j in range(len(to)):
+                to[j] += of[j]
 
 
 @jit_part
@@ -144,39 +137,22 @@ def set_inverse(inverse: Array, maps: Array, answers: Array, whole: Array) -> bo
     W⁻¹ - W⁻¹ M (A⁻¹ + Mᵀ W⁻¹ M)⁻¹ Mᵀ W⁻¹
     """
     n = 6 * len(maps)
-    moved, small, spread = np.zeros((n, len(inverse))), np.zeros((n, n)), np.empty((n, len(inverse)))
+    of_all, small = maps.reshape(n, len(inverse)), np.zeros((n, n))
     for b in range(len(maps)):
         for m in range(6):
-            for row in range(len(inverse)):
-                factor = maps[b, m, row]
-                if factor != 0.0:
-                    to, of = moved[6 * b + m], inverse[row]
-                    for k in range(len(of)):
-                        to[k] += factor * of[k]
-        own = small[6 * b : 6 * b + 6, 6 * b : 6 * b + 6]
-        for m in range(6):
             for k in range(6):
-                own[m, k] = (answers[b, m, k] + answers[b, k, m]) / 2
+                small[6 * b + m, 6 * b + k] = (answers[b, m, k] + answers[b, k, m]) / 2
     if not _invert(small):
         return False
-    for i in range(n):
-        for j in range(n):
-            row, of = moved[i], maps[j // 6, j % 6]
-            for k in range(len(of)):
-                small[i, j] += row[k] * of[k]
+    moved = np.dot(of_all, inverse)
+    small += np.dot(moved, np.ascontiguousarray(of_all.T))
     if not _invert(small):
         return False
-    spread[:] = 0.0
-    for i in range(n):
-        for j in range(n):
-            for k in range(len(inverse)):
-                spread[i, k] += small[i, j] * moved[j, k]
-    copy(inverse, whole)
+    gone = np.dot(np.ascontiguousarray(moved.T), np.dot(small, moved))
     for row in range(len(inverse)):
-        for i in range(n):
-            factor, of, to = spread[i, row], moved[i], whole[row]
-            for k in range(len(of)):
-                to[k] -= factor * of[k]
+        to, of, less = whole[row], inverse[row], gone[row]
+        for k in range(len(to)):
+            to[k] = of[k] - less[k]
     return True
 
 

@@ -1,0 +1,200 @@
+"""The Delassus operator of contacts that take part in a step, of all bodies, and its inverse.
+
+The part of soft bodies is kept with the contacts that it is of. Where the step before had the same, and no soft body
+turns, so is its inverse: Newton's method then has that of the whole, with six freedoms of each rigid body beside it.
+"""
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.frame_motion import Rotation
+from fenics_rom.runtime.compiled.frames import rotated, vector
+from fenics_rom.world.compiled.rigid_bodies import add_answers, look_at_answers, set_inverse
+from fenics_rom.world.compiled.soft_bodies import MIDDLE, has_residual, operator_of, outward_of, rows_in, turn_at
+from fenics_rom.world.compiled.tables import (
+    COUNT,
+    HAS_INVERSE,
+    IS_INVERSE_KNOWN,
+    SOFT,
+    YIELDS,
+    bodies_at,
+    freedoms_at,
+    near_at,
+    operators_at,
+    rigid_at,
+    softs_at,
+)
+from fenics_rom.world.tolerances import PROXIMAL
+
+MOST = 100  # contacts of which operators are kept
+
+
+@jit_part
+def square_in(numbers: Array, n: int) -> Array:
+    """A matrix (n, n) that begins many numbers."""
+    return numbers[: n * n].reshape(n, n)
+
+
+@jit_part
+def set_operator(world: Array, h: float, among: Array, Wᵀ: Array) -> None:
+    """Sets Wᵀ (3K, 3K) of some contacts (K,), at the forces that bodies tried last, and its inverse if it is kept."""
+    near, operators, softs, rigid = near_at(world), operators_at(world), softs_at(world), rigid_at(world)
+    K, known = len(among), operators.known
+    n, is_kept = 3 * K, len(among) <= MOST
+    same = is_kept and _are_same(world, among)
+    known[HAS_INVERSE] = 0.0
+    if same:
+        Wᵀ[:] = square_in(operators.soft, n)
+    else:
+        Wᵀ[:] = 0.0
+        yields = np.zeros(K, dtype=np.bool_)
+        for s in range(len(softs)):
+            _add_soft(world, h, among, s, Wᵀ, yields)
+        known[IS_INVERSE_KNOWN], known[YIELDS] = 0.0, yields.all()
+        _keep(world, among, is_kept, Wᵀ)
+    if same and known[YIELDS] and not known[IS_INVERSE_KNOWN]:
+        known[IS_INVERSE_KNOWN] = 1.0 if _invert_definite(Wᵀ, square_in(operators.inverse, n)) else -1.0
+    B = len(rigid.mass)
+    maps, answers = np.empty((B, 6, n)), np.empty((B, 6, 6))
+    if B:
+        ends, places = near.rigid[among], near.places[among]
+        look_at_answers(rigid, h, ends, places, freedoms_at(world).tries, maps, answers)
+        add_answers(maps, answers, Wᵀ)
+    if same and known[IS_INVERSE_KNOWN] > 0:
+        known[HAS_INVERSE] = set_inverse(square_in(operators.inverse, n), maps, answers, square_in(operators.whole, n))
+    if not known[YIELDS]:
+        _make_regular(world, among, Wᵀ)
+
+
+@jit_part
+def inverse_among(world: Array) -> Array:
+    """That of the operator that was set last, (0, 0) where it is not known."""
+    operators = operators_at(world)
+    n = 3 * int(operators.known[COUNT])
+    return square_in(operators.whole, n if operators.known[HAS_INVERSE] else 0)
+
+
+@jit_part
+def _are_same(world: Array, among: Array) -> bool:
+    """Whether the part of soft bodies is that which is kept."""
+    near, operators, softs = near_at(world), operators_at(world), softs_at(world)
+    if operators.known[COUNT] != len(among):
+        return False
+    for i in range(len(among)):
+        if operators.slots[i] != near.slots[among[i]]:
+            return False
+    for s in range(len(softs)):
+        turn = turn_at(softs[s])
+        for k in range(30):
+            if operators.frames[s, k] != turn[k]:
+                return False
+    return True
+
+
+@jit_part
+def _keep(world: Array, among: Array, is_kept: bool, Wᵀ: Array) -> None:
+    near, operators, softs = near_at(world), operators_at(world), softs_at(world)
+    operators.known[COUNT] = len(among) if is_kept else 0
+    if not is_kept:
+        return
+    for i in range(len(among)):
+        operators.slots[i] = near.slots[among[i]]
+    for s in range(len(softs)):
+        turn = turn_at(softs[s])
+        for k in range(30):
+            operators.frames[s, k] = turn[k]
+    square_in(operators.soft, len(Wᵀ))[:] = Wᵀ
+
+
+@jit_part
+def _add_soft(world: Array, h: float, among: Array, s: int, Wᵀ: Array, yields: Array) -> None:
+    """Adds the part of a soft body, and notes which contacts yield by it."""
+    bodies, near, table, K = bodies_at(world), near_at(world), softs_at(world)[s], len(among)
+    rows, signs, count = np.empty(2 * K, dtype=np.int64), np.empty(2 * K), 0
+    nodes, weights = np.zeros((2 * K, 3), dtype=np.int64), np.zeros((2 * K, 3))
+    yields_itself = has_residual(table)
+    for i in range(K):
+        for side in range(2):
+            body = near.ends[among[i], side]
+            if bodies.kinds[body] == SOFT and bodies.numbers[body] == s:
+                rows[count], signs[count] = i, 1.0 - 2 * side
+                nodes[count], weights[count] = near.nodes[among[i], side], near.weights[among[i], side]
+                count += 1
+                yields[i] = yields[i] or yields_itself
+    if count == 0:
+        return
+    inside, turn = operator_of(table, nodes[:count], weights[:count]), turn_at(table)
+    outward, middle = outward_of(turn, h), rows_in(turn, MIDDLE)
+    for i in range(count):
+        for j in range(count):
+            _add_block(inside, i, j, outward, middle, signs[i] * signs[j], Wᵀ, rows[i], rows[j])
+
+
+@jit_part
+def _add_block(
+    inside: Array, i: int, j: int, outward: Rotation, middle: Rotation, sign: float, Wᵀ: Array, to: int, of: int
+) -> None:
+    """Adds ± outward W middleᵀ of a block (3, 3) to that of two contacts, transposed."""
+    a, b, c = inside[3 * i], inside[3 * i + 1], inside[3 * i + 2]
+    rows = vector(a, 3 * j), vector(b, 3 * j), vector(c, 3 * j)
+    once = rotated(middle, rows[0]), rotated(middle, rows[1]), rotated(middle, rows[2])  # rows of W middleᵀ
+    for k in range(3):
+        moved = rotated(outward, (once[0][k], once[1][k], once[2][k]))
+        row = Wᵀ[3 * of + k]
+        for n in range(3):
+            row[3 * to + n] += sign * moved[n]
+
+
+@jit_part
+def _invert_definite(Wᵀ: Array, inverse: Array) -> bool:
+    """Sets the inverse of the symmetric part of a matrix (n, n); whether it is definite (Cholesky)."""
+    n = len(Wᵀ)
+    L = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            total = (Wᵀ[i, j] + Wᵀ[j, i]) / 2
+            row, other = L[i], L[j]
+            for k in range(j):
+                total -= row[k] * other[k]
+            if i == j:
+                if not total > 1e-12 * Wᵀ[i, i]:
+                    return False
+                L[i, i] = total**0.5
+            else:
+                L[i, j] = total / L[j, j]
+    X = np.zeros((n, n))  # L⁻¹, row after row
+    for i in range(n):
+        X[i, i] = 1 / L[i, i]
+        for k in range(i):
+            share, of = -L[i, k] / L[i, i], X[k]
+            for j in range(k + 1):
+                X[i, j] += share * of[j]
+    inverse[:] = 0.0
+    for k in range(n):
+        of = X[k]
+        for i in range(k + 1):
+            share, to = of[i], inverse[i]
+            for j in range(k + 1):
+                to[j] += share * of[j]
+    return True
+
+
+@jit_part
+def _make_regular(world: Array, among: Array, W: Array) -> None:
+    """Adds a compliance to each pair whose points do not yield by themselves, as a Guide does."""
+    bodies, near, softs = bodies_at(world), near_at(world), softs_at(world)
+    K = len(among)
+    own, least = np.zeros(K), 0.0
+    for i in range(K):
+        own[i] = (W[3 * i, 3 * i] + W[3 * i + 1, 3 * i + 1] + W[3 * i + 2, 3 * i + 2]) / 3
+        least = max(least, 1e-12 * own[i])
+    for i in range(K):
+        yields = False
+        for side in range(2):
+            body = near.ends[among[i], side]
+            if bodies.kinds[body] == SOFT and has_residual(softs[bodies.numbers[body]]):
+                yields = True
+        if not yields:
+            for k in range(3 * i, 3 * i + 3):
+                W[k, k] += PROXIMAL * max(own[i], least)

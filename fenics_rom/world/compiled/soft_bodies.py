@@ -1,0 +1,345 @@
+"""Linear soft bodies of a world in a step: those that are held or carried, as arrays in tables.
+
+A held body is carried by what stands still. Its step is begun, answers forces exactly, and is taken under those that
+were found: `runtime.compiled.carried_step`, with contact points of `runtime.compiled.contact_points`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.frame_motion import Rotation, Vector
+from fenics_rom.runtime.compiled.arrays_at import integers_at, matrix_at, vector_at
+from fenics_rom.runtime.compiled.carried_step import (
+    IS_COUPLED,
+    IS_INVERSE_KNOWN,
+    OF_BASE,
+    SPIN,
+    Begun,
+    begin_carried_step,
+    end_carried_step,
+    inverse_of_carried,
+)
+from fenics_rom.runtime.compiled.contact_points import (
+    WHOLE,
+    Points,
+    answer,
+    arm_of,
+    begin_points,
+    end_points,
+    place_points,
+    see_forces,
+    spread_some,
+)
+from fenics_rom.runtime.compiled.frames import (
+    IS_SHAPE_KNOWN,
+    OTHERWISE,
+    POSITION,
+    TAKEN,
+    TURNING,
+    VELOCITY,
+    Body,
+    Loads,
+    Push,
+    State,
+    Watch,
+    act,
+    added,
+    cross,
+    dot,
+    put,
+    rotated,
+    rotation_in,
+    rotation_of,
+    seen,
+    vector,
+)
+
+# Rows of the table of a body: of `frames.Body`, `Loads`, `State`, `Watch`, `contact_points.Points`, then `Step`.
+LOADS, STATE, WATCH, POINTS, STEP, ROWS = 10, 15, 21, 24, 38, 48
+SQUARE, WITHIN, SUPPLIED, DISSIPATED, BY_OTHERS = range(5)  # in `Step.told`
+START, END, MIDDLE, TURN, V, Ω, V_END, Ω_END, ORIGIN, SPUN = 0, 9, 18, 27, 30, 33, 36, 39, 42, 45  # in `Step.turn`
+
+
+class Step(NamedTuple):
+    """What is known of the step of a body that has begun."""
+
+    u: Array  # input (p,)
+    mount: Array  # (13,) of the frame: on what carries it, or of a held body in world axes
+    base: Array  # (13,) at the end
+    turn: Array  # (48,): R, R⁺ and R*, then t, v̂, ω̂, v⁺, ω⁺ as in `carried_step.Begun`; R* v̂ and R* ω̂
+    modal: Array  # (m,)
+    rate: Array  # r̂ (m,) without contact
+    changed: Array  # r̂ (m,) under the forces of now
+    places: Array  # of the points when it begins, (P, 3) in world axes, m
+    velocities: Array  # (P, 3), m/s
+    told: Array  # (5,): twice the stored energy, and within, supplied and dissipated, and by others, J
+
+
+@jit_part
+def body_at(table: Array) -> Body:
+    """What a table has of a body."""
+    n = vector_at(table[0])
+    arrays = vector_at(table[1]), vector_at(table[2]), matrix_at(table[3]), matrix_at(table[4]), matrix_at(table[5])
+    rest = matrix_at(table[6]), matrix_at(table[7]), matrix_at(table[8]), vector_at(table[9])
+    ω, inverse_ω, D, products, by_rate = arrays
+    by_shape, inverse, of_rest, rigid = rest
+    is_coupled = n[2] != 0.0
+    return Body(
+        n[0], n[1], is_coupled, n[3], n[4], ω, inverse_ω, D, products, by_rate, by_shape, inverse, of_rest, rigid
+    )
+
+
+@jit_part
+def loads_at(table: Array) -> Loads:
+    """The same of its loads."""
+    t = table[LOADS:]
+    return Loads(matrix_at(t[0]), matrix_at(t[1]), integers_at(t[2]), matrix_at(t[3]), matrix_at(t[4]))
+
+
+@jit_part
+def state_at(table: Array) -> State:
+    """The same of its state."""
+    t = table[STATE:]
+    return State(matrix_at(t[0]), matrix_at(t[1]), matrix_at(t[2]), matrix_at(t[3]), vector_at(t[4]), matrix_at(t[5]))
+
+
+@jit_part
+def watch_at(table: Array) -> Watch:
+    """The same of what looks at it."""
+    t = table[WATCH:]
+    numbers = vector_at(t[0])
+    return Watch(numbers[0], numbers[1], matrix_at(t[1]), vector_at(t[2]))
+
+
+@jit_part
+def points_at(table: Array) -> Points:
+    """The same of its contact points."""
+    t = table[POINTS:]
+    given = matrix_at(t[0]), matrix_at(t[1]), matrix_at(t[2]), vector_at(t[3]), matrix_at(t[4]), matrix_at(t[5])
+    rest, rows, R, times, beyond, before = given
+    moved = matrix_at(t[6]), matrix_at(t[7]), matrix_at(t[8]), matrix_at(t[9]), matrix_at(t[10])
+    start, free, inside, forces, seen_ = moved
+    pushed, spread, is_spread = vector_at(t[11]), matrix_at(t[12]), vector_at(t[13])
+    return Points(rest, rows, R, times, beyond, before, start, free, inside, forces, seen_, pushed, spread, is_spread)
+
+
+@jit_part
+def step_at(table: Array) -> Step:
+    """The same of its step."""
+    t = table[STEP:]
+    given = vector_at(t[0]), vector_at(t[1]), vector_at(t[2]), vector_at(t[3]), vector_at(t[4])
+    u, mount, base, turn, modal = given
+    found = vector_at(t[5]), vector_at(t[6]), matrix_at(t[7]), matrix_at(t[8]), vector_at(t[9])
+    rate, changed, places, velocities, told = found
+    return Step(u, mount, base, turn, modal, rate, changed, places, velocities, told)
+
+
+@jit_part
+def velocities_at(table: Array) -> Array:
+    """Of its points when the step begins, (P, 3), m/s."""
+    return matrix_at(table[STEP + 8])
+
+
+@jit_part
+def turn_at(table: Array) -> Array:
+    """How its frame turns, `Step.turn`."""
+    return vector_at(table[STEP + 3])
+
+
+@jit_part
+def has_residual(table: Array) -> bool:
+    """Whether its points yield by themselves."""
+    return table[POINTS + 2, 1] > 0
+
+
+@jit_part
+def rows_in(turn: Array, first: int) -> Rotation:
+    """A matrix (3, 3) among many numbers."""
+    return vector(turn, first), vector(turn, first + 3), vector(turn, first + 6)
+
+
+@jit_part
+def put_rows(turn: Array, first: int, rows: Rotation) -> None:
+    """Sets it."""
+    put(turn, first, rows[0])
+    put(turn, first + 3, rows[1])
+    put(turn, first + 6, rows[2])
+
+
+@jit_part
+def middle_of(R: Rotation, t: Vector) -> Rotation:
+    """R* = R (1 + t~/2)."""
+    a, b, c = R
+    half = (-t[0] / 2, -t[1] / 2, -t[2] / 2)  # rows of R t~/2 are those of R, turned back
+    return added(a, 1.0, cross(half, a)), added(b, 1.0, cross(half, b)), added(c, 1.0, cross(half, c))
+
+
+@jit_part
+def begin_soft(table: Array, h: float, travel: Array) -> bool:
+    """Begins the step of a body whose base is set; whether it could. Sets how far it goes, (4,)."""
+    body, state, points, step = body_at(table), state_at(table), points_at(table), step_at(table)
+    kept, now = state.kept, state.now[0]
+    was_known, was_coupled = kept[IS_SHAPE_KNOWN], kept[IS_COUPLED]
+    begun = begin_carried_step(body, loads_at(table), step.u, step.base, state)
+    if begun.status == OTHERWISE:
+        return False
+    if not was_known or was_coupled != kept[IS_COUPLED] or (kept[IS_COUPLED] and not kept[IS_INVERSE_KNOWN]):
+        points.is_spread[:] = 0.0
+    turn, R, middle = step.turn, begun.R, middle_of(begun.R, begun.t)
+    put_rows(turn, START, R)
+    put_rows(turn, END, begun.end)
+    put_rows(turn, MIDDLE, middle)
+    put(turn, TURN, begun.t)
+    put(turn, V, begun.v̂)
+    put(turn, Ω, begun.ω̂)
+    put(turn, V_END, begun.v_end)
+    put(turn, Ω_END, begun.ω_end)
+    put(turn, ORIGIN, rotated(middle, begun.v̂))
+    put(turn, SPUN, rotated(middle, begun.ω̂))
+    step.modal[:], step.rate[:], step.changed[:] = begun.modal, begun.rate, begun.rate
+    r = state.halves[1]
+    begin_points(points, state.halves[0] * body.inverse_ω, begun.rate)
+    points.pushed[:] = 0.0
+    points.seen[:] = 0.0
+    points.inside[:] = points.free
+    v, ω = vector(now, OF_BASE), vector(now, SPIN)
+    place_points(points, r, R, vector(now, POSITION), v, ω, step.places, step.velocities)
+    _look_at_travel(h, step.velocities, travel)
+    return bool(np.isfinite(begun.rate.sum() + points.free.sum()))
+
+
+@jit_part
+def _look_at_travel(h: float, velocities: Array, travel: Array) -> None:
+    """Sets how far a body goes as a whole, (3,), and a point beside, m, from velocities (P, 3)."""
+    P = len(velocities)
+    for k in range(3):
+        travel[k] = 0.0
+        for p in range(P):
+            travel[k] += velocities[p, k] / P
+    largest = 0.0
+    for p in range(P):
+        beside = added(vector(velocities[p], 0), -1.0, vector(travel, 0))
+        largest = max(largest, dot(beside, beside))
+    for k in range(3):
+        travel[k] *= h
+    travel[3] = 2 * h * largest**0.5
+
+
+@jit_part
+def try_soft(table: Array) -> None:
+    """Finds how a body moves under the forces on its points."""
+    body, state, points, step = body_at(table), state_at(table), points_at(table), step_at(table)
+    see_forces(points, rows_in(step.turn, START), vector(step.turn, TURN))
+    if points.pushed.any():
+        spread_some(points, inverse_of_carried(body, state))
+        answer(points, step.rate, step.changed)
+    else:
+        step.changed[:] = step.rate
+        points.inside[:] = points.free
+
+
+@jit_part
+def velocity_of(points: Points, turn: Array, h: float, p: int) -> Vector:
+    """Of a point in the middle of the step, in world axes, m/s."""
+    arm = arm_of(points, p, rows_in(turn, START), rows_in(turn, END), h)
+    moving = added(vector(turn, ORIGIN), 1.0, cross(vector(turn, SPUN), arm))
+    return added(moving, 1.0, rotated(rows_in(turn, MIDDLE), vector(points.inside[p], 0)))
+
+
+@jit_part
+def operator_of(table: Array, nodes: Array, weights: Array) -> Array:
+    """What (s,) places between points answer forces on one another with as the frame sees both, (3s, 3s), m/s/N.
+
+    Args:
+        table: of the body.
+        nodes, weights: (s, 3).
+    """
+    body, state, points = body_at(table), state_at(table), points_at(table)
+    s, m = len(nodes), len(body.ω)
+    for i in range(s):
+        for a in range(3):
+            if weights[i, a] != 0.0:
+                points.pushed[nodes[i, a]] = 1.0
+    spread_some(points, inverse_of_carried(body, state))
+    rows, spread = np.zeros((3 * s, m)), np.zeros((m, 3 * s))
+    for i in range(s):
+        for a in range(3):
+            share, at = weights[i, a], 3 * nodes[i, a]
+            if share != 0.0:
+                for j in range(m):
+                    for k in range(3):
+                        rows[3 * i + k, j] += share * points.rows[j, at + k]
+                        spread[j, 3 * i + k] += share * points.spread[j, at + k]
+    W = np.dot(rows, spread)
+    if len(points.R):
+        for i in range(s):
+            for j in range(s):
+                for a in range(3):
+                    for b in range(3):
+                        share = weights[i, a] * weights[j, b] / points.times[WHOLE]
+                        if share != 0.0:
+                            at, to = 3 * nodes[i, a], 3 * nodes[j, b]
+                            for k in range(3):
+                                for n in range(3):
+                                    W[3 * i + k, 3 * j + n] += share * points.R[at + k, to + n]
+    return W
+
+
+@jit_part
+def outward_of(turn: Array, h: float) -> Rotation:
+    """What motions in the frame move points by in world axes: R* + h/2 (R* ω̂)~ R⁺."""
+    a, b, c = rows_in(turn, END)
+    x, y, z = vector(turn, SPUN)
+    first, second, third = rows_in(turn, MIDDLE)
+    first = added(added(first, -h / 2 * z, b), h / 2 * y, c)
+    second = added(added(second, h / 2 * z, a), -h / 2 * x, c)
+    third = added(added(third, -h / 2 * y, a), h / 2 * x, b)
+    return first, second, third
+
+
+@jit_part
+def end_soft(table: Array, h: float) -> None:
+    """Takes the step under the forces that were tried last."""
+    body, loads, state, points, step = (
+        body_at(table), loads_at(table), state_at(table), points_at(table), step_at(table),
+    )  # fmt: skip
+    turn, told = step.turn, step.told
+    force = torque = (0.0, 0.0, 0.0)
+    power = 0.0
+    R, t = rows_in(turn, START), vector(turn, TURN)
+    for p in range(len(points.rest)):
+        if points.pushed[p]:
+            f = vector(points.forces[p], 0)
+            force = added(force, 1.0, f)
+            torque = added(torque, 1.0, cross(arm_of(points, p, R, rows_in(turn, END), h), f))
+            power += dot(f, velocity_of(points, turn, h, p))
+    acting = act(loads, step.u, len(body.ω))
+    twist = vector(turn, V), vector(turn, Ω), vector(turn, V_END), vector(turn, Ω_END)
+    begun = Begun(
+        TAKEN, R, rows_in(turn, END), t, twist[0], twist[1], twist[2], twist[3], acting, step.modal, step.rate
+    )
+    push = Push(force, torque, seen(R, t, torque))
+    watch = watch_at(table)
+    taken = end_carried_step(body, loads, begun, step.base, step.changed, push, state, watch)
+    lost, stored = end_points(points, h)
+    told[SQUARE], told[WITHIN] = taken.square + stored, taken.within
+    told[SUPPLIED], told[DISSIPATED], told[BY_OTHERS] = taken.supplied, taken.dissipated + lost, h * power
+
+
+@jit_part
+def mount_on(carrier: Array, table: Array) -> None:
+    """Sets the base of a body from what carries it (13,): `world.driven.mounted`."""
+    mount, base = vector_at(table[STEP + 1]), vector_at(table[STEP + 2])
+    R = rotation_of(*rotation_in(carrier))
+    arm, ω = rotated(R, vector(mount, POSITION)), vector(carrier, TURNING)
+    put(base, POSITION, added(vector(carrier, POSITION), 1.0, arm))
+    (s, t, u, v), (w, x, y, z) = rotation_in(carrier), rotation_in(mount)
+    a, b = s * w - t * x - u * y - v * z, s * x + t * w + u * z - v * y
+    c, d = s * y + u * w + v * x - t * z, s * z + v * w + t * y - u * x
+    size = (a * a + b * b + c * c + d * d) ** 0.5
+    base[3], base[4], base[5], base[6] = a / size, b / size, c / size, d / size
+    put(base, VELOCITY, added(vector(carrier, VELOCITY), 1.0, cross(ω, arm)))
+    put(base, TURNING, ω)

@@ -1,0 +1,188 @@
+"""A step of a world, whole: bodies begin it, it is found where they touch and by what forces, and they end it."""
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit, jit_part
+from fenics_rom.mechanics.compiled.contact_law import FOUND
+from fenics_rom.runtime.compiled.frames import added, cross, dot, length, put, vector
+from fenics_rom.world.compiled.bodies import begin_driven, begin_rigid, end_driven, end_rigid
+from fenics_rom.world.compiled.forces import Found
+from fenics_rom.world.compiled.soft_bodies import (
+    BY_OTHERS,
+    DISSIPATED,
+    SUPPLIED,
+    begin_soft,
+    end_soft,
+    mount_on,
+    step_at,
+)
+from fenics_rom.world.compiled.tables import (
+    DRIVEN,
+    HELPED,
+    POWER,
+    RIGID,
+    SIZE,
+    SOFT,
+    SWUNG,
+    V,
+    bodies_at,
+    driven_at,
+    freedoms_at,
+    kept_at,
+    meetings_at,
+    near_at,
+    owed_at,
+    rigid_at,
+    softs_at,
+)
+from fenics_rom.world.tolerances import LARGEST, PENETRATION_TOLERANCE, SWERVES
+
+LARGEST_SPEED = 1e100  # m/s: beyond it works overflow
+
+
+@jit
+def begin_step(world: Array, h: float) -> bool:
+    """Begins the step of all bodies, whose inputs and bases are set; whether they could."""
+    bodies, softs, rigid, freedoms = bodies_at(world), softs_at(world), rigid_at(world), freedoms_at(world)
+    driven = driven_at(world)
+    for kind in (DRIVEN, RIGID, SOFT):  # who carries is first
+        for b in range(len(bodies.kinds)):
+            index, placed, travel, could = bodies.numbers[b], bodies.placed[b], bodies.travels[b], True
+            if bodies.kinds[b] != kind:
+                continue
+            if kind == RIGID:
+                could = begin_rigid(rigid, freedoms, h, index, placed, travel)
+            elif kind == DRIVEN:
+                could = begin_driven(driven, h, index, placed, travel)
+            else:
+                carrier = bodies.carriers[index]
+                if carrier >= 0:
+                    mount_on(driven.end[carrier], softs[index])
+                could = begin_soft(softs[index], h, travel)
+            if not could:
+                return False
+    return True
+
+
+@jit
+def is_to_be_taken(world: Array, C: int, found: Found, h: float) -> bool:
+    """Whether bodies may end the step under the forces that were found."""
+    return found.status == FOUND and found.scale <= LARGEST_SPEED and not _lacks_contacts(world, C, h)
+
+
+@jit
+def are_deep(world: Array, C: int) -> bool:
+    """Whether two rigid bodies are to be let out of one another."""
+    near, meetings = near_at(world), meetings_at(world)
+    for c in range(C):
+        deep = PENETRATION_TOLERANCE * meetings.numbers[near.meetings[c], SIZE]
+        if near.are_rigid[c] != 0.0 and near.gaps[c] < -deep:
+            return True
+    return False
+
+
+@jit_part
+def _lacks_contacts(world: Array, C: int, h: float) -> bool:
+    """Whether some bodies go much farther than what was looked for is near: see `StepPairs.lacks_pairs`."""
+    bodies, near, meetings = bodies_at(world), near_at(world), meetings_at(world)
+    rigid, freedoms = rigid_at(world), freedoms_at(world)
+    fastest, least = 0.0, np.inf
+    for c in range(C):
+        for k in range(3):
+            fastest = max(fastest, abs(near.u[c, k] - near.before[c, k]))
+    for m in range(len(meetings.numbers)):
+        least = min(least, meetings.numbers[m, SIZE])
+    if C == 0 or h * fastest <= SWERVES * least:
+        return False
+    for b in range(len(bodies.kinds)):
+        if bodies.kinds[b] == RIGID:
+            i = bodies.numbers[b]
+            tried, now, size = freedoms.tries[i], rigid.motion[i], freedoms.size[i]
+            whole = added(vector(tried[2], 0), -1.0, vector(now[1], 0))
+            beside = added(vector(tried[3], 0), -1.0, vector(now[2], 0))
+            if h * (length(whole) + length(beside) * size) > SWERVES * min(size, LARGEST) + bodies.travels[b, 3]:
+                return True
+    return False
+
+
+@jit
+def end_step(world: Array, C: int, h: float, swings: int, row: int) -> None:
+    """Ends the step of all bodies under the forces that were found of C contacts; tells works in a row."""
+    _keep(world, C, h, swings, row)
+    bodies, works, driven, softs = bodies_at(world), owed_at(world).bodies[row], driven_at(world), softs_at(world)
+    _look_at_power(world, C)
+    for b in range(len(bodies.kinds)):
+        kind, index = bodies.kinds[b], bodies.numbers[b]
+        if kind == RIGID:
+            of_rigid = np.empty(2)
+            end_rigid(rigid_at(world), freedoms_at(world), h, index, of_rigid)
+            works[b, 0], works[b, 1], works[b, 2] = of_rigid[0], 0.0, of_rigid[1]
+        elif kind == DRIVEN:
+            power = h * driven.step[index, POWER]
+            works[b, 0], works[b, 1], works[b, 2] = -power, 0.0, power
+            end_driven(driven, index)
+        else:
+            table = softs[index]
+            end_soft(table, h)
+            told = step_at(table).told
+            works[b, 0], works[b, 1], works[b, 2] = told[SUPPLIED], told[DISSIPATED], told[BY_OTHERS]
+
+
+@jit_part
+def _look_at_power(world: Array, C: int) -> None:
+    """Sets that of forces on bodies that are driven."""
+    bodies, near, driven = bodies_at(world), near_at(world), driven_at(world)
+    for c in range(C):
+        f = vector(near.forces[c], 0)
+        for side in range(2):
+            body = near.ends[c, side]
+            if bodies.kinds[body] == DRIVEN and dot(f, f) > 0:
+                step = driven.step[bodies.numbers[body]]
+                arm = added(vector(near.places[c], 0), -1.0, vector(step, 0))
+                v = added(vector(step, V), 1.0, cross(vector(step, V + 3), arm))
+                step[POWER] += (1.0 - 2 * side) * dot(f, v)
+
+
+@jit
+def force_on(ends: Array, forces: Array, first: int, second: int) -> Array:
+    """Of C contacts with ends (C, 2), by which the second of two bodies pushes the first, (3,), N."""
+    force = np.zeros(3)
+    for c in range(len(ends)):
+        sign = 1.0 if ends[c, 0] == first and ends[c, 1] == second else 0.0
+        sign -= 1.0 if ends[c, 0] == second and ends[c, 1] == first else 0.0
+        for k in range(3):
+            force[k] += sign * forces[c, k]
+    return force
+
+
+@jit
+def count_pushing(forces: Array, normals: Array) -> int:
+    """How many of C forces (C, 3) push, by more than round-off."""
+    most, count = 0.0, 0
+    for c in range(len(forces)):
+        most = max(most, dot(vector(forces[c], 0), vector(normals[c], 0)))
+    for c in range(len(forces)):
+        count += dot(vector(forces[c], 0), vector(normals[c], 0)) > 1e-9 * most
+    return count
+
+
+@jit_part
+def _keep(world: Array, C: int, h: float, swings: int, row: int) -> None:
+    """Keeps what the next step begins with; tells what impacts and friction dissipated in a row, J."""
+    kept, near, met = kept_at(world), near_at(world), owed_at(world).met[row]
+    for slot in range(len(kept.features)):
+        kept.features[slot] = -1
+    met[0] = met[1] = 0.0
+    for c in range(C):
+        slot, f, u = near.slots[c], vector(near.forces[c], 0), vector(near.u[c], 0)
+        kept.features[slot] = near.features[c]
+        put(kept.forces[slot], 0, f)
+        is_helped = near.numbers[c, HELPED] != 0.0
+        near.numbers[c, SWUNG] = min(near.numbers[c, SWUNG], swings) + 1 if is_helped else 0.0
+        kept.swung[slot] = near.numbers[c, SWUNG]
+        n = vector(near.normals[c], 0)
+        whole, normal = dot(f, u), dot(n, f) * dot(n, u)
+        met[0] -= h * normal
+        met[1] += h * (normal - whole)
+        kept.dissipated[near.meetings[c]] -= h * whole

@@ -1,0 +1,355 @@
+"""Whole steps of a world by compiled functions, where they know all of its bodies; what they do not take is NumPy's."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import or_numpy
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.base_path import FLOAT, CheckedMotion, base_in
+from fenics_rom.mechanics.braking import SWINGS
+from fenics_rom.mechanics.compiled.contact_law import Law
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.signals import real_numbers
+from fenics_rom.runtime.compiled.arrays_at import table_of
+from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
+from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, PlacedSurface, Spots
+from fenics_rom.world.compiled.forces import find_forces
+from fenics_rom.world.compiled.near import find_near, look_at_margins
+from fenics_rom.world.compiled.tables import GIVEN, SWUNG, GivenContacts
+from fenics_rom.world.compiled.world_step import are_deep, begin_step, count_pushing, end_step, force_on, is_to_be_taken
+from fenics_rom.world.contact_step import Found
+from fenics_rom.world.driven import Driven
+from fenics_rom.world.meetings import Meeting, is_still
+from fenics_rom.world.rigid import Rigid
+from fenics_rom.world.soft import Soft
+from fenics_rom.world.soft_tables import SoftTable, soft_table
+from fenics_rom.world.tolerances import LARGEST
+from fenics_rom.world.world_arrays import BOOKED_TOGETHER, given_contacts, table_of_world, world_arrays
+
+if TYPE_CHECKING:
+    from fenics_rom.world.make_bodies import AnyBody
+    from fenics_rom.world.step_pairs import StepPairs
+
+OTHERWISE = -1  # where a step is NumPy's
+BASE_SHAPES = [(3,), (4,), (3,), (3,)]
+LONGEST_PAUSE = 64  # steps, in which what compiled functions did not take again and again is not asked of them
+
+
+class CompiledWorld:
+    """Steps of h s of bodies, by their numbers.
+
+    Args:
+        bodies: all of them, by name.
+        meetings: those that may touch.
+        tables: of the soft ones, by number.
+        pairs: contacts of NumPy's steps.
+        met: the account of what contacts dissipate.
+        h: s.
+
+    Attributes:
+        is_ahead: whether the last step was one of these, so that others do not know of it.
+        sweeps: of that step.
+        misfits: in how many steps in a row a soft body was in another contact mode.
+    """
+
+    def __init__(
+        self,
+        bodies: Mapping[str, "AnyBody"],
+        meetings: Sequence[Meeting],
+        tables: Mapping[int, SoftTable],
+        pairs: "StepPairs",
+        met: EnergyLedger,
+        h: float,
+    ):
+        self._names, self._bodies, self._meetings = list(bodies), list(bodies.values()), meetings
+        self._number_of = {name: number for number, name in enumerate(bodies)}
+        self._tables, self._pairs, self._met, self._h = tables, pairs, met, h
+        self.is_ahead, self.sweeps, self._count, self._row = False, 0, 0, 0
+        self._pause = self._waits = self.misfits = 0
+        self._rigid = [(n, body) for n, body in enumerate(self._bodies) if isinstance(body, Rigid)]
+        self._driven = [(n, body) for n, body in enumerate(self._bodies) if isinstance(body, Driven)]
+        self._soft = [(n, body, tables[n]) for n, body in enumerate(self._bodies) if isinstance(body, Soft)]
+        self._switching = [each for each in self._soft if len(each[1].rom.contact_models) > 1]
+        self._unmoved = {number for number, _ in self._driven}
+        self._placed = dict[int, Placed]()  # where what lies still was seen first
+        self._arrays = world_arrays(self._bodies, meetings, tables, pairs.dissipated)
+        self._table, self._none = table_of_world(self._arrays), given_contacts([])
+        self._no_contacts = table_of(self._none)
+        friction = max((meeting.law.friction for meeting in meetings), default=0.0)
+        self._law = Law(h, 0.0, friction, 0.0, 0.0, False, SWINGS)
+        self._hooks: list[tuple[EnergyLedger, Callable[[], None]]] = []
+        for ledger in [met, *(body.account for body in self._bodies)]:
+            self._hooks.append((ledger, ledger.flush))
+            ledger.flush = partial(_both, self.book, ledger.flush)
+        self._are_told = self._soft_ones = [isinstance(body, Soft) for body in self._bodies]
+        self._load()
+
+    # From objects, and back.
+
+    def _load(self) -> None:
+        """Takes over what is kept of contacts in NumPy's steps, and where rigid bodies are."""
+        self._arrays.kept.features[:] = -1
+        for slot, feature, force, swung in self._pairs.kept_contacts(self._slot_of):
+            self._arrays.kept.features[slot], self._arrays.kept.forces[slot], self._arrays.kept.swung[slot] = (
+                feature,
+                force,
+                swung,
+            )
+        rigid, freedoms, driven = self._arrays.rigid, self._arrays.freedoms, self._arrays.driven
+        for b, (_, body) in enumerate(self._rigid):
+            rigid.rotation[b], rigid.motion[b], _ = body.begun
+            freedoms.quaternion[b], freedoms.momentum[b], freedoms.acceleration[b] = body.turning
+        for d, (_, moved) in enumerate(self._driven):
+            driven.start[d] = driven.end[d] = np.concatenate(moved.pose)
+            driven.misfit[d] = moved.misfit
+
+    def _slot_of(self, meeting: int, place: int, feature: int) -> int:
+        """Where a contact, the so-many-th of its meeting, is kept."""
+        first = int(self._arrays.meetings.slots[meeting])
+        return first + (place if self._arrays.meetings.kinds[meeting] == GIVEN else feature)
+
+    def tell(self, number: int) -> None:
+        """Has a body know of the last step, if it is rigid and does not."""
+        if self._are_told[number]:
+            return
+        self._are_told[number] = True
+        arrays, body = self._arrays, self._bodies[number]
+        index = int(arrays.bodies.numbers[number])
+        if isinstance(body, Rigid):
+            turning = (of[index] for of in arrays.freedoms[2:5])
+            body.go_on(arrays.rigid.motion[index], arrays.rigid.rotation[index], *turning)
+        elif isinstance(body, Driven):
+            body.go_on(base_in(arrays.driven.start[index].copy()), tuple(arrays.driven.misfit[index].tolist()))
+
+    def tell_all(self) -> None:
+        """Has all bodies, and NumPy's steps, know of the last step."""
+        for number in range(len(self._bodies)):
+            self.tell(number)
+        C, near = self._count, self._arrays.near
+        contacts = []
+        for m in np.unique(near.meetings[:C]).tolist():
+            rows = (near.meetings[:C] == m).nonzero()[0]
+            none = np.zeros((len(rows), 0), dtype=int)
+            spots = Spots(near.places[rows], none, none, near.features[rows])
+            contacts.append((m, Contacts(spots, spots, near.normals[rows], near.gaps[rows])))
+        self._pairs.go_on(contacts, near.forces[:C].copy(), near.numbers[:C, SWUNG].astype(int))
+        self.is_ahead = False
+
+    def leave(self) -> None:
+        """Is asked for no more steps: what it knows is handed over."""
+        self.book()
+        if self.is_ahead:
+            self.tell_all()
+        for ledger, flush in self._hooks:
+            ledger.flush = flush
+
+    # Steps.
+
+    @or_numpy
+    def take(self, inputs: Mapping[str, Mapping[str, Any]], time: float) -> bool | None:
+        """Takes a step that begins at a time, s; None where it is NumPy's, and nothing is changed."""
+        if self._waits:
+            self._waits -= 1
+            return None
+        if not all(body.stays_in(table.kernel) for _, body, table in self._switching):
+            self.misfits += 1
+            return None
+        self.misfits = 0
+        if not self.is_ahead:
+            self._load()
+        if not (self._set_inputs(inputs, time) and self._set_bases()):
+            return None
+        try:
+            C, sweeps = self._find(self._table, self._h)
+        except np.linalg.LinAlgError:
+            C, sweeps = OTHERWISE, 0
+        if C == OTHERWISE:
+            self._forget()
+            self._pause = min(2 * self._pause + 1, LONGEST_PAUSE)
+            self._waits = self._pause
+            return None
+        end_step(self._table, C, self._h, SWINGS, self._row)
+        self._pause, self.is_ahead, self._count, self.sweeps = 0, True, C, sweeps
+        self._row, self._are_told = self._row + 1, self._soft_ones.copy()
+        if self._row == BOOKED_TOGETHER:
+            self.book()
+        for _, moved in self._driven:
+            moved.time += self._h
+        for _, soft, table in self._soft:
+            soft.end_compiled(table)
+        for number, soft, _ in self._switching:
+            soft.note_near(*self._nearest_to(number))
+        return True
+
+    def _find(self, table: Array, h: float) -> tuple[int, int]:
+        """Begins a step, and finds its forces: how many contacts, or OTHERWISE, and how many sweeps that took."""
+        if not begin_step(table, h):
+            return OTHERWISE, 0
+        given = table_of(self._find_contacts()) if look_at_margins(table) else self._no_contacts
+        C = find_near(table, given, h)
+        if C < 0 or are_deep(table, C):
+            return OTHERWISE, 0
+        found = find_forces(table, C, self._law)
+        return (C, found.sweeps) if is_to_be_taken(table, C, found, h) else (OTHERWISE, 0)
+
+    def _nearest_to(self, number: int) -> tuple[Array, Array]:
+        """Contact points (k,) of a soft body that others are near to, and the gaps when the step began, m."""
+        C, near = self._count, self._arrays.near
+        c, side = (near.ends[:C] == number).nonzero()
+        nodes, gaps = near.nodes[c, side], np.repeat(near.gaps[c, None], 3, axis=1)
+        there = near.weights[c, side] != 0
+        return nodes[there], gaps[there]
+
+    def _set_inputs(self, inputs: Mapping[str, Mapping[str, Any]], time: float) -> bool:
+        """Sets what acts on the bodies; whether it is what they can take."""
+        for name in inputs:
+            if name not in self._number_of or self._number_of[name] in self._unmoved:
+                return False
+        for number, soft, table in self._soft:
+            if isinstance(table.kernel, CarriedFrame):
+                table.kernel.begin_in_world()
+            u = table.step.u
+            u[:] = 0.0
+            given = inputs.get(self._names[number])
+            if given and not _fill(u, soft.input_slices(), given):
+                return False
+            environment = soft.environment
+            assert environment is not None
+            loads = environment.loads_at(time + self._h / 2)
+            if len(loads):
+                u[len(u) - len(loads) :] = environment.loads = loads
+            soft.tensions.note(u)
+        given_to_rigid = self._arrays.freedoms.given
+        given_to_rigid[:] = 0.0
+        for b, (number, body) in enumerate(self._rigid):
+            if self._names[number] in inputs:
+                try:
+                    body.take(inputs[self._names[number]])
+                except StepError:
+                    return False
+                given_to_rigid[b] = body.given
+        return True
+
+    def _set_bases(self) -> bool:
+        """Sets where bodies that are driven go to; whether that is told in arrays."""
+        for (_, body), row in zip(self._driven, self._arrays.driven.end, strict=True):
+            if body.shape is None:  # what stands still
+                continue
+            motion = body.motion.unchecked if isinstance(body.motion, CheckedMotion) else body.motion
+            state = motion(body.time + self._h)
+            if any(type(part) is not Array or part.dtype is not FLOAT for part in state):
+                return False
+            if [part.shape for part in state] != BASE_SHAPES:
+                return False
+            row[:3], row[3:7], row[7:10], row[10:] = state
+        return True
+
+    def _forget(self) -> None:
+        """Forgets what was begun of a step."""
+        for _, _, table in self._soft:
+            table.frame.forget()
+
+    def _find_contacts(self) -> GivenContacts:
+        """Contacts of the meetings that compiled functions do not look at."""
+        placed, of_step, parts = self._placed, dict[int, Placed](), list[tuple[Any, ...]]()
+        arrays = self._arrays.meetings
+        for m in (arrays.are_near != 0).nonzero()[0].tolist():
+            meeting, both = self._meetings[m], (self._meetings[m].first, self._meetings[m].second)
+            for number in both:
+                if number not in of_step:
+                    now, size = self._placed_now(number), min(self._bodies[number].size, LARGEST)
+                    of_step[number] = placed[number] = (
+                        placed[number] if is_still(now, placed.get(number), size) else now
+                    )
+            meeting.look(*(of_step[number] for number in both), float(arrays.margins[m]))
+            if (found := meeting.contacts) is None:
+                continue
+            k = len(found.gaps)
+            nodes, weights = np.zeros((k, 2, 3), dtype=np.int64), np.zeros((k, 2, 3))
+            places = found.first.arms
+            for side, spots in enumerate((found.first, found.second)):
+                if spots.nodes.shape[1]:
+                    nodes[:, side], weights[:, side], places = spots.nodes, spots.weights, spots.arms
+            numbers = np.full(k, m), found.first.feature, nodes, weights
+            parts.append((*numbers, places, found.normals, found.gaps))
+        return given_contacts(parts)
+
+    def _placed_now(self, number: int) -> Placed:
+        """A body as it is expected in the middle of the step."""
+        body = self._bodies[number]
+        if isinstance(body, Soft):
+            step = self._tables[number].step
+            places = step.places + self._h / 2 * step.velocities
+            return PlacedSurface(places, body.contact_triangles, np.arange(len(places)))
+        placed = self._arrays.bodies.placed[number]
+        assert body.shape is not None
+        return PlacedShape(body.shape, placed[:3].copy(), placed[3:].reshape(3, 3).copy())
+
+    # What is told.
+
+    def book(self) -> None:
+        """Books what the steps so far are to be booked for."""
+        rows, self._row = self._row, 0
+        if not rows:
+            return
+        works = self._arrays.owed.bodies[:rows].transpose(1, 2, 0).tolist()
+        for body, of_body in zip(self._bodies, works, strict=True):
+            supplied, dissipated, by_others = map(math.fsum, of_body)
+            body.account.book(supplied=supplied, dissipated=dissipated)
+            body.account.book_contact(by_others, 0.0, 0.0, 0.0)
+        by_impacts, by_friction = map(math.fsum, self._arrays.owed.met[:rows].T.tolist())
+        self._met.book_contact(0.0, by_impacts, by_friction, 0.0)
+
+    def force_between(self, first: int, second: int) -> Array:
+        """Of the last step on the first of two bodies, (3,), N."""
+        near = self._arrays.near
+        return force_on(near.ends[: self._count], near.forces, first, second)
+
+    @property
+    def touching(self) -> int:
+        """How many pairs of points push, by more than round-off."""
+        C, near = self._count, self._arrays.near
+        return count_pushing(near.forces[:C], near.normals)
+
+    @property
+    def found(self) -> Found:
+        """Forces of the last step."""
+        C, near = self._count, self._arrays.near
+        return Found(near.forces[:C].copy(), near.u[:C].copy(), self.sweeps, 0.0)
+
+
+def _both(first: Callable[[], None], second: Callable[[], None]) -> None:
+    first()
+    second()
+
+
+def _fill(u: Array, starts: Mapping[str, slice], given: Mapping[str, Any]) -> bool:
+    """Sets inputs by name; whether they are what is there."""
+    try:
+        for name, value in given.items():
+            place, numbers = starts[name], real_numbers(value).reshape(-1)
+            if len(numbers) != place.stop - place.start:
+                return False
+            u[place] = numbers
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return False
+    return True
+
+
+def compiled_world(
+    bodies: Mapping[str, "AnyBody"], meetings: Sequence[Meeting], pairs: "StepPairs", met: EnergyLedger, h: float
+) -> CompiledWorld | None:
+    """What takes whole steps of h s of bodies that no joint holds; None where one of them is none that it knows."""
+    tables = dict[int, SoftTable]()
+    for number, body in enumerate(bodies.values()):
+        if isinstance(body, Soft):
+            table = soft_table(body)
+            if table is None:
+                return None
+            tables[number] = table
+    return CompiledWorld(bodies, meetings, tables, pairs, met, h)
