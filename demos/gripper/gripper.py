@@ -157,11 +157,15 @@ def measure_rates(carried: fr.Rom) -> None:
         profile = cProfile.Profile()
         profile.runcall(step, 200)
     spent = {f"{Path(file).stem}.{name}": row[3] for (file, _, name), row in pstats.Stats(profile).stats.items()}  # type: ignore[attr-defined]
+
+    def seconds(*names: str) -> float:
+        return sum(spent.get(name, 0.0) for name in names)
+
     parts = {
-        "bodies begin": spent["world._begin"] - spent["step_pairs.of_step"],
-        "where they touch": spent["step_pairs.of_step"],
-        "the forces of contact": spent.get("compiled_forces.find", 0.0) + spent.get("contact_step.find_forces", 0.0),
-        "bodies end": spent["soft.close"] + spent["soft.commit"] + spent["rigid.commit"],
+        "bodies begin": seconds("world._begin", "world_step.begin_step") - seconds("step_pairs.of_step"),
+        "where they touch": seconds("step_pairs.of_step", "near.look_at_margins", "near.find_near"),
+        "the forces of contact": seconds("contact_step.find_forces", "forces.find_forces"),
+        "bodies end": seconds("soft.close", "soft.commit", "rigid.commit", "world_step.end_step", "soft.end_compiled"),
     }
     print(
         "of a step of the last: ",

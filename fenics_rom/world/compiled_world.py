@@ -86,7 +86,8 @@ class CompiledWorld:
         for ledger in [met, *(body.account for body in self._bodies)]:
             self._hooks.append((ledger, ledger.flush))
             ledger.flush = partial(_both, self.book, ledger.flush)
-        self._are_told = self._soft_ones = [isinstance(body, Soft) for body in self._bodies]
+        self._soft_ones = [isinstance(body, Soft) for body in self._bodies]
+        self._are_told = self._soft_ones.copy()
         self._load()
 
     # From objects, and back.
@@ -230,7 +231,7 @@ class CompiledWorld:
             if self._names[number] in inputs:
                 try:
                     body.take(inputs[self._names[number]])
-                except StepError:
+                except (AttributeError, StepError):
                     return False
                 given_to_rigid[b] = body.given
         return True

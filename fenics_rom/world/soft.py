@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.signals import SignalLike
     from fenics_rom.world.soft_tables import SoftTable
 
-_ONES = np.ones(3)
-KICKED = ContactMidpoint, CarriedFrame  # steppers of what takes impulses of joints
+_ONES, KICKED = np.ones(3), (ContactMidpoint, CarriedFrame)  # the latter: what takes impulses of joints
 OTHERS = ObstacleMotion(*np.zeros((3, 1, 3)))  # all that touches it, as one obstacle
 CLOSED = 1e-6  # of a body's size: so near to the point of a joint one of its own is to be
 
@@ -304,8 +303,7 @@ class Soft(Simulator, Body):
         if not self._is_open:
             return
         contact = self._hand(self._asked[0], self._forces) if self._asked is not None and len(self._forces) else None
-        self._tried = True
-        self._twice = self._kernel.close(contact)
+        self._tried, self._twice = True, self._kernel.close(contact)
         if not math.isfinite(self._twice):
             self._leave_finite(self._inputs.u)
 
@@ -362,23 +360,20 @@ class Soft(Simulator, Body):
             self._step_high(self._inputs.u, self._twice)
 
     def stays_in(self, kernel: BookedKernel) -> bool:
-        """Whether the next step is in the contact mode of a kernel, which others were nearest to in the step before."""
-        assert self._source is not None
-        is_there = self._stepper.kernel is kernel
-        return is_there and (self.keeps_contact_mode or self._source.nearest(self._stepper) == self.contact)
+        """Whether the next step is in the contact mode of a kernel."""
+        return self._stepper.kernel is kernel and (self.keeps_contact_mode or self.nearest_contact == self.contact)
 
     def note_near(self, nodes: Array, gaps: Array) -> None:
-        """Takes note of all contact points (k,) that others were near to when a step began, and how far, m."""
+        """Notes all contact points (k,) that others were near to when a step began, and how far they were, m."""
         self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
         np.minimum.at(self._handed.point_gaps, nodes, gaps)
 
     def end_compiled(self, table: "SoftTable") -> None:
         """Ends a step that compiled functions have taken."""
-        kernel, told = table.kernel, table.step.told
-        self._twice = told.item(0)
+        kernel, self._twice = table.kernel, table.step.told.item(0)
         kernel.contact = partial(handed_in, table.points.forces)
         if isinstance(kernel, CarriedFrame):
-            kernel.end_in_world(self._twice, told.item(1))
+            kernel.end_in_world(self._twice, table.step.told.item(1))
         if self._twice <= self._monitor_threshold:
             self.steps += 1
         else:

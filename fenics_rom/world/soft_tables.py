@@ -36,9 +36,9 @@ def soft_table(body: Soft) -> SoftTable | None:
     if interface is None or interface.environment.mark is not None:
         return None
     if isinstance(kernel, CarriedFrame) and body.carrier is not None:
-        frame, rest = kernel.compile(), kernel.points.rest
+        frame, rest, rows = kernel.compile(), kernel.points.rest, kernel.points.rows
     elif isinstance(kernel, ContactMidpoint) and body.carrier is None:
-        frame, rest = _held(body, kernel), interface.points.coordinates
+        frame, rest, rows = _held(body, kernel), interface.points.coordinates, kernel.arrays[1]
     else:
         return None
     if frame is None or (kernel.residual is not None and kernel.residual.relaxes):
@@ -52,7 +52,7 @@ def soft_table(body: Soft) -> SoftTable | None:
         times, beyond = np.array(numbers), residual.states
     moved: list[Array] = [np.zeros((P, 3)) for _ in range(5)]
     moved += [np.zeros(P), np.zeros((m, 3 * P)), np.zeros(P)]
-    points = Points(np.ascontiguousarray(rest), kernel.rows_of_points, np.ascontiguousarray(R), times, *beyond, *moved)
+    points = Points(np.ascontiguousarray(rest), rows, np.ascontiguousarray(R), times, *beyond, *moved)
     mount = np.concatenate(body.mount)
     rates = np.zeros(m), np.zeros(m), np.zeros(m)
     step = Step(np.zeros(p), mount, mount.copy(), np.zeros(48), *rates, np.zeros((P, 3)), np.zeros((P, 3)), np.zeros(5))
@@ -73,7 +73,7 @@ def _held(body: Soft, kernel: ContactMidpoint) -> CompiledFrame | None:
     """A body that nothing carries: its frame stands still."""
     if not kernel.answers_linearly or kernel.branches is not None or body.rom.rigid:
         return None
-    A, model = kernel.inverse, body.model
+    (A, _, halves, before), model = kernel.arrays, body.model
     m, p = model.order, model.inputs.shape[1]
     push, D = np.zeros((p, m + 9)), model.damping
     push[:, :m] = model.inputs.T
@@ -85,8 +85,9 @@ def _held(body: Soft, kernel: ContactMidpoint) -> CompiledFrame | None:
     of_shape = ω, inverse_ω, D, products, by_rate, by_shape, inverse, np.zeros((ROWS, m)), np.zeros(9)
     loads = Loads(push, np.zeros((0, 0)), np.zeros(0, dtype=int), np.zeros((0, 3)), np.zeros((m, 0)))
     watch = Watch(0.0, math.inf, np.zeros((0, m)), np.zeros(LOOKED_AT + 1 + m))
-    halves = kernel.state.reshape(2, -1), kernel.state_before.reshape(2, -1)
-    frame = CompiledFrame(Body(kernel.h, 1.0, False, math.inf, 0.0, *of_shape), loads, watch, *halves, carried=True)
+    frame = CompiledFrame(
+        Body(kernel.h, 1.0, False, math.inf, 0.0, *of_shape), loads, watch, halves, before, carried=True
+    )
     position, rotation, *_ = body.mount
     frame.begin(FrameState(tuple(position.tolist()), tuple(rotation.tolist()), ZERO, ZERO), {})
     return frame

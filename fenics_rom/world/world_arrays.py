@@ -11,6 +11,7 @@ from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.world import shapes
 from fenics_rom.world.compiled.operators import MOST
 from fenics_rom.world.compiled.rigid_bodies import RigidBodies
+from fenics_rom.world.compiled.soft_bodies import ROWS
 from fenics_rom.world.compiled.tables import (
     GIVEN,
     SOFT_FIRST,
@@ -54,7 +55,7 @@ def world_arrays(
     F, B, S = int(of_meetings.slots[-1]), len(bodies), len(tables)
     most = min(MOST, F)
     return World(
-        np.array([table.table for table in tables.values()], dtype=np.int64).reshape(S, -1, 4),
+        np.array([table.table for table in tables.values()], dtype=np.int64).reshape(S, ROWS, 4),
         _bodies(bodies, rigid, driven, tables),
         *_rigid([bodies[n] for n in rigid]),  # type: ignore[misc]
         _driven([bodies[n] for n in driven]),  # type: ignore[misc]

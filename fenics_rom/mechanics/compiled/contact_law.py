@@ -16,7 +16,7 @@ from fenics_rom.mechanics.braking import LEAST_SHARE, MOST_LOOKS, NEARLY_NONE
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.coulomb import ACCURATE, add_motion, frame_along, look_at, yielding_of
 from fenics_rom.mechanics.compiled.linearised import add_change, find_by_steps
-from fenics_rom.mechanics.compiled.newton import find_by_newton
+from fenics_rom.mechanics.compiled.newton import find_with_operator
 from fenics_rom.mechanics.compiled.sweeps import MOST_SWEEPS, find_by_sweeps
 
 NOTHING, FOUND, OTHERWISE = 0, 1, 2  # what came of it: nothing touches; forces; that it is to be found otherwise
@@ -26,7 +26,6 @@ WORK_ROUND_OFF, BACK = 1e-12, 1 + 1e-9  # see `mechanics.braking` and `mechanics
 # near to the law take fewer sweeps than solves.
 NEAR, FEW = 1e-3, 2 / 3
 FEW_SWEEPS = 8  # before steps of Newton's method are tried
-MOST_SEARCHES = 6  # by Newton's method, where W is not quite what the inverse is of
 MOST_ROUNDS = 60  # of forces for a set of pairs, and what it asks of them
 
 root_of = jit_shared(braking.root_of)
@@ -187,7 +186,7 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
             is_found = False
             is_fit, most = has_newton and len(part) == len(W) and len(few) == C, 1.0 if error > NEAR * speed else FEW
             if is_fit and _velocities(P, friction, yielding, f, u) <= most:
-                count, is_found, error = _find_by_newton(inverse, *given, yielding, f, u, moved, error)
+                count, is_found, error = find_with_operator(inverse, *given, yielding, f, u, moved, error)
                 sweeps += count
             if not (is_found and error <= STAGNATION * speed):
                 sweeps += find_by_sweeps(*given, f, moved, FEW_SWEEPS)
@@ -273,43 +272,6 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
                 power += f[i, 0] * (u[i, 0] + pairs.target[c, 0] - law.compliance * f[i, 0])
             return Found(FOUND, sweeps, power)
     return Found(OTHERWISE, sweeps, 0.0)
-
-
-@jit_part
-def _find_by_newton(
-    inverse: Array,
-    W: Array,
-    points: Array,
-    axes: Array,
-    q: Array,
-    friction: Array,
-    compliance: float,
-    yielding: Array,
-    f: Array,
-    u: Array,
-    moved: Array,
-    missed: float,
-) -> tuple[int, bool, float]:
-    """Forces by Newton's method: how many solves, whether it found some, and how far these are from the law, m/s.
-
-    The inverse may be that of a matrix that is only nearly W, as where W is not symmetric. Then what W f is beyond that
-    is among the free velocities of a further search, which takes a solve. Arguments as of `look_at`; missed: before.
-    """
-    shifted, solves, before, error, enough = q.copy(), 0, np.inf, missed, ACCURATE * np.abs(q).max()
-    for _ in range(MOST_SEARCHES):
-        count, is_found = find_by_newton(inverse, points, axes, shifted, friction, yielding, f, u, error)
-        solves += count
-        for c in range(len(q)):
-            for k in range(3):
-                shifted[c, k] -= u[c, k]
-        error = look_at(W, points, axes, q, friction, compliance, yielding, f, u, moved)
-        if not is_found or error <= enough or not error < before / 2:
-            break
-        before = error
-        for c in range(len(q)):
-            for k in range(3):
-                shifted[c, k] += u[c, k]
-    return solves, is_found, error
 
 
 @jit_part

@@ -19,9 +19,10 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.copying import copy
-from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED
+from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, look_at
 
 OPEN, SLIPS, STICKS, NO_PAIR = range(4)
+MOST_SEARCHES = 6  # where W is not quite what the inverse is of
 MOST_SOLVES = 12  # where they suffice they are rarely more than six
 
 
@@ -110,6 +111,43 @@ def find_by_newton(
         for k in range(3):
             u[c, k] = v[p, k]
     return count, True
+
+
+@jit_part
+def find_with_operator(
+    inverse: Array,
+    W: Array,
+    points: Array,
+    axes: Array,
+    q: Array,
+    friction: Array,
+    compliance: float,
+    yielding: Array,
+    f: Array,
+    u: Array,
+    moved: Array,
+    missed: float,
+) -> tuple[int, bool, float]:
+    """Forces by Newton's method: how many solves, whether it found some, and how far these are from the law, m/s.
+
+    The inverse may be that of a matrix that is only nearly W, as where W is not symmetric. Then what W f is beyond that
+    is among the free velocities of a further search, which takes a solve. Arguments as of `look_at`; missed: before.
+    """
+    shifted, solves, before, error, enough = q.copy(), 0, np.inf, missed, ACCURATE * np.abs(q).max()
+    for _ in range(MOST_SEARCHES):
+        count, is_found = find_by_newton(inverse, points, axes, shifted, friction, yielding, f, u, error)
+        solves += count
+        for c in range(len(q)):
+            for k in range(3):
+                shifted[c, k] -= u[c, k]
+        error = look_at(W, points, axes, q, friction, compliance, yielding, f, u, moved)
+        if not is_found or error <= enough or not error < before / 2:
+            break
+        before = error
+        for c in range(len(q)):
+            for k in range(3):
+                shifted[c, k] += u[c, k]
+    return solves, is_found, error
 
 
 @jit_part

@@ -291,9 +291,9 @@ class ContactMidpoint(BookedKernel):
         return self._end_step(self._opened, contact)
 
     @property
-    def inverse(self) -> Array:
-        """A⁻¹, (m,) where it is diagonal, else (m, m)."""
-        return self._a
+    def arrays(self) -> tuple[Array, Array, Array, Array]:
+        """A⁻¹, diagonal (m,) or whole, Sᵀ (m, 3P), and [e, r] (2, m), now and before the last step."""
+        return self._a, self._Sᵀ, self._halves, self._state_before.reshape(2, -1)
 
     @property
     def inverse_mass(self) -> Array:

@@ -206,16 +206,6 @@ class BookedKernel(Kernel):
         return self._with_carried_energy(super().energy)
 
     @property
-    def state_before(self) -> Array:
-        """That before the last step."""
-        return self._state_before
-
-    @property
-    def rows_of_points(self) -> Array:
-        """What a unit of each coordinate moves the contact points by, (m, 3P)."""
-        return self._Sᵀ
-
-    @property
     def auxiliary(self) -> Array:
         """As in Kernel."""
         of_residual = super().auxiliary if self.residual is None else self.residual.carried
@@ -402,8 +392,11 @@ class BookedKernel(Kernel):
         self._state_before[:] = self.state
         if len(self._rigid_displacement):
             self._rigid_before[:] = self._rigid_displacement
-        self._contact_before, self._reactions_before = self.contact, self.reactions
-        self._notes_before = dict(self.notes)
+        self._contact_before, self._reactions_before, self._notes_before = (
+            self.contact,
+            self.reactions,
+            dict(self.notes),
+        )
 
 
 def symmetric(matrix: Array) -> Array:
