@@ -109,8 +109,7 @@ class Soft(Simulator, Body):
         self.keeps_contact_mode = False  # whoever is near
         self._asked: tuple[Points, Array, Array] | None = None  # points, their velocities without forces, and per force
         self._turned_operator = np.empty((0, 0)), np.empty((0, 0))  # in axes of its own, and in the world's
-        self._forces = np.empty((0, 3))
-        self._carriers = Carriers(len(self.contact_coordinates))
+        self._forces, self._carriers = np.empty((0, 3)), Carriers(len(self.contact_coordinates))
         self._tried, self._is_open, self._twice = False, False, 0.0
         self._power = self._ahead = 0.0  # of forces in the last try, W; how far points may go that nothing holds, m
         self._supplied = 0.0  # by others when the step began, J
@@ -303,7 +302,8 @@ class Soft(Simulator, Body):
         if not self._is_open:
             return
         contact = self._hand(self._asked[0], self._forces) if self._asked is not None and len(self._forces) else None
-        self._tried, self._twice = True, self._kernel.close(contact)
+        self._tried = True
+        self._twice = self._kernel.close(contact)
         if not math.isfinite(self._twice):
             self._leave_finite(self._inputs.u)
 
