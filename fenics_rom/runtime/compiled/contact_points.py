@@ -11,10 +11,11 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.compiled.copying import copy_rows
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.runtime.compiled.frames import added, cross, mean, put, rotated, seen, vector
+from fenics_rom.runtime.compiled.touching import FORGOTTEN, step_beyond
 
-FORGOTTEN = 1e-200  # J: see `steppers.residual_motion`
 INERTIA, WHOLE, LOST, TAU = range(4)  # in `Points.times`, s: 2τ²/h, a, β + (θ - ½) h and τ
 
 
@@ -36,6 +37,16 @@ class Points(NamedTuple):
     pushed: Array  # (P,) whether a force acts there
     spread: Array  # A⁻¹ V (m, 3P), and
     is_spread: Array  # (P,) of which points it is known
+
+
+class Beyond(NamedTuple):
+    """What points do beyond the basis: `touching.Yielding`."""
+
+    R: Array
+    inertia: float
+    whole: float
+    lost: float
+    τ: float
 
 
 @jit_part
@@ -162,48 +173,10 @@ def end_points(points: Points, h: float) -> tuple[float, float]:
         return 0.0, 0.0
     n = 3 * len(points.rest)
     copy_rows(points.beyond, points.beyond_before)
-    times, seen_ = points.times, points.seen.reshape(n)
-    numbers = times[INERTIA], times[WHOLE], times[LOST], times[TAU]
-    lost, _, stored = step_beyond(points.R, numbers, h, points.beyond, seen_, np.empty(n))
+    times, f = points.times, points.seen.reshape(n)
+    yielding = Beyond(points.R, times[INERTIA], times[WHOLE], times[LOST], times[TAU])
+    lost, _, stored = step_beyond(yielding, h, points.beyond, f, np.empty(n))
     if not points.pushed.any() and stored < 2 * FORGOTTEN:
         points.beyond[:] = 0.0
         return 0.0, 0.0
     return lost, stored
-
-
-@jit_part
-def copy_rows(rows: Array, to: Array) -> None:
-    """Copies rows (n, k)."""
-    for i in range(len(rows)):
-        for k in range(rows.shape[1]):
-            to[i, k] = rows[i, k]
-
-
-@jit_part
-def step_beyond(
-    R: Array, times: tuple[float, float, float, float], h: float, beyond: Array, f: Array, rates: Array
-) -> tuple[float, float, float]:
-    """Takes the step of what points do beyond the basis: what it loses, J, the power of f there, W, twice its energy.
-
-    Args:
-        R: (3P, 3P), m/N.
-        times: as in `Points`.
-        h: s.
-        beyond: (4, 3P), changed.
-        f: forces (3P,), N.
-        rates: set to the rates (3P,) of y in it, m/s.
-    """
-    g, y, g_rate, y_rate = beyond[0], beyond[1], beyond[2], beyond[3]
-    inertia, whole, kept, τ = times
-    Rf = R.dot(f)
-    lost = power = stored = 0.0
-    for k in range(len(f)):
-        g_mid = (inertia * g_rate[k] - g[k] + f[k]) / whole
-        y_mid = (inertia * y_rate[k] - y[k] + Rf[k]) / whole
-        rates[k] = y_mid
-        g[k], y[k] = g[k] + h * g_mid, y[k] + h * y_mid
-        g_rate[k], y_rate[k] = 2 * g_mid - g_rate[k], 2 * y_mid - y_rate[k]
-        lost += g_mid * y_mid
-        power += f[k] * y_mid
-        stored += g[k] * y[k] + τ**2 * g_rate[k] * y_rate[k]
-    return h * kept * lost, power, stored

@@ -17,16 +17,8 @@ FORGOTTEN = 1e-200  # J: see `steppers.residual_motion`
 LOST = 3  # status of a step whose state would not be finite; see `contact_law`
 
 
-class Touched(Protocol):
-    """A body with m modes and P contact points."""
-
-    @property
-    def points(self) -> Array:
-        """Sᵀ (m, 3P)."""
-
-    @property
-    def places(self) -> Array:
-        """Of the points at rest, (P, 3), m."""
+class Yielding(Protocol):
+    """What P contact points do beyond the basis."""
 
     @property
     def R(self) -> Array:
@@ -47,6 +39,18 @@ class Touched(Protocol):
     @property
     def τ(self) -> float:
         """s."""
+
+
+class Touched(Yielding, Protocol):
+    """A body with m modes and P contact points."""
+
+    @property
+    def points(self) -> Array:
+        """Sᵀ (m, 3P)."""
+
+    @property
+    def places(self) -> Array:
+        """Of the points at rest, (P, 3), m."""
 
 
 class Begun(NamedTuple):
@@ -133,7 +137,7 @@ def add_up_forces(contact: Found, w: Array, found: StepContact) -> float:
 
 
 @jit_part
-def step_beyond(body: Touched, h: float, beyond: Array, f: Array, rates: Array) -> tuple[float, float, float]:
+def step_beyond(body: Yielding, h: float, beyond: Array, f: Array, rates: Array) -> tuple[float, float, float]:
     """Takes the step of what points do beyond the basis: what it loses, J, the power of f there, W, twice its energy.
 
     Sets the rates (3P,) of y in it.
