@@ -1,4 +1,4 @@
-"""Copies of arrays by loops, as numba takes a second and more to compile what `to[:] = of` may fail with."""
+"""Copies of arrays by loops: what `to[:] = of`, or `to[k] = (a, b)`, may fail with takes numba a second to compile."""
 
 from numpy import ndarray as Array
 
@@ -19,3 +19,9 @@ def copy_rows(rows: Array, to: Array) -> None:
     for i in range(len(rows)):
         for k in range(rows.shape[1]):
             to[i, k] = rows[i, k]
+
+
+@jit_part
+def put(numbers: Array, a: float, b: float, c: float) -> None:
+    """Sets three numbers."""
+    numbers[0], numbers[1], numbers[2] = a, b, c

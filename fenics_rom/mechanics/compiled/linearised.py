@@ -10,7 +10,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.copying import copy, put
 from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, look_at
 from fenics_rom.mechanics.compiled.newton import solve
 
@@ -45,18 +45,22 @@ def add_change(
         length, cone = math.sqrt(z[c, 1] ** 2 + z[c, 2] ** 2), friction[c] * z[c, 0]
         if z[c, 0] <= 0:
             continue
-        row[n], column[n], owner[n], right[n] = (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), c, -v[c, 0]
+        put(row[n], 1.0, 0.0, 0.0)
+        put(column[n], 1.0, 0.0, 0.0)
+        owner[n], right[n] = c, -v[c, 0]
         if length > cone:
             cos, sin = z[c, 1] / length, z[c, 2] / length
-            column[n] = 1.0, friction[c] * cos, friction[c] * sin
+            put(column[n], 1.0, friction[c] * cos, friction[c] * sin)
             if cone > 0:
                 n += 1
-                row[n] = column[n] = 0.0, -sin, cos
+                put(row[n], 0.0, -sin, cos)
+                put(column[n], 0.0, -sin, cos)
                 owner[n], right[n], matrix[n, n] = c, sin * v[c, 1] - cos * v[c, 2], (length / cone - 1) * yielding[c]
         else:
             for k in range(1, 3):
                 n += 1
-                row[n] = column[n] = 0.0, 2.0 - k, k - 1.0
+                put(row[n], 0.0, 2.0 - k, k - 1.0)
+                put(column[n], 0.0, 2.0 - k, k - 1.0)
                 owner[n], right[n] = c, -v[c, k]
         n += 1
     asked, pushed, moved = np.empty((n, 3)), np.empty((n, 3)), np.empty(3 * P)  # rows and columns in space

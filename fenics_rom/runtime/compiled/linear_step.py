@@ -204,7 +204,8 @@ def take_steps(
     step = Step(OTHERWISE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for count in range(len(inputs)):
         copy(begun.forces, tried.pairs.forces)
-        after = take_step(body, law, shapes, inputs[count], offsets, offsets, still, begun, state, tried, True)
+        is_told = count >= 0  # always: of a constant all would be compiled anew
+        after = take_step(body, law, shapes, inputs[count], offsets, offsets, still, begun, state, tried, is_told)
         if after.status == OTHERWISE:
             return count, step
         if not np.isfinite(after.square):
