@@ -45,8 +45,8 @@ class Batch(BatchedBodies):
     that a base carries, without contact. All others are stepped one after another, each at the rate of a simulator,
     with the same results to the bit: without inertia, with strokes, friction of tendons, a material that relaxes,
     springs in place of the rigid law, free bodies in moving frames, and what else `stepping` tells. Where numba is
-    installed, held bodies of small strains among obstacles step compiled on several threads, by any law of contact,
-    and each as a single one to the bit.
+    installed, held bodies of small strains among obstacles, and those of large deformation by linearly implicit steps,
+    step compiled on several threads, by any law of contact, and each as a single one to the bit.
 
     `bodies` in the methods are None (all), a mask (size,) or distinct indices; arrays are in the order 0 .. size - 1.
 
@@ -106,12 +106,14 @@ class Batch(BatchedBodies):
         self._shape = self.size, self.inputs
 
     def _compiled(self, dt: float) -> "CompiledBodies | None":
-        if not compiled() or self._given.environment.contact_law is None:  # others start sooner
+        bends = self._given.deformation is not None
+        if not compiled() or not (bends or self._given.environment.contact_law):  # others start sooner
             return None
+        from fenics_rom.runtime.compiled_bending import CompiledBending
         from fenics_rom.runtime.compiled_bodies import CompiledBodies
 
-        others = self._ledger, self._signals, self._detail
-        bodies = CompiledBodies.made(self._given, self.size, dt, *others)
+        others, form = (self._ledger, self._signals, self._detail), CompiledBending if bends else CompiledBodies
+        bodies = form.made(self._given, self.size, dt, *others)
         self._why = self._why if bodies is None else ""
         return bodies
 

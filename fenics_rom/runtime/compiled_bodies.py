@@ -24,7 +24,7 @@ from fenics_rom.runtime.batch_arrays import distinct, stacked_state
 from fenics_rom.runtime.compiled.linear_bodies import Obstacles, look_at_bodies, step_bodies
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.touching import LOST
-from fenics_rom.runtime.compiled_state import LOST_IN_SWITCHING, CompiledState
+from fenics_rom.runtime.compiled_state import LOST_IN_SWITCHING, CompiledState, Mode
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.threads import deal_out
 
@@ -55,6 +55,8 @@ class CompiledBodies(CompiledState):
 
     def _rub(self, friction: float) -> None:
         """Has the simulator have this μ."""
+        if self._interface is None:
+            return
         stepper, solver = self._single.integrator, self._solver
         if solver.law.friction != friction:
             solver.law = replace(solver.law, friction=friction)
@@ -80,7 +82,8 @@ class CompiledBodies(CompiledState):
         self._rub(float(self._friction[body]))
         stepper.flush()
         ledger.sums = EnergyLedger().sums
-        mode, moving = self._modes[self._mode[body]], ObstacleMotion(*(part[body] for part in obstacles))
+        mode = self._modes[self._mode[body]]
+        moving = None if self._interface is None else ObstacleMotion(*(part[body] for part in obstacles))
         result = stepper.step(StepInput(u, moving))
         if not np.isfinite(result.energy):
             stepper.rollback()
@@ -88,10 +91,11 @@ class CompiledBodies(CompiledState):
         for kept, part in zip(mode.states[3:], mode.states[:3], strict=True):
             kept[body] = part[body]
         self._leave(body)
-        search, sums = self._solver.search, ledger.sums
-        self._searches[body] = search  # with what NumPy's methods keep
-        self._after.forces[body] = search.forces
-        self._after.swung[body] = 0 if search.swung is None else search.swung
+        if self._interface is not None:
+            self._searches[body] = search = self._solver.search  # with what NumPy's methods keep
+            self._after.forces[body] = search.forces
+            self._after.swung[body] = 0 if search.swung is None else search.swung
+        sums = ledger.sums
         (supplied, *_), (dissipated, *_), *_, by_obstacles, contact, friction = sums
         of_contact = by_obstacles[0], contact[0], friction[0]
         told.works[body] = supplied - of_contact[0], dissipated - sum(of_contact[1:]), *of_contact
@@ -157,13 +161,15 @@ class CompiledBodies(CompiledState):
 
     def _inside(self, bodies: Array, offsets: Array, at_rest: bool = False) -> Array:
         """Which (n,) of the bodies are inside an obstacle where they are, or at rest."""
-        gaps = np.full((self.size, len(self._solver.points)), np.inf)
+        points = self._points
+        if not len(points):
+            return np.zeros(len(bodies), bool)
+        gaps, size = np.full((self.size, len(points)), np.inf), max(np.ptp(points, axis=0).max(), np.abs(points).max())
         for own, mode in [(bodies, self._modes[0])] if at_rest else self._by_mode(bodies):
             states = State(*map(np.zeros_like, mode.states)) if at_rest else mode.states
-            look_at_bodies(
-                mode.body, self._solver.shapes, own, offsets, states, np.empty((*gaps.shape, 3)), gaps
-            )  # fmt: skip
-        deep: Array = gaps[bodies].min(axis=1) < -PENETRATION_TOLERANCE * self._size_of_body
+            given = mode.touch, mode.body.inverse_ω, self._shapes
+            look_at_bodies(*given, own, offsets, states, np.empty((*gaps.shape, 3)), gaps)
+        deep: Array = gaps[bodies].min(axis=1) < -PENETRATION_TOLERANCE * float(size)
         return deep
 
     def place_obstacle(self, name: str, displacement: Array, bodies: Array) -> None:
@@ -196,15 +202,13 @@ class CompiledBodies(CompiledState):
         goes[held] = False
         obstacles, loads = self._obstacles(goes), self._loads()
         modes, lost, searches = self._mode.copy(), self._account[LOST_IN_SWITCHING].copy(), dict(self._searches)
-        if self._environment.environment.switches_itself and len(self._modes) > 1:
+        if self._interface is not None and self._environment.environment.switches_itself and len(self._modes) > 1:
             self._follow_obstacles(goes.nonzero()[0])
         taken = np.zeros(self.size, bool)
         try:
             self._take(goes, taken, u, loads, obstacles, on_error)
         except StepError:
-            for own, mode in self._by_mode(taken.nonzero()[0]):
-                for kept, part in zip(mode.states[:3], mode.states[3:], strict=True):
-                    kept[own] = part[own]
+            self._take_back(taken.nonzero()[0])
             self._mode, self._account[LOST_IN_SWITCHING], self._searches = modes, lost, searches
             raise
         stays = (~taken).nonzero()[0]  # what they were in the mode before is still there
@@ -216,18 +220,21 @@ class CompiledBodies(CompiledState):
             self._skin.look_in_turn()
         return stays
 
+    def _take_back(self, bodies: Array) -> None:
+        """Puts bodies where they were before the last step."""
+        for own, mode in self._by_mode(bodies):
+            for kept, part in zip(mode.states[:3], mode.states[3:], strict=True):
+                kept[own] = part[own]
+
     def _take(self, goes: Array, taken: Array, u: Array, loads: Array, obstacles: Obstacles, on_error: str) -> None:
         """Takes the steps of bodies that go (size,), and notes those that have taken theirs."""
-        most, solver = max(self._widths.values()), self._solver
-        law = solver.law_in_steps(self._dt)
+        most = max(self._widths.values())
         inputs = dict[str, Array]()
         for own, mode in self._by_mode(goes.nonzero()[0]):
             columns = u[:, : self._widths[mode.name]], u[:, most:], loads
             inputs[mode.name] = full = np.ascontiguousarray(np.hstack(columns))
-            given = mode.body, law, self._friction, solver.shapes
-            between = full, obstacles, self._begun, self._after, mode.states, self._new
             self._new.status[own] = OTHERWISE
-            deal_out(partial(_step, given, between), own)
+            self._step_together(mode, own, full, obstacles)
         taken[:] = goes & (self._new.status < OTHERWISE)
         for body in (goes & ~taken).nonzero()[0].tolist():
             try:
@@ -239,6 +246,12 @@ class CompiledBodies(CompiledState):
                 if on_error == "raise":
                     where = f"step {self.steps}, body {body}"
                     raise StepError(f"{where}: {error}; all bodies were left as they were") from None
+
+    def _step_together(self, mode: Mode, own: Array, inputs: Array, obstacles: Obstacles) -> None:
+        """Takes the steps of bodies that are in a contact mode, in threads."""
+        given = mode.body, self._solver.law_in_steps(self._dt), self._friction, self._shapes
+        between = inputs, obstacles, self._begun, self._after, mode.states, self._new
+        deal_out(partial(_step, given, between), own)
 
     def _commit(self, taken: Array, stays: Array, obstacles: Obstacles) -> None:
         """The step was taken by some of the bodies (size,), all but those that stay (n,)."""
@@ -283,9 +296,10 @@ class CompiledBodies(CompiledState):
 
     def _follow_obstacles(self, bodies: Array) -> None:
         """Makes the contact modes active that obstacles are nearest to."""
-        gaps = np.full((self.size, len(self._solver.points)), np.inf)
+        assert self._interface is not None
+        gaps = np.full((self.size, len(self._points)), np.inf)
         for own, mode in self._by_mode(bodies):
-            given = mode.body, self._solver.shapes
+            given = mode.touch, mode.body.inverse_ω, self._shapes
             deal_out(partial(_look, given, (self._offsets, mode.states, np.empty((*gaps.shape, 3)), gaps)), own)
         self.switch(self._interface.points.nearest_modes(gaps[bodies].T, self._mode[bodies]), bodies)
 

@@ -4,7 +4,7 @@ What a body is, is stacked, bodies first: a state for each contact mode, in arra
 One simulator has what all bodies share, and is put where a body is for what is read of one alone.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -17,7 +17,7 @@ from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_skin import BatchSkin
 from fenics_rom.runtime.compiled.linear_bodies import Told
-from fenics_rom.runtime.compiled.linear_step import Body, State
+from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.touching import Begun
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.residual_maps import strained_back
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.compiled_contact import CompiledContact
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
 
+NO_SHAPES, NO_POINTS = np.zeros((0, 17)), np.zeros((0, 3))
 LOST_IN_SWITCHING = 4  # a row of the account
 ENTRIES = {
     "supplied": 0,
@@ -42,7 +43,8 @@ class Mode(NamedTuple):
     """A contact mode."""
 
     name: str
-    body: Body
+    body: Any  # as compiled steps have it
+    touch: Any  # where it can be touched (`touching.Touched`); None: nowhere
     states: State  # of all bodies; those of bodies in other modes say nothing
 
 
@@ -62,16 +64,17 @@ class CompiledState:
 
     def __init__(self, single: Simulator, size: int, ledger: bool):
         self._single, self._dt, self.size, self.ledger = single, single.dt, size, ledger
-        names, solver, law = list(self.rom.contact_models), self._solver, self._solver.law
-        obstacles, P = len(solver.shapes), len(solver.points)
+        names, law = list(self.rom.contact_models), self.rom.environment.contact_law
+        self._environment = single.environment or ActiveEnvironment(self.rom.environment, {})
+        obstacles, P = len(self._shapes), len(self._points)
         self._mode, self._modes, self.steps = np.zeros(size, int), list[Mode](), 0
         self._widths, self._numbers = self.rom.contacts, {name: k for k, name in enumerate(names)}
         self._m = max(model.order for model in self._models)
-        self._friction, self.frozen = np.full(size, float(law.friction)), np.zeros(size, bool)
+        self._friction, self.frozen = np.full(size, 0.0 if law is None else float(law.friction)), np.zeros(size, bool)
         self._began, self._taken = np.zeros(size), np.zeros(size, int)  # s, and steps since then
         sizes = (size, obstacles * P, 3), (size, obstacles * P)
         self._begun, self._after = (Begun(np.zeros(sizes[0]), np.zeros(sizes[1], int)) for _ in range(2))
-        self._searches: dict[int, ContactSearch] = {}  # of bodies that took a step otherwise
+        self._searches = dict[int, ContactSearch]()  # of bodies that took a step otherwise
         self._told, self._new = (Told(np.zeros(size, int), np.zeros((size, 5)), *self._nothing(size)) for _ in range(2))
         self._account = np.zeros((5, size))
         self._placed = np.full((size, obstacles, 3), np.nan)  # where obstacles were put; NaN: where the scene says
@@ -80,15 +83,14 @@ class CompiledState:
         self._outputs: dict[tuple[int, str], tuple[Array, Array]] = {}
         self._pulled = pulled_columns(self.rom, max(self._widths.values()))
         self._least_tensions = np.zeros((len(self._pulled), size))
-        self._size_of_body = float(max(np.ptp(solver.points, axis=0).max(), np.abs(solver.points).max()))
         self._make_modes()
         self._skin = None
-        if self._interface.skin is not None:
+        if self._interface is not None and self._interface.skin is not None:
             self._skin = BatchSkin(self, self._interface.skin, self._environment.obstacles)
 
     def _nothing(self, count: int) -> tuple[Array, Array, Array]:
         """Contact of bodies that nothing touches, as in `Told`."""
-        obstacles, P = len(self._solver.shapes), len(self._solver.points)
+        obstacles, P = len(self._shapes), len(self._points)
         return np.zeros((count, P, 3)), np.zeros((count, obstacles, 3)), np.zeros((count, P))
 
     def _make_modes(self) -> None:
@@ -100,11 +102,11 @@ class CompiledState:
             body = stepper.kernel.compiled_step.body  # type: ignore[attr-defined]
             sizes = (2, model.order), (self.rom.rigid,), (4, len(body.R))
             states = known.get(name) or State(*(np.zeros((self.size, *shape)) for shape in sizes * 2))
-            self._modes.append(Mode(name, body, states))
+            self._modes.append(Mode(name, body, body, states))
 
     def _at_rest(self, name: str) -> StepperState:
         rest = np.zeros(2 * self.rom.contact_models[name].order), np.zeros(self.rom.rigid), np.empty(0)
-        return StepperState(*rest, None, self._solver.first_search, {}, np.empty(0))
+        return StepperState(*rest, None, self._first_search, {}, np.empty(0))
 
     @property
     def rom(self) -> Rom:
@@ -112,32 +114,46 @@ class CompiledState:
         return self._single.rom
 
     @property
-    def _environment(self) -> ActiveEnvironment:
-        assert self._single.environment is not None
-        return self._single.environment
-
-    @property
     def _models(self) -> list[ContactModel]:
         return list(self.rom.contact_models.values())
 
     @property
-    def _interface(self) -> "ContactInterface":
-        assert self._single.integrator.interface is not None
+    def _interface(self) -> "ContactInterface | None":
         return self._single.integrator.interface
 
     @property
     def _solver(self) -> "CompiledContact":
+        assert self._interface is not None
         return self._interface.solver  # type: ignore[return-value]
+
+    @property
+    def _shapes(self) -> Array:
+        """Of the obstacles, (O, 17)."""
+        return NO_SHAPES if self._interface is None else self._solver.shapes
+
+    @property
+    def _points(self) -> Array:
+        """That can be touched, at rest, (P, 3), m."""
+        return NO_POINTS if self._interface is None else self._solver.points
+
+    @property
+    def _first_search(self) -> ContactSearch | None:
+        return None if self._interface is None else self._solver.first_search
 
     def _enter(self, body: int) -> ReducedStepper:
         """The simulator's stepper where a body is."""
         mode, stepper = self._modes[self._mode[body]], self._single.integrator
-        states, swung = mode.states, self._begun.swung[body]
-        search = self._searches.get(body, self._solver.first_search)
-        search = search._replace(forces=self._begun.forces[body].copy(), swung=swung.copy() if swung.any() else None)
+        states, search = mode.states, self._search_of(body)
         now = states.halves[body].ravel(), states.rigid[body], states.beyond[body].ravel()
         stepper.restore(mode.name, StepperState(*now, None, search, {}, np.empty(0)), self._dt)
         return stepper
+
+    def _search_of(self, body: int) -> ContactSearch | None:
+        """What the search of its next step begins with; None where nothing can touch."""
+        search, swung = self._searches.get(body, self._first_search), self._begun.swung[body]
+        if search is None:
+            return None
+        return search._replace(forces=self._begun.forces[body].copy(), swung=swung.copy() if swung.any() else None)
 
     # --- what can be read --------------------------------------------------------------------------------------------
 
@@ -284,6 +300,7 @@ class CompiledState:
         """(nodes, 3), m."""
         field, residual = self.rom.reconstruct(self.shape_coordinates(body)), self._enter(body).kernel.residual
         if residual is not None:
+            assert self._interface is not None
             nodes = self._interface.points.nodes
             field[nodes] += residual.beyond_shared[: len(nodes)]
         return field
@@ -301,7 +318,7 @@ class CompiledState:
         """(size, ...)."""
         from fenics_rom.runtime.readings import named_reading, readable  # here, as few bodies have readings
 
-        reading, read, points = named_reading(self.rom, name), [], self._interface.points
+        reading, read, points = named_reading(self.rom, name), [], self._interface and self._interface.points
         for body, (contact, q) in enumerate(zip(self.contact, self.state(np.arange(self.size))[0], strict=True)):
             own = q[: self.rom.contact_models[contact].order], self.shape_coordinates(body)
             read.append(reading.read(readable(self.rom, contact, *own, points, self._told.pressing[body])))

@@ -97,11 +97,11 @@ def test_account_of_every_body_closes_at_any_step(law, damped):
 
 def test_a_body_that_diverges_does_not_stop_the_others(rom):
     random = np.random.default_rng(2)
-    batch = fr.Batch(rom, SIZE, 2e-3, ledger=True)
+    batch = fr.Batch(rom, SIZE, 4e-3, ledger=True)
     for _ in range(5):
         batch.step(loads(random))
     far, u = [part.copy() for part in batch.state()], loads(random)
-    far[0][3] = 5e73 * np.minimum(1.0, 1e3 / np.sqrt(rom.stiffness))
+    far[0][3] = 1.9e74 * np.minimum(1.0, 1e3 / np.sqrt(rom.stiffness))
     batch.set_state(*far)
     other = copy(batch)
     other.reset([3])

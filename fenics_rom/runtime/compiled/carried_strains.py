@@ -60,17 +60,17 @@ class Memory(NamedTuple):
     """Where `Strains` are."""
 
     vectors: Array  # (9, m)
-    matrices: Array  # (6, m, m)
+    matrices: Array  # (3, m, m): of the shape, of the middle, T
     carried: Array
     numbers: Array
-    products: Array
-    uppers: Array
+    within: Array  # what is needed in a step alone, (3, m, m),
+    products: Array  # (4, N)
 
 
 @jit_part
 def strains_in(memory: Memory) -> Strains:
     """As parts of few arrays, as each that is handed to a compiled function takes time."""
-    v, K, carried, numbers, products, uppers = memory
+    v, K, carried, numbers, within, products = memory
     return Strains(
         v[0],
         carried,
@@ -81,15 +81,15 @@ def strains_in(memory: Memory) -> Strains:
         K[2],
         v[2],
         v[3],
-        K[3],
+        within[0],
         v[4],
-        K[4],
+        within[1],
         v[5],
         v[6],
         v[7:],
-        K[5],
-        products,
-        uppers,
+        within[2],
+        products[:2],
+        products[2:],
     )
 
 

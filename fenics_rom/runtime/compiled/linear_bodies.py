@@ -13,7 +13,7 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pai
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.runtime.compiled.linear_step import Body, State, restore, take_step
-from fenics_rom.runtime.compiled.touching import LOST, Begun, StepContact, hand_on
+from fenics_rom.runtime.compiled.touching import LOST, Begun, StepContact, Touched, hand_on
 
 
 class Obstacles(NamedTuple):
@@ -94,11 +94,18 @@ def step_bodies(
 
 @jit
 def look_at_bodies(
-    body: Body, shapes: Array, bodies: Array, start: Array, states: State, displacement: Array, nearest: Array
+    body: Touched,
+    inverse_ω: Array,
+    shapes: Array,
+    bodies: Array,
+    start: Array,
+    states: State,
+    displacement: Array,
+    nearest: Array,
 ) -> None:
     """Sets displacements of the points (B, P, 3), m, and their gaps to the nearest obstacle (B, P), m, of some bodies.
 
-    Arguments as in `step_bodies`; start: displacements of the obstacles (B, O, 3), m.
+    Arguments as in `step_bodies`; inverse_ω: (m,), s; start: displacements of the obstacles (B, O, 3), m.
     """
     P, count, ρ = len(body.places), len(shapes), states.rigid.shape[1]
     gaps, normals = np.empty(count * P), np.empty((count * P, 3))
@@ -107,8 +114,8 @@ def look_at_bodies(
         moved[:] = 0.0
         if len(body.R) > 0:
             copy(states.beyond[b, 1], moved)
-        for i in range(len(body.ω)):
-            q = states.rigid[b, i] if i < ρ else states.halves[b, 0, i] * body.inverse_ω[i]
+        for i in range(len(inverse_ω)):
+            q = states.rigid[b, i] if i < ρ else states.halves[b, 0, i] * inverse_ω[i]
             for k in range(3 * P):
                 moved[k] += body.points[i, k] * q
         measure(shapes, start[b], body.places + displacement[b], gaps, normals)

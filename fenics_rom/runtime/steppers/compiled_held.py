@@ -25,7 +25,7 @@ from fenics_rom.runtime.compiled.carried_strains import (
     strains_in,
 )
 from fenics_rom.runtime.compiled.following import Following
-from fenics_rom.runtime.compiled.held_step import Among, Body, Step, motion_in, take_step
+from fenics_rom.runtime.compiled.held_step import Among, Body, Step, Touch, motion_in, take_step
 from fenics_rom.runtime.compiled.held_steps import Taken, take_steps
 from fenics_rom.runtime.compiled.material_points import Points
 from fenics_rom.runtime.compiled.strain_tables import folded, padded
@@ -62,6 +62,7 @@ class CompiledHeld:
         h: s.
 
     Attributes:
+        body: what is held, as arrays.
         motion: of the last step.
         tangent: T (m, m) that the next step is expected with; empty: it is to be made.
     """
@@ -78,7 +79,7 @@ class CompiledHeld:
     ):
         m = body.order
         self._h, self._elastic, self._pushed = h, law, np.zeros(m)
-        self._body = Body(ω, inverse_ω, loads.dead, _following(loads.following, m), _law(body, law, h))
+        self.body = Body(ω, inverse_ω, loads.dead, _following(loads.following, m), _law(body, law, h))
         self._memory = _memory(m)
         self._of_motion = np.zeros((8, m)), np.zeros((m, m))
         self.motion, self._strains = motion_in(*self._of_motion), strains_in(self._memory)
@@ -123,7 +124,7 @@ class CompiledHeld:
         among = self._begin(halves, tangent, obstacles, touched)
         if among is None and self._met is not None:
             return None
-        step = take_step(self._body, in_plain(u), in_plain(halves), self._pushed, self._memory, *self._of_motion, among)
+        step = take_step(self.body, in_plain(u), in_plain(halves), self._pushed, self._memory, *self._of_motion, among)
         if step.status >= OTHERWISE:
             self.forget()
             return None
@@ -153,7 +154,7 @@ class CompiledHeld:
         if met is not None and among is not None:
             among, last = met.for_many(among)
         count, step = take_steps(
-            self._body, in_plain(inputs), halves, self._pushed, self._memory, *self._of_motion, among, last, taken
+            self.body, in_plain(inputs), halves, self._pushed, self._memory, *self._of_motion, among, last, taken
         )
         if step.status == LOST:
             halves[:] = before[0]
@@ -190,7 +191,12 @@ class CompiledHeld:
         elif numbers.item(MADE_TANGENT) or not len(self.tangent):
             self.tangent = self._strains.tangent.copy()
         noted = 2 * ahead, numbers.item(GAP)
-        self._elastic.took(self.motion.e * self._body.inverse_ω, self._carried, noted, step.went_as_expected)
+        self._elastic.took(self.motion.e * self.body.inverse_ω, self._carried, noted, step.went_as_expected)
+
+    @property
+    def touch(self) -> Touch | None:
+        """Where obstacles can touch the body, as arrays; None: nowhere."""
+        return None if self._met is None else self._met.touch
 
     @property
     def beyond(self) -> Array | None:
@@ -222,7 +228,7 @@ class CompiledHeld:
 
 def _memory(m: int) -> Memory:
     n = (m + 1) * (m + 2) // 2
-    sizes = (9, m), (6, m, m), (2, n - 1), (NUMBERS,), (2, padded(n)), (2, padded(n))
+    sizes = (9, m), (3, m, m), (2, n - 1), (NUMBERS,), (3, m, m), (4, padded(n))
     return Memory(*map(np.zeros, sizes))
 
 

@@ -106,7 +106,7 @@ class HeldBody(HeldByLoops):
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
         super().resume(auxiliary)
-        self._slope, self._is_small = None, False  # so that what follows does not depend on what was before
+        self._slope, self.tangent, self._is_small = None, NONE, False  # so that what follows depends on nothing before
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""

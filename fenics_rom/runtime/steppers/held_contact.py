@@ -21,6 +21,9 @@ class HeldContact:
         points: Sᵀ (m, 3P).
         residual: how points yield beyond the basis, if that is known.
         h: s.
+
+    Attributes:
+        touch: where points are, as arrays.
     """
 
     def __init__(self, solver: CompiledContact, points: Array, residual: ResidualMotion | None, h: float):
@@ -28,7 +31,7 @@ class HeldContact:
         (R, *times), beyond = (np.empty((0, 0)), 0.0, 1.0, 0.0, 0.0), (np.zeros((4, 0)), np.zeros((4, 0)))
         if self._residual is not None:
             (R, *times), beyond = self._residual.numbers, self._residual.states
-        self._touch, self._beyond = Touch(in_plain(points), in_plain(self._solver.points), in_plain(R), *times), beyond
+        self.touch, self._beyond = Touch(in_plain(points), in_plain(self._solver.points), in_plain(R), *times), beyond
         self._spread = np.zeros(points.shape)
         self._rates = np.zeros(n)
         self.forget()
@@ -45,7 +48,7 @@ class HeldContact:
     def set_pushed(self, pushed: Array, contact: ContactSolution | None) -> None:
         """Sets the generalized forces (m,) of contact in the step before, unless they are those that a step set."""
         if contact is not self._pushing:
-            pushed[:] = 0.0 if contact is None else self._touch.points.dot(contact.forces.ravel())
+            pushed[:] = 0.0 if contact is None else self.touch.points.dot(contact.forces.ravel())
             self._pushing = contact
 
     def among(self, obstacles: ObstacleMotion) -> Among:
@@ -56,7 +59,7 @@ class HeldContact:
         begun = Begun(search.forces, self._solver.swung(search))
         law, shapes = self._solver.law_in_steps(self._h), self._solver.shapes
         W = np.empty((3 * P, 3 * P))  # another one each time, as the solver keeps parts of it
-        return Among(self._touch, law, shapes, *obstacles, begun, *self._beyond, found, self._spread, W)
+        return Among(self.touch, law, shapes, *obstacles, begun, *self._beyond, found, self._spread, W)
 
     def for_many(self, among: Among) -> tuple[Among, Last]:
         """The same for steps in a row, which change what they begin with; and where the last one is kept."""

@@ -22,6 +22,12 @@ if TYPE_CHECKING:
 class HeldByLoops(HeldAdjoint):
     """What of a held body loops do, where they are compiled, and know all that acts on it."""
 
+    @property
+    def loops(self) -> "CompiledHeld":
+        """What takes steps where `is_compiled`."""
+        assert self._compiled is not None
+        return self._compiled
+
     def _take_over(self, u: Array, law: ElasticLaw, solution: Solution) -> None:
         """Takes the step under u (p,)."""
         raise NotImplementedError

@@ -1,0 +1,156 @@
+"""Many held bodies that deform largely: the step of each is that of `held_step`, to the bit; see `linear_bodies`."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit, jit_part
+from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs
+from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, IS_AHEAD, IS_CARRIED, Memory
+from fenics_rom.runtime.compiled.held_step import Among, Body, Motion, Step, Touch, motion_in, take_step
+from fenics_rom.runtime.compiled.linear_bodies import Obstacles, Told
+from fenics_rom.runtime.compiled.linear_step import State
+from fenics_rom.runtime.compiled.touching import Begun, StepContact, hand_on
+
+TANGENT, VELOCITY = 2, 0  # where `strains_in` has them
+
+
+class Carried(NamedTuple):
+    """What steps of B bodies carry along, as they have it in their memories, and what it was before the step."""
+
+    vectors: Array  # (B, 9, m)
+    matrices: Array  # (B, 3, m, m)
+    strained: Array  # (B, 2, n - 1)
+    numbers: Array  # (B, NUMBERS)
+    pushed: Array  # generalized forces of contact in the last step (B, m)
+    velocity_before: Array  # (B, m)
+    strained_before: Array
+    numbers_before: Array
+    pushed_before: Array
+    noted: Array  # (B, 3): as in `held_steps.Taken`, and |q|²
+
+
+@jit
+def step_bodies(
+    body: Body,
+    touch: Touch | None,
+    law: Law,
+    friction: Array,
+    shapes: Array,
+    bodies: Array,
+    inputs: Array,
+    obstacles: Obstacles,
+    begun: Begun,
+    after: Begun,
+    states: State,
+    carried: Carried,
+    told: Told,
+) -> None:
+    """Takes a step of some bodies. Arguments as in `linear_bodies.step_bodies`, but for:
+
+    Args:
+        touch: where they can be touched; None: nowhere.
+        carried: changed as states are.
+    """
+    m, N = len(body.ω), begun.forces.shape[1]
+    n, r = 3 * told.forces.shape[1], len(body.law.stiffness)
+    within, products, vectors, factor = np.zeros((3, m, m)), np.zeros((4, r)), np.zeros((8, m)), np.zeros((m, m))
+    motion, found, spread, W = motion_in(vectors, factor), _found(N, n), np.empty((m, n)), np.empty((n, n))
+    for b in bodies:
+        memory = Memory(
+            carried.vectors[b], carried.matrices[b], carried.strained[b], carried.numbers[b], within, products
+        )
+        pushed = carried.pushed[b]
+        _remember(b, states, carried)
+        if touch is None:
+            step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, None)
+        else:
+            copy(begun.forces[b], found.pairs.forces)
+            found.pairs.friction[:] = friction[b]
+            own = Law(law.h, law.restitution, friction[b], law.rate, law.compliance, law.is_at_rest, law.swings)
+            past, beyond = Begun(begun.forces[b], begun.swung[b]), (states.beyond[b], states.beyond_before[b])
+            moving = obstacles.start[b], obstacles.end[b], obstacles.before[b]
+            among = Among(touch, own, shapes, *moving, past, *beyond, found, spread, W)
+            step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, among)
+        told.status[b] = step.status
+        if step.status >= OTHERWISE:
+            restore(b, states, carried)
+            continue
+        _end(body, b, step, motion, states, carried, told)
+        if touch is not None:
+            _tell_contact(law, step.status == FOUND, found, past, Begun(after.forces[b], after.swung[b]), told, b)
+
+
+@jit_part
+def _found(N: int, n: int) -> StepContact:
+    """For what N pairs do at points with so many coordinates."""
+    vectors, flags = np.empty((3, N, 3)), np.empty((2, N), dtype=np.bool_)
+    asked = vectors[0], vectors[1], vectors[2], np.empty(N), flags[0], flags[1], np.empty(N), np.empty((N, 3))
+    return StepContact(Pairs(np.empty((N, 3, 3)), *asked), np.empty(N), np.zeros((4, n)), np.empty(n))
+
+
+@jit_part
+def _remember(b: int, states: State, carried: Carried) -> None:
+    """Notes what a body is before a step."""
+    copy(states.halves[b], states.halves_before[b])
+    copy(states.beyond[b], states.beyond_before[b])
+    copy(carried.numbers[b], carried.numbers_before[b])
+    copy(carried.pushed[b], carried.pushed_before[b])
+    copy(carried.vectors[b, VELOCITY], carried.velocity_before[b])
+    if carried.numbers[b, IS_CARRIED]:
+        copy(carried.strained[b], carried.strained_before[b])
+
+
+@jit_part
+def restore(b: int, states: State, carried: Carried) -> None:
+    """Puts a body where it was before the last step; what is known ahead of it is found anew.
+
+    T is what it was, if there was one: steps that have one do not change it.
+    """
+    copy(states.halves_before[b], states.halves[b])
+    copy(states.beyond_before[b], states.beyond[b])
+    copy(carried.numbers_before[b], carried.numbers[b])
+    copy(carried.pushed_before[b], carried.pushed[b])
+    copy(carried.velocity_before[b], carried.vectors[b, VELOCITY])
+    carried.numbers[b, IS_AHEAD] = 0.0
+    if carried.numbers[b, IS_CARRIED]:
+        copy(carried.strained_before[b], carried.strained[b])
+
+
+@jit
+def restore_bodies(bodies: Array, states: State, carried: Carried) -> None:
+    """Puts bodies where they were before the last step."""
+    for b in bodies:
+        restore(b, states, carried)
+
+
+@jit_part
+def _end(body: Body, b: int, step: Step, motion: Motion, states: State, carried: Carried, told: Told) -> None:
+    """Has a body be where its step led."""
+    works, noted = told.works[b], carried.noted[b]
+    copy(motion.e, states.halves[b, 0])
+    copy(motion.r, states.halves[b, 1])
+    works[0], works[1], works[2] = step.supplied, step.dissipated, step.by_obstacles
+    works[3], works[4] = step.contact, step.friction
+    noted[0], noted[1], noted[2] = 2 * carried.numbers[b, AHEAD], carried.numbers[b, GAP], 0.0
+    for i in range(len(motion.e)):
+        noted[2] += (motion.e[i] * body.inverse_ω[i]) ** 2
+
+
+@jit_part
+def _tell_contact(law: Law, touches: bool, found: StepContact, past: Begun, after: Begun, told: Told, b: int) -> None:
+    """Tells what a body found of contact, and what its next step begins with."""
+    pairs, (P, resultants, pressing) = found.pairs, (told.forces.shape[1], told.resultants[b], told.pressing[b])
+    copy(found.forces.reshape(P, 3), told.forces[b])
+    hand_on(law, past, touches, pairs, after)
+    for o in range(len(resultants)):
+        for k in range(3):
+            resultants[o, k] = 0.0
+    for p in range(P):
+        pressing[p] = 0.0
+    for c in range(len(pairs.forces) if touches else 0):
+        for k in range(3):
+            resultants[c // P, k] += pairs.forces[c, k]
+            pressing[c % P] += pairs.forces[c, k] * pairs.axes[c, 0, k]

@@ -1,0 +1,204 @@
+"""Many held bodies of one ROM that deform largely, stepped by compiled loops, with obstacles or without.
+
+Each is as it is by itself, to the bit. A contact mode changes inputs only, so that all have one state.
+"""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import compiled, or_numpy
+from fenics_rom.mechanics.compiled.contact_law import Law
+from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.step import StepperState
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.compiled.carried_strains import ENERGY, HAS_TANGENT, IS_AHEAD, IS_CARRIED, LEFT, NUMBERS
+from fenics_rom.runtime.compiled.held_bodies import TANGENT, VELOCITY, Carried, restore_bodies, step_bodies
+from fenics_rom.runtime.compiled.linear_bodies import Obstacles
+from fenics_rom.runtime.compiled.linear_step import State
+from fenics_rom.runtime.compiled_bodies import CompiledBodies
+from fenics_rom.runtime.compiled_state import Mode
+from fenics_rom.runtime.simulator import Simulator
+from fenics_rom.runtime.steppers.adjoint import NONE
+from fenics_rom.runtime.steppers.deformation_maps import E_OF_Q
+from fenics_rom.runtime.steppers.deformation_maps import Carried as HandedOn
+from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
+from fenics_rom.runtime.steppers.training_watch import TRUSTED_EXTENT
+from fenics_rom.runtime.threads import deal_out
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.active_environment import SignalLike
+    from fenics_rom.runtime.steppers.held import HeldBody
+    from fenics_rom.runtime.steppers.stepper import ReducedStepper
+
+NO_LAW = Law(1.0, 0.0, 0.0, 0.0, 0.0, False, 0)  # of bodies that nothing can touch
+
+
+class CompiledBending(CompiledBodies):
+    """Arguments, properties and methods as of `CompiledBodies`."""
+
+    @classmethod
+    def made(
+        cls, rom: Rom, size: int, dt: float, ledger: bool, signals: "Mapping[str, SignalLike]", detail: str | None
+    ) -> "CompiledBending | None":
+        """Of a ROM; None where its steps are not compiled. Without contact they are linearly implicit at any dt."""
+        acting = rom.environment
+        if not compiled() or rom.deformation is None or acting.is_moving or not acting.has_inertia:
+            return None
+        stepper = None if acting.contact_law is not None else "linearly-implicit"
+        single = Simulator(rom, dt, signals=signals, stepper=stepper, detail=detail)
+        return cls(single, size, ledger) if single.bends_compiled else None
+
+    def _make_modes(self) -> None:
+        first, size = not self._modes, self.size
+        stepper, body = self._single.integrator, self.rom.deformation
+        assert body is not None
+        m, r = body.order, StrainsCarried.strain_count(body)
+        states, self._modes = self._modes[0].states if self._modes else None, []
+        for name in self.rom.contact_models:
+            stepper.restore(name, self._at_rest(name), self._dt)
+            loops = self._kernel.loops
+            if states is None:
+                sizes = (2, m), (0,), (4, 0 if loops.touch is None else len(loops.touch.R))
+                states = State(*(np.zeros((size, *shape)) for shape in sizes * 2))
+            self._modes.append(Mode(name, loops.body, loops.touch, states))
+        if first:
+            shapes = (9, m), (3, m, m), (2, r), (NUMBERS,), (m,), (m,), (2, r), (NUMBERS,), (m,), (3,)
+            self._carried = Carried(*(np.zeros((size, *shape)) for shape in shapes))
+            self._notes = np.zeros((3, size))  # strained, mismatch and distance, at most
+            self._begin(np.arange(size), np.zeros(size, bool))
+        self._carried.numbers[:, [HAS_TANGENT, IS_AHEAD]] = 0.0
+        for number in range(size):
+            self._set_pushed(number, self._told.forces[number])
+
+    @property
+    def _kernel(self) -> "HeldBody":
+        return cast("HeldBody", self._single.integrator.kernel)
+
+    @property
+    def _law(self) -> StrainsCarried:
+        return cast(StrainsCarried, self._kernel.elastic)
+
+    def _set_pushed(self, body: int, forces: Array) -> None:
+        """Has the last step have had contact forces (P, 3)."""
+        touch, pushed = self._modes[0].touch, self._carried.pushed
+        pushed[body] = touch.points.dot(forces.ravel()) if touch is not None and forces.any() else 0.0
+
+    def _enter(self, body: int) -> "ReducedStepper":
+        stepper, carried, states = self._single.integrator, self._carried, self._modes[0].states
+        numbers, forces, contact = carried.numbers[body], self._told.forces[body], None
+        strained = carried.strained[body].copy() if numbers[IS_CARRIED] else E_OF_Q
+        handed_on = HandedOn(carried.vectors[body, VELOCITY].copy(), strained, *numbers[:4].tolist())
+        if forces.any():
+            none = np.empty((0, 3))
+            w = np.zeros((len(self._shapes), 3))
+            contact = ContactSolution(forces.copy(), 0, np.empty(0, int), none, none, w, None)
+        auxiliary = np.concatenate([handed_on.in_one(carried.strained.shape[2]), states.beyond[body].ravel()])
+        own = states.halves[body].ravel(), np.empty(0), auxiliary
+        now = StepperState(*own, contact, self._search_of(body), {}, np.empty(0))
+        stepper.restore(self._modes[self._mode[body]].name, now, self._dt)
+        if numbers[HAS_TANGENT]:
+            self._kernel.tangent = carried.matrices[body, TANGENT].copy()
+        return stepper
+
+    def _leave(self, body: int) -> None:
+        kernel, self._mode[body] = self._kernel, self._numbers[self._single.integrator.contact_mode]
+        states, noted = self._modes[0].states, kernel.notes
+        kernel.flush()
+        states.halves[body] = kernel.state.reshape(2, -1)
+        if states.beyond.size and kernel.residual is not None:
+            states.beyond[body] = kernel.residual.state.reshape(4, -1)
+        self._take_on(body, self._law.carried, kernel.tangent)
+        self._set_pushed(body, np.zeros(0) if kernel.contact is None else kernel.contact.forces)
+        q = states.halves[body, 0] * self._modes[0].body.inverse_ω
+        gap = noted["mismatch"] ** 2 * noted["strained"]
+        self._carried.noted[body] = noted["strained"], gap, q.dot(q)
+
+    def _take_on(self, body: int, handed_on: HandedOn, tangent: Array) -> None:
+        """Has a body go on from what a step handed on."""
+        carried, numbers = self._carried, self._carried.numbers[body]
+        carried.vectors[body, VELOCITY] = handed_on.velocity
+        numbers[:5] = *handed_on[2:], len(handed_on.strained) > 0
+        if len(handed_on.strained):
+            carried.strained[body] = handed_on.strained
+        numbers[[IS_AHEAD, HAS_TANGENT]] = 0.0, len(tangent) > 0
+        if len(tangent):
+            carried.matrices[body, TANGENT] = tangent
+
+    def _begin(self, bodies: Array, frozen: Array) -> None:
+        super()._begin(bodies, frozen)
+        states = self._modes[0].states
+        for body in bodies.tolist():
+            e, r = states.halves[body]
+            self._law.resume(e * self._modes[0].body.inverse_ω, r, np.empty(0))
+            self._take_on(body, self._law.carried, NONE)
+
+    def reset(self, bodies: Array, on_error: str) -> None:
+        """As of `Batch`."""
+        super().reset(bodies, on_error)
+        self._carried.pushed[bodies], self._notes[:, bodies] = 0.0, 0.0
+
+    def switch(self, modes: Array, bodies: Array) -> None:
+        """Makes contact modes active, by their numbers (B,), of bodies (B,): what is known ahead is found anew."""
+        for body in bodies[self._mode[bodies] != modes].tolist():
+            self._carried.numbers[body, [HAS_TANGENT, IS_AHEAD]] = 0.0
+            self._set_pushed(body, self._told.forces[body])
+        self._mode[bodies] = modes
+
+    def _step_alone(self, body: int, u: Array, obstacles: Obstacles) -> None:
+        carried = self._carried
+        carried.velocity_before[body] = carried.vectors[body, VELOCITY]
+        carried.strained_before[body] = carried.strained[body]
+        carried.numbers_before[body], carried.pushed_before[body] = carried.numbers[body], carried.pushed[body]
+        super()._step_alone(body, u, obstacles)
+
+    def _step_together(self, mode: Mode, own: Array, inputs: Array, obstacles: Obstacles) -> None:
+        law = NO_LAW if self._interface is None else self._solver.law_in_steps(self._dt)
+        given = mode.body, mode.touch, law, self._friction, self._shapes
+        between = inputs, obstacles, self._begun, self._after, mode.states, self._carried, self._new
+        deal_out(partial(_step, given, between), own)
+
+    def _take_back(self, bodies: Array) -> None:
+        if len(bodies):
+            restore_bodies(bodies, self._modes[0].states, self._carried)
+
+    def _commit(self, taken: Array, stays: Array, obstacles: Obstacles) -> None:
+        super()._commit(taken, stays, obstacles)
+        strained, mismatch, distance = self._notes
+        of_step, gap, square = self._carried.noted.T
+        np.maximum(strained, of_step, out=strained, where=taken)
+        seen = taken & (gap > 0) & (strained > 0)
+        mismatch[seen] = np.maximum(mismatch[seen], np.sqrt(gap[seen] / strained[seen]))
+        np.maximum(distance, np.sqrt(square), out=distance, where=taken)
+
+    @property
+    def energy(self) -> Array:
+        """(size,), J."""
+        mode, numbers, beyond = self._modes[0], self._carried.numbers, self._modes[0].states.beyond
+        q, r = mode.states.halves[:, 0] * mode.body.inverse_ω, mode.states.halves[:, 1]
+        energy: Array = numbers[:, ENERGY] + numbers[:, LEFT] + np.einsum("bm,bm->b", r, r) / 2
+        energy += np.einsum("bm,bm->b", q @ mode.body.law.springs, q) / 2
+        if beyond.size:
+            g, y, ġ, ẏ = beyond.transpose(1, 0, 2)
+            energy += (np.einsum("bp,bp->b", g, y) + mode.touch.τ**2 * np.einsum("bp,bp->b", ġ, ẏ)) / 2
+        return energy
+
+    @property
+    def beyond_training(self) -> Array:
+        """(size,)."""
+        assert self.rom.deformation is not None
+        beyond: Array = self._notes[2] > TRUSTED_EXTENT * self.rom.deformation.training_radius
+        return beyond
+
+    @property
+    def mismatch(self) -> Array:
+        """(size,)."""
+        return self._notes[1].copy()
+
+
+@or_numpy
+def _step(given: Any, between: Any, bodies: Array) -> None:
+    step_bodies(*given, bodies, *between)  # type: ignore[call-arg]
