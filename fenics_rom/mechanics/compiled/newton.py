@@ -133,7 +133,7 @@ def find_with_operator(
     The inverse may be that of a matrix that is only nearly W, as where W is not symmetric. Then what W f is beyond that
     is among the free velocities of a further search, which takes a solve. Arguments as of `look_at`; missed: before.
     """
-    shifted, solves, before, error, enough = q.copy(), 0, np.inf, missed, ACCURATE * np.abs(q).max()
+    shifted, solves, before, error, enough = q.copy(), 0, np.inf, missed, SOLVED * np.abs(q).max()
     for _ in range(MOST_SEARCHES):
         count, is_found = find_by_newton(inverse, points, axes, shifted, friction, yielding, f, u, error)
         solves += count
