@@ -155,6 +155,25 @@ def jit_sums(function: _Function) -> _Function:
     return _part(function, EXACT | {"reassoc", "nsz"}) if can_compile() else function
 
 
+def arrays_by_address() -> tuple[Any, Any, Any]:
+    """numba's `carray`, and what makes an address a pointer to floats, and to whole numbers, in compiled functions."""
+    if not can_compile():
+        return None, None, None
+    from numba import carray, types
+    from numba.extending import intrinsic
+
+    def pointer_to(kind: Any) -> Any:
+        def pointer(context: Any, address: Any) -> Any:
+            def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+                return builder.inttoptr(given[0], context.get_value_type(signature.return_type))
+
+            return types.CPointer(kind)(types.int64), generate
+
+        return intrinsic(pointer)
+
+    return carray, pointer_to(types.float64), pointer_to(types.int64)
+
+
 @cache
 def jit_shared(function: _Function) -> _Function:
     """The same of a function that NumPy's steps take, too, with those that it calls.

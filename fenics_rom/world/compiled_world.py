@@ -182,7 +182,7 @@ class CompiledWorld:
         for _, moved in self._driven:
             moved.time += self._h
         for _, soft, table in self._soft:
-            soft.end_compiled(table)
+            soft.end_compiled(table.kernel, table.points.forces, table.step.told, table.step.u)
         for number, soft, _ in self._switching:
             soft.note_near(*self._nearest_to(number))
         return True

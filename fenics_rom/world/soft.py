@@ -38,7 +38,6 @@ from fenics_rom.world.surfaces import nearest_carriers, soft_points, triangles_a
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.signals import SignalLike
-    from fenics_rom.world.soft_tables import SoftTable
 
 _ONES, KICKED = np.ones(3), (ContactMidpoint, CarriedFrame)  # the latter: what takes impulses of joints
 OTHERS = ObstacleMotion(*np.zeros((3, 1, 3)))  # all that touches it, as one obstacle
@@ -368,16 +367,16 @@ class Soft(Simulator, Body):
         self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
         np.minimum.at(self._handed.point_gaps, nodes, gaps)
 
-    def end_compiled(self, table: "SoftTable") -> None:
-        """Ends a step that compiled functions have taken."""
-        kernel, self._twice = table.kernel, table.step.told.item(0)
-        kernel.contact = partial(handed_in, table.points.forces)
+    def end_compiled(self, kernel: CarriedFrame | ContactMidpoint, forces: Array, told: Array, u: Array) -> None:
+        """Ends a compiled step under u, with forces on points; told: twice the energy, and that within the shape, J."""
+        self._twice, within = told[:2].tolist()
+        kernel.contact = partial(handed_in, forces)
         if isinstance(kernel, CarriedFrame):
-            kernel.end_in_world(self._twice, table.step.told.item(1))
+            kernel.end_in_world(self._twice, within)
         if self._twice <= self._monitor_threshold:
             self.steps += 1
         else:
-            self._step_high(table.step.u, self._twice)
+            self._step_high(u, self._twice)
 
     def _commit_rest(self) -> None:
         """Books what others do by the forces that they feel, those at the end of a step, and notes how points went.

@@ -5,14 +5,11 @@ arrays.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numba import carray, types
-from numba.extending import intrinsic
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_part
+from fenics_rom.compilation import arrays_by_address, jit_part
 
 
 def table_of(arrays: Sequence[Array]) -> Array:
@@ -25,17 +22,7 @@ def table_of(arrays: Sequence[Array]) -> Array:
     return rows
 
 
-def _pointer_to(kind: Any) -> Any:
-    def pointer(context: Any, address: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-            return builder.inttoptr(given[0], context.get_value_type(signature.return_type))
-
-        return types.CPointer(kind)(types.int64), generate
-
-    return pointer
-
-
-_floats, _integers = intrinsic(_pointer_to(types.float64)), intrinsic(_pointer_to(types.int64))
+carray, _floats, _integers = arrays_by_address()
 
 
 @jit_part

@@ -370,10 +370,9 @@ class BookedKernel(Kernel):
 
         These are v̂ (m,) of the body and, in the residual part, of the points (P, 3).
         """
-        if contact is None:
-            return ()
-        self._at_touch = v, residual
-        return (partial(contact.work, self.touched, h),)
+        if contact is not None:
+            self._at_touch = v, residual
+        return () if contact is None else (partial(contact.work, self.touched, h),)
 
     def _at_points(self, v: Array, residual: Array | None) -> Array:
         """Velocity of the points (P, 3), m/s, from that of the body (m,) and of the residual part (P, 3)."""
@@ -392,11 +391,8 @@ class BookedKernel(Kernel):
         self._state_before[:] = self.state
         if len(self._rigid_displacement):
             self._rigid_before[:] = self._rigid_displacement
-        self._contact_before, self._reactions_before, self._notes_before = (
-            self.contact,
-            self.reactions,
-            dict(self.notes),
-        )
+        self._contact_before, self._reactions_before = self.contact, self.reactions
+        self._notes_before = dict(self.notes)
 
 
 def symmetric(matrix: Array) -> Array:
