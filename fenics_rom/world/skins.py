@@ -21,6 +21,8 @@ from fenics_rom.world.meetings import Meeting
 from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.soft import Soft
 
+QUICK_INTERVAL = 4 * CHECK_INTERVAL  # of compiled steps: bodies are looked at on their way between two looks
+
 
 class _Watched(NamedTuple):
     """A soft body."""
@@ -75,9 +77,10 @@ class WorldSkins:
         """What to say of the run so far."""
         return tuple(message for each in self._watched.values() for message in each.watch.messages)
 
-    def asks(self, steps: int) -> bool:
-        """Whether `is_due` is to be asked, when so many steps were taken."""
-        return bool(self._watched) and (steps >= self._next_look or steps % CHECK_INTERVAL == 0)
+    def asks(self, steps: int, are_quick: bool) -> bool:
+        """Whether `is_due` is to be asked, when so many steps were taken: more rarely where they are quick."""
+        interval = QUICK_INTERVAL if are_quick else CHECK_INTERVAL
+        return bool(self._watched) and (steps >= self._next_look or steps % interval == 0)
 
     def is_due(self, steps: int) -> bool:
         """Whether to look, when so many steps were taken: after enough of them, or as something may have gone in."""

@@ -283,7 +283,7 @@ class World(ReadWorld):
     def _look_at_skins(self) -> None:
         """Ends a step."""
         self._steps, self._time = self._steps + 1, self._time + self._dt
-        if not self._skins.asks(self._steps):
+        if not self._skins.asks(self._steps, self._loops is not None and self._loops.is_ahead):
             return
         self._tell()
         if self._skins.is_due(self._steps):
