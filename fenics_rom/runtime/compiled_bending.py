@@ -46,7 +46,13 @@ class CompiledBending(CompiledBodies):
     ) -> "CompiledBending | None":
         """Of a ROM; None where its steps are not compiled. Without contact they are linearly implicit at any dt."""
         acting = rom.environment
-        if not compiled() or rom.deformation is None or acting.is_moving or not acting.has_inertia:
+        if (
+            not compiled()
+            or rom.deformation is None
+            or acting.is_moving
+            or acting.finds_forces
+            or not acting.has_inertia
+        ):
             return None
         stepper = None if acting.contact_law is not None else "linearly-implicit"
         single = Simulator(rom, dt, signals=signals, stepper=stepper, detail=detail)

@@ -131,7 +131,8 @@ def test_numpy_takes_steps_whose_forces_loops_do_not_find(monkeypatch):
 
     def give_up(*given):
         given_up[0] += 1
-        step = take(*given[:-1], given[-1]._replace(beyond=given[-1].beyond.copy()))
+        *others, among, pull = given
+        step = take(*others, among._replace(beyond=among.beyond.copy()), pull)
         return step._replace(status=OTHERWISE)
 
     for k, u in enumerate(history(5, one.inputs)):

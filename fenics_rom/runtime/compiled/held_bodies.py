@@ -65,7 +65,7 @@ def step_bodies(
         pushed = carried.pushed[b]
         _remember(b, states, carried)
         if touch is None:
-            step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, None)
+            step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, None, None)
         else:
             copy(begun.forces[b], found.pairs.forces)
             found.pairs.friction[:] = friction[b]
@@ -73,7 +73,7 @@ def step_bodies(
             past, beyond = Begun(begun.forces[b], begun.swung[b]), (states.beyond[b], states.beyond_before[b])
             moving = obstacles.start[b], obstacles.end[b], obstacles.before[b]
             among = Among(touch, own, shapes, *moving, past, *beyond, found, spread, W)
-            step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, among)
+            step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, among, None)
         told.status[b] = step.status
         if step.status >= OTHERWISE:
             restore(b, states, carried)

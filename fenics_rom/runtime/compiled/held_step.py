@@ -2,7 +2,8 @@
 
 (2/h + matrix) v̂ = 2/h r - pull + G u + Sᵀ f,   q⁺ = q + h v̂,   r⁺ = 2 v̂ - r
 
-Where nothing can touch the body `among` is None, and numba makes the same functions without contact.
+Where nothing can touch the body `among` is None, and numba makes the same functions without contact; where no stroke is
+given `pull` is. A body among obstacles has none.
 """
 
 import math
@@ -34,6 +35,7 @@ from fenics_rom.runtime.compiled.carried_strains import (
 )
 from fenics_rom.runtime.compiled.following import Following, add_following
 from fenics_rom.runtime.compiled.small_matrices import dot, factor, multiply, solve, solve_rows, squares
+from fenics_rom.runtime.compiled.strokes import Pull, add_pull, aim, find_pull
 from fenics_rom.runtime.compiled.touching import (
     FORGOTTEN,
     LOST,
@@ -125,7 +127,9 @@ NOT_TAKEN = Step(OTHERWISE, 0, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @jit_part
-def free_step(body: Body, u: Array, e: Array, r: Array, pushed: Array, strains: Strains, motion: Motion) -> bool:
+def free_step(
+    body: Body, u: Array, e: Array, r: Array, pushed: Array, strains: Strains, motion: Motion, pull: Pull | None
+) -> bool:
     """Sets v̂ of a step under u (p,) from e and r (m,) without contact; whether there is one.
 
     `pushed` are generalized forces (m,) of contact in the step before.
@@ -142,6 +146,9 @@ def free_step(body: Body, u: Array, e: Array, r: Array, pushed: Array, strains: 
     add_following(body.loads, u, strains.at, strains.products[0], velocity)
     for i in range(m):
         residual[i] = 2 / law.h * (v[i] - r[i]) - velocity[i] - pushed[i]
+    if pull is not None:
+        aim(pull, u, q, r, law.h)
+        add_pull(pull, strains.at, -1.0, residual)
     add_force_ahead(law, strains, q, residual)
     numbers[MADE_TANGENT] = 1.0 - numbers[HAS_TANGENT]
     if not numbers[HAS_TANGENT]:
@@ -158,6 +165,8 @@ def free_step(body: Body, u: Array, e: Array, r: Array, pushed: Array, strains: 
     for i in range(m):
         velocity[i] = 2 / law.h * r[i] - strains.pull[i] + force[i]
     solve(motion.factor, velocity)
+    if pull is not None:
+        return find_pull(pull, strains.at, motion.factor, velocity, force)
     return True
 
 
@@ -252,13 +261,14 @@ def take_step(
     vectors: Array,
     matrix: Array,
     among: Among | None,
+    pull: Pull | None,
 ) -> Step:
     """A step under u (p,) from e and r (2, m); `pushed` as in `free_step`, then those of this step.
 
     Where it is not taken, what is carried is as it was, but for numbers of the memory; where it is lost, it is not.
     """
     strains, motion = strains_in(memory), motion_in(vectors, matrix)
-    if not free_step(body, u, halves[0], halves[1], pushed, strains, motion):
+    if not free_step(body, u, halves[0], halves[1], pushed, strains, motion, pull):
         return NOT_TAKEN
     if among is None:
         return end_step(body, halves[1], strains, motion)

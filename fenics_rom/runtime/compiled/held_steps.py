@@ -9,6 +9,7 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, Memory
 from fenics_rom.runtime.compiled.held_step import NOT_TAKEN, Among, Body, Step, motion_in, take_step
+from fenics_rom.runtime.compiled.strokes import Pull
 from fenics_rom.runtime.compiled.touching import Begun, StepContact, hand_on, keep_found
 
 
@@ -20,6 +21,7 @@ class Taken(NamedTuple):
     noted: Array  # (n, 2): twice the energy of the strains after it, J, and the square of what those carried lack
     carried: Array  # g (n, 3P) beyond the basis after it, N; (n, 0) where there is nothing
     by_obstacle: Array  # forces of the obstacles in it (n, O, 3), N
+    reactions: Array  # forces of strokes in it (n, k), N
 
 
 class Last(NamedTuple):
@@ -39,6 +41,7 @@ def take_steps(
     vectors: Array,
     matrix: Array,
     among: Among | None,
+    pull: Pull | None,
     last: Last | None,
     taken: Taken,
 ) -> tuple[int, Step]:
@@ -50,7 +53,7 @@ def take_steps(
     Args:
         body, halves, pushed, memory, vectors, matrix: as in `take_step`; e and r are changed, too.
         inputs: (n, p).
-        among: as there; what a step begins with is changed. None: nothing can touch the body.
+        among, pull: as there; what a step begins with is changed. None: nothing can touch the body, or is pulled.
         last: set, where something can.
         taken: set.
     """
@@ -59,7 +62,7 @@ def take_steps(
         copy(memory.numbers, numbers)
         if among is not None:
             copy(among.begun.forces, among.found.pairs.forces)
-        after = take_step(body, inputs[count], halves, pushed, memory, vectors, matrix, among)
+        after = take_step(body, inputs[count], halves, pushed, memory, vectors, matrix, among, pull)
         if after.status == OTHERWISE:
             copy(numbers, memory.numbers)
             return count, step
@@ -74,6 +77,8 @@ def take_steps(
         works[0], works[1], works[2] = step.supplied, step.dissipated, step.by_obstacles
         works[3], works[4] = step.contact, step.friction
         noted[0], noted[1] = 2 * memory.numbers[AHEAD], memory.numbers[GAP]
+        if pull is not None:
+            copy(pull.forces, taken.reactions[count])
         if among is not None and last is not None:
             _keep_contact(among, step.status == FOUND, last, taken, count)
     return len(inputs), step

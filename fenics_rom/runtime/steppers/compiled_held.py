@@ -1,5 +1,6 @@
 """Steps of a held body whose strains are carried along by one compiled function: what `HeldBody` tries first."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -11,8 +12,9 @@ from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
 from fenics_rom.mechanics.compiled_contact import CompiledContact
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
+from fenics_rom.mechanics.tendon import cable_length
 from fenics_rom.rom.carried_strains import MonomialStrains
-from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
 from fenics_rom.rom.strain_tables import StrainTables
 from fenics_rom.runtime.compiled.carried_strains import (
     GAP,
@@ -29,8 +31,10 @@ from fenics_rom.runtime.compiled.held_step import Among, Body, Step, Touch, moti
 from fenics_rom.runtime.compiled.held_steps import Taken, take_steps
 from fenics_rom.runtime.compiled.material_points import Points
 from fenics_rom.runtime.compiled.strain_tables import folded, padded
+from fenics_rom.runtime.compiled.strokes import Pull
 from fenics_rom.runtime.compiled.touching import LOST
 from fenics_rom.runtime.steppers.acts.following import FollowingLoads, Pressure
+from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
 from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
 from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.deformation_maps import E_OF_Q, Carried, Expected
@@ -39,6 +43,16 @@ from fenics_rom.runtime.steppers.held_contact import HeldContact
 from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 LAWS = "st_venant_kirchhoff", "neo_hookean"  # that are compiled
+
+
+class Beginning(NamedTuple):
+    """What a step begins with."""
+
+    halves: Array  # e and r (2, m)
+    tangent: Array  # T (m, m), or empty
+    obstacles: ObstacleMotion | None
+    touched: ContactSolution | None  # contact,
+    reactions: Array  # and forces of strokes (n,), in the step before
 
 
 class HeldStepsTaken(NamedTuple):
@@ -57,6 +71,7 @@ class CompiledHeld:
         law: what resists its shape.
         loads: what acts on it.
         contact: how obstacles touch it; None: they cannot.
+        pull: cables whose strokes are given; None: there are none.
         ω: (m,), 1/s.
         inverse_ω: (m,), s.
         h: s.
@@ -73,18 +88,25 @@ class CompiledHeld:
         law: StrainsCarried,
         loads: ShapeLoads,
         contact: HeldContact | None,
+        pull: Pull | None,
         ω: Array,
         inverse_ω: Array,
         h: float,
     ):
         m = body.order
         self._h, self._elastic, self._pushed = h, law, np.zeros(m)
-        self.body = Body(ω, inverse_ω, loads.dead, _following(loads.following, m), _law(body, law, h))
+        self.body = Body(
+            ω,
+            inverse_ω,
+            loads.dead,
+            _following(loads.following, m, [] if pull is None else pull.columns.tolist()),
+            _law(body, law, h),
+        )
         self._memory = _memory(m)
         self._of_motion = np.zeros((8, m)), np.zeros((m, m))
         self.motion, self._strains = motion_in(*self._of_motion), strains_in(self._memory)
         self.tangent, self._carried = NONE, law.carried
-        self._met = contact
+        self._met, self._pull = contact, pull
         self.forget()
 
     @staticmethod
@@ -95,17 +117,22 @@ class CompiledHeld:
         solver: ContactSolver | None,
         points: Array,
         residual: ResidualMotion | None,
+        found: FoundForces | None,
         *others: Any,
     ) -> "CompiledHeld | None":
         """Of such arguments; None where loops do not know how it deforms, or what touches.
 
-        `solver`: what finds contact forces, if anything can touch; `points` and `residual` as in `HeldContact`.
+        `solver`: what finds contact forces, if anything can touch; `points` and `residual` as in `HeldContact`;
+        `found`: what finds forces of strokes, if any are given.
         """
         knows = body.law in LAWS and law.branches is None and isinstance(law.strains, MonomialStrains)
         if not (knows and (solver is None or isinstance(solver, CompiledContact))):
             return None
+        pull = None if found is None else _pull(found, *loads.dead.shape)
+        if found is not None and (pull is None or solver is not None):
+            return None
         contact = None if solver is None else HeldContact(solver, points, residual, others[-1])
-        return CompiledHeld(body, law, loads, contact, *others)
+        return CompiledHeld(body, law, loads, contact, pull, *others)
 
     def forget(self) -> None:
         """What is known ahead, so that what follows is the same to the bit, whatever came before."""
@@ -114,17 +141,13 @@ class CompiledHeld:
             self._met.forget()
 
     @or_numpy
-    def take(
-        self, u: Array, halves: Array, tangent: Array, obstacles: ObstacleMotion | None, touched: ContactSolution | None
-    ) -> tuple[Step, ContactSolution | None] | None:
-        """Takes a step under u (p,) from e and r (2, m), with contact in it; None where it is to be taken otherwise.
-
-        `touched`: contact in the step before.
-        """
-        among = self._begin(halves, tangent, obstacles, touched)
+    def take(self, u: Array, start: Beginning) -> tuple[Step, ContactSolution | None] | None:
+        """Takes a step under u (p,), with contact in it; None where it is to be taken otherwise."""
+        among = self._begin(start)
         if among is None and self._met is not None:
             return None
-        step = take_step(self.body, in_plain(u), in_plain(halves), self._pushed, self._memory, *self._of_motion, among)
+        given = self._pushed, self._memory, *self._of_motion, among, self._pull
+        step = take_step(self.body, in_plain(u), in_plain(start.halves), *given)
         if step.status >= OTHERWISE:
             self.forget()
             return None
@@ -132,30 +155,22 @@ class CompiledHeld:
         return step, None if self._met is None or among is None else self._met.keep(step, among)
 
     @or_numpy
-    def take_many(
-        self,
-        inputs: Array,
-        halves: Array,
-        tangent: Array,
-        obstacles: ObstacleMotion | None,
-        touched: ContactSolution | None,
-    ) -> HeldStepsTaken | None:
+    def take_many(self, inputs: Array, start: Beginning) -> HeldStepsTaken | None:
         """Takes steps under inputs (n, p) among obstacles that stand still, as many as loops find; None: none.
 
-        Other arguments as of `take`; e and r are changed.
+        e and r are changed.
         """
-        among, last, n, met = self._begin(halves, tangent, obstacles, touched), None, len(inputs), self._met
+        among, last, n, met, halves = self._begin(start), None, len(inputs), self._met, start.halves
         if among is None and met is not None:
             return None
         widths = (0, 0) if among is None else (among.beyond.shape[1], len(among.shapes))
-        shapes = (n, 5), (n, len(self._pushed)), (n, 2), (n, widths[0]), (n, widths[1], 3)
+        shapes = (n, 5), (n, len(self._pushed)), (n, 2), (n, widths[0]), (n, widths[1], 3), (n, len(start.reactions))
         taken = Taken(*map(np.empty, shapes))
         before = halves.copy(), None if among is None else among.beyond.copy()
         if met is not None and among is not None:
             among, last = met.for_many(among)
-        count, step = take_steps(
-            self.body, in_plain(inputs), halves, self._pushed, self._memory, *self._of_motion, among, last, taken
-        )
+        given = self._pushed, self._memory, *self._of_motion, among, self._pull, last, taken
+        count, step = take_steps(self.body, in_plain(inputs), halves, *given)
         if step.status == LOST:
             halves[:] = before[0]
             if among is not None:
@@ -169,16 +184,16 @@ class CompiledHeld:
             contact = met.keep_last(step, among, last)
         return HeldStepsTaken(Taken(*(rows[:count] for rows in taken)), step, contact)
 
-    def _begin(
-        self, halves: Array, tangent: Array, obstacles: ObstacleMotion | None, touched: ContactSolution | None
-    ) -> Among | None:
+    def _begin(self, start: Beginning) -> Among | None:
         """Has loops go on from what is carried; what a step is among, None: it is not known, or there is nothing."""
-        if not (self._is_known and self._elastic.carried is self._carried and tangent is self.tangent):
-            self._load(self._elastic.carried, tangent)
-        if self._met is None or obstacles is None:
+        if not (self._is_known and self._elastic.carried is self._carried and start.tangent is self.tangent):
+            self._load(self._elastic.carried, start.tangent)
+        if self._pull is not None:
+            self._pull.forces[:] = start.reactions
+        if self._met is None or start.obstacles is None:
             return None
-        self._met.set_pushed(self._pushed, touched)
-        return self._met.among(obstacles)
+        self._met.set_pushed(self._pushed, start.touched)
+        return self._met.among(start.obstacles)
 
     def _hand_on(self, step: Step) -> None:
         """Has the law know what the last step that was taken carries along."""
@@ -192,6 +207,11 @@ class CompiledHeld:
             self.tangent = self._strains.tangent.copy()
         noted = 2 * ahead, numbers.item(GAP)
         self._elastic.took(self.motion.e * self.body.inverse_ω, self._carried, noted, step.went_as_expected)
+
+    @property
+    def reactions(self) -> Array | None:
+        """Forces (n,) of strokes in the last step, N; None: none are given."""
+        return None if self._pull is None else self._pull.forces.copy()
 
     @property
     def touch(self) -> Touch | None:
@@ -263,14 +283,31 @@ def _law(body: ReducedDeformation, law: StrainsCarried, h: float) -> Law:
     )
 
 
-def _following(loads: FollowingLoads | None, m: int) -> Following:
-    """As arrays."""
-    followers = [] if loads is None else loads.followers
+def _pull(found: FoundForces, m: int, p: int) -> Pull | None:
+    """Of p inputs, as arrays; None where more is found than forces of cables that do not rub."""
+    cables, columns = found.followers, found.actuators.columns % p
+    tendons = [each for each in cables if isinstance(each, ReducedTendon)]
+    if found.actuators.guides or len(tendons) < max(len(cables), 1):
+        return None
+    n, starts = len(cables), np.cumsum([0, *(len(each.points) - 1 for each in tendons)])
+    sizes = (n,), (n,), (n,), (n, m), (n, m), (n, n)
+    return Pull(columns, starts, *_segments(tendons, m), *map(np.zeros, sizes))
+
+
+def _segments(tendons: Sequence[ReducedTendon], m: int) -> tuple[Array, Array, Array]:
+    """Of cables: segments at rest (s, 3), m, what they are with q (s, 3, m), and lengths of the cables at rest, m."""
+    at_rest = [np.diff(each.points, axis=0) for each in tendons]
+    shapes = [np.diff(each.shapes.reshape(-1, 3, m), axis=0) for each in tendons]
+    lengths = np.array([cable_length(each.points) for each in tendons])
+    return np.concatenate([np.empty((0, 3)), *at_rest]), np.concatenate([np.empty((0, 3, m)), *shapes]), lengths
+
+
+def _following(loads: FollowingLoads | None, m: int, found: Sequence[int]) -> Following:
+    """As arrays, but for what acts in some columns."""
+    followers = [] if loads is None else [each for each in loads.followers if each[0] not in found]
     pressures = [(column, each.polynomial) for column, each in followers if isinstance(each, Pressure)]
-    tendons = [(column, each) for column, each in followers if not isinstance(each, Pressure)]
+    tendons = [(column, each) for column, each in followers if isinstance(each, ReducedTendon)]
     columns = [np.full(len(each.points) - 1, column) for column, each in tendons]
-    at_rest = [np.diff(each.points, axis=0) for _, each in tendons]
-    shapes = [np.diff(each.shapes.reshape(-1, 3, m), axis=0) for _, each in tendons]
     polynomials = np.array([each for _, each in pressures]).reshape(len(pressures), m, -1 if pressures else 0)
     if pressures:
         squares = np.cumsum([0, *range(m + 1, 1, -1)])
@@ -279,6 +316,5 @@ def _following(loads: FollowingLoads | None, m: int) -> Following:
         np.array([column for column, _ in pressures], dtype=np.int64),
         polynomials,
         np.concatenate([np.empty(0, dtype=np.int64), *columns]),
-        np.concatenate([np.empty((0, 3)), *at_rest]),
-        np.concatenate([np.empty((0, 3, m)), *shapes]),
+        *_segments([each for _, each in tendons], m)[:2],
     )

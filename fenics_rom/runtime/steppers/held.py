@@ -130,7 +130,7 @@ class HeldBody(HeldByLoops):
         assert law is not None
         self._tangent_before = self.tangent
         if self._compiled is not None:
-            taken = self._compiled.take(u, self._halves, self.tangent, obstacles, self.contact)
+            taken = self._compiled.take(u, self._beginning(obstacles))
             if taken is not None:
                 return self._end_compiled(u, law, *taken)
         try:

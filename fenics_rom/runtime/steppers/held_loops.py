@@ -16,11 +16,23 @@ from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.compiled.held_step import Step
-    from fenics_rom.runtime.steppers.compiled_held import CompiledHeld, HeldStepsTaken
+    from fenics_rom.runtime.steppers.compiled_held import Beginning, CompiledHeld, HeldStepsTaken
 
 
 class HeldByLoops(HeldAdjoint):
     """What of a held body loops do, where they are compiled, and know all that acts on it."""
+
+    def _beginning(self, obstacles: ObstacleMotion | None) -> "Beginning":
+        """What loops begin a step with."""
+        from fenics_rom.runtime.steppers.compiled_held import Beginning
+
+        return Beginning(self._halves, self.tangent, obstacles, self.contact, self.reactions)
+
+    @property
+    def _reactions_of_loops(self) -> Array:
+        """Forces of strokes in the last step that loops took."""
+        found = self.loops.reactions
+        return self.reactions if found is None else found
 
     @property
     def loops(self) -> "CompiledHeld":
@@ -35,12 +47,12 @@ class HeldByLoops(HeldAdjoint):
     def _compiled_step(self) -> "CompiledHeld | None":
         """What takes steps where loops are compiled, and there is nothing that they do not know."""
         law, solver = self.elastic, None if self._interface is None else self._interface.solver
-        if not (compiled() and isinstance(law, StrainsCarried) and self._found is None and self.h > 0):
+        if not (compiled() and isinstance(law, StrainsCarried) and self.h > 0):
             return None
         from fenics_rom.runtime.steppers.compiled_held import CompiledHeld  # here, as numba takes time to import
 
-        touched = solver, self._Sᵀ, self.residual
-        return CompiledHeld.of(self._body, law, self.loads, *touched, self._ω, self._inverse_ω, self.h)
+        others = solver, self._Sᵀ, self.residual, self._found, self._ω, self._inverse_ω, self.h
+        return CompiledHeld.of(self._body, law, self.loads, *others)
 
     def _end_compiled(self, u: Array, law: ElasticLaw, step: "Step", contact: ContactSolution | None) -> float:
         """Takes note of a step that a compiled function took; twice the stored energy, J."""
@@ -51,7 +63,7 @@ class HeldByLoops(HeldAdjoint):
             contacts, self._at_touch = (partial(ContactWork, *of_contact),), (None, self._compiled.beyond)
         self.tangent, self._expectation = self._compiled.tangent, None
         work = StepWork(step.supplied, step.dissipated, contacts)
-        self._take_over(u, law, Solution(motion.e, motion.r, contact, self.reactions, work, ()))
+        self._take_over(u, law, Solution(motion.e, motion.r, contact, self._reactions_of_loops, work, ()))
         return step.square
 
     @property
@@ -67,7 +79,8 @@ class HeldByLoops(HeldAdjoint):
         law, halves = self.elastic, self._halves.copy()
         if self._compiled is None or not isinstance(law, StrainsCarried):
             return None
-        taken = self._compiled.take_many(inputs, halves, self.tangent, obstacles, self.contact)
+        start = self._beginning(obstacles)._replace(halves=halves)
+        taken = self._compiled.take_many(inputs, start)
         if taken is None:
             return None
         self.flush()
@@ -77,8 +90,12 @@ class HeldByLoops(HeldAdjoint):
             self._ledger.book(supplied=supplied, dissipated=dissipated)
             self._ledger.book_contact(by_obstacles, contact, friction, 0.0)
         self._halves[:], self.contact, self.tangent = halves, taken.contact, self._compiled.tangent
+        self.reactions, acting = self._reactions_of_loops, inputs[:count]
+        if self._found is not None:
+            acting = acting.copy()
+            acting[:, self._found.actuators.columns] = steps.reactions
         self._remember()
         law.note_all(self.notes, steps.noted)
         assert self._extent is not None
-        self._extent.look_along(self.notes, inputs[:count], steps.q, steps.by_obstacle, self.h)
+        self._extent.look_along(self.notes, acting, steps.q, steps.by_obstacle, self.h)
         return taken
