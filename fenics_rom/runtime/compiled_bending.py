@@ -108,6 +108,7 @@ class CompiledBending(CompiledBodies):
         stepper.restore(self._modes[self._mode[body]].name, now, self._dt)
         if numbers[HAS_TANGENT]:
             self._kernel.tangent = carried.matrices[body, TANGENT].copy()
+        self._kernel.loops.go_on(carried.pushed[body], contact)
         return stepper
 
     def _leave(self, body: int) -> None:
@@ -118,7 +119,7 @@ class CompiledBending(CompiledBodies):
         if states.beyond.size and kernel.residual is not None:
             states.beyond[body] = kernel.residual.state.reshape(4, -1)
         self._take_on(body, self._law.carried, kernel.tangent)
-        self._set_pushed(body, np.zeros(0) if kernel.contact is None else kernel.contact.forces)
+        self._carried.pushed[body] = kernel.loops.pushed_by(kernel.contact)
         q = states.halves[body, 0] * self._modes[0].body.inverse_ω
         gap = noted["mismatch"] ** 2 * noted["strained"]
         self._carried.noted[body] = noted["strained"], gap, q.dot(q)

@@ -213,6 +213,18 @@ class CompiledHeld:
         """Forces (n,) of strokes in the last step, N; None: none are given."""
         return None if self._pull is None else self._pull.forces.copy()
 
+    def pushed_by(self, touched: ContactSolution | None) -> Array:
+        """Generalized forces (m,) of contact in the last step."""
+        if self._met is not None:
+            self._met.set_pushed(self._pushed, touched)
+        return self._pushed
+
+    def go_on(self, pushed: Array, touched: ContactSolution | None) -> None:
+        """Has these forces (m,) be those of contact in the last step, to the bit."""
+        if self._met is not None:
+            self._met.know(touched)
+            self._pushed[:] = pushed
+
     @property
     def touch(self) -> Touch | None:
         """Where obstacles can touch the body, as arrays; None: nowhere."""

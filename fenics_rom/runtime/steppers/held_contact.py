@@ -45,6 +45,10 @@ class HeldContact:
         """Which forces were in the step before."""
         self._pushing: ContactSolution | bool | None = False
 
+    def know(self, contact: ContactSolution | None) -> None:
+        """That these were in the step before."""
+        self._pushing = contact
+
     def set_pushed(self, pushed: Array, contact: ContactSolution | None) -> None:
         """Sets the generalized forces (m,) of contact in the step before, unless they are those that a step set."""
         if contact is not self._pushing:
