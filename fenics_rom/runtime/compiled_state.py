@@ -65,7 +65,7 @@ class CompiledState:
     def __init__(self, single: Simulator, size: int, ledger: bool):
         self._single, self._dt, self.size, self.ledger = single, single.dt, size, ledger
         names, law = list(self.rom.contact_models), self.rom.environment.contact_law
-        self._environment = single.environment or ActiveEnvironment(self.rom.environment, {})
+        self._nothing_acts = None if single.environment else ActiveEnvironment(self.rom.environment, {})
         obstacles, P = len(self._shapes), len(self._points)
         self._mode, self._modes, self.steps = np.zeros(size, int), list[Mode](), 0
         self._widths, self._numbers = self.rom.contacts, {name: k for k, name in enumerate(names)}
@@ -112,6 +112,12 @@ class CompiledState:
     def rom(self) -> Rom:
         """Of what acts in its scene."""
         return self._single.rom
+
+    @property
+    def _environment(self) -> ActiveEnvironment:
+        acts = self._single.environment or self._nothing_acts
+        assert acts is not None
+        return acts
 
     @property
     def _models(self) -> list[ContactModel]:

@@ -1,5 +1,7 @@
 """Batches of held bodies that deform largely, compiled: each body is a single one, to the bit."""
 
+import pickle
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -157,3 +159,22 @@ def test_steps_are_those_of_numpys_batch():
     for one, other in zip((*bodies.state(), bodies.energy), (*others.state(), others.energy), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max(), rtol=0)
     assert (bodies.beyond_training == others.beyond_training).all()
+
+
+@pytest.mark.parametrize("contact", [False, True])
+def test_copies_go_on_alike(contact):
+    """Of copies and of what was pickled, to the bit, and apart from the first."""
+    bodies, forces = fr.Batch(rom_of("neo_hookean", contact), 3, DT, ledger=True), history(5)[:, :3]
+    for u in forces[:60]:
+        bodies.step(u)
+    others = [copy(bodies), pickle.loads(pickle.dumps(bodies))]
+    for each in others:
+        for u in forces[60:]:
+            each.step(u)
+    before = bodies.state()
+    for u in forces[60:]:
+        bodies.step(u)
+    assert (before[0] != bodies.state()[0]).all()
+    for each in others:
+        np.testing.assert_array_equal(each.state(), bodies.state())
+        np.testing.assert_array_equal(each.dissipated, bodies.dissipated)
