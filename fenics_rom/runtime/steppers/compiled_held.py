@@ -16,6 +16,7 @@ from fenics_rom.mechanics.tendon import cable_length
 from fenics_rom.rom.carried_strains import MonomialStrains
 from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
 from fenics_rom.rom.strain_tables import StrainTables
+from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.compiled.carried_strains import (
     GAP,
     HAS_TANGENT,
@@ -29,6 +30,7 @@ from fenics_rom.runtime.compiled.carried_strains import (
 from fenics_rom.runtime.compiled.following import Following
 from fenics_rom.runtime.compiled.held_step import Among, Body, Step, Touch, motion_in, take_step
 from fenics_rom.runtime.compiled.held_steps import Taken, take_steps
+from fenics_rom.runtime.compiled.held_table import arrays_of, take_step_at
 from fenics_rom.runtime.compiled.material_points import Points
 from fenics_rom.runtime.compiled.strain_tables import folded, padded
 from fenics_rom.runtime.compiled.strokes import Pull
@@ -107,6 +109,9 @@ class CompiledHeld:
         self.motion, self._strains = motion_in(*self._of_motion), strains_in(self._memory)
         self.tangent, self._carried = NONE, law.carried
         self._met, self._pull = contact, pull
+        given = arrays_of(self.body, self._memory, self._of_motion, self._pushed)
+        self._in_table = tuple(map(in_plain, given))  # kept, as the table has but their addresses
+        self._table, self._numbers = table_of(self._in_table), np.array(self.body.law[:5], dtype=float)
         self.forget()
 
     @staticmethod
@@ -146,8 +151,11 @@ class CompiledHeld:
         among = self._begin(start)
         if among is None and self._met is not None:
             return None
-        given = self._pushed, self._memory, *self._of_motion, among, self._pull
-        step = take_step(self.body, in_plain(u), in_plain(start.halves), *given)
+        if among is None and self._pull is None:
+            step = take_step_at(self._table, self._numbers, in_plain(u), in_plain(start.halves))
+        else:
+            given = self._pushed, self._memory, *self._of_motion, among, self._pull
+            step = take_step(self.body, in_plain(u), in_plain(start.halves), *given)
         if step.status >= OTHERWISE:
             self.forget()
             return None
