@@ -36,7 +36,7 @@ def soft_table(body: Soft) -> SoftTable | None:
     if interface is None or interface.environment.mark is not None:
         return None
     if isinstance(kernel, CarriedFrame) and body.carrier is not None:
-        frame, rest, rows = kernel.compile(), kernel.points.rest, kernel.points.rows
+        frame, rest, rows = kernel.take_by_loops(), kernel.points.rest, kernel.points.rows
     elif isinstance(kernel, ContactMidpoint) and body.carrier is None:
         frame, rest, rows = _held(body, kernel), interface.points.coordinates, kernel.arrays[1]
     else:

@@ -38,7 +38,7 @@ class CompilableFrame(PartedKernel):
     def frame(self, frame: FrameState) -> None:
         self._frame_known = frame
 
-    def compile(self) -> "CompiledFrame | None":
+    def take_by_loops(self) -> "CompiledFrame | None":
         """What compiled functions know of the body, with the state that it is in; None where there is more to it."""
         raise NotImplementedError
 

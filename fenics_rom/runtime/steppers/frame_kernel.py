@@ -144,9 +144,9 @@ class FrameKernel(CompilableFrame):
         self.newton.inverse = self._ahead = None
         self._elastic_and_inertial = np.stack([self._ω, np.full(len(γ), -2 / h)])
         if self._compiled is not None or (self._interface is None and compiled()):
-            self.compile()
+            self.take_by_loops()
 
-    def compile(self) -> "CompiledFrame | None":
+    def take_by_loops(self) -> "CompiledFrame | None":
         """As in CompilableFrame."""
         if self.elastic is not None or self._found is not None or self.ties is not None:
             return None
