@@ -1,6 +1,6 @@
 #!/bin/bash
-# bash tests/run.sh [--slow] [PYTEST ARGUMENT ...]: installs what is missing, then runs the tests; without --slow but the
-# slow ones. Given other arguments, it runs pytest with them.
+# bash tests/run.sh [--slow | --elsewhere] [PYTEST ARGUMENT ...]: installs what is missing, then runs the tests; without
+# --slow but the slow ones, with --elsewhere but those of demos, too. Given other arguments, it runs pytest with them.
 set -euo pipefail
 cd "$(dirname "$(realpath "$0")")/.."
 
@@ -8,7 +8,11 @@ cd "$(dirname "$(realpath "$0")")/.."
 packages=(chromium) # for the live view's tests
 install_packages
 pytest=(.venv/bin/python -m pytest)
-if [ $# -gt 0 ] && [ "$*" != --slow ]; then
+demos=()
+if [ "$*" = --elsewhere ]; then
+  demos=(--ignore=tests/demos) # which are the same on all systems, and a third of the time
+  set --
+elif [ $# -gt 0 ] && [ "$*" != --slow ]; then
   exec "${pytest[@]}" "$@"
 fi
 unset PYTHONDONTWRITEBYTECODE # some hundred times Python is started, and would compile the package each time
@@ -17,7 +21,7 @@ mapfile -t alone < <(marked alone)
 mapfile -t ranks < <(marked ranks)
 
 with_numba=(tests/test_compilation.py tests/world/test_compiled_world.py tests/mechanics/test_{compiled_contact,contact}.py
-  tests/runtime/test_{compiled_{steps,frames,large_deformation},batch_contact,differentiation_contact,energy_laws,residual_compliance}.py)
+  tests/runtime/test_{compiled_*,batch_contact,differentiation_contact,energy_laws,residual_compliance}.py)
 
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
@@ -31,7 +35,7 @@ part() { # NAME PYTEST ARGUMENT ...
 }
 
 export FENICS_ROM_COMPILED=0 # NumPy is the reference; what runs compiled is held to it below
-part "on all cores" "$@" -m "not (alone or ranks)" --numprocesses auto --maxprocesses 4 --dist loadfile
+part "on all cores" "$@" "${demos[@]}" -m "not (alone or ranks)" --numprocesses auto --maxprocesses 4 --dist loadfile
 part "ranks" "$@" -m ranks "${ranks[@]}" --numprocesses 2 --dist loadfile # each is one process for most of its time
 part "alone" "$@" -m alone "${alone[@]}" # what goes by the clock
 FENICS_ROM_COMPILED=1 part "compiled" "$@" "${with_numba[@]}" --numprocesses auto --maxprocesses 4 --dist loadfile

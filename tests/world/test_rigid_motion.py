@@ -63,7 +63,7 @@ def test_points_of_a_body_that_turns_answer_forces_by_its_operator():
     assert np.abs(operator - operator.T).max() > 1e-3 * np.abs(operator).max()
 
 
-@pytest.mark.parametrize("steps", [2000, pytest.param(100_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("steps", [2000, pytest.param(30_000, marks=pytest.mark.slow)])
 def test_a_top_keeps_energy_and_angular_momentum_to_round_off(steps):
     world = fr.World({"top": fr.RigidBody(Box((0.1, 0.2, 0.3)), density=500, angular_velocity=(0.3, 8, 0.2))}, 1e-2)
     energy, (_, start) = world.energy, momenta(world)
@@ -330,7 +330,7 @@ def test_ten_boxes_stay_where_they_are_stacked():
     assert not world.force_between("box0", "box5").any()
 
 
-@pytest.mark.parametrize("seconds", [0.2, pytest.param(60.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seconds", [0.2, pytest.param(20.0, marks=pytest.mark.slow)])
 def test_a_box_that_friction_holds_does_not_creep_when_shaken_with_1_g(seconds):
     """At 1.3 times what it needs; where it needs 1 % more than there is, it slips in every swing."""
     rate = 2 * np.pi * 5
