@@ -615,7 +615,7 @@ def test_damped_motion_settles_in_the_equilibrium(bar, floor, model):
     run = "dt = 2e-3\nduration = 4"
     moving = run_of(beam(bar, damped + BESIDE + obstacle(floor), **bottom, run=run), model)
     stopped = moving.snapshots[-1, :, 2].min()
-    assert floor is None or 0 <= stopped - floor <= 1e-4 * 0.001
+    assert floor is None or -1e-15 <= stopped - floor <= 1e-4 * 0.001  # of a body of 0.1 m, by round-off
     still = run_of(beam(bar, BESIDE + obstacle(stopped), **bottom, **STILL), model)
     scale = np.abs(still.snapshots[-1]).max()
     assert np.abs(moving.snapshots[-1] - still.snapshots[-1]).max() <= 1e-8 * scale

@@ -270,8 +270,8 @@ MUTATIONS = [
         "dissipated, -lost_in_switching, numerical))",
     ),
     ("mechanics/energy_ledger.py", "amount, -rounded))", "amount, rounded))"),
-    ("mechanics/energy_ledger.py", "self._flush()\n        return tuple", "return tuple"),
-    ("mechanics/energy_ledger.py", "self._flush()  # what is not yet booked belongs to the old ones", "pass"),
+    ("mechanics/energy_ledger.py", "self.flush()\n        return tuple", "return tuple"),
+    ("mechanics/energy_ledger.py", "self.flush()  # what is not yet booked belongs to the old ones", "pass"),
     ("runtime/rollout.py", "work[2 * m :] = account[m:]", "work[2 * m :] = 2 * account[m:]"),
     ("runtime/rollout.py", "work, heat.T @ heat)", "work, 2 * heat.T @ heat)"),
     (
