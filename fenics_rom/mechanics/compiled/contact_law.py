@@ -240,13 +240,16 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
                         pairs.helped[c], any_helped, repeat = True, True, True
                         pairs.target[c, 1] = pairs.target[c, 2] = 0.0
                 share = 0.0 if repeat else share
-            whole, moves, swings = np.zeros((C, 3)), u.copy(), False  # c_t of what swings at σ = 1; u + c_t
-            for i in range(C):
-                c = active[i]
-                moves[i, 1], moves[i, 2] = u[i, 1] + pairs.target[c, 1], u[i, 2] + pairs.target[c, 2]
-                if pairs.helped[c] and swung[c] >= law.swings:
-                    swings, whole[i, 1], whole[i, 2] = True, pairs.relative[c, 1] / 2, pairs.relative[c, 2] / 2
+            swings = False
+            for c in active:
+                swings = swings or (pairs.helped[c] and swung[c] >= law.swings)
             if swings and not repeat:  # as `Braking` does
+                whole, moves = np.zeros((C, 3)), u.copy()  # c_t of what swings at σ = 1; u + c_t
+                for i in range(C):
+                    c = active[i]
+                    moves[i, 1], moves[i, 2] = u[i, 1] + pairs.target[c, 1], u[i, 2] + pairs.target[c, 2]
+                    if pairs.helped[c] and swung[c] >= law.swings:
+                        whole[i, 1], whole[i, 2] = pairs.relative[c, 1] / 2, pairs.relative[c, 2] / 2
                 if power > negligible:
                     above = share
                 else:
