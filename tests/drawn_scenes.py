@@ -75,7 +75,8 @@ class _Draw:
         self.random, self.beside, self.signals, self.effects = random, beside, {}, {}
         self.frame, self.law = self.one_of(FRAMES), self.one_of(LAWS)
         length = 10 ** random.uniform(-1.3, -0.5)
-        self.size = np.array([length, length * random.uniform(0.1, 0.5), length * random.uniform(0.06, 0.3)])
+        # m, of numbers that TOML knows: arrays give others.
+        self.size = [length, length * random.uniform(0.1, 0.5), length * random.uniform(0.06, 0.3)]
         long = random.integers(2, 4 if "large" in self.law else 5)
         bricks = (long, 1, 1) if "large" in self.law or self.chance(0.5) else (long, 1, 2)
         self.mesh = write_arrays(folder / "box.msh", *box_arrays(tuple(self.size), bricks, shake=0.2))
@@ -100,7 +101,7 @@ class _Draw:
 
     def point(self, *shares: float) -> list[float]:
         """Within the box, by shares of its sides."""
-        return (self.size * shares).tolist()
+        return np.multiply(self.size, shares).tolist()
 
     def scene(self, seed: int) -> Drawn:
         is_alone = self.frame == "free" and self.chance(0.4)
