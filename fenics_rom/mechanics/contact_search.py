@@ -5,12 +5,21 @@ Apart from `contact`, so that bodies that nothing touches start without what fin
 
 from typing import NamedTuple
 
+import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Frames, KeptLaw
 from fenics_rom.mechanics.contact import ContactResidual
 
 _MOST_SETS = 3  # of pairs that took part, of which laws are kept: points that slide on what is round hop
+
+
+PUSHING = 1e-9  # of the largest force: what is less may be round-off, which is another with each CPU
+
+
+def pushing(forces: Array) -> Array:
+    """Which sizes of forces (P, ...) are those of pairs that push, beside the largest of all pairs, (1, ...)."""
+    return forces > PUSHING * forces.max(axis=0)
 
 
 class TangentPlanes(NamedTuple):
@@ -32,6 +41,12 @@ class ContactSearch(NamedTuple):
     unturned: int = 0  # number of steps before it that took none, either, had these frames and left no planes
     planes: TangentPlanes | None = None  # where points have not moved since they were taken
     swung: Array | None = None  # (O P,) in how many steps in a row friction did not stop pairs; None: in none
+    known_to_push: Array | None = None  # (O P,) which pairs pushed, where `forces` do not tell
+
+    @property
+    def pushed(self) -> Array:
+        """Which pairs (O P,) pushed one another in the last step."""
+        return pushing(np.abs(self.forces).max(axis=1)) if self.known_to_push is None else self.known_to_push
 
     def law_of(self, key: bytes) -> KeptLaw | None:
         """The law of those pairs of which the key tells that they take part, as booleans."""

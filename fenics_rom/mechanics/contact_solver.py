@@ -297,7 +297,7 @@ class ContactSolver:
         if w.tobytes() != obstacles.velocities_before.tobytes():
             # What keeps touching an obstacle that accelerates has its velocity between the steps, and not yet the mean
             # one of this step. Taken for an approach, the difference would let it sink in further in every step.
-            pushed = self._begun[1].forces.any(axis=1)
+            pushed = self._begun[1].pushed
             relative = relative + pushed[:, None] * self._of_obstacles((w - obstacles.velocities_before) / 2)
         return free, relative
 

@@ -21,7 +21,7 @@ from fenics_rom.mechanics.body_axis import add, in_one_piece, put, taken
 from fenics_rom.mechanics.complementarity.normals import along
 from fenics_rom.mechanics.contact import ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_points import NEARNESS
-from fenics_rom.mechanics.contact_search import ContactSearch
+from fenics_rom.mechanics.contact_search import ContactSearch, pushing
 from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE, ContactSolver
 from fenics_rom.mechanics.obstacles import HalfSpace
 from fenics_rom.mechanics.readings import ContactPressure
@@ -34,7 +34,6 @@ from fenics_rom.runtime.batch_residual import BatchResidual
 from fenics_rom.runtime.steppers.contact_interface import contact_interface
 
 FARTHEST = 1e50  # m, that obstacles are placed away: what the bodies do then stays within the finite numbers
-_LEAST = 1e-100  # N: forces to begin a search with, where there were some
 
 
 class ContactStep(NamedTuple):
@@ -311,7 +310,7 @@ class BatchContact:
     def _note(self, found: BatchForces, obstacles: BatchObstacles, bodies: Array | slice) -> Array:
         """Notes what pushes bodies that touch; works (2, T) as in ContactStep."""
         pressing = along(found.forces, found.normals)
-        pushed = pressing > 0
+        pushed = pushing(pressing)
         for k in range(len(self.names)):
             own = pushed & (found.obstacle == k)
             put(self._pushed[k], bodies, own)
@@ -350,8 +349,8 @@ class BatchContact:
         at, h, P = int(np.searchsorted(found.touching, body)), self._h, len(points.displacement)
         solver = ContactSolver(self._coordinates, self._obstacles, replace(self._law, friction=self.friction[among]))
         start, speed, before = obstacles
-        begun = np.where(pushed[:, :, None], found.forces[..., at].T + _LEAST, 0.0)  # the law asks what pushed before
-        solver.search = ContactSearch(begun.reshape(-1, 3), swung=swung.ravel())
+        begun = np.where(pushed[:, :, None], found.forces[..., at].T, 0.0)
+        solver.search = ContactSearch(begun.reshape(-1, 3), swung=swung.ravel(), known_to_push=pushed.ravel())
         W = kind.operator.W.reshape(3, P, 3, P).transpose(1, 0, 3, 2).reshape(3 * P, 3 * P)
         try:
             contact = solver.solve(points, W, h, ObstacleMotion(start, start + h * speed, before))
@@ -363,7 +362,7 @@ class BatchContact:
             return h * float((self._resultants[..., among] * speed).sum()), -h * float(found.work[at])
         found.forces[..., at], found.velocities[..., at] = contact.forces.T, 0.0
         self._resultants[..., among], self.normal_forces[:, among] = contact.by_obstacle, contact.normal_forces
-        self._pushed[..., among] = solver.search.forces.any(axis=1).reshape(-1, P)
+        self._pushed[..., among] = solver.search.pushed.reshape(-1, P)
         self._swung[..., among] = 0 if solver.search.swung is None else solver.search.swung.reshape(-1, P)
         moved = W.dot(contact.forces.ravel()).reshape(P, 3)
         work = contact.work(points.free_velocity + moved, h)

@@ -571,6 +571,17 @@ def test_asked_again_in_a_step_the_law_is_the_same():
         np.testing.assert_allclose(found.forces, [[0.0, 0.0, 0.5]], atol=1e-12)
 
 
+def test_a_force_of_round_off_has_pushed_nothing():
+    """What keeps touching an obstacle that accelerates is asked for another speed; round-off is other on each CPU."""
+    still, rises = np.zeros((2, 3)), ObstacleMotion(np.zeros((1, 3)), np.array([[0.0, 0.0, 1e-3]]), np.zeros((1, 3)))
+    found = []
+    for least in (0.0, 1e-11, 1.0):
+        solver = ContactSolver(np.zeros((2, 3)), [FLOOR], ContactLaw())
+        solver.search = ContactSearch(np.array([[0.0, 0.0, 240.0], [0.0, 0.0, least]]))
+        found.append(solver.solve(PointMotion(still, still, still), np.eye(6), 1e-3, rises).forces[:, 2])
+    np.testing.assert_allclose(found, [[0.75, 0.5], [0.75, 0.5], [0.75, 0.75]], atol=1e-12)
+
+
 def test_a_failed_search_changes_nothing(monkeypatch, numpy_alone):
     """After an error the same step comes out as if there had been none."""
 

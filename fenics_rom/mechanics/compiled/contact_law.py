@@ -18,6 +18,7 @@ from fenics_rom.mechanics.compiled.coulomb import ACCURATE, add_motion, frame_al
 from fenics_rom.mechanics.compiled.linearised import add_change, find_by_steps
 from fenics_rom.mechanics.compiled.newton import find_with_operator
 from fenics_rom.mechanics.compiled.sweeps import MOST_SWEEPS, find_by_sweeps
+from fenics_rom.mechanics.contact_search import PUSHING
 
 NOTHING, FOUND, OTHERWISE = 0, 1, 2  # what came of it: nothing touches; forces; that it is to be found otherwise
 STAGNATION = 1e-9 / 100  # of the velocities that forces stop: see `complementarity.solution`
@@ -75,6 +76,16 @@ class Found(NamedTuple):
     normal_power: float  # Σ λ s, W
 
 
+@jit_part
+def largest(forces: Array) -> float:
+    """Component of forces (N, 3), N."""
+    size = 0.0
+    for c in range(len(forces)):
+        for k in range(3):
+            size = max(size, abs(forces[c, k]))
+    return size
+
+
 @jit
 def ask(
     law: Law,
@@ -101,11 +112,12 @@ def ask(
     P = len(free)
     slides = law.friction > 0 and not law.is_at_rest
     gap = gaps.min()
+    least = PUSHING * largest(before)
     for c in range(len(gaps)):
         o, p, axes, relative = c // P, c % P, pairs.axes[c], pairs.relative[c]
         frame_along(axes)
         # What keeps touching an obstacle that accelerates has its velocity between the steps.
-        share = 0.5 if before[c, 0] != 0 or before[c, 1] != 0 or before[c, 2] != 0 else 0.0
+        share = 0.5 if max(abs(before[c, 0]), abs(before[c, 1]), abs(before[c, 2])) > least else 0.0
         for k in range(3):
             pairs.free[c, k] = relative[k] = 0.0
             for j in range(3):
