@@ -122,14 +122,15 @@ def test_hinged_boxes_land_flat(restitution, dt):
     boxes = {"ground": GROUND, "a": side, "b": replace(side, position=(0.1, 0, 0.1))}
     joints = [hinge("a", "b", (0.05, 0, 0.1), (0, 1, 0))]
     world = fr.World(boxes, dt, gravity=(0, 0, -G), friction=0.5, restitution=restitution, joints=joints)
-    touched, sweeps, scale = 0, 0, 0.1 * G
+    touched, sweeps, scale = 0, [], 0.1 * G
     for _ in range(round(0.3 / dt)):
         world.step()
-        touched, sweeps = max(touched, world.touching), max(sweeps, world.sweeps)
+        touched = max(touched, world.touching)
+        sweeps.append(world.sweeps)
         gone = world.ledger
         assert world.energy - gone.supplied + gone.dissipated + gone.numerical == pytest.approx(0, abs=1e-12 * scale)
     assert touched == 8
-    assert sweeps < 50
+    assert np.mean(sweeps) < 20  # round-off, so each CPU, decides which few steps take all that are allowed
     for name in "ab":
         assert world.pose(name).rotation[0] == pytest.approx(1, abs=1e-6)
 
