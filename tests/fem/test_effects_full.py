@@ -767,7 +767,7 @@ def test_work_of_a_floor_that_lifts_is_its_force_times_its_way(slab, model):
     account = run.contact_account
     assert np.abs(account["obstacles"][1:] - work).max() <= 1e-11 * np.abs(work).max()
     assert work.max() > 0.1 * BLOCK_MASS * GRAVITY * 0.04
-    assert (np.diff(account["contact"]) >= -1e-15 * np.abs(work).max()).all()
+    assert (np.diff(account["contact"]) >= -1e-14 * np.abs(work).max()).all()  # sums over 25 points
     assert "friction" not in account
     assert run.balance_error <= 1e-12
 
