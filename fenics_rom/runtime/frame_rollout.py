@@ -7,6 +7,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.base_path import base_in
 from fenics_rom.mechanics.frame_motion import rotation_matrices
+from fenics_rom.runtime.contact_rollout import output_maps
 from fenics_rom.runtime.steppers.compiled_frame import FrameSteps
 
 Simulator = Any  # fenics_rom.runtime.simulator's, which imports this file through rollout
@@ -45,30 +46,38 @@ class FrameRollout:
         return rows
 
     def _roll(self, u: Array, bases: Array | None) -> FrameSteps | None:
-        """Takes steps by compiled functions; None where they take none."""
-        body, kernel = self._body, self._body.integrator.kernel
+        """Takes steps by compiled functions; None where they take none.
+
+        Where the contact mode follows the obstacles, steps are taken one by one.
+        """
+        body, kernel, environment, obstacles = self._body, self._body.integrator.kernel, self._body.environment, None
+        if body.integrator.interface is not None:
+            if not environment.stands_still or body.switches_itself:
+                return None
+            obstacles = environment.step_input(u[0][: body.inputs], body.time, body.dt).obstacles
         if bases is None and body.is_carried:
-            bases = body.environment.bases_at(body.time + body.dt * np.arange(1, len(u) + 1))
-        taken: FrameSteps | None = kernel.roll(u, bases)
+            bases = environment.bases_at(body.time + body.dt * np.arange(1, len(u) + 1))
+        taken: FrameSteps | None = kernel.roll(u, bases, obstacles)
         if taken is None:
             return None
         count = len(taken.steps.q)
         time, body.steps = body.time, body.steps + count
-        environment = body.environment
         environment.loads = u[count - 1, u.shape[1] - len(environment.loads) :]
         e = taken.steps.q * body.model.safe_frequencies
         squares = np.einsum("nm,nm->n", e, e)
         highest = int(squares.argmax())
         body.watch(e[highest], squares[highest], time + highest * body.dt, count)
+        body.look_at_skin()
         return taken
 
     def _read(self, taken: FrameSteps, due: slice, names: tuple[str, ...]) -> Array:
         """Displacements of outputs in world axes, (times, width)."""
         body = self._body
-        rows = np.concatenate([body.output_rows(name) for name in names])
+        by_q, by_force = output_maps(body, names)
         places = np.concatenate([body.rom.moving_frame.output_points[name] for name in names])
         q, poses = taken.steps.q[due], taken.steps.poses[due]
-        seen = places - body.rom.moving_frame.origin + (q @ rows.T).reshape(len(q), -1, 3)
+        moved = q @ by_q + taken.carried[due] @ by_force if taken.carried.shape[1] else q @ by_q
+        seen = places - body.rom.moving_frame.origin + moved.reshape(len(q), -1, 3)
         moved = np.matmul(seen, rotation_matrices(poses[:, 3:]).transpose(0, 2, 1)) + poses[:, None, :3] - places
         read: Array = moved.reshape(len(q), -1)
         return read

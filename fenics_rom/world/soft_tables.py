@@ -13,8 +13,10 @@ from fenics_rom.runtime.compiled.frames import LOOKED_AT, Body, Loads, Watch
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
 from fenics_rom.runtime.steppers.compiled_frame import CompiledFrame
 from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
+from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.frame_state import FrameState
 from fenics_rom.runtime.steppers.frame_table import ROWS
+from fenics_rom.runtime.steppers.frame_touch import points_of
 from fenics_rom.world.compiled.soft_bodies import Step
 from fenics_rom.world.soft import Soft
 
@@ -45,14 +47,7 @@ def soft_table(body: Soft) -> SoftTable | None:
         return None
     of_body, loads, state, watch = frame.parts
     m, P, p = len(of_body.ω), len(rest), loads.push.shape[0]
-    residual = kernel.residual
-    R, times, beyond = np.empty((0, 0)), np.zeros(4), (np.zeros((4, 0)), np.zeros((4, 0)))
-    if residual is not None:
-        R, *numbers = residual.numbers
-        times, beyond = np.array(numbers), residual.states
-    moved: list[Array] = [np.zeros((P, 3)) for _ in range(5)]
-    moved += [np.zeros(P), np.zeros((m, 3 * P)), np.zeros(P)]
-    points = Points(np.ascontiguousarray(rest), rows, np.ascontiguousarray(R), times, *beyond, *moved)
+    points = points_of(FramePoints(rest, rows), kernel.residual)
     mount = np.concatenate(body.mount)
     rates = np.zeros(m), np.zeros(m), np.zeros(m)
     step = Step(np.zeros(p), mount, mount.copy(), np.zeros(48), *rates, np.zeros((P, 3)), np.zeros((P, 3)), np.zeros(5))

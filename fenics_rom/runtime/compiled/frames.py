@@ -157,6 +157,14 @@ def put(numbers: Array, first: int, a: Vector) -> None:
 
 
 @jit_part
+def middle_of(R: Rotation, t: Vector) -> Rotation:
+    """R* = R (1 + t~/2)."""
+    a, b, c = R
+    half = (-t[0] / 2, -t[1] / 2, -t[2] / 2)  # rows of R t~/2 are those of R, turned back
+    return added(a, 1.0, cross(half, a)), added(b, 1.0, cross(half, b)), added(c, 1.0, cross(half, c))
+
+
+@jit_part
 def inertia_in(now: Array) -> Inertia:
     """The six entries of I."""
     return now[13], now[14], now[15], now[16], now[17], now[18]

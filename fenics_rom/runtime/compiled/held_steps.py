@@ -10,7 +10,7 @@ from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, Memory
 from fenics_rom.runtime.compiled.held_step import NOT_TAKEN, Among, Body, Step, motion_in, take_step
 from fenics_rom.runtime.compiled.strokes import Pull
-from fenics_rom.runtime.compiled.touching import Begun, StepContact, hand_on, keep_found
+from fenics_rom.runtime.compiled.touching import Last, hand_on, keep_found
 
 
 class Taken(NamedTuple):
@@ -22,13 +22,6 @@ class Taken(NamedTuple):
     carried: Array  # g (n, 3P) beyond the basis after it, N; (n, 0) where there is nothing
     by_obstacle: Array  # forces of the obstacles in it (n, O, 3), N
     reactions: Array  # forces of strokes in it (n, k), N
-
-
-class Last(NamedTuple):
-    """What the last step that was taken began with of contact, and found."""
-
-    begun: Begun
-    found: StepContact
 
 
 @jit

@@ -69,6 +69,13 @@ class StepContact(NamedTuple):
     forces: Array  # (3P,), N
 
 
+class Last(NamedTuple):
+    """What the last of steps in a row began with of contact, and found."""
+
+    begun: Begun
+    found: StepContact
+
+
 @jit_part
 def ask_points(
     body: Touched,

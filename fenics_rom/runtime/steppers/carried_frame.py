@@ -48,7 +48,7 @@ from fenics_rom.runtime.steppers.carried_base import Begun, Motion, frame_state,
 from fenics_rom.runtime.steppers.frame_state import FrameState, Shape, in_frame
 
 if TYPE_CHECKING:
-    from fenics_rom.runtime.compiled.frames import Step
+    from fenics_rom.runtime.steppers.compiled_frame import FrameStep
 
 
 class CarriedFrame(CarriedBalance):
@@ -123,7 +123,7 @@ class CarriedFrame(CarriedBalance):
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel; to `base`."""
-        if self._interface is None and (taken := self._taken_compiled(u, self._base_row())):
+        if taken := self._taken_compiled(u, self._base_row(), obstacles):
             return self._end_compiled(u, taken)
         r̂, contact = self._begin_step(u), None
         if self.found is not None or (self._interface is not None and obstacles is not None):
@@ -147,11 +147,11 @@ class CarriedFrame(CarriedBalance):
         super().end_in_world(square, within)
         self._wrench = self._compiled.wrench
 
-    def _end_compiled(self, u: Array, step: "Step", *, owed: bool = True) -> float:
+    def _end_compiled(self, u: Array, taken: "FrameStep", *, owed: bool = True) -> float:
         """As in FrameKernel."""
         assert self._compiled is not None
         self._wrench_before, self._wrench = self._wrench, self._compiled.wrench()
-        return super()._end_compiled(u, step, owed=owed)
+        return super()._end_compiled(u, taken, owed=owed)
 
     def open(self, u: Array) -> Array:
         """As in Kernel."""

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.frame_motion import Rotation, rotation_of
 from fenics_rom.runtime.steppers.frame_state import FrameState, Shape
-from fenics_rom.runtime.steppers.kernel import BOOKED_TOGETHER, StepWork
+from fenics_rom.runtime.steppers.kernel import BOOKED_TOGETHER, ContactWorks, StepWork
 from fenics_rom.runtime.steppers.parted_kernel import PartedKernel
 
 if TYPE_CHECKING:
-    from fenics_rom.runtime.compiled.frames import Step
-    from fenics_rom.runtime.steppers.compiled_frame import CompiledFrame, FrameSteps
+    from fenics_rom.runtime.steppers.compiled_frame import CompiledFrame, FrameStep, FrameSteps
 
 
 class CompilableFrame(PartedKernel):
@@ -24,6 +24,7 @@ class CompilableFrame(PartedKernel):
     _compiled: "CompiledFrame | None" = None
     _motion: Any = None  # how the body moves, and how it did before the step; None where a compiled step knows
     _motion_before: Any = None
+    _touched: Array  # mid-step velocities (P, 3) of the contact points in world axes in the last step, m/s
     _twice = 0.0  # the stored energy, if a compiled step knows, J
 
     @property
@@ -59,19 +60,32 @@ class CompilableFrame(PartedKernel):
         self.notes = self._compiled.notes(self.notes)
         self._square, self._twice = within, square
 
-    def _taken_compiled(self, u: Array, base: Array) -> "Step | None":
+    def _taken_compiled(self, u: Array, base: Array, obstacles: ObstacleMotion | None) -> "FrameStep | None":
         """A step that compiled functions have taken; None where they do not."""
-        return None if self._compiled is None else self._compiled.take(u, base, self.frame, self.notes)
+        if self._compiled is None or not self._is_known(obstacles):
+            return None
+        return self._compiled.take(u, base, self.frame, self.notes, obstacles)
 
-    def _end_compiled(self, u: Array, step: "Step", *, owed: bool = True) -> float:
+    def _is_known(self, obstacles: ObstacleMotion | None) -> bool:
+        """Whether compiled functions know all that touches the body."""
+        if self._interface is None:
+            return True
+        is_asked = obstacles is not None and self._interface.environment.mark is None
+        return is_asked and self._compiled is not None and self._compiled.touch is not None
+
+    def _end_compiled(self, u: Array, taken: "FrameStep", *, owed: bool = True) -> float:
         """Takes note of a step under u that a compiled function has taken; twice the stored energy, J."""
         assert self._compiled is not None
+        (step, contact, works), touch = taken, self._compiled.touch
         if owed:
             if len(self._owed) == BOOKED_TOGETHER:
                 self.flush()
-            self._owed.append(StepWork(step.supplied, step.dissipated, ()))
+            contacts: ContactWorks = () if contact is None else (lambda: works,)
+            self._owed.append(StepWork(step.supplied, step.dissipated, contacts))
         self._contact_before, self._reactions_before, self._notes_before = self.contact, self.reactions, self.notes
-        self._frame_before, self._acting, self._places, self.contact = self.frame, u, None, None
+        self._frame_before, self._acting, self._places, self.contact = self.frame, u, None, contact
+        if touch is not None:
+            self._touched = touch.touched
         self.frame, self.notes = self._compiled.frame(), self._compiled.notes(self.notes)
         self._motion = self._motion_before = None
         self._square, self._twice = step.within, step.square
@@ -80,24 +94,27 @@ class CompilableFrame(PartedKernel):
     @property
     def is_compiled(self) -> bool:
         """Whether compiled functions take its steps."""
-        return self._compiled is not None and self._interface is None
+        return self._compiled is not None and (self._interface is None or self._compiled.touch is not None)
 
-    def roll(self, inputs: Array, bases: Array | None) -> "FrameSteps | None":
+    def roll(self, inputs: Array, bases: Array | None, obstacles: ObstacleMotion | None) -> "FrameSteps | None":
         """Takes steps under inputs (n, p), as many as compiled functions do; None: none.
 
-        bases: at the end of each step, (n, 13); None: it stands still.
+        bases: at the end of each step, (n, 13); None: it stands still. So do obstacles, if there are any.
         """
-        if self._compiled is None or self._interface is not None:
+        if self._compiled is None or not self._is_known(obstacles):
             return None
         if bases is None:
             bases = np.tile((*self.frame.position, *self.frame.rotation, *np.zeros(6)), (len(inputs), 1))
-        taken = self._compiled.take_many(inputs, bases, self.frame, self.notes)
+        taken = self._compiled.take_many(inputs, bases, self.frame, self.notes, obstacles)
         if taken is None:
             return None
         self.flush()
         if self._ledger is not None:
             supplied, dissipated = map(math.fsum, taken.steps.works.T)
             self._ledger.book(supplied=supplied, dissipated=dissipated)
+            if taken.works.shape[1]:
+                by_obstacles, lost, friction = map(math.fsum, taken.works.T)
+                self._ledger.book_contact(by_obstacles, lost, friction, 0.0)
         self._end_compiled(inputs[len(taken.steps.q) - 1], taken.last, owed=False)
         return taken
 

@@ -1,11 +1,13 @@
 """Steps of a linear body in a moving frame by compiled functions: what `FreeFrame` and `CarriedFrame` try first."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain, or_numpy
+from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.compiled.carried_step import take_carried_step, take_carried_steps
@@ -24,21 +26,44 @@ from fenics_rom.runtime.compiled.frames import (
     Watch,
 )
 from fenics_rom.runtime.compiled.free_step import take_free_step, take_free_steps
+from fenics_rom.runtime.compiled.touched_carried import take_touched_carried_step, take_touched_carried_steps
+from fenics_rom.runtime.compiled.touched_frame import Touched, TouchedTaken
+from fenics_rom.runtime.compiled.touched_free import take_touched_free_step, take_touched_free_steps
 from fenics_rom.runtime.steppers.frame_loads import FrameLoads
 from fenics_rom.runtime.steppers.frame_state import FrameState, Shape
 from fenics_rom.runtime.steppers.frame_table import BENT as BENT_ROWS
 from fenics_rom.runtime.steppers.frame_table import COUPLED, HALF_INERTIA1, MOMENTS, ROWS
 from fenics_rom.runtime.steppers.frame_table import TURNED as TURNED_ROWS
+from fenics_rom.runtime.steppers.frame_touch import FrameTouch
 from fenics_rom.runtime.steppers.frame_watch import BENT, TURNED, FrameWatch
 
+# What takes a step, and steps in a row, by whether a base carries the body; and the same among obstacles.
+STEPS: dict[bool, tuple[Callable[..., Step], Callable[..., tuple[int, Step]]]] = {
+    False: (take_free_step, take_free_steps),
+    True: (take_carried_step, take_carried_steps),
+}
+TOUCHED: dict[bool, tuple[Callable[..., Touched], Callable[..., tuple[int, Touched]]]] = {
+    False: (take_touched_free_step, take_touched_free_steps),
+    True: (take_touched_carried_step, take_touched_carried_steps),
+}
 NOTES = BENT, TURNED, "misfit", "misfit of turn"  # of a kernel, in the order of those of a watch
+
+
+class FrameStep(NamedTuple):
+    """A step that was taken, and contact in it."""
+
+    step: Step
+    contact: ContactSolution | None = None
+    works: ContactWork = ContactWork(0.0, 0.0, 0.0)
 
 
 class FrameSteps(NamedTuple):
     """Steps in a row."""
 
     steps: Taken
-    last: Step
+    carried: Array  # g (n, 3P) beyond the basis after each, N; (n, 0) where there is nothing
+    works: Array  # of contact, J: (n, 3); (n, 0) where there is none
+    last: FrameStep
 
 
 class CompiledFrame:
@@ -48,7 +73,12 @@ class CompiledFrame:
         body, loads, watch: what moves, what acts on it, and what looks at it.
         halves, halves_before: the state [e, r], (2, m), which steps change, and where they note it before.
         carried: by a base.
+
+    Attributes:
+        touch: how obstacles touch it; None: that is NumPy's, or they cannot.
     """
+
+    touch: FrameTouch | None = None
 
     def __init__(self, body: Body, loads: Loads, watch: Watch, halves: Array, halves_before: Array, carried: bool):
         m = len(body.ω)
@@ -63,13 +93,15 @@ class CompiledFrame:
         """Forgets what is known of steps that led elsewhere."""
         self._state.kept[:WRENCH], self._frame, self._notes = 0.0, None, None
 
-    def set_body(self, body: Body) -> None:
+    def set_body(self, body: Body, touch: FrameTouch | None) -> None:
         """Goes on with a body of another step size."""
-        self._body = body
+        self._body, self.touch = body, touch
         self._state.kept[1 if self._carried else 2 : WRENCH] = 0.0  # but for how it moves, and did
 
     @or_numpy
-    def take(self, u: Array, base: Array, frame: FrameState, notes: dict[str, float]) -> Step | None:
+    def take(
+        self, u: Array, base: Array, frame: FrameState, notes: dict[str, float], obstacles: ObstacleMotion | None
+    ) -> FrameStep | None:
         """Takes a step under u (p,); None where it is to be taken otherwise, and nothing is changed.
 
         Args:
@@ -77,33 +109,54 @@ class CompiledFrame:
             base: at the end (13,); of a free body (0,).
             frame: at the start.
             notes: of the run so far.
+            obstacles: that can touch it; None: there are none.
         """
         self.begin(frame, notes)
-        given = self._body, self._loads, in_plain(u)
+        given, on = (self._body, self._loads, in_plain(u)), (in_plain(base),) if self._carried else ()
         try:
-            if self._carried:
-                step = take_carried_step(*given, in_plain(base), self._state, self._watch)
-            else:
-                step = take_free_step(*given, self._state, self._watch)
+            if self.touch is not None and obstacles is not None:
+                return self._take_touched(self.touch, (*given, *on, self._state, self._watch), obstacles)
+            step = STEPS[self._carried][0](*given, *on, self._state, self._watch)
         except np.linalg.LinAlgError:
             self.forget()
             return None
-        return step if step.status == TAKEN else None
+        return FrameStep(step) if step.status == TAKEN else None
+
+    def _take_touched(self, touch: FrameTouch, given: tuple[Any, ...], obstacles: ObstacleMotion) -> FrameStep | None:
+        """The same among obstacles."""
+        among = touch.among(obstacles)
+        touched = TOUCHED[self._carried][0](*given, among)
+        if touched.step.status != TAKEN:
+            return None
+        works = ContactWork(touched.by_obstacles, touched.lost, touched.friction)
+        return FrameStep(touched.step, touch.keep(touched, among, among.found), works)
 
     @or_numpy
-    def take_many(self, inputs: Array, bases: Array, frame: FrameState, notes: dict[str, float]) -> FrameSteps | None:
-        """Takes steps under inputs (n, p) and bases (n, 13), as many as there are none to be taken otherwise."""
+    def take_many(
+        self, inputs: Array, bases: Array, frame: FrameState, notes: dict[str, float], obstacles: ObstacleMotion | None
+    ) -> FrameSteps | None:
+        """Takes steps under inputs (n, p) and bases (n, 13), as many as there are none to be taken otherwise.
+
+        Obstacles stand still.
+        """
         self.begin(frame, notes)
-        n, m = len(inputs), len(self._body.ω)
-        taken, given = (
-            Taken(np.empty((n, 2)), np.empty((n, m)), np.empty((n, 7))),
-            (self._body, self._loads, in_plain(inputs)),
-        )
-        if self._carried:
-            count, last = take_carried_steps(*given, in_plain(bases), self._state, self._watch, taken)
-        else:
-            count, last = take_free_steps(*given, self._state, self._watch, taken)
-        return FrameSteps(Taken(*(rows[:count] for rows in taken)), last) if count else None
+        n, m, on = len(inputs), len(self._body.ω), (in_plain(bases),) if self._carried else ()
+        taken = Taken(np.empty((n, 2)), np.empty((n, m)), np.empty((n, 7)))
+        given = self._body, self._loads, in_plain(inputs), *on, self._state, self._watch
+        if self.touch is not None and obstacles is not None:
+            return self._take_many_touched(self.touch, given, obstacles, taken)
+        count, last = STEPS[self._carried][1](*given, taken)
+        return _first(count, TouchedTaken(taken, *np.empty((2, n, 0))), FrameStep(last))
+
+    def _take_many_touched(
+        self, touch: FrameTouch, given: tuple[Any, ...], obstacles: ObstacleMotion, moved: Taken
+    ) -> FrameSteps | None:
+        """The same among obstacles."""
+        n, (among, last) = len(moved.q), touch.for_many(touch.among(obstacles))
+        taken = TouchedTaken(moved, np.empty((n, 3)), np.empty((n, among.points.beyond.shape[1])))
+        count, touched = TOUCHED[self._carried][1](*given, among, last, taken)
+        contact = touch.keep_last(touched, among, last) if count else None
+        return _first(count, taken, FrameStep(touched.step, contact))
 
     @property
     def h(self) -> float:
@@ -149,6 +202,12 @@ class CompiledFrame:
         """Of the base, in world axes."""
         x, y, z, a, b, c = self._state.kept[WRENCH:REST].tolist()
         return (x, y, z), (a, b, c)
+
+
+def _first(count: int, taken: TouchedTaken, last: FrameStep) -> FrameSteps | None:
+    """The first of some steps; None where there are none."""
+    moved = Taken(*(rows[:count] for rows in taken.moved))
+    return FrameSteps(moved, taken.carried[:count], taken.contact[:count], last) if count else None
 
 
 def body_of(

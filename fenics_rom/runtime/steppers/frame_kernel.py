@@ -52,6 +52,7 @@ from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.compiled_frame import CompiledFrame
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.frame_touch import FrameTouch
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 
@@ -143,7 +144,7 @@ class FrameKernel(CompilableFrame):
             self.ties.set_time_step(h)
         self.newton.inverse = self._ahead = None
         self._elastic_and_inertial = np.stack([self._ω, np.full(len(γ), -2 / h)])
-        if self._compiled is not None or (self._interface is None and compiled()):
+        if self._compiled is not None or compiled():
             self.take_by_loops()
 
     def take_by_loops(self) -> "CompiledFrame | None":
@@ -159,13 +160,30 @@ class FrameKernel(CompilableFrame):
             (self._products, self._couples),
         )
         body = compiled_frame.body_of(self._model, self.h, frame, *of_shape, self._surely_definite)
+        touch = self._touch_by_loops()
         if self._compiled is not None:
-            self._compiled.set_body(body)
+            self._compiled.set_body(body, touch)
             return self._compiled
         acting = compiled_frame.loads_of(self._loads), compiled_frame.watch_of(self._watch)
         halves = self._halves, self._state_before.reshape(2, -1)
         self._compiled = compiled_frame.CompiledFrame(body, *acting, *halves, frame.carried)
+        self._compiled.touch = touch
         return self._compiled
+
+    def _touch_by_loops(self) -> "FrameTouch | None":
+        """How obstacles touch the body; None where compiled functions do not know it, or nothing can.
+
+        Rigid contact of points that a basis alone moves hardly tells forces apart.
+        """
+        residual, solver = self.residual, None if self._interface is None else self._interface.solver
+        from fenics_rom.mechanics.compiled_contact import CompiledContact  # here, as the file below
+        from fenics_rom.runtime.steppers import frame_touch
+
+        if not isinstance(solver, CompiledContact) or (residual is None and solver.law.stiffness is None):
+            return None
+        if residual is not None and residual.relaxes:
+            return None
+        return frame_touch.FrameTouch(solver, frame_touch.points_of(self.points, residual), self.h)
 
     def reset_buffer(self) -> None:
         """As in Kernel."""

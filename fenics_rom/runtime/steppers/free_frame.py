@@ -55,7 +55,7 @@ class FreeFrame(FreeBalance):
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
-        if self._interface is None and (taken := self._taken_compiled(u, NO_BASE)):
+        if taken := self._taken_compiled(u, NO_BASE, obstacles):
             return self._end_compiled(u, taken)
         x, contact, push, power = self.begin_step(u), None, None, 0.0
         try:

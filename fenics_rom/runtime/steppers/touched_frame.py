@@ -86,8 +86,6 @@ class TouchedFrame(FrameKernel):
             return modal
         return np.hstack([np.tile(np.eye(3), (len(arms), 1)), turning_maps(turn, arms), modal])
 
-    _touched: Array
-
     @property
     def touched(self) -> Array:
         """As in BookedKernel, in world axes."""

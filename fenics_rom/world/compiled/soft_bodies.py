@@ -49,6 +49,7 @@ from fenics_rom.runtime.compiled.frames import (
     added,
     cross,
     dot,
+    middle_of,
     put,
     rotated,
     rotation_in,
@@ -167,14 +168,6 @@ def put_rows(turn: Array, first: int, rows: Rotation) -> None:
     put(turn, first, rows[0])
     put(turn, first + 3, rows[1])
     put(turn, first + 6, rows[2])
-
-
-@jit_part
-def middle_of(R: Rotation, t: Vector) -> Rotation:
-    """R* = R (1 + t~/2)."""
-    a, b, c = R
-    half = (-t[0] / 2, -t[1] / 2, -t[2] / 2)  # rows of R t~/2 are those of R, turned back
-    return added(a, 1.0, cross(half, a)), added(b, 1.0, cross(half, b)), added(c, 1.0, cross(half, c))
 
 
 @jit_part

@@ -1,0 +1,366 @@
+"""Contact of a linear body in a moving frame, compiled: what sweeps of `mechanics.frame_contact` share.
+
+A sweep knows velocities of the step under forces f, and asks for those f' on points that would go by S v̂ - W f without
+them. W guides it alone: it is that of the points within reach, of slopes that are kept. What sweeps decide of what
+takes part, leaves and is stopped stays, as `contact_pairs.Settled` says.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, Found, Law, ask, find_forces
+from fenics_rom.mechanics.compiled.contact_law import OTHERWISE as UNKNOWN
+from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.shapes import measure
+from fenics_rom.mechanics.contact_pairs import FIRST
+from fenics_rom.mechanics.frame_motion import Rotation, Vector
+from fenics_rom.runtime.compiled.contact_points import WHOLE, Points, arm_of, end_points, see_forces
+from fenics_rom.runtime.compiled.frames import (
+    OTHERWISE,
+    TAKEN,
+    Body,
+    Push,
+    State,
+    Step,
+    Taken,
+    added,
+    cross,
+    note,
+    put,
+    restore,
+    rotated,
+    seen,
+    vector,
+)
+from fenics_rom.runtime.compiled.touching import Begun, Last, StepContact, add_up_forces, hand_on, keep_found
+
+MOST_SWEEPS = 25  # those of steps that take more are NumPy's: see `mechanics.frame_contact`, as of the others
+TOLERANCE, ROUND_OFF, NO_PROGRESS, SLOW, FEW_SWEEPS = 1e-15, 1e-14, 1e-12, 0.5, 5
+PLACE, VELOCITY, FREE, MOVED = range(4)  # rows of `StepContact.motion`; the last has velocities under the forces
+OUTWARDS, CHOSEN, SHARES = range(3)  # rows of `Sweep.settled`
+
+
+class Among(NamedTuple):
+    """The obstacles that a body with P points is among in a step, and what it finds of N pairs with them."""
+
+    law: Law
+    shapes: Array  # of the obstacles, (O, 17)
+    start: Array  # displacements of the obstacles, (O, 3), m
+    end: Array
+    w_before: Array  # their velocities in the step before, (O, 3), m/s
+    begun: Begun
+    points: Points
+    at_rest: Array  # places of the points in world axes, (P, 3), m
+    found: StepContact  # with forces to begin with; set
+    W: Array  # that guides sweeps, m/s/N (3P, 3P)
+
+
+class Turn(NamedTuple):
+    """How a frame turns in a step."""
+
+    R: Rotation  # when it begins
+    middle: Rotation  # R*
+    end: Rotation
+    t: Vector  # by which it turns, in its axes
+
+
+class Sweep(NamedTuple):
+    """What sweeps of a step go on with."""
+
+    w: Array  # velocities of the obstacles, (O, 3), m/s
+    settled: Array  # (3, N)
+    is_near: Array  # whether W has a point (P,)
+    kept: Array  # V r and rates of what points yield beyond the basis, (P, 3), m/s
+    arms: Array  # (P, 3) in world axes, m
+
+
+class Touched(NamedTuple):
+    """What a step among obstacles did."""
+
+    step: Step  # where that is OTHERWISE no step was taken
+    contact: Found
+    by_obstacles: float  # supplied, J
+    lost: float  # dissipated in impacts, J
+    friction: float  # dissipated, J
+
+
+class TouchedTaken(NamedTuple):
+    """Of steps in a row, one row each."""
+
+    moved: Taken
+    contact: Array  # (n, 3), J: by obstacles, lost in impacts, friction
+    carried: Array  # g (n, 3P) beyond the basis after it, N; (n, 0) where there is nothing
+
+
+@jit_part
+def nothing_taken() -> Touched:
+    """What there is of a step that was not taken."""
+    return Touched(Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0), Found(UNKNOWN, 0, 0.0), 0.0, 0.0, 0.0)
+
+
+@jit_part
+def begin_sweeps(among: Among, h: float, q: Array, r: Array, R: Rotation, origin: Vector) -> Sweep:
+    """Sets where points are at q (m,), how far from obstacles, and what they do beyond the basis, without forces."""
+    points, (pairs, gaps, motion, _) = among.points, among.found
+    P, N, n = len(points.rest), len(gaps), 3 * len(points.rest)
+    kept, start, free = np.zeros((P, 3)), points.start.reshape(n), points.free.reshape(n)
+    rates, places = kept.reshape(n), np.empty((P, 3))
+    copy(points.rest, points.start)
+    for k in range(n):
+        free[k] = 0.0
+    for i in range(len(q)):
+        row, qi, ri = points.rows[i], q[i], r[i]
+        for k in range(n):
+            start[k] += row[k] * qi
+            rates[k] += row[k] * ri
+    if len(points.R):
+        y, y_rate = points.beyond[1], points.beyond[3]
+        for k in range(n):
+            start[k] += y[k]
+            rates[k] += y_rate[k]
+            free[k] = (points.times[0] * y_rate[k] - y[k]) / points.times[WHOLE]
+    for p in range(P):
+        put(places[p], 0, added(rotated(R, vector(points.start[p], 0)), 1.0, origin))
+        for k in range(3):
+            motion[PLACE, 3 * p + k] = places[p, k] - among.at_rest[p, k]
+            points.forces[p, k] = points.seen[p, k] = 0.0
+        points.pushed[p] = 0.0
+    measure(among.shapes, among.start, places, gaps, pairs.axes[:, 0])
+    w = (among.end - among.start) / h
+    return Sweep(w, np.zeros((3, N)), np.zeros(P, dtype=np.bool_), kept, np.empty((P, 3)))
+
+
+@jit_part
+def move_inside(points: Points, rate: Array) -> None:
+    """Sets how points move in the frame at r̂ (m,), under the forces that it sees."""
+    n = 3 * len(points.rest)
+    inside, forces = points.inside.reshape(n), points.seen.reshape(n)
+    copy(points.free, points.inside)
+    for i in range(len(rate)):
+        row, by = points.rows[i], rate[i]
+        for k in range(n):
+            inside[k] += row[k] * by
+    if len(points.R):
+        for p in range(len(points.rest)):
+            if points.pushed[p]:
+                for k in range(3 * p, 3 * p + 3):
+                    row, by = points.R[k], forces[k] / points.times[WHOLE]
+                    for j in range(n):
+                        inside[j] += row[j] * by
+
+
+@jit_part
+def set_arms(points: Points, turn: Turn, h: float, arms: Array) -> None:
+    """Sets arms (P, 3) from the origin in the middle of the step."""
+    for p in range(len(arms)):
+        put(arms[p], 0, arm_of(points, p, turn.R, turn.end, h))
+
+
+@jit_part
+def set_modal(points: Points, modal: Array) -> None:
+    """Sets what the forces that the frame sees do on the coordinates (m,)."""
+    for i in range(len(modal)):
+        modal[i] = 0.0
+    for p in range(len(points.rest)):
+        if points.pushed[p]:
+            x, y, z = vector(points.seen[p], 0)
+            for i in range(len(modal)):
+                row = points.rows[i]
+                modal[i] += row[3 * p] * x + row[3 * p + 1] * y + row[3 * p + 2] * z
+
+
+@jit_part
+def push_of(points: Points, turn: Turn, arms: Array) -> Push:
+    """What the forces do, but on the coordinates."""
+    force = torque = (0.0, 0.0, 0.0)
+    for p in range(len(arms)):
+        if points.pushed[p]:
+            f = vector(points.forces[p], 0)
+            force, torque = added(force, 1.0, f), added(torque, 1.0, cross(vector(arms[p], 0), f))
+    return Push(force, torque, seen(turn.R, turn.t, torque))
+
+
+@jit_part
+def put_velocities(turn: Turn, origin: Vector, spin: Vector, arms: Array, inside: Array, row: Array) -> None:
+    """Sets velocities (3P,) in world axes, of points that move by (P, 3) in a frame with those of origin and spin.
+
+    `spin` is R* times that in the frame.
+    """
+    for p in range(len(arms)):
+        moving = added(origin, 1.0, cross(spin, vector(arms[p], 0)))
+        put(row, 3 * p, added(moving, 1.0, rotated(turn.middle, vector(inside[p], 0))))
+
+
+@jit_part
+def ask_in_sweep(among: Among, sweep: Sweep, count: int) -> None:
+    """Has the law say what pairs are asked for in the sweep after so many, of velocities FREE and VELOCITY."""
+    pairs, gaps, motion, _ = among.found
+    free, velocity = motion[FREE].reshape(-1, 3), motion[VELOCITY].reshape(-1, 3)
+    outwards = sweep.settled[OUTWARDS, : len(gaps) if count else 0]
+    ask(among.law, gaps, free, velocity, sweep.w, among.w_before, among.begun.forces, outwards, pairs)
+
+
+@jit_part
+def take_out_forces(among: Among) -> None:
+    """Has FREE be without the forces of now, as W says."""
+    points, free = among.points, among.found.motion[FREE]
+    for p in range(len(points.rest)):
+        if points.pushed[p]:
+            for k in range(3):
+                row, by = among.W[3 * p + k], points.forces[p, k]
+                for j in range(len(free)):
+                    free[j] -= row[j] * by
+
+
+@jit_part
+def find_in_sweep(among: Among, sweep: Sweep, count: int) -> Found:
+    """Finds forces of what is asked in the sweep after so many, and takes note of what it decides."""
+    pairs, settled, P = among.found.pairs, sweep.settled, len(among.points.rest)
+    for c in range(len(pairs.chosen) if count else 0):
+        pairs.chosen[c] = pairs.chosen[c] or settled[CHOSEN, c] != 0.0
+        if count > FIRST and settled[SHARES, c] < 1:
+            pairs.helped[c] = True
+            pairs.target[c, 1] *= settled[SHARES, c]
+            pairs.target[c, 2] *= settled[SHARES, c]
+    found = find_forces(among.law, among.W, np.empty((0, 0)), P, among.begun.swung, pairs)
+    if found.status == UNKNOWN:
+        return found
+    for c in range(len(pairs.chosen)):
+        if count == 0:
+            settled[OUTWARDS, c] = pairs.free[c, 0]
+        settled[CHOSEN, c], settled[SHARES, c] = 1.0 if pairs.chosen[c] else 0.0, 1.0
+        if pairs.helped[c]:
+            (_, x, y), (_, a, b) = pairs.relative[c], pairs.target[c]
+            square = x * x + y * y
+            settled[SHARES, c] = 2 * (a * x + b * y) / square if square > 0 else 0.0
+    return found
+
+
+@jit_part
+def is_all_near(among: Among, sweep: Sweep) -> bool:
+    """Whether W has all points that take part; where not, it is to have all from now on."""
+    pairs, P = among.found.pairs, len(among.points.rest)
+    for c in range(len(pairs.chosen)):
+        if pairs.chosen[c] and not sweep.is_near[c % P]:
+            sweep.is_near[:] = True
+            return False
+    return True
+
+
+@jit_part
+def note_near(among: Among, sweep: Sweep) -> None:
+    """Notes the points that may need forces, or twice as fast: see `ContactSolver.within_reach`."""
+    law, gaps, motion, P = among.law, among.found.gaps, among.found.motion, len(among.points.rest)
+    fastest = w = 0.0
+    for k in range(3 * P):
+        fastest = max(fastest, 2 * abs(motion[FREE, k]) + abs(motion[VELOCITY, k]))
+    for o in range(len(sweep.w)):
+        for k in range(3):
+            w = max(w, abs(sweep.w[o, k]), abs(among.w_before[o, k]))
+    reach = 2 * law.h * math.sqrt(3.0) * (fastest + 3 * w)
+    for c in range(len(gaps)):
+        if law.compliance > 0 or gaps[c] <= reach:
+            sweep.is_near[c % P] = True
+
+
+@jit_part
+def set_operator(among: Among, sweep: Sweep, turn: Turn, inverse: Array, by_force: float) -> bool:
+    """Sets W of the points that are near, by inverse slopes of r̂, or of ω̂ and r̂; by_force: how the origin moves."""
+    points, W, P = among.points, among.W, len(among.points.rest)
+    near, k = sweep.is_near.nonzero()[0], len(inverse)
+    s, spins = len(near), k - len(points.rows)
+    maps = np.empty((3 * s, k))
+    for i in range(s):
+        p = near[i]
+        for j in range(spins):  # R* e_j × a
+            axis = turn.middle[0][j], turn.middle[1][j], turn.middle[2][j]
+            x, y, z = cross(axis, vector(sweep.arms[p], 0))
+            maps[3 * i, j], maps[3 * i + 1, j], maps[3 * i + 2, j] = x, y, z
+        for j in range(k - spins):
+            x, y, z = rotated(turn.middle, vector(points.rows[j], 3 * p))
+            maps[3 * i, spins + j], maps[3 * i + 1, spins + j], maps[3 * i + 2, spins + j] = x, y, z
+    part = np.dot(np.dot(maps, inverse), maps.T)
+    for i in range(s if len(points.R) else 0):
+        for j in range(s):
+            _add_block(turn.middle, points.R, 3 * near[i], 3 * near[j], points.times[WHOLE], part, 3 * i, 3 * j)
+    for i in range(3 * P):
+        for j in range(3 * P):
+            W[i, j] = 0.0
+    for i in range(3 * s):
+        for j in range(3 * s):
+            there = by_force if i % 3 == j % 3 else 0.0
+            W[3 * near[i // 3] + i % 3, 3 * near[j // 3] + j % 3] = (part[i, j] + part[j, i]) / 2 + there
+    return True
+
+
+@jit_part
+def _add_block(R: Rotation, C: Array, at: int, to: int, whole: float, W: Array, i: int, j: int) -> None:
+    """Adds R C Rᵀ/a of two points."""
+    rows = rotated(R, vector(C[at], to)), rotated(R, vector(C[at + 1], to)), rotated(R, vector(C[at + 2], to))
+    for k in range(3):
+        x, y, z = rotated(R, (rows[0][k], rows[1][k], rows[2][k]))
+        W[i, j + k] += x / whole
+        W[i + 1, j + k] += y / whole
+        W[i + 2, j + k] += z / whole
+
+
+@jit_part
+def has_ended(size: float, before: float, scale: float) -> bool:
+    """Whether sweeps end with a change of this size, after one before."""
+    if size <= ROUND_OFF * scale or (size < before and size * size <= TOLERANCE * scale * before):
+        return True
+    return size <= NO_PROGRESS * scale and size > before / 2 > 0
+
+
+@jit_part
+def act_on_points(among: Among, sweep: Sweep, contact: Found, turn: Turn) -> float:
+    """Has the forces of pairs act on the points; their power on obstacles, W."""
+    points, forces = among.points, among.found.forces
+    power = add_up_forces(contact, sweep.w, among.found)
+    copy(forces, points.forces)
+    see_forces(points, turn.R, turn.t)
+    return power
+
+
+@jit_part
+def end_touched(among: Among, step: Step, contact: Found, by_obstacles: float) -> Touched:
+    """Ends a step that was taken under forces with which points move by MOVED: what they yield, and what works did."""
+    h, found, power = among.law.h, among.found, 0.0
+    lost, stored = end_points(among.points, h)
+    step = Step(step.status, step.square + stored, step.within, step.supplied, step.dissipated + lost)
+    if contact.status == NOTHING:
+        return Touched(step, contact, 0.0, 0.0, 0.0)
+    for k in range(len(found.forces)):
+        power += found.forces[k] * found.motion[MOVED, k]
+    whole = power - by_obstacles
+    normal = contact.normal_power if among.law.friction > 0 else whole
+    return Touched(step, contact, h * by_obstacles, -h * normal, h * (normal - whole))
+
+
+@jit_part
+def keep_step(
+    body: Body, state: State, among: Among, touched: Touched, last: Last, taken: TouchedTaken, count: int
+) -> bool:
+    """Notes a step of steps in a row, and what the next one begins with; False where it was not taken.
+
+    One whose energy is not finite is taken back.
+    """
+    step, points = touched.step, among.points
+    if step.status != TAKEN:
+        return False
+    if not math.isfinite(step.square):
+        restore(state)
+        copy(points.beyond_before, points.beyond)
+        return False
+    note(body, state, step, taken.moved, count)
+    of_contact = taken.contact[count]
+    of_contact[0], of_contact[1], of_contact[2] = touched.by_obstacles, touched.lost, touched.friction
+    if len(points.R):
+        copy(points.beyond[0], taken.carried[count])
+    keep_found(among.begun, among.found, last.begun, last.found)
+    hand_on(among.law, among.begun, touched.contact.status == FOUND, among.found.pairs, among.begun)
+    return True
