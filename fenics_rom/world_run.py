@@ -27,6 +27,7 @@ SHAPES: dict[str, Any] = {
     "capsule": shapes.Capsule,
     "cylinder": shapes.Cylinder,
     "hull": shapes.Hull,
+    "mesh": shapes.Mesh,
 }
 REPORTS = 100  # of a run
 
@@ -127,8 +128,10 @@ def _body(name: str, body: WorldBody, scene: WorldScene) -> RigidBody | SoftBody
             angular_velocity=body.spin,
             on=body.on,
         )
-    keys = ("size", "radius", "length", "points")
+    keys = ("size", "radius", "length", "points", "open")
     given = {key: getattr(body, key) for key in keys if getattr(body, key) is not None}
+    if body.file is not None:
+        given["vertices"], given["triangles"] = body.file.joined(1.0 if body.scale is None else body.scale)
     try:
         shape = SHAPES[body.shape](**given)
     except SceneError as error:

@@ -30,7 +30,7 @@ def _gmsh_in_this_process():
     # Not above: fenics_rom.fem starts MPI, which the processes that this one starts to run tests would inherit.
     from gmsh_here import arrays_found_here
 
-    from fenics_rom.fem import foreign_file
+    from fenics_rom.scene import foreign_file
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(foreign_file, "read_arrays", arrays_found_here)

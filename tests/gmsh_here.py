@@ -7,7 +7,7 @@ from typing import Any
 import gmsh
 
 from fenics_rom.errors import MeshError
-from fenics_rom.fem import foreign_file, foreign_process
+from fenics_rom.scene import foreign_file, foreign_process
 
 in_another_process = foreign_file.read_arrays
 

@@ -30,11 +30,11 @@ from drawn_scenes import STEPS, Drawn, drawn
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError
-from fenics_rom.fem import foreign_file, foreign_process
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.reduction.hyperreduction import reduce as hyperreduction
 from fenics_rom.reduction.hyperreduction.cubature import Cubature
+from fenics_rom.scene import foreign_file, foreign_process
 from fenics_rom.scene.file import parse_scene
 
 Array = np.ndarray

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.errors import MeshError, shown, unknown
-from fenics_rom.fem.foreign_process import edges_of
 from fenics_rom.fem.mesh_arrays import MeshArrays
 from fenics_rom.fem.mesh_quality import CELL_FACES
+from fenics_rom.scene.foreign_process import edges_of
 
 TETRAHEDRA = r"C3D(4|10)[A-Z]*"  # and the number of their nodes
 SOLIDS = r"(?:C3D|CC3D|DC3D|AC3D|SC)(\d+)[A-Z]*"

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from fenics_rom.errors import MeshError
-from fenics_rom.fem import foreign_file
 from fenics_rom.fem.mesh import SURFACES, Mesh, checked_mesh
 from fenics_rom.fem.mesh_arrays import MeshArrays
 from fenics_rom.fem.msh_writer import write_msh
+from fenics_rom.scene import foreign_file
 
 REGION = "body"  # name of all cells in the file
 

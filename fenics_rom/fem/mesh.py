@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from fenics_rom.errors import MeshError, check_known
-from fenics_rom.fem import foreign_file
 from fenics_rom.fem.abaqus_file import read_abaqus
 from fenics_rom.fem.cell_overlaps import describe_overlaps
 from fenics_rom.fem.mesh_arrays import MeshArrays
@@ -19,6 +18,7 @@ from fenics_rom.fem.mesh_gaps import describe_gaps
 from fenics_rom.fem.mesh_quality import CELL_EDGES, check_filling, signed_volumes
 from fenics_rom.fem.msh_sections import check_sections
 from fenics_rom.fem.xdmf_file import read_xdmf
+from fenics_rom.scene import foreign_file
 
 TETRAHEDRA = {"Tetrahedron 4", "Tetrahedron 10"}  # what Gmsh calls the only kinds of cells that are allowed
 SURFACES = (".stl", ".step", ".stp")  # what Gmsh can fill

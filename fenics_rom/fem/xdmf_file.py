@@ -13,8 +13,8 @@ import h5py
 import numpy as np
 
 from fenics_rom.errors import MeshError
-from fenics_rom.fem.foreign_process import edges_of
 from fenics_rom.fem.mesh_arrays import MeshArrays
+from fenics_rom.scene.foreign_process import edges_of
 
 CELLS = {"tetrahedron": 4, "tetrahedron_10": 10, "tet_10": 10}  # and their nodes, in VTK's order
 TRIANGLES = {"triangle": 3, "triangle_6": 6, "tri_6": 6}

@@ -12,6 +12,10 @@ from fenics_rom.mechanics.obstacles import Obstacle
 
 def make_contact_solver(points: Array, obstacles: Sequence[Obstacle], law: ContactLaw) -> ContactSolver:
     """Of points (P, 3), m, and obstacles that meet by a law; compiled if all their shapes are."""
+    if not all(each.is_convex for each in obstacles):
+        from fenics_rom.mechanics.mesh_contact import MeshContact  # here, as few scenes have meshes
+
+        return MeshContact(points, obstacles, law)
     if compiled():
         from fenics_rom.mechanics.compiled.shapes import shape_rows  # here, as numba takes time to import
         from fenics_rom.mechanics.compiled_contact import CompiledContact

@@ -1,7 +1,8 @@
-"""Rigid convex obstacles: how far points are from them, and which way out.
+"""Rigid obstacles: how far points are from them, and which way out.
 
 The signed distance to a convex body is a convex function, so that with the unit normal n at x,
 distance(x + d) >= distance(x) + n·d for every d: a step that keeps the right side positive does not penetrate.
+A mesh need not be convex: then points meet more planes than one, those that their ways go through (`mesh_contact`).
 An obstacle moves by translation only: evaluate it at points - offset.
 
 Each refuses by a SceneError what it cannot be: vectors that are not three finite numbers, a radius or an edge that is
@@ -11,22 +12,29 @@ not finite and > 0, a normal or an axis of length 0.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.arguments import GREATEST, SMALLEST, is_number
-from fenics_rom.errors import SceneError, shown
-from fenics_rom.mechanics.signals import real_numbers_or_nan
+from fenics_rom.errors import SceneError
+from fenics_rom.mechanics.mesh_obstacle import Mesh
+from fenics_rom.mechanics.obstacle_parts import (
+    SHORTEST_DIRECTION,
+    check_positive,
+    check_vector,
+    keep,
+    normalised,
+    rotation_matrix_of,
+    turning_of,
+)
 
 _ONES, _UP = np.ones(3), np.array([0.0, 0.0, 1.0])
 _CORNERS = np.array([[0, 0, 0], *([x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1))])
-_SHORTEST_DIRECTION = 1e-150  # m; shorter vectors have squares that underflow and no direction
 
 
 class Obstacle(Protocol):
-    """A rigid convex body."""
+    """A rigid body."""
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
@@ -38,6 +46,10 @@ class Obstacle(Protocol):
     def core(self) -> tuple[float, Array]:
         """Radius, m, of the largest balls that it holds, infinite of a half-space, and centres (C, 3) of some, m."""
 
+    @property
+    def is_convex(self) -> bool:
+        """Whether it is, so that no step enters it that ends before the plane of the nearest place."""
+
 
 @dataclass(frozen=True)
 class HalfSpace:
@@ -48,19 +60,20 @@ class HalfSpace:
         normal: which way is out; of any length but 0.
     """
 
+    is_convex: ClassVar = True
     point: Sequence[float]
     normal: Sequence[float]
     _n: Array = field(init=False, repr=False, compare=False)
     _level: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        point, normal = _check_vector(self, "point"), _check_vector(self, "normal")
+        point, normal = check_vector(self, "point"), check_vector(self, "normal")
         length = math.hypot(*normal)
         if not length > 0:
             raise SceneError("halfspace: normal: allowed is a vector of any length but 0, given: length 0")
         n = normal / length
         n /= math.hypot(*n)
-        _keep(self, _n=n, _level=float(point.dot(n)))
+        keep(self, _n=n, _level=float(point.dot(n)))
 
     @property
     def axes(self) -> Array:
@@ -102,17 +115,18 @@ class Sphere:
         radius: m.
     """
 
+    is_convex: ClassVar = True
     center: Sequence[float]
     radius: float
     _center: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        _keep(self, _center=_check_vector(self, "center"))
-        _check_positive(self, "radius")
+        keep(self, _center=check_vector(self, "center"))
+        check_positive(self, "radius")
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
-        length, normals = _normalise(points - self._center, _UP)
+        length, normals = normalised(points - self._center, _UP)
         return length - self.radius, normals
 
     @property
@@ -122,7 +136,7 @@ class Sphere:
 
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
-        return _turning(points - self._center, np.eye(3))
+        return turning_of(points - self._center, np.eye(3))
 
 
 @dataclass(frozen=True)
@@ -135,6 +149,7 @@ class Capsule:
         radius: m.
     """
 
+    is_convex: ClassVar = True
     start: Sequence[float]
     end: Sequence[float]
     radius: float
@@ -144,15 +159,15 @@ class Capsule:
     _perpendicular: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        start, end = _check_vector(self, "start"), _check_vector(self, "end")
-        _check_positive(self, "radius")
+        start, end = check_vector(self, "start"), check_vector(self, "end")
+        check_positive(self, "radius")
         axis = end - start
         square = float(axis.dot(axis))
         if not square > 0:
             raise SceneError("capsule: allowed are a start and an end that differ, given: the same; use a sphere")
         perpendicular = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
         perpendicular /= np.linalg.norm(perpendicular)
-        _keep(self, _start=start, _axis=axis, _per_length=axis / square, _perpendicular=perpendicular)
+        keep(self, _start=start, _axis=axis, _per_length=axis / square, _perpendicular=perpendicular)
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
@@ -160,7 +175,7 @@ class Capsule:
         along = from_start.dot(self._per_length)
         np.minimum(along, 1.0, out=along)
         np.maximum(along, 0.0, out=along)
-        length, normals = _normalise(from_start - along[:, None] * self._axis, self._perpendicular)
+        length, normals = normalised(from_start - along[:, None] * self._axis, self._perpendicular)
         return length - self.radius, normals
 
     @property
@@ -174,7 +189,7 @@ class Capsule:
         along = from_start.dot(self._per_length)
         beside = (along > 0) & (along < 1)
         across = np.eye(3) - beside[:, None, None] * np.outer(self._axis, self._per_length)
-        return _turning(from_start - np.clip(along, 0.0, 1.0)[:, None] * self._axis, across)
+        return turning_of(from_start - np.clip(along, 0.0, 1.0)[:, None] * self._axis, across)
 
 
 @dataclass(frozen=True)
@@ -187,6 +202,7 @@ class Box:
         rotation: axis times angle, rad (Rodrigues' formula), by which it is turned about its center.
     """
 
+    is_convex: ClassVar = True
     center: Sequence[float]
     size: Sequence[float]
     rotation: Sequence[float] = (0.0, 0.0, 0.0)
@@ -195,8 +211,8 @@ class Box:
     _axes: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        center, half = _check_vector(self, "center"), _check_vector(self, "size") / 2
-        _keep(self, _center=center, _half=half, _axes=_rotation_matrix(_check_vector(self, "rotation")))
+        center, half = check_vector(self, "center"), check_vector(self, "size") / 2
+        keep(self, _center=center, _half=half, _axes=rotation_matrix_of(check_vector(self, "rotation")))
         if not half.min() > 0:
             raise SceneError(f"box: size: allowed are edges > 0, in m, given: {list(self.size)}")
 
@@ -206,8 +222,8 @@ class Box:
         excess = np.abs(local)  # beyond the faces
         excess -= self._half
         deepest = excess.max(axis=1)
-        gap, normals = _normalise(np.copysign(np.maximum(excess, 0.0), local), _UP)
-        inside = deepest < _SHORTEST_DIRECTION
+        gap, normals = normalised(np.copysign(np.maximum(excess, 0.0), local), _UP)
+        inside = deepest < SHORTEST_DIRECTION
         if inside.any():
             rows = np.flatnonzero(inside)
             faces = excess[rows].argmax(axis=1)
@@ -227,78 +243,26 @@ class Box:
         local = (points - self._center).dot(self._axes)
         excess = np.maximum(np.abs(local) - self._half, 0.0)
         # Along its own axes, where what is beyond one face alone has exactly none, however near it is.
-        turning = _turning(np.copysign(excess, local), np.eye(3) * (excess > 0)[:, None, :])
+        turning = turning_of(np.copysign(excess, local), np.eye(3) * (excess > 0)[:, None, :])
         curvature: Array = self._axes @ turning @ self._axes.T
         return curvature
 
 
-def _normalise(vectors: Array, fallback: Array) -> tuple[Array, Array]:
-    """Lengths (P,) and directions (P, 3); where there is no direction, `fallback`."""
-    length = np.sqrt((vectors * vectors).dot(_ONES))
-    if len(length) and not length.item(length.argmin()) > _SHORTEST_DIRECTION:
-        short = ~(length > _SHORTEST_DIRECTION)
-        directions = vectors / np.where(short, 1.0, length)[:, None]
-        directions[short] = fallback
-        return length, directions
-    return length, vectors / length[:, None]
-
-
-def _turning(vectors: Array, across: Array) -> Array:
-    """What directions of vectors (P, 3) change by, (P, 3, 3), where `across` (P, 3, 3) is what the vectors do.
-
-    Nothing where there is no direction.
-    """
-    length, n = _normalise(vectors, np.zeros(3))
-    turning: Array = (across - n[:, :, None] * n[:, None, :]) / np.where(length > 0, length, np.inf)[:, None, None]
-    return turning
-
-
-def _rotation_matrix(vector: Array) -> Array:
-    """The matrix (3, 3) that turns by |vector| about it: I + sin θ X + (1 - cos θ) X²."""
-    angle = math.hypot(*vector)
-    if not angle > 0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    X = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(angle) * X + 2 * math.sin(angle / 2) ** 2 * X @ X
-
-
-def _check_vector(obstacle: object, name: str) -> Array:
-    """An attribute as an array (3,); the attribute itself becomes a tuple, so that obstacles compare by value."""
-    value = getattr(obstacle, name)
-    vector = real_numbers_or_nan(value)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        kind = type(obstacle).__name__.lower()
-        raise SceneError(f"{kind}: {name}: allowed are three finite numbers, given: {shown(value)}")
-    _keep(obstacle, **{name: tuple(vector.tolist())})
-    return vector
-
-
-def _check_positive(obstacle: object, name: str) -> None:
-    value = getattr(obstacle, name)
-    if not (is_number(value) and SMALLEST <= value <= GREATEST):
-        kind = type(obstacle).__name__.lower()
-        raise SceneError(f"{kind}: {name}: allowed is a finite number > 0, in m, given: {shown(value)}")
-    _keep(obstacle, **{name: float(value)})
-
-
-def _keep(obstacle: object, **values: object) -> None:
-    """Sets attributes of an obstacle, which is frozen."""
-    for name, value in values.items():
-        object.__setattr__(obstacle, name, value)
-
-
-SHAPES: Mapping[str, Any] = {"half-space": HalfSpace, "sphere": Sphere, "capsule": Capsule, "box": Box}
-DIMENSIONS = {
-    **dict.fromkeys(("point", "center", "start", "end", "size"), ("m", 3)),
-    "radius": ("m", 1),
-    "normal": ("1", 3),
-    "rotation": ("rad", 3),
+SHAPES: Mapping[str, Any] = {"half-space": HalfSpace, "sphere": Sphere, "capsule": Capsule, "box": Box, "mesh": Mesh}
+Dimension = tuple[str, tuple[int | str, ...], str]  # unit, numbers or names of sizes, "f" real or "i" whole
+DIMENSIONS: Mapping[str, Dimension] = {
+    **dict.fromkeys(("point", "center", "start", "end", "size", "position"), ("m", (3,), "f")),
+    "radius": ("m", (1,), "f"),
+    "normal": ("1", (3,), "f"),
+    "rotation": ("rad", (3,), "f"),
+    "vertices": ("m", ("vertices", 3), "f"),
+    "triangles": ("1", ("faces", 3), "i"),
+    "open": ("1", (1,), "i"),
 }
 
 
-def dimensions_of(shape: str) -> dict[str, tuple[str, int]]:
-    """What describes obstacles of one of the SHAPES: unit, and how many numbers."""
+def dimensions_of(shape: str) -> dict[str, Dimension]:
+    """What describes obstacles of one of the SHAPES."""
     return {each.name: DIMENSIONS[each.name] for each in fields(SHAPES[shape]) if each.init}
 
 
@@ -310,8 +274,10 @@ def shape_of(obstacle: Obstacle) -> str:
 def smallest_radius(obstacle: Obstacle) -> float:
     """Radius of what passes where an obstacle passes, m; infinite of a half-space.
 
-    Of a box half of its middle edge: the face of a thin plate does not pass between points.
+    Of a box half of its middle edge: the face of a thin plate does not pass between points. Of a mesh that of its core.
     """
     if isinstance(obstacle, Box):
         return float(np.sort(obstacle.size)[1]) / 2
+    if isinstance(obstacle, Mesh):
+        return obstacle.core[0]
     return float(getattr(obstacle, "radius", math.inf))

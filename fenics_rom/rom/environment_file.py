@@ -10,7 +10,7 @@ guides/NAME/                 attribute tendon; friction (1,), angle (1,) rad; ab
 loads/NAME/                  loads with signals of their own; columns (1,) and a signal, which may be absent:
     values (w,) or (T, w)    in the unit of the input
     times (T,) s             where values change
-obstacles/NAME/              attribute `shape`; what describes it (point, normal, ...), and a signal, m
+obstacles/NAME/              attribute `shape`; what describes it (point, normal, ..., vertices), and a signal, m
 viscoelasticity/             ratios (b,), times (b,) s; absent where the material is elastic
 contact_law/                 restitution, friction (1,); stiffness N/m, damping N s/m (1,); absent without contact
 run/                         dt, duration (1,) s, snapshots (1,), every (1,); attribute detail, absent where
@@ -283,4 +283,4 @@ def _dimensions(shape: str) -> dict[str, Entry]:
     """What describes an obstacle of a shape."""
     from fenics_rom.mechanics.obstacles import dimensions_of
 
-    return {name: Entry(unit, (length,)) for name, (unit, length) in dimensions_of(shape).items()}
+    return {name: Entry(*of) for name, of in dimensions_of(shape).items()}

@@ -240,6 +240,14 @@ def check_base_path(file: SceneFile) -> None:
         raise SceneError(f"effects.base_path.table: {mistake}")
 
 
+def check_meshes(file: SceneFile) -> None:
+    """Checks obstacles that are meshes, after their files were read; SceneError where one is no solid."""
+    obstacles = {} if file.effects.contact is None else file.effects.contact.obstacles
+    for name, described in obstacles.items():
+        if described.file is not None:
+            obstacle_of(described, f"effects.contact.obstacles.{name}")
+
+
 def _check_contact(contact: Contact, *, has_inertia: bool) -> None:
     if not contact.obstacles:
         raise SceneError("effects.contact.obstacles: at least one is needed, as [effects.contact.obstacles.NAME]")

@@ -15,7 +15,8 @@ from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.large_deformation import LargeDeformation
 from fenics_rom.scene.law import Law
 from fenics_rom.scene.places import PIECES, Place
-from fenics_rom.scene.values import Direction, Flag, Items, Name, Number, Point, PoseTable, Table, Text
+from fenics_rom.scene.surface_file import FileTriangles
+from fenics_rom.scene.values import Direction, Flag, Items, Name, Number, Point, PoseTable, SurfaceFile, Table, Text
 
 Alpha = Annotated[float, Number(at_least=0.0, unit="1/s"), "share of the mass matrix in the damping matrix"]
 Beta = Annotated[float, Number(at_least=0.0, unit="s"), "share of the stiffness matrix in the damping matrix"]
@@ -259,7 +260,7 @@ class TendonFriction:
 class RigidObstacle:
     """A rigid obstacle, by the dimensions of its shape; it stands still, or moves by a table or a function."""
 
-    shape: Annotated[str, Text(choices=("half-space", "sphere", "capsule", "box")), "says which keys it has"]
+    shape: Annotated[str, Text(choices=("half-space", "sphere", "capsule", "box", "mesh")), "says which keys it has"]
     point: Annotated[Point | None, "of a half-space: on its surface"] = None
     normal: Annotated[Direction | None, "of a half-space: outwards, of any length but zero"] = None
     center: Annotated[Point | None, "of a sphere or a box"] = None
@@ -267,7 +268,17 @@ class RigidObstacle:
     end: Annotated[Point | None, "of a capsule: the other end of its axis"] = None
     radius: Annotated[Length | None, "of a sphere or a capsule"] = None
     size: Annotated[tuple[Length, Length, Length] | None, Items(3), "of a box: lengths of its edges"] = None
-    rotation: Annotated[tuple[Angle, Angle, Angle] | None, Items(3), "of a box: rotation vector"] = None
+    rotation: Annotated[tuple[Angle, Angle, Angle] | None, Items(3), "of a box or a mesh: rotation vector"] = None
+    file: Annotated[
+        FileTriangles | None, SurfaceFile(), "of a mesh: .stl, or .vtk, .vtp, .vtu (VTK), or .step, .stp (Gmsh)"
+    ] = None
+    scale: Annotated[
+        float | None, Number(above=0.0, unit="m"), "of a mesh: that a unit of its file is worth; else 1"
+    ] = None
+    position: Annotated[Point | None, "of a mesh: where the origin of its file is; else the scene's"] = None
+    open: Annotated[
+        bool | None, Flag(), "of a mesh: whether it may have a border; all behind it is solid; else false"
+    ] = None
     table: Annotated[Signal | None, Table(columns=3, unit="m"), "time (s), displacement (m)"] = None
 
 

@@ -27,6 +27,9 @@ from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, numbers_of
 from fenics_rom.scene.effects import Effects, RigidObstacle
 from fenics_rom.scene.values import default_of
 
+MESH_KEYS = ("file", "scale", "position", "rotation", "open")
+OPTIONAL = MESH_KEYS[1:]
+
 
 def environment_of(effects: Effects, frame: str, run: Run | None, source: str) -> Environment:
     """What acts in the runs of a scene of that frame and source; SceneError where an obstacle is not of its shape."""
@@ -121,15 +124,20 @@ def words(name: str, numbers: Mapping[str, Any]) -> str:
 
 def obstacle_of(described: RigidObstacle, where: str) -> Obstacle:
     """The obstacle described; SceneError where something is missing, or is given that the shape does not have."""
-    known = list(dimensions_of(described.shape))
+    known = MESH_KEYS if described.shape == "mesh" else tuple(dimensions_of(described.shape))
     given = {field.name: getattr(described, field.name) for field in fields(described)}
     dimensions = {key: value for key, value in given.items() if key not in ("shape", "table") and value is not None}
     for key in dimensions:
         if key not in known:
             raise SceneError(f"{where}: a {described.shape} has {', '.join(known)}, but no {key}")
+    missing = [key for key in known if key not in dimensions and key not in OPTIONAL]
+    if missing:
+        raise SceneError(f"{where}: {missing[0]} is missing")
+    if described.shape == "mesh":
+        vertices, triangles = dimensions.pop("file").joined(dimensions.pop("scale", 1.0))
+        dimensions |= {"vertices": vertices, "triangles": triangles}
     try:
         obstacle: Obstacle = SHAPES[described.shape](**dimensions)
-    except (SceneError, TypeError) as error:
-        missing = [key for key in known if key not in dimensions and key != "rotation"]
-        raise SceneError(f"{where}: {f'{missing[0]} is missing' if missing else error}") from error
+    except SceneError as error:
+        raise SceneError(f"{where}: {error}") from error
     return obstacle

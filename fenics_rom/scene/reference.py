@@ -15,6 +15,7 @@ from fenics_rom.scene.values import (
     Items,
     Number,
     PoseTable,
+    SurfaceFile,
     Table,
     Text,
     Value,
@@ -133,6 +134,8 @@ def _scalar_words(value: Value) -> str:
         return value.allowed.removesuffix(f", in {value.unit}")
     if isinstance(value, Table | PoseTable):
         return "path of a CSV file"
+    if isinstance(value, SurfaceFile):
+        return "path of a file"
     if isinstance(value, Text):
         return ", ".join(f'`"{choice}"`' for choice in value.choices) or "text"
     return ""

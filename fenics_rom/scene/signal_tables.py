@@ -1,4 +1,4 @@
-"""Signals from CSV files, whose first row names the columns, and may name their units."""
+"""Signals from CSV files, whose first row names the columns, and may name their units; and surfaces in files."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +10,7 @@ from fenics_rom.io.tables import Table, read_table
 from fenics_rom.io.units import QUANTITIES, UNITS
 from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.signals import Signal
+from fenics_rom.scene.surface_file import FileTriangles, read_surface
 
 POSES = {"time": "s"} | dict.fromkeys(("position.x", "position.y", "position.z"), "m")
 POSES |= dict.fromkeys(("rotation.w", "rotation.x", "rotation.y", "rotation.z"), "1")
@@ -18,11 +19,11 @@ TWISTS |= dict.fromkeys(("angular_velocity.x", "angular_velocity.y", "angular_ve
 
 
 class SignalTables:
-    """The tables that a scene names.
+    """The tables that a scene names, and its surfaces: rows (T, 9) of the corners of triangles.
 
     Args:
         folder: what their paths are relative to.
-        given: tables by name, as they travel with a ROM; read from files where this is None.
+        given: tables by name, as they travel with a scene; read from files where this is None.
         load_units: SI units of the numbers of those that loads of the run name.
 
     Attributes:
@@ -64,6 +65,18 @@ class SignalTables:
         times, *parts = np.split(table, (1, 4, 8, 11) if has_twists else (1, 4), axis=1)
         return BasePath(times[:, 0], *parts)
 
+    def triangles(self, name: str) -> FileTriangles:
+        """Those of a surface. SceneError of what is none."""
+        if self._given is None:
+            try:
+                self.found[name] = read_surface(self._folder / name).corners.reshape(-1, 9)
+            except SceneError as error:
+                raise SceneError(f"surface {error}") from error
+        corners = self._known(name)
+        if corners.ndim != 2 or corners.shape[1] != 9:
+            raise SceneError(f"surface {name}: allowed are rows of nine numbers, the corners of triangles")
+        return FileTriangles(corners.reshape(-1, 3, 3))
+
     def _from_file(self, name: str, unit: str) -> np.ndarray:
         """Times and values (times, 1 + columns), where its first row says nothing else than that unit."""
         try:
@@ -87,6 +100,10 @@ class UnreadTables:
     def path(self, name: str) -> BasePath:
         """See SignalTables."""
         return BasePath(np.arange(2.0), np.zeros((2, 3)), np.ones((2, 4)) / 2)
+
+    def triangles(self, name: str) -> FileTriangles:
+        """See SignalTables; a tetrahedron."""
+        return FileTriangles(np.vstack([np.zeros(3), np.eye(3)])[[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]])
 
 
 def _path_columns(table: Table) -> np.ndarray:

@@ -16,6 +16,7 @@ from fenics_rom.errors import SceneError, shown, unknown
 from fenics_rom.io.names import NAME, NAME_IN_WORDS
 from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.signals import Signal
+from fenics_rom.scene.surface_file import FileTriangles
 
 
 class Refused(ValueError):
@@ -241,6 +242,21 @@ class PoseTable(Text):
             with _told_by_its_key():
                 path: BasePath = info.context.path(self.checked(value))
             return path
+
+        return core_schema.with_info_plain_validator_function(read)
+
+
+@dataclass(frozen=True)
+class SurfaceFile(Text):
+    """The name of a file with a surface of triangles; read as a Table is."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        def read(value: Any, info: Any) -> FileTriangles:
+            with _told_by_its_key():
+                triangles: FileTriangles = info.context.triangles(self.checked(value))
+            return triangles
 
         return core_schema.with_info_plain_validator_function(read)
 

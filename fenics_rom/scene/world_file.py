@@ -22,8 +22,11 @@ DIMENSIONS = {
     "capsule": ("radius", "length"),
     "cylinder": ("radius", "length"),
     "hull": ("points",),
+    "mesh": ("file",),
 }
-OF_RIGID = ("density", "mass", "path", *sorted({key for keys in DIMENSIONS.values() for key in keys}))
+OF_MESH = ("scale", "open")  # beside its file
+MASSLESS = {"half-space": "a half-space", "mesh": "a mesh"}
+OF_RIGID = ("density", "mass", "path", *OF_MESH, *sorted({key for keys in DIMENSIONS.values() for key in keys}))
 STANDS_STILL = "world"
 _ADAPTER = TypeAdapter(WorldFile)
 assert tuple(DIMENSIONS) == WORLD_SHAPES
@@ -188,15 +191,18 @@ def _check_body(name: str, body: WorldBody, file: WorldFile) -> None:
         return
     if body.on is not None:
         raise SceneError(f"{where}.on: allowed is what carries a soft body; a rigid one is joined, as [[joints]]")
-    for key in ("size", "radius", "length", "points"):
+    for key in OF_MESH:
+        if body.shape != "mesh" and getattr(body, key) is not None:
+            raise SceneError(f"{where}.{key}: a {body.shape} has none; allowed of a mesh")
+    for key in ("size", "radius", "length", "points", "file"):
         has, needs = getattr(body, key) is not None, key in DIMENSIONS[body.shape]
         if has != needs:
             allowed = ", ".join(DIMENSIONS[body.shape]) or "none"
             said = "is missing" if needs else f"a {body.shape} has none"
             raise SceneError(f"{where}.{key}: {said}; dimensions of a {body.shape}: {allowed}")
     has_mass = body.density is not None or body.mass is not None
-    if has_mass and (body.path is not None or body.shape == "half-space"):
-        what = "a half-space" if body.shape == "half-space" else "a body that is moved along a path"
+    if has_mass and (body.path is not None or body.shape in MASSLESS):
+        what = MASSLESS.get(body.shape, "a body that is moved along a path")
         raise SceneError(f"{where}.{'mass' if body.density is None else 'density'}: means nothing of {what}")
     if body.path is not None and (any(body.position) or any(body.rotation)):
         key = "position" if any(body.position) else "rotation"

@@ -9,9 +9,10 @@ from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import Angle, constant_signal
 from fenics_rom.scene.file_format import AngularVelocity, Speed
-from fenics_rom.scene.values import Direction, Items, Name, Number, Point, PoseTable, Table, Text
+from fenics_rom.scene.surface_file import FileTriangles
+from fenics_rom.scene.values import Direction, Flag, Items, Name, Number, Point, PoseTable, SurfaceFile, Table, Text
 
-WORLD_SHAPES = ("half-space", "box", "sphere", "capsule", "cylinder", "hull")
+WORLD_SHAPES = ("half-space", "box", "sphere", "capsule", "cylinder", "hull", "mesh")
 Length = Annotated[float, Number(above=0.0, unit="m")]
 Acceleration = Annotated[float, Number(unit="m/s2")]
 Restitution = Annotated[float, Number(at_least=0.0, at_most=1.0), "part of the approaching speed that comes back"]
@@ -33,13 +34,25 @@ class WorldBody:
     radius: Annotated[Length | None, "of a sphere, a capsule or a cylinder"] = None
     length: Annotated[Length | None, "of a cylinder, or of the axis of a capsule without its ends, along z"] = None
     points: Annotated[tuple[Point, ...] | None, Items(at_least=4), "of a hull: its corners, in any axes"] = None
+    file: Annotated[
+        FileTriangles | None,
+        SurfaceFile(),
+        "of a mesh, which stands still or follows a path: as of effects.contact.obstacles",
+    ] = None
+    scale: Annotated[
+        float | None, Number(above=0.0, unit="m"), "of a mesh: that a unit of its file is worth; else 1"
+    ] = None
+    open: Annotated[
+        bool | None, Flag(), "of a mesh: whether it may have a border; all behind it is solid; else false"
+    ] = None
     density: Annotated[float | None, Number(above=0.0, unit="kg/m3"), "of a rigid body that moves; this or mass"] = None
     mass: Annotated[float | None, Number(above=0.0, unit="kg"), "of a rigid body that moves; this or density"] = None
     position: Annotated[
         Point,
-        "of the centre of mass; of a half-space a point of its face; of a soft body that is held, of the axes of its "
-        "mesh; of one that is carried (`on`), of these axes, or of its base_path.origin, counted "
-        "from the carrier's centre of mass, not its surface, along its axes, as the rotation is; none beside a path",
+        "of the centre of mass; of a half-space a point of its face; of a mesh the origin of its file; of a soft body "
+        "that is held, of the axes of its mesh; of one that is carried (`on`), of these axes, or of its "
+        "base_path.origin, counted from the carrier's centre of mass, not its surface, along its axes, as the rotation "
+        "is; none beside a path",
     ] = ZERO
     rotation: Annotated[
         tuple[Angle, Angle, Angle], Items(3), "a rotation vector; the face of a half-space looks along z where it is 0"

@@ -214,7 +214,7 @@ def _take_obstacle(group: h5py.Group, sizes: Sizes) -> tuple[Obstacle, Array]:
 
 def _dimensions(shape: str) -> dict[str, Entry]:
     """What describes an obstacle of a shape."""
-    return {name: Entry(unit, (length,)) for name, (unit, length) in dimensions_of(shape).items()}
+    return {name: Entry(*of) for name, of in dimensions_of(shape).items()}
 
 
 def _take_profile(group: Any) -> dict[str, float]:

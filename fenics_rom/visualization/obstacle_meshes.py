@@ -3,7 +3,7 @@
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Mesh, Obstacle, Sphere
 from fenics_rom.visualization.optional_dependencies import trimesh_package
 
 SPHERE_SUBDIVISIONS = 3  # of an icosahedron: 1,280 triangles
@@ -16,6 +16,8 @@ def obstacle_mesh(obstacle: Obstacle, floor_centre: Array, floor_half_edge: floa
     Of a half-space, which goes on for ever, it is a square of its face, around the point that is nearest to
     `floor_centre` (3,), m, with half an edge as long as `floor_half_edge`, m.
     """
+    if isinstance(obstacle, Mesh):
+        return obstacle.surface.vertices, obstacle.triangles
     trimesh = trimesh_package()
     if isinstance(obstacle, HalfSpace):
         return _square(obstacle, floor_centre, floor_half_edge)

@@ -1,4 +1,4 @@
-"""Rigid convex shapes in their own axes, about their centre of mass: distances, inertia, surfaces.
+"""Rigid shapes in their own axes, about their centre of mass: distances, inertia, surfaces.
 
 Each refuses by a SceneError what it cannot be: dimensions that are not finite and > 0, points in one plane.
 """
@@ -15,6 +15,7 @@ from fenics_rom.arguments import GREATEST, SMALLEST, is_number
 from fenics_rom.errors import SceneError, shown
 from fenics_rom.mechanics import obstacles
 from fenics_rom.mechanics.signals import real_numbers_or_nan
+from fenics_rom.mechanics.triangle_surface import NearPlanes
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.world.convex_hull import convex_hull
 
@@ -24,7 +25,7 @@ MOST_CORNERS = 200  # of a hull: what touches is looked for among all pairs of i
 
 @dataclass(frozen=True)
 class Shape:
-    """A rigid convex body of one density, in axes of its own about its centre of mass.
+    """A rigid body of one density, convex but for a mesh, in axes of its own about its centre of mass.
 
     Distances and cores are those of the obstacle of the same shape, where there is one.
 
@@ -189,8 +190,48 @@ class HalfSpace(Shape):
         return np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
 
 
+@dataclass(frozen=True, eq=False)
+class Mesh(Shape):
+    """What a surface of triangles encloses, convex or not; it stands still, or moves on a given path.
+
+    Args:
+        vertices: (V, 3), m, in axes of its own.
+        triangles: (T, 3) rows of vertices, counterclockwise from outside.
+        open: whether the surface may have a border; all behind it is solid.
+    """
+
+    vertices: Array
+    triangles: Array
+    open: bool = False
+
+    def __post_init__(self) -> None:
+        mesh = obstacles.Mesh(self.vertices, self.triangles, open=int(self.open))
+        radius = float(np.linalg.norm(mesh.vertices, axis=1).max())
+        _keep(self, vertices=mesh.vertices, triangles=mesh.triangles, _obstacle=mesh, radius_around=radius)
+        _keep(self, volume=math.nan, squares=np.full((3, 3), math.nan))
+
+    def inertia(self, density: float) -> tuple[float, Array]:
+        """Refused by a SceneError."""
+        raise SceneError("mesh: has no mass; allowed is one that is held, or moves on a given path")
+
+    def planes_near(self, points: Array, reach: float) -> NearPlanes:
+        """As of a TriangleSurface."""
+        return self._obstacle.surface.planes_near(points, reach)  # type: ignore[attr-defined]
+
+    @property
+    def sharp_corners(self) -> Array:
+        """Its vertices that are no part of a flat or hollow place, (k, 3), m."""
+        return self._obstacle.surface.sharp_corners  # type: ignore[attr-defined]
+
+    def surface(self) -> tuple[Array, Array]:
+        """Vertices (V, 3), m, and triangles (T, 3), counterclockwise from outside."""
+        return self.vertices, self.triangles
+
+
 def passing_radius(shape: Shape) -> float:
     """Radius of what passes where a shape passes, m, as `obstacles.smallest_radius`; infinite of a half-space."""
+    if isinstance(shape, Mesh):
+        return shape.core[0]
     if isinstance(shape, Polytope):
         return float(np.sort(np.ptp(shape.vertices, axis=0))[1]) / 2
     return float(getattr(shape, "radius", math.inf))

@@ -7,6 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.compiled.shapes import MOST_NUMBERS, shape_rows
+from fenics_rom.mechanics.triangle_surface import MORE_PLANES
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.world import shapes
 from fenics_rom.world.compiled.operators import MOST
@@ -122,7 +123,9 @@ def _meetings(bodies: Sequence[AnyBody], meetings: Sequence[Meeting], tables: Ma
         soft = [n for n in both if n in tables]
         none = 0.0 if soft else NO_GAP * meeting.size
         numbers[m] = meeting.size, law.restitution, law.friction, none, not soft
-        counts.append(max(MOST_GIVEN, sum(len(tables[n].points.rest) for n in soft)))
+        rigid = [bodies[n].shape for n in both if n not in tables]  # type: ignore[union-attr]
+        planes = 1 + MORE_PLANES if any(isinstance(shape, shapes.Mesh) for shape in rigid) else 1
+        counts.append(planes * max(MOST_GIVEN, sum(len(tables[n].points.rest) for n in soft)))
         if len(soft) == 1 and isinstance(bodies[sum(both) - soft[0]].shape, KNOWN_SHAPES):  # type: ignore[union-attr]
             kind[m] = SOFT_FIRST if soft[0] == meeting.first else SOFT_SECOND
     assert GIVEN == 0

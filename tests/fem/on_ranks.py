@@ -17,12 +17,12 @@ from petsc4py import PETSc
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError
-from fenics_rom.fem import foreign_file
 from fenics_rom.fem.body_matrices import dolfinx_nodes
 from fenics_rom.fem.dolfinx_compat import create_tetrahedra, vector_space
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.fem.petsc_algebra import PetscFactor
+from fenics_rom.scene import foreign_file
 
 COMM = MPI.COMM_WORLD
 COMMANDS = {

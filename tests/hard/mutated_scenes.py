@@ -14,8 +14,8 @@ from mutated_files import refused
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, MeshError, SceneError
-from fenics_rom.fem import foreign_file
 from fenics_rom.mechanics.load_history import LoadHistory
+from fenics_rom.scene import foreign_file
 
 sys.path.append(str(Path(__file__).parents[1]))
 import stand_ins

@@ -11,8 +11,8 @@ import pytest
 from bodies import box_arrays, write_arrays
 
 from fenics_rom.errors import MeshError
-from fenics_rom.fem import foreign_file, foreign_process
 from fenics_rom.fem.mesh import read_mesh
+from fenics_rom.scene import foreign_file, foreign_process
 
 in_another_process = foreign_file.read_arrays  # the other tests read in their own
 

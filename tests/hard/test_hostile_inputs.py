@@ -20,7 +20,7 @@ from rom_files import tampered
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError
-from fenics_rom.fem import foreign_file
+from fenics_rom.scene import foreign_file
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 SCENE = """\

@@ -27,7 +27,7 @@ MODULES = {
     *("asyncio", "webbrowser"),
 }
 STARTED = {  # scripts and commands of this package, in processes of their own, and a compiler for what it wrote
-    PACKAGE / "fem" / "foreign_file.py": "[sys.executable, '-P', foreign_process.__file__, file, *words]",
+    PACKAGE / "scene" / "foreign_file.py": "[sys.executable, '-P', foreign_process.__file__, file, *words]",
     PACKAGE / "deployment" / "fmu.py": "[*compiler, *FLAGS, *files, '-o', 'library']",
 }
 IMPORTS = {  # modules that the package names itself, when they are asked for

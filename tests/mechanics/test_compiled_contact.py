@@ -40,7 +40,7 @@ def test_numbers_of_the_law_are_those_of_numpy():
     assert (coulomb.SOLVED, contact_law.STAGNATION) == (solution.CONVERGENCE_TOLERANCE, solution.STAGNATION_RESIDUAL)
     assert (coulomb.REGULAR_SHARE, contact_law.BACK) == (solution.REGULAR_SHARE, contact_pairs.BACK)
     assert contact_law.WORK_ROUND_OFF == braking.WORK_ROUND_OFF
-    assert shapes.SHORTEST_DIRECTION == obstacles._SHORTEST_DIRECTION
+    assert shapes.SHORTEST_DIRECTION == obstacles.SHORTEST_DIRECTION
     assert linear_step.FORGOTTEN == residual_motion.FORGOTTEN
 
 

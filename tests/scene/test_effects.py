@@ -248,7 +248,7 @@ MISTAKES = {
     f"{SPHERE}center = [0, 0, 0]\nradius = -1.0": "ball.radius = -1.0: allowed is a finite number and > 0, in m",
     f"{SPHERE}center = [0, 0, 0]\nradius = 1\nnormal = [1, 0, 0]": "a sphere has center, radius, but no normal",
     f"{SPHERE}center = [0, 0, 0]\nradius = 1\ncolor = 1": "obstacles.ball: no key 'color'; there is center, end,",
-    SPHERE.replace("sphere", "cone"): "no choice 'cone'; there is box, capsule, half-space, sphere",
+    SPHERE.replace("sphere", "cone"): "no choice 'cone'; there is box, capsule, half-space, mesh, sphere",
     SPHERE.replace("sphere", "capsule") + "start = [0, 0, 0]\nend = [0, 0, 0]\nradius = 1": "use a sphere",
     SPHERE.replace("sphere", "half-space") + "point = [0, 0, 0]\nnormal = [0, 0, 0]": "normal: allowed is a vector",
     SPHERE.replace("sphere", "box") + "center = [0, 0, 0]\nsize = [1, 0, 1]": "ball.size[1] = 0: allowed is",

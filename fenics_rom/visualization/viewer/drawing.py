@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.obstacles import Box, HalfSpace, Obstacle
+from fenics_rom.mechanics.obstacles import Box, HalfSpace, Mesh, Obstacle
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.tendon_routing import TendonRouting
 from fenics_rom.visualization.viewer.coloured_body import HIGHLIGHT_COLOUR, ORIGIN, ColouredBody, NextPicture
@@ -145,7 +145,7 @@ def _add_obstacle(scene: Any, name: str, obstacle: Obstacle, scale: float) -> An
         color=OBSTACLE_COLOUR,
         opacity=0.6 if isinstance(obstacle, HalfSpace) else None,
         side="double",
-        flat_shading=isinstance(obstacle, Box),
+        flat_shading=isinstance(obstacle, Box | Mesh),
         cast_shadow=False,
         receive_shadow=False,
     )

@@ -8,7 +8,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.base_path import rotation_vectors
 from fenics_rom.mechanics.frame_motion import quaternion_of, quaternion_of_vector, rotation_matrix
-from fenics_rom.world.shapes import Shape
+from fenics_rom.mechanics.triangle_surface import NearPlanes
+from fenics_rom.world.shapes import Mesh, Shape
 
 _NO_NODES, _NO_WEIGHTS = np.zeros((1 << 16, 0), dtype=int), np.zeros((1 << 16, 0))
 
@@ -24,6 +25,16 @@ class PlacedShape(NamedTuple):
         """Distances (P,), m, and normals (P, 3) at points (P, 3), m, in world axes."""
         gaps, normals = self.shape.distance((points - self.position).dot(self.rotation))
         return gaps, normals.dot(self.rotation.T)
+
+    def planes_near(self, points: Array, reach: float) -> NearPlanes:
+        """Planes that ways from points (P, 3), m, in world axes may go through which are no longer than a reach, m."""
+        local = (points - self.position).dot(self.rotation)
+        if isinstance(self.shape, Mesh):
+            found = self.shape.planes_near(local, reach)
+            return found._replace(normals=found.normals.dot(self.rotation.T))
+        gaps, normals = self.shape.distance(local)
+        near = (gaps <= reach).nonzero()[0]
+        return NearPlanes(near, gaps[near], normals[near].dot(self.rotation.T), np.zeros(len(near), dtype=int))
 
     @property
     def core(self) -> tuple[float, Array]:

@@ -2,10 +2,11 @@
 
 from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, no_contacts
 from fenics_rom.world.collision.flat_ground import contacts_on_ground
+from fenics_rom.world.collision.meshes import mesh_contacts
 from fenics_rom.world.collision.polytopes import as_polytope, polytope_contacts
 from fenics_rom.world.collision.round_shapes import round_contacts
 from fenics_rom.world.collision.soft_surfaces import soft_on_rigid, soft_on_soft
-from fenics_rom.world.shapes import Capsule, HalfSpace, Sphere
+from fenics_rom.world.shapes import Capsule, HalfSpace, Mesh, Sphere
 
 
 def find_contacts(first: Placed, second: Placed, margin: float) -> Contacts:
@@ -28,6 +29,10 @@ def _rigid_contacts(first: PlacedShape, second: PlacedShape, margin: float) -> C
     if between.dot(between) > reach * reach:
         return no_contacts()
     a, b = first.shape, second.shape
+    if isinstance(b, Mesh):
+        return mesh_contacts(first, second, margin)
+    if isinstance(a, Mesh):
+        return mesh_contacts(second, first, margin).mirrored
     if isinstance(b, HalfSpace):
         return contacts_on_ground(first, second, margin)
     if isinstance(a, HalfSpace):

@@ -20,11 +20,10 @@ def soft_on_rigid(first: PlacedSurface, second: PlacedShape, margin: float) -> C
     reach = second.shape.radius_around + margin
     beside *= beside
     row = (beside.dot(_ONES) <= reach * reach).nonzero()[0]
-    gaps, normals = second.distance(points[row])
-    near = (gaps <= margin).nonzero()[0]
+    near, gaps, normals, feature = second.planes_near(points[row], margin)
     kept = first.touching[row[near]]
-    soft, none = _vertices(first, kept), np.zeros((len(kept), 0), dtype=int)
-    return Contacts(soft, Spots(soft.arms, none, none, kept), normals[near], gaps[near])
+    soft, none = _vertices(first, kept, len(first.points) * feature), np.zeros((len(kept), 0), dtype=int)
+    return Contacts(soft, Spots(soft.arms, none, none, soft.feature), normals, gaps)
 
 
 def soft_on_soft(first: PlacedSurface, second: PlacedSurface, margin: float) -> Contacts:
@@ -72,7 +71,7 @@ def _dot(a: Array, b: Array) -> Array:
     return np.einsum("ij,ij->i", a, b)
 
 
-def _vertices(surface: PlacedSurface, row: Array, numbers: int = 0) -> Spots:
+def _vertices(surface: PlacedSurface, row: Array, numbers: int | Array = 0) -> Spots:
     """Spots at points of a surface; numbers: what is added to their features."""
     weights = np.zeros((len(row), 3))
     weights[:, 0] = 1.0

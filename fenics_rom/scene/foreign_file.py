@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from fenics_rom.errors import MeshError
-from fenics_rom.fem import foreign_process
-from fenics_rom.fem.foreign_process import program_of
+from fenics_rom.scene import foreign_process
+from fenics_rom.scene.foreign_process import program_of
 
 LAUNCHER_VARIABLES = ("OMPI_", "PMIX_", "PRTE_", "PMI_", "HYDRA_", "HYDI_")  # what mpirun says is not for this process
 BASE_TIMEOUT = 60.0  # s that a program may take for any file
@@ -30,6 +30,15 @@ def read_arrays(file: Path) -> Mapping[str, np.ndarray]:
         MeshError: the program cannot read the file, crashed, or was not done in time.
     """
     return _arrays(file, timeout=BASE_TIMEOUT + file.stat().st_size / MIN_READING_RATE)
+
+
+def read_surface_arrays(file: Path) -> Mapping[str, np.ndarray]:
+    """Points (3 N,) and triangles (3 T,) of a surface in a file of VTK, or around the solids of a STEP file.
+
+    Raises:
+        MeshError: as `read_arrays`.
+    """
+    return _arrays(file, "surface", timeout=BASE_TIMEOUT + file.stat().st_size / MIN_READING_RATE)
 
 
 def fill_surface(file: Path, size: float, glue: bool = False) -> Mapping[str, np.ndarray]:

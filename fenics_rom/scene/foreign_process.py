@@ -23,21 +23,27 @@ TETRAHEDRA = {4: 4, 11: 10}
 GMSH_MIDDLES = [4, 5, 6, 7, 9, 8]  # of the edges 01, 12, 02, 03, 13, 23, the order of VTK and of Abaqus
 VTK_TRIANGLES = {5: 3, 22: 6}  # VTK's numbers, likewise
 VTK_TETRAHEDRA = {10: 4, 24: 10}
+AROUND = 48  # triangles around a round face of a STEP file
 FEATURE_ANGLE = np.radians(40.0)  # between triangles of a surface; beyond it an edge stays an edge
 
 
 def main() -> None:
-    """Reads the file that the command line names, or fills it with cells of a size; or ends with a message."""
-    file = sys.argv[1]
+    """Reads the file that the command line names, or its surface, or fills it with cells of a size.
+
+    Or it ends with a message.
+    """
+    file, *words = sys.argv[1:]
     lower_limit(resource.RLIMIT_CORE, 0)  # a crash leaves nothing behind
-    if len(sys.argv) == 2:  # sizes in a file may lie
+    if words == ["surface"] or not words:  # sizes in a file may lie
         base = BASE_MEMORY if program_of(Path(file)) == "Gmsh" else VTK_MEMORY
         lower_limit(resource.RLIMIT_AS, base + MEMORY_PER_BYTE * Path(file).stat().st_size)
     with os.fdopen(os.dup(1), "wb") as output:
         os.dup2(2, 1)  # what libraries print is no part of the arrays
         try:
-            fills, glue = len(sys.argv) > 2, sys.argv[3:] == ["glue"]
-            arrays = fill_surface(file, float(sys.argv[2]), glue) if fills else read_arrays(file)
+            if words == ["surface"]:
+                arrays = read_surface(file)
+            else:
+                arrays = fill_surface(file, float(words[0]), words[1:] == ["glue"]) if words else read_arrays(file)
         except ModuleNotFoundError as error:
             sys.exit(f"it needs {error.name}, which this Python lacks: pip install fenics-rom[view]")
         except Exception as error:  # Gmsh's own, and what Python says of names that are no text
@@ -55,7 +61,7 @@ def lower_limit(what: int, limit: int) -> None:
 
 def program_of(file: Path) -> str:
     """Which of the two reads a file."""
-    return "VTK" if file.suffix in (".vtk", ".vtu") else "Gmsh"
+    return "VTK" if file.suffix.lower() in (".vtk", ".vtp", ".vtu") else "Gmsh"
 
 
 def read_arrays(file: str) -> dict[str, Any]:
@@ -125,24 +131,9 @@ def edges_of(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
 
 def _read_vtk(file: str) -> dict[str, Any]:
     from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
     from vtkmodules.vtkCommonDataModel import vtkCellTypes, vtkUnstructuredGrid
-    from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
-    from vtkmodules.vtkIOXML import vtkXMLGenericDataObjectReader
 
-    window = vtkStringOutputWindow()  # where the readers in a reader tell their errors, which it keeps for itself
-    vtkOutputWindow.SetInstance(window)
-    with Path(file).open("rb") as stream:  # of either ending
-        is_xml = stream.read(4096).lstrip(b"\xef\xbb\xbf \t\r\n").startswith((b"<?xml", b"<VTKFile", b"<!--"))
-    reader = vtkXMLGenericDataObjectReader() if is_xml else vtkGenericDataObjectReader()
-    reader.SetFileName(file)
-    reader.Update()
-    grid = reader.GetOutputDataObject(0)
-    error = re.search(r"ERROR: In [^\n]*\n[^\n]*?\): ([^\n]*)", window.GetOutput())
-    if error is not None or grid is None:
-        raise ValueError(f"it is damaged, cut, or in no format of VTK's{f' ({error[1].strip()})' if error else ''}")
-    if is_xml:
-        _check_count_of_cells(file)
+    grid = _vtk_data(file)
     if not isinstance(grid, vtkUnstructuredGrid):
         raise ValueError(f"it holds {grid.GetClassName()}; allowed is an unstructured grid of tetrahedra")
     count = grid.GetNumberOfCells()
@@ -186,6 +177,28 @@ def _read_vtk(file: str) -> dict[str, Any]:
     }
 
 
+def _vtk_data(file: str) -> Any:
+    """What VTK reads of a file; ValueError of one that is damaged."""
+    from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
+    from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
+    from vtkmodules.vtkIOXML import vtkXMLGenericDataObjectReader
+
+    window = vtkStringOutputWindow()  # where the readers in a reader tell their errors, which it keeps for itself
+    vtkOutputWindow.SetInstance(window)
+    with Path(file).open("rb") as stream:  # of either ending
+        is_xml = stream.read(4096).lstrip(b"\xef\xbb\xbf \t\r\n").startswith((b"<?xml", b"<VTKFile", b"<!--"))
+    reader = vtkXMLGenericDataObjectReader() if is_xml else vtkGenericDataObjectReader()
+    reader.SetFileName(file)
+    reader.Update()
+    grid = reader.GetOutputDataObject(0)
+    error = re.search(r"ERROR: In [^\n]*\n[^\n]*?\): ([^\n]*)", window.GetOutput())
+    if error is not None or grid is None:
+        raise ValueError(f"it is damaged, cut, or in no format of VTK's{f' ({error[1].strip()})' if error else ''}")
+    if is_xml:
+        _check_count_of_cells(file)
+    return grid
+
+
 def _check_count_of_cells(file: str) -> None:
     """Refuses XML with more cells in text than it says, which VTK passes over."""
     try:
@@ -204,6 +217,54 @@ def _vtk_kind(kind: int) -> str:
 
     name = vtkCellTypes.GetClassNameFromTypeId(kind)
     return f"Tetrahedron {VTK_TETRAHEDRA[kind]}" if kind in VTK_TETRAHEDRA else str(name).removeprefix("vtk")
+
+
+def read_surface(file: str) -> dict[str, Any]:
+    """Points (3 N,) and triangles (3 T,), outward: of a file of VTK, or around the solids of a STEP file, m."""
+    return _vtk_surface(file) if program_of(Path(file)) == "VTK" else _step_surface(file)
+
+
+def _vtk_surface(file: str) -> dict[str, Any]:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonDataModel import vtkPointSet
+    from vtkmodules.vtkFiltersCore import vtkTriangleFilter
+    from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
+
+    data = _vtk_data(file)
+    if not isinstance(data, vtkPointSet):
+        raise ValueError(f"it holds {data.GetClassName()}; allowed are polygons, or an unstructured grid")
+    outer, split = vtkGeometryFilter(), vtkTriangleFilter()
+    outer.SetInputData(data)
+    split.SetInputConnection(outer.GetOutputPort())
+    split.PassVertsOff()
+    split.PassLinesOff()
+    split.Update()
+    found = split.GetOutput()
+    if not found.GetNumberOfCells():
+        return {"points": np.empty(0), "triangles": np.empty(0, int)}
+    triangles = vtk_to_numpy(found.GetPolys().GetConnectivityArray())
+    return {"points": vtk_to_numpy(found.GetPoints().GetData()).astype(float).ravel(), "triangles": triangles}
+
+
+def _step_surface(file: str) -> dict[str, Any]:
+    gmsh = _gmsh()
+    gmsh.option.setString("Geometry.OCCTargetUnit", "M")
+    gmsh.model.occ.importShapes(file)
+    gmsh.model.occ.synchronize()
+    solids, mesh = gmsh.model.getEntities(3), gmsh.model.mesh
+    if not solids:
+        raise ValueError("it holds no solid, only surfaces")
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", AROUND)
+    mesh.generate(2)
+    tags, points, _ = mesh.getNodes()
+    order = np.argsort(tags)
+    parts = []
+    for solid in solids:
+        for _, face in gmsh.model.getBoundary([solid], oriented=True):
+            corners = mesh.getElementsByType(2, abs(face))[1].reshape(-1, 3)
+            parts.append(corners if face > 0 else corners[:, ::-1])
+    triangles = np.searchsorted(tags[order], np.concatenate(parts).ravel())
+    return {"points": points.reshape(-1, 3)[order].ravel(), "triangles": triangles}
 
 
 def fill_surface(file: str, size: float, glue: bool) -> dict[str, Any]:

@@ -1,0 +1,89 @@
+"""What a surface of triangles has to be, to be an obstacle: each refusal says where, and how deep or how many."""
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import SceneError
+from fenics_rom.mechanics.triangle_surface import TriangleSurface
+
+MOST_TRIANGLES = 2_000_000
+FLATTEST = 1e-12  # height of a triangle over its longest side, from which on it has a normal
+TOUCHING = 1e-9  # of the size: so far surfaces may be in one another by round-off of files
+_ONES = np.ones(3)
+
+
+def check_arrays(vertices: Array, triangles: Array) -> None:
+    """A SceneError unless vertices (V, 3) are finite, and triangles (T, 3) between them have areas."""
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
+        raise SceneError(
+            f"mesh: allowed are vertices (V, 3) and triangles (T, 3), given: {vertices.shape}, {triangles.shape}"
+        )
+    if not 0 < len(triangles) <= MOST_TRIANGLES:
+        raise SceneError(f"mesh: triangles: allowed are 1 to {MOST_TRIANGLES:,}, given: {len(triangles):,}")
+    if not np.isfinite(vertices).all():
+        row = int((~np.isfinite(vertices)).any(axis=1).argmax())
+        raise SceneError(f"mesh: vertices: allowed are finite numbers, given: vertex {row} at {vertices[row].tolist()}")
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise SceneError(f"mesh: triangles: allowed are rows 0 to {len(vertices) - 1} of the vertices")
+    corners = vertices[triangles]
+    sides = np.roll(corners, -1, axis=1) - corners
+    areas, squares = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1), np.square(sides).sum(axis=2)
+    if (flat := ~(areas > FLATTEST * squares.max(axis=1))).any():
+        row = int(flat.argmax())
+        raise SceneError(
+            f"mesh: {flat.sum()} of {len(triangles)} triangles have no area, e.g. triangle {row} at "
+            f"{_place(corners[row].mean(axis=0))}; allowed are others"
+        )
+
+
+def check_solid(surface: TriangleSurface, may_be_open: bool) -> None:
+    """A SceneError unless a surface has one side outside: it is closed, or may be open, and does not meet itself."""
+    _check_sides(surface)
+    if not (may_be_open or surface.is_closed):
+        borders = surface.edges[surface.beside[:, 1] < 0]
+        raise SceneError(
+            f"mesh: is not closed: {len(borders)} of {len(surface.edges)} edges have a triangle on one side alone, "
+            f"e.g. one at {_place(surface.vertices[borders[0]].mean(axis=0))}; allowed is a closed surface, or with "
+            "open = true one all behind which is solid"
+        )
+    if surface.is_closed and surface.volume <= 0:
+        raise SceneError(
+            f"mesh: is turned inside out, as it encloses {surface.volume:.3g} m3; allowed are triangles whose corners "
+            "go counterclockwise, seen from outside"
+        )
+    _check_crossings(surface)
+
+
+def _check_sides(surface: TriangleSurface) -> None:
+    """Refuses edges of more than two triangles, and neighbours that are turned opposite ways."""
+    triangles = surface.triangles
+    sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    for pairs, what in (
+        (np.sort(sides, axis=1), "edges have more than two triangles"),
+        (sides, "edges lie between triangles that are turned opposite ways"),
+    ):
+        found, count = np.unique(pairs, axis=0, return_counts=True)
+        wrong = found[count > (2 if what.startswith("edges have") else 1)]
+        if len(wrong):
+            raise SceneError(
+                f"mesh: {len(wrong)} {what}, e.g. one at {_place(surface.vertices[wrong[0]].mean(axis=0))}; allowed is "
+                "a surface with one outside"
+            )
+
+
+def _check_crossings(surface: TriangleSurface) -> None:
+    """Refuses a surface whose edges go through its triangles."""
+    ends = surface.vertices[surface.edges]
+    edge, triangle, depth, at = surface.pierced(ends[:, 0], ends[:, 1])
+    apart = (surface.triangles[triangle][:, :, None] != surface.edges[edge][:, None]).all(axis=(1, 2))
+    wrong = (apart & (depth > TOUCHING * surface.size)).nonzero()[0]
+    if len(wrong):
+        deepest = wrong[depth[wrong].argmax()]
+        raise SceneError(
+            f"mesh: goes through itself at {len(wrong)} places, by {depth[deepest]:.3g} m at {_place(at[deepest])}; "
+            "allowed is a surface that does not meet itself"
+        )
+
+
+def _place(x: Array) -> list[float]:
+    return [float(f"{value:.4g}") for value in x.tolist()]
