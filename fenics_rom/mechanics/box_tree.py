@@ -6,9 +6,13 @@ triangles. Blocks are made by halving: along the longest axis, at the median of 
 """
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from numpy import ndarray as Array
+
+from fenics_rom.compilation import compiled, or_numpy
+from fenics_rom.mechanics.triangles import nearest_on_triangles
 
 WIDTH = 8  # children of a box
 MOST_AT_TOP = 32  # boxes of the level that a query begins with
@@ -25,7 +29,7 @@ class BoxTree:
 
     def __init__(self, corners: Array):
         low, high = corners.min(axis=1), corners.max(axis=1)
-        self._order = _in_blocks((low + high) / 2)
+        self._corners, self._order = np.ascontiguousarray(corners), _in_blocks((low + high) / 2)
         self._levels = [_filled(low[self._order], high[self._order])]
         while len(self._levels[0][0]) > MOST_AT_TOP:
             low, high = (side.reshape(-1, WIDTH, 3) for side in self._levels[0])
@@ -33,11 +37,31 @@ class BoxTree:
             high = np.where(is_there, high, -NOWHERE).max(axis=1)
             self._levels.insert(0, _filled(low.min(axis=1), np.where(high > -NOWHERE, high, NOWHERE)))
 
-    def nearest(self, points: Array, squares: Callable[[Array, Array], Array]) -> Array:
-        """Numbers (P,) of the triangles that are nearest to points (P, 3).
+    def nearest(self, points: Array) -> Array:
+        """Numbers (P,) of the triangles that are nearest to points (P, 3), m."""
+        found = self._nearest_by_loops(points) if compiled() else None
+        return self._nearest_by_arrays(points) if found is None else found
 
-        `squares` gives squared distances (k,) of points and triangles, by their numbers (k,).
-        """
+    @or_numpy
+    def _nearest_by_loops(self, points: Array) -> Array | None:
+        from fenics_rom.mechanics.compiled.nearest_triangles import find_nearest  # here, as numba takes time to import
+
+        found = np.zeros(len(points), dtype=np.int64)
+        find_nearest(np.ascontiguousarray(points), self._corners, self._order, *self._in_one_piece, found)
+        return found
+
+    @cached_property
+    def _in_one_piece(self) -> tuple[Array, Array]:
+        """Low and high ends (B, 6) of all boxes, level after level, and where each level begins."""
+        starts = np.cumsum([0, *(len(low) for low, _ in self._levels)])
+        return np.concatenate([np.concatenate(level, axis=1) for level in self._levels]), starts
+
+    def _nearest_by_arrays(self, points: Array) -> Array:
+        def squares(point: Array, triangle: Array) -> Array:
+            away = points[point] - nearest_on_triangles(points[point], self._corners[triangle])[1]
+            found: Array = (away * away).dot(_ONES)
+            return found
+
         rows = np.arange(len(points))
         best = self._some_near(points)
         bound = squares(rows, best) * (1 + 1e-12)

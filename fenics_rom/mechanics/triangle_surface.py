@@ -143,14 +143,7 @@ class TriangleSurface:
 
     def foot(self, points: Array) -> Foot:
         """What is nearest to points (P, 3), m."""
-
-        def squares(point: Array, triangle: Array) -> Array:
-            at = points[point]
-            away = at - nearest_on_triangles(at, self._corners[triangle])[1]
-            found: Array = (away * away).dot(_ONES)
-            return found
-
-        triangle = self._tree.nearest(points, squares)
+        triangle = self._tree.nearest(points)
         weights, places = nearest_on_triangles(points, self._corners[triangle])
         away = points - places
         normals = self.normals[triangle]

@@ -36,15 +36,24 @@ def test_distances_are_those_of_the_nearest_of_all_triangles(seed):
     points = np.concatenate([points, near])
     gaps, normals = mesh.distance(points)
     distances, inside = asked_of_all(mesh, points)
-    at_corners = distances < 1e-9 * mesh.surface.size  # there distances are those from the plane of the pseudo-normal
+    at_corners = distances < 1e-9 * mesh.surface.size  # there distances are those from one plane
     assert np.abs(np.abs(gaps) - distances)[~at_corners].max() < 1e-15
     assert (np.abs(gaps) <= distances + 1e-15)[at_corners].all()
-    clear = distances > 1e-14
-    np.testing.assert_array_equal((gaps < 0)[clear], inside[clear])
+    np.testing.assert_array_equal((gaps < 0)[~at_corners], inside[~at_corners])
     assert np.abs(np.linalg.norm(normals, axis=1) - 1).max() < 1e-14
     out = distances > 1e-4
     feet = (points - gaps[:, None] * normals)[out]
     assert np.abs(mesh.distance(feet)[0]).max() < 1e-14, "the surface is where the normal leads"
+
+
+def test_loops_and_arrays_find_triangles_as_near():
+    """Which of those that are as near is a choice; without numba the loops are Python's."""
+    tree, points = blob(3, halvings=3).surface._tree, np.random.default_rng(0).uniform(-0.2, 0.2, (60, 3))
+    squares = [
+        np.square(points - nearest_on_triangles(points, tree._corners[find(points)])[1]).sum(axis=1)
+        for find in (tree._nearest_by_loops, tree._nearest_by_arrays)
+    ]
+    np.testing.assert_allclose(*squares, rtol=1e-12, atol=0)
 
 
 def test_derivatives_of_the_distance_are_normals_and_curvatures():
