@@ -1,5 +1,7 @@
 """Surfaces of triangles for tests, in NumPy alone: vertices (V, 3), m, and triangles (T, 3), outward."""
 
+from pathlib import Path
+
 import numpy as np
 
 from fenics_rom.mechanics.obstacles import Mesh
@@ -81,3 +83,15 @@ def plate(squares: int, size: float = 0.4) -> tuple[Array, Array]:
     row = np.arange(len(x) ** 2).reshape(len(x), len(x))
     a, b, c, d = (part.ravel() for part in (row[:-1, :-1], row[1:, :-1], row[1:, 1:], row[:-1, 1:]))
     return vertices.reshape(-1, 3), np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def write_stl(file: Path, mesh: Mesh, scale: float = 1.0) -> Path:
+    """As text."""
+    with file.open("w") as stream:
+        stream.write("solid part\n")
+        for triangle in scale * mesh.surface.vertices[mesh.triangles]:
+            stream.write("facet normal 0 0 0\nouter loop\n")
+            stream.writelines("vertex {!r} {!r} {!r}\n".format(*corner) for corner in triangle.tolist())
+            stream.write("endloop\nendfacet\n")
+        stream.write("endsolid part\n")
+    return file

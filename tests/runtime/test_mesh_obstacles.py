@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from bodies import box_arrays, write_arrays
-from triangle_meshes import groove
+from triangle_meshes import groove, write_stl
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError, StepError
@@ -46,18 +46,6 @@ duration = 0.15
 AT_REST = HELD.replace("inertia = {}\ndamping = { alpha = 1.0, beta = 1e-3 }\n", "")
 FREE = HELD.replace('[supports]\nclamped = ["left"]\n', "").replace("-60.0", "-9.81")
 pytestmark = pytest.mark.filterwarnings("ignore:the surface is")
-
-
-def write_stl(file, mesh, scale=1.0):
-    """As text."""
-    with file.open("w") as stream:
-        stream.write("solid part\n")
-        for triangle in scale * mesh.surface.vertices[mesh.triangles]:
-            stream.write("facet normal 0 0 0\nouter loop\n")
-            stream.writelines("vertex {!r} {!r} {!r}\n".format(*corner) for corner in triangle.tolist())
-            stream.write("endloop\nendfacet\n")
-        stream.write("endsolid part\n")
-    return file
 
 
 @pytest.fixture(scope="module")
