@@ -45,22 +45,13 @@ def soft_table(body: Soft) -> SoftTable | None:
         return None
     if frame is None or (kernel.residual is not None and kernel.residual.relaxes):
         return None
-    of_body, loads, state, watch = frame.parts
+    of_body, loads, _, _ = frame.parts
     m, P, p = len(of_body.ω), len(rest), loads.push.shape[0]
     points = points_of(FramePoints(rest, rows), kernel.residual)
     mount = np.concatenate(body.mount)
     rates = np.zeros(m), np.zeros(m), np.zeros(m)
     step = Step(np.zeros(p), mount, mount.copy(), np.zeros(48), *rates, np.zeros((P, 3)), np.zeros((P, 3)), np.zeros(5))
-    arrays = [
-        np.array([of_body.h, of_body.mass, of_body.couples, of_body.is_definite, of_body.size]),
-        *of_body[5:],
-        *loads,
-        *state,
-        np.array([watch.farthest, watch.limit]),
-        *watch[2:],
-        *points,
-        *step,
-    ]
+    arrays = [*frame.arrays, *points, *step]
     return SoftTable(kernel, frame, points, step, arrays, table_of(arrays))
 
 

@@ -1,6 +1,5 @@
 """The step of a linear body that a rigid base carries: `steppers.carried_frame`, compiled."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.copying import copy_rows
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.mechanics.largest_turn import LARGEST_TURN
+from fenics_rom.runtime.compiled.frame_tables import body_at, keep_step, loads_at, state_at, watch_at
 from fenics_rom.runtime.compiled.frames import (
     ASKEW,
     AWAY,
@@ -49,12 +49,10 @@ from fenics_rom.runtime.compiled.frames import (
     mean,
     misfit_of,
     momenta_of,
-    note,
     pairs,
     push_points,
     put,
     remember,
-    restore,
     rotated,
     rotated_back,
     rotation_in,
@@ -88,8 +86,12 @@ class Begun(NamedTuple):
 
 
 @jit
-def take_carried_step(body: Body, loads: Loads, u: Array, base: Array, state: State, watch: Watch) -> Step:
-    """Takes a step under u (p,) that ends with the base (13,): position, quaternion and twist in world axes."""
+def take_carried_step(table: Array, u: Array, base: Array) -> Step:
+    """Takes a step of a body in a table (`frame_tables`) under u (p,).
+
+    It ends with the base (13,): position, quaternion and twist in world axes.
+    """
+    body, loads, state, watch = body_at(table), loads_at(table), state_at(table), watch_at(table)
     begun = begin_carried_step(body, loads, u, base, state)
     if begun.status == OTHERWISE:
         return Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
@@ -254,21 +256,15 @@ def _put_wrench(
 
 
 @jit
-def take_carried_steps(
-    body: Body, loads: Loads, inputs: Array, bases: Array, state: State, watch: Watch, taken: Taken
-) -> tuple[int, Step]:
+def take_carried_steps(table: Array, inputs: Array, bases: Array, taken: Taken) -> tuple[int, Step]:
     """Takes steps under inputs (n, p) that end with bases (n, 13): how many, and the last one.
 
     It ends before a step that is to be taken otherwise, or whose energy is not finite; `taken` is set.
     """
     last = Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
     for count in range(len(inputs)):
-        step = take_carried_step(body, loads, inputs[count], bases[count], state, watch)
-        if step.status == TAKEN and not math.isfinite(step.square):
-            restore(state)
-            return count, last
-        if step.status == OTHERWISE:
+        step = take_carried_step(table, inputs[count], bases[count])
+        if not keep_step(table, step, taken, count):
             return count, last
         last = step
-        note(body, state, step, taken, count)
     return len(inputs), last

@@ -1,6 +1,5 @@
 """The step of a free linear body in its frame: `steppers.free_frame`, compiled; `free_balance` has its equations."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.frame_motion import Rotation
 from fenics_rom.mechanics.largest_turn import LARGEST_TURN
+from fenics_rom.runtime.compiled.frame_tables import body_at, keep_step, loads_at, state_at, watch_at
 from fenics_rom.runtime.compiled.frames import (
     GIVEN,
     IS_SHAPE_KNOWN,
@@ -36,7 +36,6 @@ from fenics_rom.runtime.compiled.frames import (
     inertia_in,
     length,
     look,
-    note,
     push_points,
     put,
     remember,
@@ -73,8 +72,9 @@ class Begun(NamedTuple):
 
 
 @jit
-def take_free_step(body: Body, loads: Loads, u: Array, state: State, watch: Watch) -> Step:
-    """Takes a step under u (p,)."""
+def take_free_step(table: Array, u: Array) -> Step:
+    """Takes a step of a body in a table (`frame_tables`) under u (p,)."""
+    body, loads, state, watch = body_at(table), loads_at(table), state_at(table), watch_at(table)
     begun, now, none = begin_free_step(body, loads, u, state), state.now[0], Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
     if begun.status == OTHERWISE:
         return none
@@ -160,21 +160,15 @@ def end_free_step(body: Body, loads: Loads, begun: Begun, x: Array, push: Push, 
 
 
 @jit
-def take_free_steps(
-    body: Body, loads: Loads, inputs: Array, state: State, watch: Watch, taken: Taken
-) -> tuple[int, Step]:
+def take_free_steps(table: Array, inputs: Array, taken: Taken) -> tuple[int, Step]:
     """Takes steps under inputs (n, p): how many, and the last one.
 
     It ends before a step that is to be taken otherwise, or whose energy is not finite; `taken` is set.
     """
     last = Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
     for count in range(len(inputs)):
-        step = take_free_step(body, loads, inputs[count], state, watch)
-        if step.status == TAKEN and not math.isfinite(step.square):
-            restore(state)
-            return count, last
-        if step.status == OTHERWISE:
+        step = take_free_step(table, inputs[count])
+        if not keep_step(table, step, taken, count):
             return count, last
         last = step
-        note(body, state, step, taken, count)
     return len(inputs), last

@@ -19,18 +19,8 @@ from fenics_rom.runtime.compiled.carried_step import (
     end_carried_step,
     inverse_of_carried,
 )
-from fenics_rom.runtime.compiled.frames import (
-    POSITION,
-    TAKEN,
-    Body,
-    Loads,
-    State,
-    Watch,
-    dot,
-    middle_of,
-    rotated,
-    vector,
-)
+from fenics_rom.runtime.compiled.frame_tables import body_at, loads_at, state_at, watch_at
+from fenics_rom.runtime.compiled.frames import POSITION, TAKEN, Body, State, dot, middle_of, rotated, vector
 from fenics_rom.runtime.compiled.touched_frame import (
     FREE,
     MOST_SWEEPS,
@@ -48,7 +38,7 @@ from fenics_rom.runtime.compiled.touched_frame import (
     find_in_sweep,
     has_ended,
     is_all_near,
-    keep_step,
+    keep_touched,
     move_inside,
     note_near,
     nothing_taken,
@@ -63,10 +53,9 @@ from fenics_rom.runtime.compiled.touching import Last
 
 
 @jit
-def take_touched_carried_step(
-    body: Body, loads: Loads, u: Array, base: Array, state: State, watch: Watch, among: Among
-) -> Touched:
+def take_touched_carried_step(table: Array, u: Array, base: Array, among: Among) -> Touched:
     """Takes a step among obstacles; the other arguments are as of `take_carried_step`."""
+    body, loads, state, watch = body_at(table), loads_at(table), state_at(table), watch_at(table)
     begun = begin_carried_step(body, loads, u, base, state)
     if begun.status != TAKEN:
         return nothing_taken()
@@ -136,22 +125,14 @@ def _find_contact(body: Body, begun: Begun, turn: Turn, r̂: Array, state: State
 
 @jit
 def take_touched_carried_steps(
-    body: Body,
-    loads: Loads,
-    inputs: Array,
-    bases: Array,
-    state: State,
-    watch: Watch,
-    among: Among,
-    last: Last,
-    taken: TouchedTaken,
+    table: Array, inputs: Array, bases: Array, among: Among, last: Last, taken: TouchedTaken
 ) -> tuple[int, Touched]:
-    """Takes steps among obstacles that stand still, as `take_carried_steps`; `last` and `taken` are set."""
+    """Takes steps among obstacles that stand still, as `take_carried_steps`; sets `last` and `taken`."""
     touched = nothing_taken()
     for count in range(len(inputs)):
         copy(among.begun.forces, among.found.pairs.forces)
-        after = take_touched_carried_step(body, loads, inputs[count], bases[count], state, watch, among)
-        if not keep_step(body, state, among, after, last, taken, count):
+        after = take_touched_carried_step(table, inputs[count], bases[count], among)
+        if not keep_touched(table, among, after, last, taken, count):
             return count, touched
         touched = after
     return len(inputs), touched

@@ -19,19 +19,16 @@ from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.contact_pairs import FIRST
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.runtime.compiled.contact_points import WHOLE, Points, arm_of, end_points, see_forces
+from fenics_rom.runtime.compiled.frame_tables import keep_step
 from fenics_rom.runtime.compiled.frames import (
     OTHERWISE,
     TAKEN,
-    Body,
     Push,
-    State,
     Step,
     Taken,
     added,
     cross,
-    note,
     put,
-    restore,
     rotated,
     seen,
     vector,
@@ -342,21 +339,13 @@ def end_touched(among: Among, step: Step, contact: Found, by_obstacles: float) -
 
 
 @jit_part
-def keep_step(
-    body: Body, state: State, among: Among, touched: Touched, last: Last, taken: TouchedTaken, count: int
-) -> bool:
-    """Notes a step of steps in a row, and what the next one begins with; False where it was not taken.
-
-    One whose energy is not finite is taken back.
-    """
-    step, points = touched.step, among.points
-    if step.status != TAKEN:
+def keep_touched(table: Array, among: Among, touched: Touched, last: Last, taken: TouchedTaken, count: int) -> bool:
+    """As `keep_step`; with what of contact the next step begins with."""
+    points = among.points
+    if not keep_step(table, touched.step, taken.moved, count):
+        if touched.step.status == TAKEN:
+            copy(points.beyond_before, points.beyond)
         return False
-    if not math.isfinite(step.square):
-        restore(state)
-        copy(points.beyond_before, points.beyond)
-        return False
-    note(body, state, step, taken.moved, count)
     of_contact = taken.contact[count]
     of_contact[0], of_contact[1], of_contact[2] = touched.by_obstacles, touched.lost, touched.friction
     if len(points.R):

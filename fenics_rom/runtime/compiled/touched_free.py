@@ -10,6 +10,7 @@ from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Found
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.runtime.compiled.contact_points import see_forces
+from fenics_rom.runtime.compiled.frame_tables import body_at, loads_at, state_at, watch_at
 from fenics_rom.runtime.compiled.frames import (
     POSITION,
     TAKEN,
@@ -18,7 +19,6 @@ from fenics_rom.runtime.compiled.frames import (
     Loads,
     Push,
     State,
-    Watch,
     added,
     dot,
     length,
@@ -48,7 +48,7 @@ from fenics_rom.runtime.compiled.touched_frame import (
     find_in_sweep,
     has_ended,
     is_all_near,
-    keep_step,
+    keep_touched,
     move_inside,
     note_near,
     nothing_taken,
@@ -64,8 +64,9 @@ from fenics_rom.runtime.compiled.touching import Last
 
 
 @jit
-def take_touched_free_step(body: Body, loads: Loads, u: Array, state: State, watch: Watch, among: Among) -> Touched:
-    """Takes a step under u (p,) among obstacles; where it is OTHERWISE nothing is changed."""
+def take_touched_free_step(table: Array, u: Array, among: Among) -> Touched:
+    """Takes a step of a body in a table under u (p,) among obstacles; where it is OTHERWISE nothing is changed."""
+    body, loads, state, watch = body_at(table), loads_at(table), state_at(table), watch_at(table)
     begun = begin_free_step(body, loads, u, state)
     h, x, points, now = body.h, begun.x, among.points, state.now[0]
     if begun.status != TAKEN:
@@ -173,14 +174,14 @@ def _find_contact(body: Body, loads: Loads, begun: Begun, state: State, among: A
 
 @jit
 def take_touched_free_steps(
-    body: Body, loads: Loads, inputs: Array, state: State, watch: Watch, among: Among, last: Last, taken: TouchedTaken
+    table: Array, inputs: Array, among: Among, last: Last, taken: TouchedTaken
 ) -> tuple[int, Touched]:
     """Takes steps among obstacles that stand still, as `take_free_steps`; sets `last` and `taken`."""
     touched = nothing_taken()
     for count in range(len(inputs)):
         copy(among.begun.forces, among.found.pairs.forces)
-        after = take_touched_free_step(body, loads, inputs[count], state, watch, among)
-        if not keep_step(body, state, among, after, last, taken, count):
+        after = take_touched_free_step(table, inputs[count], among)
+        if not keep_touched(table, among, after, last, taken, count):
             return count, touched
         touched = after
     return len(inputs), touched

@@ -54,6 +54,8 @@ if TYPE_CHECKING:
 class CarriedFrame(CarriedBalance):
     """Arguments and attributes as in FrameKernel; `frame.turning` is the angular velocity of the base."""
 
+    _stands: Array | None = None  # the base (13,) at the end of the last step, if it stood still and that was compiled
+
     @property
     def answers_linearly(self) -> bool:  # type: ignore[override]
         """As in Kernel."""
@@ -134,8 +136,13 @@ class CarriedFrame(CarriedBalance):
 
     def _base_row(self) -> Array:
         """The base at the end of the step, (13,)."""
-        position, rotation, velocity, turning = self._base_at_end()
-        return np.array((*position, *rotation, *velocity, *turning))
+        if self.base is not None:
+            self._stands = None
+            return np.concatenate(self.base)
+        if self._stands is None or self._frame_known is not None:
+            position, rotation, _, _ = self.frame
+            self._stands = np.array((*position, *rotation, *np.zeros(6)))
+        return self._stands
 
     def _base_at_end(self) -> FrameState:
         """The same; it stands still where nothing says how it moves."""
@@ -145,7 +152,8 @@ class CarriedFrame(CarriedBalance):
         """As in CompilableFrame."""
         assert self._compiled is not None
         super().end_in_world(square, within)
-        self._wrench = self._compiled.wrench
+        self._stands = None
+        self._wrench = self._compiled.wrench()
 
     def _end_compiled(self, u: Array, taken: "FrameStep", *, owed: bool = True) -> float:
         """As in FrameKernel."""

@@ -20,6 +20,7 @@ class CompilableFrame(PartedKernel):
     """Arguments as in PartedKernel; attributes as in FrameKernel."""
 
     _frame_known: FrameState | None = None  # where the frame is; None where a compiled step knows
+    _frame_before_known: FrameState | None = None  # the same before the last step
     _places: Array | None  # of the contact points in the frame, m, if they are known
     _compiled: "CompiledFrame | None" = None
     _motion: Any = None  # how the body moves, and how it did before the step; None where a compiled step knows
@@ -38,6 +39,18 @@ class CompilableFrame(PartedKernel):
     @frame.setter
     def frame(self, frame: FrameState) -> None:
         self._frame_known = frame
+
+    @property
+    def _frame_before(self) -> FrameState:
+        """Where it was before the last step."""
+        if self._frame_before_known is None:
+            assert self._compiled is not None
+            self._frame_before_known = self._compiled.frame_before()
+        return self._frame_before_known
+
+    @_frame_before.setter
+    def _frame_before(self, frame: FrameState) -> None:
+        self._frame_before_known = frame
 
     def take_by_loops(self) -> "CompiledFrame | None":
         """What compiled functions know of the body, with the state that it is in; None where there is more to it."""
@@ -64,7 +77,7 @@ class CompilableFrame(PartedKernel):
         """A step that compiled functions have taken; None where they do not."""
         if self._compiled is None or not self._is_known(obstacles):
             return None
-        return self._compiled.take(u, base, self.frame, self.notes, obstacles)
+        return self._compiled.take(u, base, self._frame_known, self.notes, obstacles)
 
     def _is_known(self, obstacles: ObstacleMotion | None) -> bool:
         """Whether compiled functions know all that touches the body."""
@@ -83,10 +96,11 @@ class CompilableFrame(PartedKernel):
             contacts: ContactWorks = () if contact is None else (lambda: works,)
             self._owed.append(StepWork(step.supplied, step.dissipated, contacts))
         self._contact_before, self._reactions_before, self._notes_before = self.contact, self.reactions, self.notes
-        self._frame_before, self._acting, self._places, self.contact = self.frame, u, None, contact
+        self._frame_before_known, self._frame_known = self._frame_known, None
+        self._acting, self._places, self.contact = u, None, contact
         if touch is not None:
             self._touched = touch.touched
-        self.frame, self.notes = self._compiled.frame(), self._compiled.notes(self.notes)
+        self.notes = self._compiled.notes(self.notes)
         self._motion = self._motion_before = None
         self._square, self._twice = step.within, step.square
         return step.square
@@ -105,7 +119,7 @@ class CompilableFrame(PartedKernel):
             return None
         if bases is None:
             bases = np.tile((*self.frame.position, *self.frame.rotation, *np.zeros(6)), (len(inputs), 1))
-        taken = self._compiled.take_many(inputs, bases, self.frame, self.notes, obstacles)
+        taken = self._compiled.take_many(inputs, bases, self._frame_known, self.notes, obstacles)
         if taken is None:
             return None
         self.flush()

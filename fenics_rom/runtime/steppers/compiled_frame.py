@@ -1,6 +1,7 @@
 """Steps of a linear body in a moving frame by compiled functions: what `FreeFrame` and `CarriedFrame` try first."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,9 +9,12 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain, or_numpy
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
+from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
+from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.compiled.carried_step import take_carried_step, take_carried_steps
+from fenics_rom.runtime.compiled.frame_tables import arrays_of
 from fenics_rom.runtime.compiled.frames import (
     INERTIA,
     LOOKED_AT,
@@ -76,6 +80,7 @@ class CompiledFrame:
 
     Attributes:
         touch: how obstacles touch it; None: that is NumPy's, or they cannot.
+        arrays: all of them, in the order of `frame_tables`.
     """
 
     touch: FrameTouch | None = None
@@ -85,9 +90,11 @@ class CompiledFrame:
         slopes = np.empty((2 * m, m) if carried else (3 + m, 3 + m))
         kept = np.zeros(REST + (9 if carried else 5 + m))
         self._state = State(halves, halves_before, np.zeros((2, NUMBERS)), body.table.copy(), kept, slopes)
-        self._body, self._loads, self._watch, self._carried = body, loads, watch, carried
+        self._loads, self._watch, self._carried = loads, watch, carried
+        self._take_on(body)
         self._frame: FrameState | None = None  # that the state is of
-        self._notes: dict[str, float] | None = None  # that those of the watch are
+        self._notes: dict[str, float] | None = None  # that those of the watch are,
+        self._noted: list[float] = []  # these
 
     def forget(self) -> None:
         """Forgets what is known of steps that led elsewhere."""
@@ -95,28 +102,35 @@ class CompiledFrame:
 
     def set_body(self, body: Body, touch: FrameTouch | None) -> None:
         """Goes on with a body of another step size."""
-        self._body, self.touch = body, touch
+        self.touch = touch
+        self._take_on(body)
         self._state.kept[1 if self._carried else 2 : WRENCH] = 0.0  # but for how it moves, and did
+
+    def _take_on(self, body: Body) -> None:
+        """Has steps be of this body."""
+        self._body = body
+        self.arrays = arrays_of(body, self._loads, self._state, self._watch)
+        self._table = table_of(self.arrays)
 
     @or_numpy
     def take(
-        self, u: Array, base: Array, frame: FrameState, notes: dict[str, float], obstacles: ObstacleMotion | None
+        self, u: Array, base: Array, frame: FrameState | None, notes: dict[str, float], obstacles: ObstacleMotion | None
     ) -> FrameStep | None:
         """Takes a step under u (p,); None where it is to be taken otherwise, and nothing is changed.
 
         Args:
             u: (p,).
             base: at the end (13,); of a free body (0,).
-            frame: at the start.
+            frame: at the start; None: where the last step led.
             notes: of the run so far.
             obstacles: that can touch it; None: there are none.
         """
         self.begin(frame, notes)
-        given, on = (self._body, self._loads, in_plain(u)), (in_plain(base),) if self._carried else ()
+        given = (self._table, in_plain(u), in_plain(base)) if self._carried else (self._table, in_plain(u))
         try:
             if self.touch is not None and obstacles is not None:
-                return self._take_touched(self.touch, (*given, *on, self._state, self._watch), obstacles)
-            step = STEPS[self._carried][0](*given, *on, self._state, self._watch)
+                return self._take_touched(self.touch, given, obstacles)
+            step = STEPS[self._carried][0](*given)
         except np.linalg.LinAlgError:
             self.forget()
             return None
@@ -133,7 +147,12 @@ class CompiledFrame:
 
     @or_numpy
     def take_many(
-        self, inputs: Array, bases: Array, frame: FrameState, notes: dict[str, float], obstacles: ObstacleMotion | None
+        self,
+        inputs: Array,
+        bases: Array,
+        frame: FrameState | None,
+        notes: dict[str, float],
+        obstacles: ObstacleMotion | None,
     ) -> FrameSteps | None:
         """Takes steps under inputs (n, p) and bases (n, 13), as many as there are none to be taken otherwise.
 
@@ -142,7 +161,7 @@ class CompiledFrame:
         self.begin(frame, notes)
         n, m, on = len(inputs), len(self._body.ω), (in_plain(bases),) if self._carried else ()
         taken = Taken(np.empty((n, 2)), np.empty((n, m)), np.empty((n, 7)))
-        given = self._body, self._loads, in_plain(inputs), *on, self._state, self._watch
+        given = self._table, in_plain(inputs), *on
         if self.touch is not None and obstacles is not None:
             return self._take_many_touched(self.touch, given, obstacles, taken)
         count, last = STEPS[self._carried][1](*given, taken)
@@ -174,20 +193,25 @@ class CompiledFrame:
             position, rotation, velocity, turning = frame
             self._state.now[0, :INERTIA], self._frame = (*position, *rotation, *velocity, *turning), frame
         if notes is not self._notes:
-            self._watch.notes[:LOOKED_AT], self._notes = [notes.get(name, 0.0) for name in NOTES], notes
+            self._noted, self._notes = [notes.get(name, 0.0) for name in NOTES], notes
+            self._watch.notes[:LOOKED_AT] = self._noted
 
     # What the last step led to.
 
     def frame(self) -> FrameState:
         """Where the frame is."""
-        x, y, z, w, i, j, k, u, v, s, a, b, c = self._state.now[0, :INERTIA].tolist()
-        self._frame = FrameState((x, y, z), (w, i, j, k), (u, v, s), (a, b, c))
+        self._frame = _frame_in(self._state.now[0])
         return self._frame
+
+    def frame_before(self) -> FrameState:
+        """Where it was before the step."""
+        return _frame_in(self._state.now[1])
 
     def notes(self, before: dict[str, float]) -> dict[str, float]:
         """Of the run; those before where nothing is new."""
         now = self._watch.notes[:LOOKED_AT].tolist()
-        if now != [before.get(name, 0.0) for name in NOTES]:
+        if now != self._noted:
+            self._noted = now
             before = before | {name: value for name, value in zip(NOTES, now, strict=True) if name in before}
         self._notes = before
         return before
@@ -198,10 +222,19 @@ class CompiledFrame:
         u, v, w, x, y, z, i, j, k, *moving = rest
         return Shape((a, b, c, d, e, f), (u, v, w), (x, y, z), (i, j, k)), moving
 
-    def wrench(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Of the base, in world axes."""
-        x, y, z, a, b, c = self._state.kept[WRENCH:REST].tolist()
-        return (x, y, z), (a, b, c)
+    def wrench(self) -> Callable[[], tuple[Vector, Vector]]:
+        """What tells the one of the base in the last step, in world axes."""
+        return partial(_two_vectors, self._state.kept[WRENCH:REST].copy())
+
+
+def _two_vectors(numbers: Array) -> tuple[Vector, Vector]:
+    x, y, z, a, b, c = numbers.tolist()
+    return (x, y, z), (a, b, c)
+
+
+def _frame_in(now: Array) -> FrameState:
+    x, y, z, w, i, j, k, u, v, s, a, b, c = now[:INERTIA].tolist()
+    return FrameState((x, y, z), (w, i, j, k), (u, v, s), (a, b, c))
 
 
 def _first(count: int, taken: TouchedTaken, last: FrameStep) -> FrameSteps | None:

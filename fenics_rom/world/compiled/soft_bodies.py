@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
-from fenics_rom.runtime.compiled.arrays_at import integers_at, matrix_at, vector_at
+from fenics_rom.runtime.compiled.arrays_at import matrix_at, vector_at
 from fenics_rom.runtime.compiled.carried_step import (
     IS_COUPLED,
     IS_INVERSE_KNOWN,
@@ -33,6 +33,8 @@ from fenics_rom.runtime.compiled.contact_points import (
     see_forces,
     spread_some,
 )
+from fenics_rom.runtime.compiled.frame_tables import ROWS as FRAME_ROWS
+from fenics_rom.runtime.compiled.frame_tables import body_at, loads_at, state_at, watch_at
 from fenics_rom.runtime.compiled.frames import (
     IS_SHAPE_KNOWN,
     OTHERWISE,
@@ -40,11 +42,7 @@ from fenics_rom.runtime.compiled.frames import (
     TAKEN,
     TURNING,
     VELOCITY,
-    Body,
-    Loads,
     Push,
-    State,
-    Watch,
     act,
     added,
     cross,
@@ -58,8 +56,8 @@ from fenics_rom.runtime.compiled.frames import (
     vector,
 )
 
-# Rows of the table of a body: of `frames.Body`, `Loads`, `State`, `Watch`, `contact_points.Points`, then `Step`.
-LOADS, STATE, WATCH, POINTS, STEP, ROWS = 10, 15, 21, 24, 38, 48
+# Rows of the table of a body: after those of `frame_tables`, of `contact_points.Points`, then of `Step`.
+POINTS, STEP, ROWS = FRAME_ROWS, 38, 48
 SQUARE, WITHIN, SUPPLIED, DISSIPATED, BY_OTHERS = range(5)  # in `Step.told`
 START, END, MIDDLE, TURN, V, Ω, V_END, Ω_END, ORIGIN, SPUN = 0, 9, 18, 27, 30, 33, 36, 39, 42, 45  # in `Step.turn`
 
@@ -77,42 +75,6 @@ class Step(NamedTuple):
     places: Array  # of the points when it begins, (P, 3) in world axes, m
     velocities: Array  # (P, 3), m/s
     told: Array  # (5,): twice the stored energy, and within, supplied and dissipated, and by others, J
-
-
-@jit_part
-def body_at(table: Array) -> Body:
-    """What a table has of a body."""
-    n = vector_at(table[0])
-    arrays = vector_at(table[1]), vector_at(table[2]), matrix_at(table[3]), matrix_at(table[4]), matrix_at(table[5])
-    rest = matrix_at(table[6]), matrix_at(table[7]), matrix_at(table[8]), vector_at(table[9])
-    ω, inverse_ω, D, products, by_rate = arrays
-    by_shape, inverse, of_rest, rigid = rest
-    is_coupled = n[2] != 0.0
-    return Body(
-        n[0], n[1], is_coupled, n[3], n[4], ω, inverse_ω, D, products, by_rate, by_shape, inverse, of_rest, rigid
-    )
-
-
-@jit_part
-def loads_at(table: Array) -> Loads:
-    """The same of its loads."""
-    t = table[LOADS:]
-    return Loads(matrix_at(t[0]), matrix_at(t[1]), integers_at(t[2]), matrix_at(t[3]), matrix_at(t[4]))
-
-
-@jit_part
-def state_at(table: Array) -> State:
-    """The same of its state."""
-    t = table[STATE:]
-    return State(matrix_at(t[0]), matrix_at(t[1]), matrix_at(t[2]), matrix_at(t[3]), vector_at(t[4]), matrix_at(t[5]))
-
-
-@jit_part
-def watch_at(table: Array) -> Watch:
-    """The same of what looks at it."""
-    t = table[WATCH:]
-    numbers = vector_at(t[0])
-    return Watch(numbers[0], numbers[1], matrix_at(t[1]), vector_at(t[2]))
 
 
 @jit_part
