@@ -3,7 +3,7 @@
 (2/h + matrix) v̂ = 2/h r - pull + G u + Sᵀ f,   q⁺ = q + h v̂,   r⁺ = 2 v̂ - r
 
 Where nothing can touch the body `among` is None, and numba makes the same functions without contact; where no stroke is
-given `pull` is. A body among obstacles has none.
+given `pull` is.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
-from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, find_forces
+from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, find_forces
 from fenics_rom.mechanics.compiled.contact_law import Law as ContactLaw
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.runtime.compiled.carried_strains import (
@@ -35,7 +35,18 @@ from fenics_rom.runtime.compiled.carried_strains import (
 )
 from fenics_rom.runtime.compiled.following import Following, add_following
 from fenics_rom.runtime.compiled.small_matrices import dot, factor, multiply, solve, solve_rows, squares
-from fenics_rom.runtime.compiled.strokes import Pull, add_pull, aim, find_pull
+from fenics_rom.runtime.compiled.strokes import (
+    Pull,
+    add_pull,
+    aim,
+    end_pull,
+    find_pull,
+    hold,
+    hold_back,
+    is_loose,
+    move_by,
+    slacken,
+)
 from fenics_rom.runtime.compiled.touching import (
     FORGOTTEN,
     LOST,
@@ -68,7 +79,7 @@ class Motion(NamedTuple):
     whole: Array  # v̂ that these lead to, before it is made no longer than what was trained
     force: Array  # of inputs
     velocity: Array  # v̂
-    answer: Array  # of it to contact
+    pushed: Array  # generalized forces of contact
     factor: Array  # of the step's matrix (m, m)
 
 
@@ -130,9 +141,10 @@ NOT_TAKEN = Step(OTHERWISE, 0, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 def free_step(
     body: Body, u: Array, e: Array, r: Array, pushed: Array, strains: Strains, motion: Motion, pull: Pull | None
 ) -> bool:
-    """Sets v̂ of a step under u (p,) from e and r (m,) without contact; whether there is one.
+    """Sets v̂ of a step under u (p,) from e and r (m,) without contact and cables; whether there is one.
 
-    `pushed` are generalized forces (m,) of contact in the step before.
+    Forces of cables are found that give their strokes where nothing touches. `pushed` are generalized forces (m,) of
+    contact in the step before.
     """
     law, numbers, v, m = body.law, strains.numbers, strains.velocity, len(e)
     q, residual, force, velocity = motion.q, motion.residual, motion.force, motion.velocity
@@ -165,9 +177,7 @@ def free_step(
     for i in range(m):
         velocity[i] = 2 / law.h * r[i] - strains.pull[i] + force[i]
     solve(motion.factor, velocity)
-    if pull is not None:
-        return find_pull(pull, strains.at, motion.factor, velocity, force)
-    return True
+    return pull is None or find_pull(pull, strains.at, motion.factor, velocity)
 
 
 @jit_part
@@ -189,28 +199,55 @@ def end_step(body: Body, r: Array, strains: Strains, motion: Motion) -> Step:
 
 
 @jit_part
-def _end_touched(body: Body, r: Array, pushed: Array, strains: Strains, motion: Motion, among: Among) -> Step:
-    """Ends a step among obstacles from r (m,), with v̂ of the motion without contact; sets forces of contact (m,)."""
-    touch, law, found, forces, v = among.touch, among.law, among.found, among.found.forces, motion.velocity
-    h, w = law.h, (among.end - among.start) / law.h
-    motions = motion.q, r, v
+def _find_contact(r: Array, motion: Motion, among: Among, w: Array, pull: Pull | None, holds: bool) -> Found:
+    """Finds contact forces at v̂ of the motion, and sets what they do (m,); whether cables hold their strokes."""
+    touch, found = among.touch, among.found
+    motions = motion.q, r, motion.velocity
     ask_points(
-        touch, law, among.shapes, among.start, w, among.w_before, among.begun, motions, among.beyond, found, True
+        touch, among.law, among.shapes, among.start, w, among.w_before, among.begun, motions, among.beyond, found, True
     )
     if found.pairs.chosen.any():
         _set_delassus(touch, motion.factor, among.spread, among.W)
-    contact = find_forces(law, among.W, np.empty((0, 0)), len(touch.places), among.begun.swung, found.pairs)
+        if pull is not None and holds:
+            hold_back(pull, touch.points, among.W)
+    contact = find_forces(among.law, among.W, np.empty((0, 0)), len(touch.places), among.begun.swung, found.pairs)
+    add_up_forces(contact, w, found)
+    for i in range(len(motion.pushed)):
+        motion.pushed[i] = dot(touch.points[i], found.forces) if contact.status == FOUND else 0.0
+    return contact
+
+
+@jit_part
+def _end_touched(
+    body: Body, r: Array, pushed: Array, strains: Strains, motion: Motion, among: Among, pull: Pull | None
+) -> Step:
+    """Ends a step among obstacles from r (m,), with v̂ of the motion without contact; sets forces of contact (m,).
+
+    Cables hold their strokes under contact forces, too, or a single one is slack.
+    """
+    touch, law, found, forces, v = among.touch, among.law, among.found, among.found.forces, motion.velocity
+    h, w = law.h, (among.end - among.start) / law.h
+    if pull is not None:
+        move_by(pull, 1.0, v)
+    contact, is_slack = _find_contact(r, motion, among, w, pull, True), False
+    if pull is not None and contact.status != OTHERWISE and not hold(pull, motion.pushed, v):
+        move_by(pull, -1.0, v)
+        if not slacken(pull):
+            return NOT_TAKEN
+        contact, is_slack = _find_contact(r, motion, among, w, pull, False), True
     if contact.status == OTHERWISE:
         return NOT_TAKEN
-    copy(among.beyond, among.beyond_before)
-    by_obstacles, power, stored, yields = add_up_forces(contact, w, found), 0.0, 0.0, len(touch.R) > 0
+    answer = motion.pushed.copy()
+    solve(motion.factor, answer)
     for i in range(len(v)):
-        motion.answer[i] = pushed[i] = dot(touch.points[i], forces) if contact.status == FOUND else 0.0
-    if contact.status == FOUND:
-        solve(motion.factor, motion.answer)
-        for i in range(len(v)):
-            v[i] += motion.answer[i]
-        power = dot(pushed, v)
+        v[i] += answer[i]
+    if pull is not None:
+        if is_slack and not is_loose(pull, v):
+            return NOT_TAKEN
+        end_pull(pull, motion.force)
+    copy(motion.pushed, pushed)
+    copy(among.beyond, among.beyond_before)
+    by_obstacles, power, stored, yields = add_up_forces(contact, w, found), dot(pushed, v), 0.0, len(touch.R) > 0
     step = end_step(body, r, strains, motion)
     dissipated = step.dissipated
     if yields:
@@ -270,6 +307,11 @@ def take_step(
     strains, motion = strains_in(memory), motion_in(vectors, matrix)
     if not free_step(body, u, halves[0], halves[1], pushed, strains, motion, pull):
         return NOT_TAKEN
-    if among is None:
-        return end_step(body, halves[1], strains, motion)
-    return _end_touched(body, halves[1], pushed, strains, motion, among)
+    if among is not None:
+        return _end_touched(body, halves[1], pushed, strains, motion, among, pull)
+    if pull is not None:
+        if not slacken(pull):
+            return NOT_TAKEN
+        move_by(pull, 1.0, motion.velocity)
+        end_pull(pull, motion.force)
+    return end_step(body, halves[1], strains, motion)

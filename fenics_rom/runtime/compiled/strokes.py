@@ -3,24 +3,29 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.actuator_forces import SHARE
+from fenics_rom.mechanics.actuator_forces import SHARE, TOLERANCE
 from fenics_rom.mechanics.compiled.copying import copy
-from fenics_rom.runtime.compiled.small_matrices import dot, factor, solve
+from fenics_rom.runtime.compiled.small_matrices import dot, factor, solve, solve_rows
+from fenics_rom.runtime.compiled.strain_tables import set_products
 
 
 class Pull(NamedTuple):
-    """Cables of a body with m modes, and the forces that are found in a step."""
+    """Cables and chambers of a body with m modes, and the forces that are found in a step, N or Pa."""
 
     columns: Array  # of the input, where n strokes are (n,)
-    starts: Array  # of their segments (n + 1,)
-    at_rest: Array  # segments (s, 3), m
+    chambers: Array  # which of the polynomials they have (n,); -1: of a cable
+    starts: Array  # of segments (n + 1,)
+    at_rest: Array  # segments of cables (s, 3), m
     shapes: Array  # what they are with q, (s, 3, m)
-    lengths: Array  # of the cables at rest (n,), m
-    forces: Array  # z (n,) of the step before, N; set
-    targets: Array  # rates c (n,), m/s; set, as are the others
+    lengths: Array  # of the cables at rest (n,), m; 0 of chambers
+    polynomials: Array  # of forces of 1 Pa in chambers (c, m, N), see `Following`
+    products: Array  # of q in these, (N,); set, as are the others:
+    forces: Array  # z (n,) of the step before, then of this one
+    targets: Array  # rates c (n,), m/s or m³/s
     found: Array  # z (n,)
     lines: Array  # Bᵀ (n, m)
     spread: Array  # what forces move (n, m)
@@ -29,8 +34,10 @@ class Pull(NamedTuple):
 
 @jit_part
 def _line(pull: Pull, k: int, q: Array) -> float:
-    """Sets what a cable does under a tension of 1 at q (m,); its length there, m."""
+    """Sets what a cable does under a tension of 1, or a chamber under a pressure, at q (m,); its stroke there."""
     line, length = pull.lines[k], 0.0
+    if pull.chambers[k] >= 0:
+        return _swell(pull.polynomials[pull.chambers[k]], q, pull.products, line)
     for i in range(len(line)):
         line[i] = 0.0
     for s in range(pull.starts[k], pull.starts[k + 1]):
@@ -40,14 +47,28 @@ def _line(pull: Pull, k: int, q: Array) -> float:
         length += size
         for i in range(len(line)):
             line[i] -= (x * shapes[0, i] + y * shapes[1, i] + z * shapes[2, i]) / size
-    return length
+    return pull.lengths[k] - length
+
+
+@jit_part
+def _swell(polynomial: Array, q: Array, products: Array, force: Array) -> float:
+    """Sets the force (m,) of a pressure of 1 at q; by how much the volume is larger than at rest, m³: ∫ force·dq."""
+    m, volume = len(q), 0.0
+    set_products(1.0, q, products)
+    for i in range(m):
+        row = polynomial[i]
+        constant, linear = row[0] * products[0], dot(row[1 : m + 1], products[1 : m + 1])
+        square = dot(row[m + 1 :], products[m + 1 :])
+        force[i] = constant + linear + square
+        volume += q[i] * (constant + linear / 2 + square / 3)
+    return volume
 
 
 @jit_part
 def aim(pull: Pull, u: Array, q: Array, r: Array, h: float) -> None:
     """Sets the rates of a step of h s from q and r (m,), to the strokes in u (p,)."""
     for k in range(len(pull.columns)):
-        stroke = pull.lengths[k] - _line(pull, k, q)
+        stroke = _line(pull, k, q)
         pull.targets[k] = SHARE / h * (u[pull.columns[k]] - stroke) + (1 - SHARE) * dot(pull.lines[k], r)
 
 
@@ -61,10 +82,10 @@ def add_pull(pull: Pull, q: Array, size: float, force: Array) -> None:
 
 
 @jit_part
-def find_pull(pull: Pull, q: Array, U: Array, v: Array, force: Array) -> bool:
-    """Sets forces in the middle q of a step, and adds what they do to v̂ and to the force (m,); whether they are found.
+def find_pull(pull: Pull, q: Array, U: Array, v: Array) -> bool:
+    """Sets forces with which cables go as they are to, in the middle q of a step with v̂ (m,); whether there are any.
 
-    v follows forces by the factor U. Of several cables, which one is slack is not found.
+    v follows forces by the factor U. What is found is negative where a cable would push, or a chamber sucks.
     """
     n, z, W = len(pull.columns), pull.found, pull.W
     for k in range(n):
@@ -78,14 +99,70 @@ def find_pull(pull: Pull, q: Array, U: Array, v: Array, force: Array) -> bool:
     if not factor(W):
         return False
     solve(W, z)
-    for k in range(n):
-        if not z[k] >= 0:
-            if n > 1 or not z[k] < 0:
-                return False
-            z[k] = 0.0
-    copy(z, pull.forces)
-    for k in range(n):
-        for i in range(len(v)):
-            v[i] += z[k] * pull.spread[k, i]
-            force[i] += z[k] * pull.lines[k, i]
     return True
+
+
+@jit_part
+def slacken(pull: Pull) -> bool:
+    """Has a cable be slack that would push. False: there are several, and which of them are slack is not known."""
+    for k in range(len(pull.columns)):
+        if not pull.found[k] >= 0 and pull.chambers[k] < 0:
+            if len(pull.columns) > 1 or not pull.found[k] < 0:
+                return False
+            pull.found[k] = 0.0
+    return True
+
+
+@jit_part
+def move_by(pull: Pull, size: float, v: Array) -> None:
+    """Adds to v̂ (m,) what the forces that are found do, so many times."""
+    for k in range(len(pull.columns)):
+        for i in range(len(v)):
+            v[i] += size * pull.found[k] * pull.spread[k, i]
+
+
+@jit_part
+def end_pull(pull: Pull, force: Array) -> None:
+    """Has the forces that are found be those of the step, and adds what they do to others (m,)."""
+    copy(pull.found, pull.forces)
+    for k in range(len(pull.columns)):
+        for i in range(len(force)):
+            force[i] += pull.found[k] * pull.lines[k, i]
+
+
+@jit_part
+def hold_back(pull: Pull, points: Array, W: Array) -> None:
+    """Has W (3P, 3P) be that of points Sᵀ (m, 3P) while cables go as they are to, W - X W⁻¹ Xᵀ."""
+    X = np.zeros((len(pull.columns), len(W)))
+    for k in range(len(X)):
+        for i in range(len(points)):
+            row, share = points[i], pull.spread[k, i]
+            for j in range(len(W)):
+                X[k, j] += share * row[j]
+    solve_rows(pull.W, X)
+    for k in range(len(X)):
+        for i in range(len(W)):
+            for j in range(len(W)):
+                W[i, j] -= X[k, i] * X[k, j]
+
+
+@jit_part
+def hold(pull: Pull, pushed: Array, v: Array) -> bool:
+    """Has strokes go as they are to under other forces (m,), and adds to v̂ what that takes; whether all cables pull."""
+    change, pulls = np.empty(len(pull.columns)), True
+    for k in range(len(change)):
+        change[k] = -dot(pull.spread[k], pushed)
+    solve(pull.W, change)
+    for k in range(len(change)):
+        pull.found[k] += change[k]
+        pulls = pulls and (pull.found[k] >= 0 or pull.chambers[k] >= 0)
+        for i in range(len(v)):
+            v[i] += change[k] * pull.spread[k, i]
+    return pulls
+
+
+@jit_part
+def is_loose(pull: Pull, v: Array) -> bool:
+    """Whether the first cable is shorter than it has to be, with v̂ of a step (m,)."""
+    rate, target = dot(pull.lines[0], v), pull.targets[0]
+    return target - rate <= TOLERANCE * max(abs(rate), abs(target))

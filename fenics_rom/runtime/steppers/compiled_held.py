@@ -73,7 +73,7 @@ class CompiledHeld:
         law: what resists its shape.
         loads: what acts on it.
         contact: how obstacles touch it; None: they cannot.
-        pull: cables whose strokes are given; None: there are none.
+        pull: cables and chambers whose strokes are given; None: there are none.
         ω: (m,), 1/s.
         inverse_ω: (m,), s.
         h: s.
@@ -134,7 +134,7 @@ class CompiledHeld:
         if not (knows and (solver is None or isinstance(solver, CompiledContact))):
             return None
         pull = None if found is None else _pull(found, *loads.dead.shape)
-        if found is not None and (pull is None or solver is not None):
+        if found is not None and pull is None:
             return None
         contact = None if solver is None else HeldContact(solver, points, residual, others[-1])
         return CompiledHeld(body, law, loads, contact, pull, *others)
@@ -304,14 +304,28 @@ def _law(body: ReducedDeformation, law: StrainsCarried, h: float) -> Law:
 
 
 def _pull(found: FoundForces, m: int, p: int) -> Pull | None:
-    """Of p inputs, as arrays; None where more is found than forces of cables that do not rub."""
-    cables, columns = found.followers, found.actuators.columns % p
-    tendons = [each for each in cables if isinstance(each, ReducedTendon)]
-    if found.actuators.guides or len(tendons) < max(len(cables), 1):
+    """Of p inputs, as arrays; None where more is found than forces of cables that do not rub, and of chambers."""
+    followers, columns = found.followers, found.actuators.columns % p
+    tendons = [each for each in followers if isinstance(each, ReducedTendon)]
+    chambers = [each.polynomial for each in followers if isinstance(each, Pressure)]
+    if found.actuators.guides or len(tendons) + len(chambers) < max(len(followers), 1):
         return None
-    n, starts = len(cables), np.cumsum([0, *(len(each.points) - 1 for each in tendons)])
-    sizes = (n,), (n,), (n,), (n, m), (n, m), (n, n)
-    return Pull(columns, starts, *_segments(tendons, m), *map(np.zeros, sizes))
+    is_chamber = np.array([isinstance(each, Pressure) for each in followers])
+    counts = [len(each.points) - 1 if isinstance(each, ReducedTendon) else 0 for each in followers]
+    (at_rest, shapes, of_cables), polynomials = _segments(tendons, m), _polynomials(chambers, m)
+    n, starts, lengths = len(followers), np.cumsum([0, *counts]), np.zeros(len(followers))
+    lengths[~is_chamber] = of_cables
+    numbers = np.where(is_chamber, is_chamber.cumsum() - 1, -1)
+    sizes = (polynomials.shape[2],), (n,), (n,), (n,), (n, m), (n, m), (n, n)
+    return Pull(columns, numbers, starts, at_rest, shapes, lengths, polynomials, *map(np.zeros, sizes))
+
+
+def _polynomials(pressures: Sequence[Array], m: int) -> Array:
+    """Of forces of pressures (c, m, N), of products of which squares have the half."""
+    n = (m + 1) * (m + 2) // 2
+    polynomials = np.array(pressures).reshape(len(pressures), m, n)
+    polynomials[:, :, np.cumsum([0, *range(m + 1, 1, -1)])] *= 2
+    return polynomials
 
 
 def _segments(tendons: Sequence[ReducedTendon], m: int) -> tuple[Array, Array, Array]:
@@ -328,13 +342,9 @@ def _following(loads: FollowingLoads | None, m: int, found: Sequence[int]) -> Fo
     pressures = [(column, each.polynomial) for column, each in followers if isinstance(each, Pressure)]
     tendons = [(column, each) for column, each in followers if isinstance(each, ReducedTendon)]
     columns = [np.full(len(each.points) - 1, column) for column, each in tendons]
-    polynomials = np.array([each for _, each in pressures]).reshape(len(pressures), m, -1 if pressures else 0)
-    if pressures:
-        squares = np.cumsum([0, *range(m + 1, 1, -1)])
-        polynomials[:, :, squares] *= 2  # of which products have the half
     return Following(
         np.array([column for column, _ in pressures], dtype=np.int64),
-        polynomials,
+        _polynomials([each for _, each in pressures], m),
         np.concatenate([np.empty(0, dtype=np.int64), *columns]),
         *_segments([each for _, each in tendons], m)[:2],
     )
