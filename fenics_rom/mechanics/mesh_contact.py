@@ -19,7 +19,7 @@ from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMo
 from fenics_rom.mechanics.contact_pairs import Asked, NormalLaw, Settled
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import HalfSpace, Mesh, Obstacle
-from fenics_rom.mechanics.triangle_surface import MORE_PLANES, SAME
+from fenics_rom.mechanics.triangle_surface import MORE_PLANES, SAME, TriangleSurface
 
 _PLANE = HalfSpace((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))  # stands for those that are added: it is flat
 _ONES = np.ones(3)
@@ -60,14 +60,18 @@ class MeshContact(ContactSolver):
             self._planes = None
         self._settled = settled
         self._planes = points.displacement, self._distances(points.displacement, motion.start)
-        begun = self.search._replace(laws=())  # of planes that may be others
+        begun = self.search
         while True:
             self.search = begun
             contact = super().solve(points, delassus, dt, motion, quasi_static, settled, is_patient)
             if self.law.stiffness is not None:
                 break  # springs push along the way to the nearest place
-            if not self._add_planes(points, delassus, contact, dt, motion, quasi_static):
+            middle = points.free_velocity
+            if contact is not None:
+                middle = middle + moved_by(delassus, contact.forces).reshape(middle.shape)
+            if not self._add_planes(middle, points, dt, motion, quasi_static):
                 break
+            begun = begun._replace(laws=())  # what is followed is asked of the nearest places alone
         if contact is None:
             return None
         obstacle, point = np.divmod(contact.pairs, len(self.points))
@@ -98,49 +102,43 @@ class MeshContact(ContactSolver):
         return np.concatenate([*(gaps for gaps, _ in found), missing]), np.concatenate(normals)
 
     def _add_planes(
-        self,
-        points: PointMotion,
-        delassus: Array,
-        contact: ContactSolution | None,
-        dt: float,
-        obstacles: ObstacleMotion,
-        quasi_static: bool,
+        self, middle: Array, points: PointMotion, dt: float, obstacles: ObstacleMotion, quasi_static: bool
     ) -> bool:
-        """Adds planes that ways go through under these forces; whether there are any."""
-        middle = points.free_velocity
-        if contact is not None:
-            middle = middle + moved_by(delassus, contact.forces).reshape(middle.shape)
-        after = 0.0 if quasi_static else middle - points.velocity / 2  # half of what the step ends with
+        """Adds planes of triangles that points go through at mid-step velocities (P, 3), m/s; whether there are any."""
         assert self._planes is not None
         displacement, (gaps, normals) = self._planes
-        gaps, normals = gaps.reshape(len(self.obstacles), -1), normals.reshape(len(self.obstacles), -1, 3)
-        w, placed, are_added = obstacles.velocities(dt), self.points + displacement, False
+        gaps, normals = gaps.reshape(len(self.obstacles), -1).copy(), normals.reshape(len(self.obstacles), -1, 3).copy()
+        w, are_added = obstacles.velocities(dt), False
         for number in self._meshes:
             mesh = self._given[number]
             assert isinstance(mesh, Mesh)
-            start = placed - obstacles.start[number]
+            start = self.points + displacement - obstacles.start[number]
             end = start + dt * (middle - w[number])
-            later = end + dt * (after - (0.0 if quasi_static else w[number] / 2))
-            way = np.sqrt(np.square(end - start).dot(_ONES)) + np.sqrt(np.square(later - end).dot(_ONES))
-            far = (way >= gaps[number]).nonzero()[0]
-            if not len(far):
-                continue
-            crossed = mesh.surface.first_crossed(start[far], end[far])
-            crossed = np.where(crossed < 0, mesh.surface.first_crossed(end[far], later[far]), crossed)
-            rows = crossed >= 0
-            point, gap, normal = far[rows], *mesh.surface.planes(crossed[rows], start[far[rows]])
-            slots = np.concatenate([[number], np.flatnonzero(self._owner == number)[1:]])
-            of_point = gaps[slots][:, point], normals[slots][:, point]
-            is_known = (np.abs(of_point[0] - gap) <= SAME * mesh.surface.size) & (
-                (of_point[1] * normal).dot(_ONES) >= 1 - SAME
-            )
-            free = np.isinf(of_point[0])
-            new = (gap >= -SAME * mesh.surface.size) & ~is_known.any(axis=0) & free.any(axis=0)
-            slot, point = slots[free.argmax(axis=0)[new]], point[new]
-            if len(point):
-                if not are_added:
-                    gaps, normals, are_added = gaps.copy(), normals.copy(), True
-                gaps[slot, point], normals[slot, point] = gap[new], normal[new]
+            later = end if quasi_static else end + dt * (middle - (points.velocity + w[number]) / 2)
+            point, triangle = _crossed(mesh.surface, start, end, later, gaps[number])
+            gap, normal = mesh.surface.planes(triangle, start[point])
+            own = (self._owner == number).nonzero()[0]
+            of_point, tolerance = gaps[own][:, point], SAME * mesh.surface.size
+            are_same = (normals[own][:, point] * normal).dot(_ONES) >= 1 - SAME
+            are_same &= np.abs(of_point - gap) <= tolerance
+            free = np.isinf(of_point)
+            new = (gap >= -tolerance) & ~are_same.any(axis=0) & free.any(axis=0)
+            slot, point = own[free.argmax(axis=0)[new]], point[new]
+            gaps[slot, point], normals[slot, point] = gap[new], normal[new]
+            are_added |= len(point) > 0
         if are_added:
             self._planes = displacement, (gaps.ravel(), normals.reshape(-1, 3))
         return are_added
+
+
+def _crossed(surface: TriangleSurface, start: Array, end: Array, later: Array, gaps: Array) -> tuple[Array, Array]:
+    """Points (k,) whose ways from start to end and on to later, (P, 3) each, m, go through triangles, and which first.
+
+    gaps: (P,), m, that ways have to be as long as.
+    """
+    lengths = [np.sqrt(np.square(way).dot(_ONES)) for way in (end - start, later - end)]
+    far = (sum(lengths) >= gaps).nonzero()[0]
+    ways = (np.concatenate(ends) for ends in ((start[far], end[far]), (end[far], later[far])))
+    crossed, then = np.split(surface.first_crossed(*ways), 2)
+    first = np.where(crossed < 0, then, crossed)
+    return far[first >= 0], first[first >= 0]

@@ -31,8 +31,8 @@ class Mesh:
         open: whether the surface may have a border: 1 or 0.
     """
 
-    vertices: Array
-    triangles: Array
+    vertices: Array = field(repr=False)
+    triangles: Array = field(repr=False)
     position: Sequence[float] = (0.0, 0.0, 0.0)
     rotation: Sequence[float] = (0.0, 0.0, 0.0)
     open: int = 0

@@ -65,6 +65,8 @@ class TriangleSurface:
         self.size = float(np.ptp(vertices, axis=0).max())
         crossed = np.cross(self._corners[:, 1] - self._corners[:, 0], self._corners[:, 2] - self._corners[:, 0])
         self.normals = crossed / np.linalg.norm(crossed, axis=1)[:, None]
+        sides = np.roll(self._corners, -1, axis=1) - self._corners
+        self._inward = np.cross(self.normals[:, None], sides)  # across each side, as long as it
         self._tree = BoxTree(self._corners)
         self.edges, self.beside, self._edge_of = edges_of(triangles)
         self._set_edges()
@@ -280,9 +282,7 @@ class TriangleSurface:
 
     def _hold(self, triangle: Array, at: Array) -> Array:
         """Which triangles (k,) hold places in their planes, (k, 3), m."""
-        a, b, c = (self._corners[triangle] - at[:, None]).transpose(1, 0, 2)
-        n = self.normals[triangle]
-        areas = np.stack([(np.cross(p, q) * n).dot(_ONES) for p, q in ((b, c), (c, a), (a, b))], axis=1)
+        areas = ((at[:, None] - self._corners[triangle]) * self._inward[triangle]).dot(_ONES)
         held: Array = areas.min(axis=1) >= -OVERLAP * areas.sum(axis=1)
         return held
 

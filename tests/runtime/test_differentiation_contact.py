@@ -6,12 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import acted_on, box_arrays, write_arrays
+from triangle_meshes import groove
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics import braking
 from fenics_rom.mechanics.contact import ContactLaw
-from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
+from fenics_rom.mechanics.environment import STANDS_STILL, MovingObstacle
+from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Mesh, Sphere
 from fenics_rom.runtime.differentiation import taken_steps
 
 H, STEPS = 2e-3, 40
@@ -141,6 +143,12 @@ def squares(outputs, energies):
 )
 def test_gradient_agrees_with_differences(rom, name):
     check(Case(rom, *CASES[name]))
+
+
+def test_gradient_goes_through_the_planes_of_a_mesh(rom):
+    mesh = Mesh(groove(0.3).vertices, groove(0.3).triangles, (0.37, 0.1, -0.0535))
+    among = replace(rom.environment, obstacles={"groove": MovingObstacle(mesh, STANDS_STILL)})
+    check(Case(replace(rom, environment=among), ContactLaw(friction=0.3), ["groove"], True, {}, None))
 
 
 def check(case, ε=1e-4):
