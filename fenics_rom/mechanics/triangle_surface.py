@@ -73,6 +73,7 @@ class TriangleSurface:
         self._corner_normals = self._normals_at_corners()
 
     def _set_edges(self) -> None:
+        """Of each edge the middle of its cone of normals, how far it goes to both sides, and which way it bends."""
         along = self.vertices[self.edges[:, 1]] - self.vertices[self.edges[:, 0]]
         self._along = along / np.linalg.norm(along, axis=1)[:, None]
         first, second = self.beside.T
@@ -81,19 +82,20 @@ class TriangleSurface:
         n = self.normals[first]
         middle = n + self.normals[second]
         length = np.linalg.norm(middle, axis=1)
-        is_knife = length < 2 / STEEPEST
-        # Between two triangles that lie on one another the way from both is across the edge.
-        outward = np.cross(self._along, n)
-        middle[is_knife], length[is_knife] = outward[is_knife], 1.0
+        own, other = (
+            self.vertices[self.triangles[each].sum(axis=1) - self.edges.sum(axis=1)] - self.vertices[self.edges[:, 0]]
+            for each in (first, second)
+        )
+        is_knife = length < 2 / STEEPEST  # of triangles that lie on one another: out is away from both
+        away = np.cross(self._along, n)
+        away *= -np.sign((away * own).dot(_ONES))[:, None]
+        middle[is_knife], length[is_knife] = away[is_knife], 1.0
         self._middle = middle / length[:, None]
-        across = np.cross(self._along, self._middle)
-        cosine = (n * self._middle).dot(_ONES)
-        sine = np.abs((n * across).dot(_ONES))
-        self._across, self._steepest = across, sine / np.maximum(cosine, 1 / STEEPEST)
-        # It goes in where the other triangle's far corner is before the plane of the first.
-        far = self.triangles[second].sum(axis=1) - self.edges.sum(axis=1)
-        height = ((self.vertices[far] - self.vertices[self.edges[:, 0]]) * n).dot(_ONES)
-        flat = ROUND_OFF * self.size
+        self._across = np.cross(self._along, self._middle)
+        cosine, sine = ((n * each).dot(_ONES) for each in (self._middle, self._across))
+        self._steepest = np.abs(sine) / np.maximum(cosine, 1 / STEEPEST)
+        height = (other * n).dot(_ONES)  # of the other triangle before the plane of the first
+        flat = ROUND_OFF * max(self.size, float(np.abs(self.vertices).max()))
         self._bend = (height > flat).astype(int) - (height < -flat)  # 1: in, -1: out
         self.is_concave = bool((self._bend > 0).any())
         self._valence = np.bincount(self.triangles.ravel(), minlength=len(self.vertices))
@@ -136,7 +138,7 @@ class TriangleSurface:
         levels = (self._corners[:, 0] * self.normals).dot(_ONES)
         parts = (self.vertices @ part.T for part in np.array_split(self.normals, len(self.normals) // 256 + 1))
         highest = np.concatenate([part.max(axis=0) for part in parts])
-        return bool((highest <= levels + 10 * ROUND_OFF * self.size).all())
+        return bool((highest <= levels + 10 * ROUND_OFF * max(self.size, float(np.abs(levels).max()))).all())
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and unit normals (P, 3)."""
