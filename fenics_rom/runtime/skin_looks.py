@@ -55,9 +55,14 @@ class SkinPlaces:
 
     def moved(self, since: Mark) -> float:
         """No node that is looked at first is farther from where it was at a mark, m; infinite where nobody knows."""
-        body, stepper = self._body, self._body.integrator
+        whole, beside = self.way(since)
+        return math.sqrt(whole.dot(whole)) + beside
+
+    def way(self, since: Mark) -> tuple[Array, float]:
+        """How the frame went since a mark, (3,), and how far, at most, a node beside that, as of `moved`; m."""
+        body, stepper, whole = self._body, self._body.integrator, np.zeros(3)
         if stepper.model is not since.model:
-            return math.inf
+            return whole, math.inf
         by_strain, by_motion = self._bound(since.model)
         Δ = stepper.state[: len(since.e)] - since.e
         moved = by_strain * math.sqrt(Δ.dot(Δ))
@@ -66,10 +71,10 @@ class SkinPlaces:
             moved += by_motion * math.sqrt(Δ.dot(Δ))
         if since.pose is not None:
             pose = body.pose
-            Δ = pose.position - since.pose.position
+            whole = pose.position - since.pose.position
             turn = pose.rotation - since.pose.rotation  # twice as long as the turn by which nodes move, at most
-            moved += math.sqrt(Δ.dot(Δ)) + 2 * math.sqrt(turn.dot(turn)) * self._arm
-        return moved
+            moved += 2 * math.sqrt(turn.dot(turn)) * self._arm
+        return whole, moved
 
     def placement(self, mark: Mark | None = None) -> Placement:
         """Where the skin is, or was at a mark; of few nodes but for what contact points yield by themselves."""

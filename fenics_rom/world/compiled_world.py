@@ -16,7 +16,7 @@ from fenics_rom.mechanics.compiled.contact_law import Law
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.runtime.compiled.arrays_at import table_of
-from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
+from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, PlacedSurface, Spots
 from fenics_rom.world.compiled.forces import find_forces
 from fenics_rom.world.compiled.near import find_near, look_at_margins
@@ -24,6 +24,7 @@ from fenics_rom.world.compiled.tables import GIVEN, SWUNG, GivenContacts
 from fenics_rom.world.compiled.world_step import are_deep, begin_step, count_pushing, end_step, force_on, is_to_be_taken
 from fenics_rom.world.contact_step import Found
 from fenics_rom.world.driven import Driven
+from fenics_rom.world.free_soft import FreeSoft
 from fenics_rom.world.meetings import Meeting, is_still
 from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.soft import Soft
@@ -74,6 +75,7 @@ class CompiledWorld:
         self._rigid = [(n, body) for n, body in enumerate(self._bodies) if isinstance(body, Rigid)]
         self._driven = [(n, body) for n, body in enumerate(self._bodies) if isinstance(body, Driven)]
         self._soft = [(n, body, tables[n]) for n, body in enumerate(self._bodies) if isinstance(body, Soft)]
+        self._free = 1 if any(isinstance(body, FreeSoft) for body in self._bodies) else None
         self._switching = [each for each in self._soft if len(each[1].rom.contact_models) > 1]
         self._unmoved = {number for number, _ in self._driven}
         self._placed = dict[int, Placed]()  # where what lies still was seen first
@@ -169,12 +171,11 @@ class CompiledWorld:
             C, sweeps = self._find(self._table, self._h)
         except np.linalg.LinAlgError:
             C, sweeps = OTHERWISE, 0
-        if C == OTHERWISE:
+        if C == OTHERWISE or not end_step(self._table, C, self._h, SWINGS, self._row, self._free):
             self._forget()
             self._pause = min(2 * self._pause + 1, LONGEST_PAUSE)
             self._waits = self._pause
             return None
-        end_step(self._table, C, self._h, SWINGS, self._row)
         self._pause, self.is_ahead, self._count, self.sweeps = 0, True, C, sweeps
         self._row, self._are_told = self._row + 1, self._soft_ones.copy()
         if self._row == BOOKED_TOGETHER:
@@ -189,13 +190,13 @@ class CompiledWorld:
 
     def _find(self, table: Array, h: float) -> tuple[int, int]:
         """Begins a step, and finds its forces: how many contacts, or OTHERWISE, and how many sweeps that took."""
-        if not begin_step(table, h):
+        if not begin_step(table, h, self._free):
             return OTHERWISE, 0
         given = table_of(self._find_contacts()) if look_at_margins(table) else self._no_contacts
         C = find_near(table, given, h)
         if C < 0 or are_deep(table, C):
             return OTHERWISE, 0
-        found = find_forces(table, C, self._law)
+        found = find_forces(table, C, self._law, self._free)
         return (C, found.sweeps) if is_to_be_taken(table, C, found, h) else (OTHERWISE, 0)
 
     def _nearest_to(self, number: int) -> tuple[Array, Array]:
@@ -212,7 +213,7 @@ class CompiledWorld:
             if name not in self._number_of or self._number_of[name] in self._unmoved:
                 return False
         for number, soft, table in self._soft:
-            if isinstance(table.kernel, CarriedFrame):
+            if not isinstance(table.kernel, ContactMidpoint):
                 table.kernel.begin_in_world()
             u = table.step.u
             u[:] = 0.0

@@ -21,7 +21,9 @@ from fenics_rom.world.meetings import Meeting
 from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.soft import Soft
 
-QUICK_INTERVAL = 4 * CHECK_INTERVAL  # of compiled steps: bodies are looked at on their way between two looks
+_Way = tuple[Array, float]  # of a body as a whole, (3,), and how far its points went beside that, m
+
+QUICK = 4  # times as many compiled steps pass between two looks: bodies are looked at on their way between these
 
 
 class _Watched(NamedTuple):
@@ -64,7 +66,7 @@ class WorldSkins:
                 self._into[one, other], self._rigid[other] = meeting, body
         self._joined = {pair for pair, meeting in self._meetings if not meeting.is_on}
         self._next_look = min((each.watch.next_look for each in self._watched.values()), default=0)
-        self._since = self._now()
+        self._since, self._looked, self._slowness = self._now(), 0, 1
         self._soft_room = 0.0  # how far soft bodies may move before they are looked at, m
         self._check_start()
 
@@ -79,24 +81,25 @@ class WorldSkins:
 
     def asks(self, steps: int, are_quick: bool) -> bool:
         """Whether `is_due` is to be asked, when so many steps were taken: more rarely where they are quick."""
-        interval = QUICK_INTERVAL if are_quick else CHECK_INTERVAL
-        return bool(self._watched) and (steps >= self._next_look or steps % interval == 0)
+        self._slowness = QUICK if are_quick else 1
+        return bool(self._watched) and (self._is_time(steps) or steps % (self._slowness * CHECK_INTERVAL) == 0)
+
+    def _is_time(self, steps: int) -> bool:
+        return steps >= self._looked + self._slowness * (self._next_look - self._looked)
 
     def is_due(self, steps: int) -> bool:
         """Whether to look, when so many steps were taken: after enough of them, or as something may have gone in."""
-        if steps >= self._next_look:
+        if self._is_time(steps):
             return True
-        rigid = {name: _placed(body).moved(self._since.rigid[name]) for name, body in self._rigid.items()}
-        soft = {name: each.places.moved(self._since.soft[name]) for name, each in self._watched.items()}
-        for name, each in self._watched.items():
-            went = max((rigid[other] for one, other in self._into if one == name), default=0.0)
-            if soft[name] + went > each.watch.room:
-                return True
-        return any(soft[one] + soft[other] > self._soft_room for one, other in self._between)
+        ways = {name: _way(_placed(body), self._since.rigid[name]) for name, body in self._rigid.items()}
+        ways |= {name: each.places.way(self._since.soft[name]) for name, each in self._watched.items()}
+        if any(_apart(ways[one], ways[other]) > self._watched[one].watch.room for one, other in self._into):
+            return True
+        return any(_apart(ways[one], ways[other]) > self._soft_room for one, other in self._between)
 
     def look(self, steps: int, time: float) -> None:
         """Looks where bodies are when so many steps were taken, at a time, s."""
-        before, self._since = self._since, self._now()
+        before, self._since, self._looked = self._since, self._now(), steps
         self._soft_room = math.inf
         self._let_go()
         for name, each in self._watched.items():
@@ -178,6 +181,18 @@ def _placed(body: Rigid | Driven) -> PlacedShape:
     pose, shape = body.pose, body.shape
     assert shape is not None
     return PlacedShape(shape, pose.position, rotation_matrix(pose.rotation))
+
+
+def _way(now: PlacedShape, before: PlacedShape) -> _Way:
+    """How a rigid body went, and how far, at most, its points beside that."""
+    whole = now.position - before.position
+    return whole, now.moved(before) - math.sqrt(whole.dot(whole))
+
+
+def _apart(one: _Way, other: _Way) -> float:
+    """How far, at most, points of two bodies went relative to one another, m."""
+    whole = one[0] - other[0]
+    return math.sqrt(whole.dot(whole)) + one[1] + other[1]
 
 
 def _placement(each: _Watched, mark: Mark | None = None) -> Placement:

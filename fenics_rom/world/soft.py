@@ -25,6 +25,7 @@ from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
+from fenics_rom.runtime.steppers.compilable_frame import CompilableFrame
 from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.residual_motion import operator_of
@@ -367,11 +368,11 @@ class Soft(Simulator, Body):
         self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
         np.minimum.at(self._handed.point_gaps, nodes, gaps)
 
-    def end_compiled(self, kernel: CarriedFrame | ContactMidpoint, forces: Array, told: Array, u: Array) -> None:
+    def end_compiled(self, kernel: BookedKernel, forces: Array, told: Array, u: Array) -> None:
         """Ends a compiled step under u, with forces on points; told: twice the energy, and that within the shape, J."""
         self._twice, within = told[:2].tolist()
         kernel.contact = partial(handed_in, forces)
-        if isinstance(kernel, CarriedFrame):
+        if isinstance(kernel, CompilableFrame):
             kernel.end_in_world(self._twice, within)
         if self._twice <= self._monitor_threshold:
             self.steps += 1

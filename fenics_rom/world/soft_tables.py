@@ -17,14 +17,15 @@ from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.frame_state import FrameState
 from fenics_rom.runtime.steppers.frame_table import ROWS
 from fenics_rom.runtime.steppers.frame_touch import points_of
-from fenics_rom.world.compiled.soft_bodies import Step
+from fenics_rom.runtime.steppers.free_frame import FreeFrame
+from fenics_rom.world.compiled.soft_bodies import TURNS, Step
 from fenics_rom.world.soft import Soft
 
 
 class SoftTable(NamedTuple):
     """A soft body as compiled steps take it."""
 
-    kernel: CarriedFrame | ContactMidpoint
+    kernel: CarriedFrame | FreeFrame | ContactMidpoint
     frame: CompiledFrame
     points: Points
     step: Step
@@ -37,7 +38,7 @@ def soft_table(body: Soft) -> SoftTable | None:
     kernel, interface = body.integrator.kernel, body.integrator.interface
     if interface is None or interface.environment.mark is not None:
         return None
-    if isinstance(kernel, CarriedFrame) and body.carrier is not None:
+    if isinstance(kernel, FreeFrame) or (isinstance(kernel, CarriedFrame) and body.carrier is not None):
         frame, rest, rows = kernel.take_by_loops(), kernel.points.rest, kernel.points.rows
     elif isinstance(kernel, ContactMidpoint) and body.carrier is None:
         frame, rest, rows = _held(body, kernel), interface.points.coordinates, kernel.arrays[1]
@@ -49,8 +50,10 @@ def soft_table(body: Soft) -> SoftTable | None:
     m, P, p = len(of_body.ω), len(rest), loads.push.shape[0]
     points = points_of(FramePoints(rest, rows), kernel.residual)
     mount = np.concatenate(body.mount)
-    rates = np.zeros(m), np.zeros(m), np.zeros(m)
-    step = Step(np.zeros(p), mount, mount.copy(), np.zeros(48), *rates, np.zeros((P, 3)), np.zeros((P, 3)), np.zeros(5))
+    rates = np.zeros(m), np.zeros(m), np.zeros(3 + m if isinstance(kernel, FreeFrame) else m)
+    triangles = np.ascontiguousarray(body.contact_triangles, dtype=np.int64)
+    moving = np.zeros((P, 3)), np.zeros((P, 3)), np.zeros(5), triangles
+    step = Step(np.zeros(p), mount, mount.copy(), np.zeros(TURNS), *rates, *moving)
     arrays = [*frame.arrays, *points, *step]
     return SoftTable(kernel, frame, points, step, arrays, table_of(arrays))
 

@@ -12,9 +12,11 @@ from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.world import shapes
 from fenics_rom.world.compiled.operators import MOST
 from fenics_rom.world.compiled.rigid_bodies import RigidBodies
-from fenics_rom.world.compiled.soft_bodies import ROWS
+from fenics_rom.world.compiled.soft_bodies import ROWS, TURNS
 from fenics_rom.world.compiled.tables import (
+    FREE,
     GIVEN,
+    SOFT_BOTH,
     SOFT_FIRST,
     SOFT_SECOND,
     Bodies,
@@ -29,6 +31,7 @@ from fenics_rom.world.compiled.tables import (
     World,
 )
 from fenics_rom.world.driven import Driven as DrivenBody
+from fenics_rom.world.free_soft import FreeSoft
 from fenics_rom.world.make_bodies import AnyBody
 from fenics_rom.world.meetings import Meeting
 from fenics_rom.world.rigid import Rigid
@@ -63,7 +66,7 @@ def world_arrays(
         of_meetings,
         Kept(np.full(F, -1), np.zeros((F, 3)), np.zeros(F, dtype=np.int64), dissipated),
         _near(F),
-        Operators(np.zeros(4), np.zeros(most, dtype=np.int64), np.zeros((S, 48)), *np.zeros((3, 9 * most * most))),
+        Operators(np.zeros(4), np.zeros(most, dtype=np.int64), np.zeros((S, TURNS)), *np.zeros((3, 9 * most * most))),
         Owed(np.zeros((BOOKED_TOGETHER, B, 3)), np.zeros((BOOKED_TOGETHER, 2))),
     )
 
@@ -88,6 +91,7 @@ def _bodies(
     kind, index = np.zeros((2, B), dtype=np.int64)
     for of_kind, numbers in enumerate((rigid, driven, list(tables))):
         kind[list(numbers)], index[list(numbers)] = of_kind, np.arange(len(numbers))
+    kind[[n for n in tables if isinstance(bodies[n], FreeSoft)]] = FREE
     rows, radii = np.zeros((B, 1 + MOST_NUMBERS)), np.zeros(B)
     for n in (*rigid, *driven):
         if (shape := bodies[n].shape) is not None:  # type: ignore[union-attr]
@@ -126,7 +130,9 @@ def _meetings(bodies: Sequence[AnyBody], meetings: Sequence[Meeting], tables: Ma
         rigid = [bodies[n].shape for n in both if n not in tables]  # type: ignore[union-attr]
         planes = 1 + MORE_PLANES if any(isinstance(shape, shapes.Mesh) for shape in rigid) else 1
         counts.append(planes * max(MOST_GIVEN, sum(len(tables[n].points.rest) for n in soft)))
-        if len(soft) == 1 and isinstance(bodies[sum(both) - soft[0]].shape, KNOWN_SHAPES):  # type: ignore[union-attr]
+        if len(soft) == 2:
+            kind[m] = SOFT_BOTH
+        elif soft and isinstance(bodies[sum(both) - soft[0]].shape, KNOWN_SHAPES):  # type: ignore[union-attr]
             kind[m] = SOFT_FIRST if soft[0] == meeting.first else SOFT_SECOND
     assert GIVEN == 0
     slots = np.cumsum([0, *counts]).astype(np.int64)

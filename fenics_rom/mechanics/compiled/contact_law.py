@@ -154,7 +154,7 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
     Args:
         law: the law.
         W: the Delassus operator (3P, 3P), m/s/N; where it is not symmetric, its transpose.
-        inverse: of it, or of what is nearly so and symmetric; (0, 0) where it is not known.
+        inverse: of it as it is given, or of what is nearly so; (0, 0) where it is not known.
         P: number of points; of pairs of two bodies each is a point.
         swung: (N,) in how many steps in a row friction did not stop a pair.
         pairs: what takes part, what is asked and forces are set; unless the status is OTHERWISE these are what came.

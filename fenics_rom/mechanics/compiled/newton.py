@@ -41,7 +41,7 @@ def find_by_newton(
     """Forces of C pairs: how many solves they took, and whether they are found.
 
     Args:
-        inverse: W⁻¹ (3P, 3P), symmetric, N s/m.
+        inverse: W⁻¹ (3P, 3P), N s/m; where it is not symmetric, its transpose.
         points: (C,) that of each pair, all different; those of none are open.
         axes: (C, 3, 3) frames, rows n, t1 and t2.
         q: (C, 3) free velocities less targets, in these, m/s.
@@ -152,7 +152,7 @@ def find_with_operator(
 
 @jit_part
 def _map(operator: Array, frames: Array, x: Array, y: Array) -> None:
-    """Sets y (P, 3) to what a symmetric operator (3P, 3P) makes of x (P, 3), both in frames."""
+    """Sets y (P, 3) to what an operator, of which the transpose is given, makes of x (P, 3), both in frames."""
     moved = np.zeros(len(operator))
     for p in range(len(x)):
         frame, a, b, c = frames[p], x[p, 0], x[p, 1], x[p, 2]
@@ -192,21 +192,19 @@ def _look(kinds: Array, ρ: Array, μ: Array, forces: Array, v: Array, z: Array)
 def _blocks_of(inverse: Array, frames: Array, places: Array, known: Array, blocks: Array) -> None:
     """Sets those blocks (3, 3) of W⁻¹ between the points at places, in their frames, that are not known yet."""
     half = np.empty((3, 3))
-    for i in range(len(places)):
-        for j in range(i + 1):
-            p, q = places[i], places[j]
+    for p in places:
+        for q in places:
             if known[p, q]:
                 continue
-            known[p, q] = known[q, p] = True
-            left, right, block, other = frames[p], frames[q], blocks[p, q], blocks[q, p]
+            known[p, q] = True
+            left, right, block = frames[p], frames[q], blocks[p, q]
             for a in range(3):
-                x, y, z = inverse[3 * p + a, 3 * q], inverse[3 * p + a, 3 * q + 1], inverse[3 * p + a, 3 * q + 2]
+                x, y, z = inverse[3 * q, 3 * p + a], inverse[3 * q + 1, 3 * p + a], inverse[3 * q + 2, 3 * p + a]
                 for k in range(3):
                     half[a, k] = x * right[k, 0] + y * right[k, 1] + z * right[k, 2]
             for a in range(3):
                 for k in range(3):
                     block[a, k] = left[a, 0] * half[0, k] + left[a, 1] * half[1, k] + left[a, 2] * half[2, k]
-                    other[k, a] = block[a, k]
 
 
 @jit_part

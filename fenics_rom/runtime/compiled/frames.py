@@ -131,8 +131,14 @@ class Taken(NamedTuple):
 @jit_part
 def combine(factors: Array, rows: Array, total: Array) -> None:
     """Sets total (k,) to the sum of rows (n, k) by factors (n,)."""
+    n, whole = len(factors), len(factors) // 4 * 4
     total[:] = 0.0
-    for i in range(len(factors)):
+    for i in range(0, whole, 4):  # four at once, so that sums are loaded and stored less often
+        a, b, c, d = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
+        first, second, third, fourth = rows[i], rows[i + 1], rows[i + 2], rows[i + 3]
+        for k in range(len(total)):
+            total[k] += a * first[k] + b * second[k] + c * third[k] + d * fourth[k]
+    for i in range(whole, n):
         factor, row = factors[i], rows[i]
         for k in range(len(total)):
             total[k] += factor * row[k]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.compiled.copying import copy_rows
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.runtime.compiled.frames import (
     BENT,
@@ -47,13 +46,11 @@ from fenics_rom.runtime.compiled.frames import (
     turned,
     vector,
 )
-from fenics_rom.runtime.steppers.inertia import MOST_ITERATIONS, ROUND_OFF, SLOW, TOLERANCE, Inertia
-from fenics_rom.runtime.steppers.kept_newton import GROWING, JACOBIAN, STAGNATION
+from fenics_rom.runtime.compiled.kept_slopes import SCALE, begin_search, has_ended, keep_inverse, lacks_slopes
+from fenics_rom.runtime.steppers.inertia import MOST_ITERATIONS, Inertia
 
 SPIN, MOMENTUM = MOTION, MOTION + 3  # in `State.now`: ω and L
-# In `State.kept`: whether the step before is known; iterations and steps with the slopes that are kept (no iterations:
-# there are none); those of the step before, its h, and its ω̂ and r̂.
-IS_PASSED, ITERATIONS, STEPS, LAST, LENGTH, PASSED = 1, 2, 3, REST, REST + 1, REST + 2
+IS_PASSED, LENGTH, PASSED = 1, REST + 1, REST + 2  # in `State.kept`: whether the step before is known; its h, ω̂ and r̂
 
 
 @jit_part
@@ -127,7 +124,7 @@ def lack(
 
 
 @jit_part
-def _set_slopes(body: Body, inertia: Inertia, L_end: Vector, x: Array, now: Array, table: Array, slopes: Array) -> None:
+def set_slopes(body: Body, inertia: Inertia, L_end: Vector, x: Array, now: Array, table: Array, slopes: Array) -> None:
     """Those of what the balances lack with ω̂ and r̂ (3 + m, 3 + m), at x, of which the table is; forces stay."""
     h, m, ω, (a, b, c) = body.h, len(body.ω), vector(now, SPIN), vector(x, 0)
     ω_end = 2 * a - ω[0], 2 * b - ω[1], 2 * c - ω[2]
@@ -187,38 +184,45 @@ def size_of(weight: float, x: Array) -> float:
 def keep_slopes(body: Body, inertia: Inertia, L_end: Vector, x: Array, state: State) -> None:
     """Keeps the inverse slopes at x, of which the table is; I and L at the end are those that `lack` gives."""
     slopes = np.empty((len(x), len(x)))
-    _set_slopes(body, inertia, L_end, x, state.now[0], state.table, slopes)
-    copy_rows(np.linalg.inv(slopes), state.slopes)
-    state.kept[ITERATIONS], state.kept[STEPS] = JACOBIAN, 0.0
+    set_slopes(body, inertia, L_end, x, state.now[0], state.table, slopes)
+    keep_inverse(slopes, state)
 
 
 @jit_part
-def solve(body: Body, loads: Loads, acting: Acting, q: Array, r: Array, R: Rotation, x: Array, state: State) -> bool:
-    """Corrects x until nothing changes, as `steppers.kept_newton` does; whether it ended."""
-    now, kept, table = state.now[0], state.kept, state.table
-    weight, ω = (body.rigid[0] + body.rigid[1] + body.rigid[2]) / 3, vector(now, SPIN)
-    if kept[LAST] * kept[STEPS] > kept[ITERATIONS]:
-        kept[ITERATIONS] = 0.0
-    scale, before, is_new, ρ = 0.0, np.inf, False, np.empty(len(x))
-    for iteration in range(1, MOST_ITERATIONS + 1):
-        inertia, L_end = lack(body, loads, acting, q, R, x, now, table, ρ)
-        if kept[ITERATIONS] == 0.0:
-            is_new = True
+def speed_at(body: Body, x: Array, state: State) -> float:
+    """Of the velocities of the step at its start and at x, but for translation."""
+    weight, ω, r = weight_of(body), vector(state.now[0], SPIN), state.halves[1]
+    return size_of(weight, x) + math.sqrt(weight * dot(ω, ω) + r.dot(r))
+
+
+@jit_part
+def weight_of(body: Body) -> float:
+    """By which ω̂ counts among velocities: that of a mean inertia."""
+    return (body.rigid[0] + body.rigid[1] + body.rigid[2]) / 3
+
+
+@jit_part
+def correct(body: Body, x: Array, ρ: Array, state: State) -> float:
+    """Corrects x by what the balances lack; the size of the correction."""
+    change = np.dot(state.slopes, ρ)
+    for k in range(len(x)):
+        x[k] -= change[k]
+    return size_of(weight_of(body), change)
+
+
+@jit_part
+def solve(body: Body, loads: Loads, acting: Acting, q: Array, R: Rotation, x: Array, state: State) -> bool:
+    """Corrects x until nothing changes; whether that ended."""
+    search, ρ = begin_search(state), np.empty(len(x))
+    for _ in range(MOST_ITERATIONS):
+        inertia, L_end = lack(body, loads, acting, q, R, x, state.now[0], state.table, ρ)
+        if lacks_slopes(state, search):
             keep_slopes(body, inertia, L_end, x, state)
-        change = np.dot(state.slopes, ρ)
-        x -= change
-        size = size_of(weight, change)
+        size = correct(body, x, ρ, state)
+        if search[SCALE] == 0.0:
+            search[SCALE] = speed_at(body, x, state)
+        if has_ended(size, state, search):
+            return True
         if not math.isfinite(size):
             return False
-        if scale == 0.0:
-            scale = size_of(weight, x) + math.sqrt(weight * dot(ω, ω) + r.dot(r))
-        ratio = size / before
-        ends = (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale
-        ends = ends or (ratio > 0.5 and size <= STAGNATION * scale)
-        if ends or (is_new and ratio > 1 and size <= GROWING * scale):
-            kept[LAST], kept[ITERATIONS], kept[STEPS] = iteration, kept[ITERATIONS] + iteration, kept[STEPS] + 1
-            return True
-        before = size
-        if ratio > SLOW and iteration > 1:
-            kept[ITERATIONS], before = 0.0, np.inf
     return False

@@ -80,7 +80,7 @@ def take_free_step(table: Array, u: Array) -> Step:
         return none
     acting, q, x = begun.acting, begun.q, begun.x
     if body.couples or len(acting.at_points):
-        if not solve(body, loads, acting, q, state.halves[1], begun.R, x, state):
+        if not solve(body, loads, acting, q, begun.R, x, state):
             return none
     else:
         r̂ = x[3:]

@@ -71,7 +71,7 @@ def take_touched_free_step(table: Array, u: Array, among: Among) -> Touched:
     h, x, points, now = body.h, begun.x, among.points, state.now[0]
     if begun.status != TAKEN:
         return nothing_taken()
-    if not solve(body, loads, begun.acting, begun.q, state.halves[1], begun.R, x, state):
+    if not solve(body, loads, begun.acting, begun.q, begun.R, x, state):
         return nothing_taken()
     sweep = begin_sweeps(among, h, begun.q, state.halves[1], begun.R, vector(now, POSITION))
     contact = _find_contact(body, loads, begun, state, among, sweep)

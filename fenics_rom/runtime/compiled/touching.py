@@ -150,7 +150,12 @@ def step_beyond(body: Yielding, h: float, beyond: Array, f: Array, rates: Array)
     Sets the rates (3P,) of y in it.
     """
     g, y, g_rate, y_rate = beyond[0], beyond[1], beyond[2], beyond[3]
-    Rf = body.R.dot(f)
+    Rf = np.zeros(len(f))
+    for k in range(len(f)):  # where forces act, which are few points
+        if f[k] != 0.0:
+            row, by = body.R[k], f[k]
+            for j in range(len(f)):
+                Rf[j] += by * row[j]
     lost = power = stored = 0.0
     for k in range(len(f)):
         g_mid = (body.inertia * g_rate[k] - g[k] + f[k]) / body.whole

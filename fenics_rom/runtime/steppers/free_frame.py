@@ -49,6 +49,11 @@ class FreeFrame(FreeBalance):
         self._passed = None
         return super().forget()
 
+    def end_in_world(self, square: float, within: float) -> None:
+        """As in CompilableFrame."""
+        super().end_in_world(square, within)
+        self._passed = None
+
     def _motion_from(self, q: Array, shape: Shape, R: Rotation) -> Motion:
         """As in FrameKernel; the angular velocity is what the angular momentum says."""
         return self._moving_with(q, shape, R, self.frame.turning, self._e)

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import compiled, in_plain
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.world.collision.contacts import Contacts, PlacedShape, PlacedSurface, Spots, joined
+from fenics_rom.world.tolerances import DEEPEST, MORE_ABOVE, ON_IT, SIDEWAYS
 
-_REACH = 0.5  # of the longest side of a triangle's box: points that are deeper inside have passed it
-_SIDEWAYS = 0.5  # cosine: points behind a triangle that are farther to its side are beside an open surface, not inside
 _ONES = np.ones(3)
 _FEW = 1 << 14  # pairs of a point and a box: so many are all looked at
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
@@ -34,10 +34,12 @@ def soft_on_soft(first: PlacedSurface, second: PlacedSurface, margin: float) -> 
 
 def _points_on(first: PlacedSurface, second: PlacedSurface, margin: float, numbers: int) -> Contacts:
     """Points of the first, each with what is nearest of the second; numbers: what is added to their features."""
+    if compiled():
+        return _found_on(first, second, margin, numbers)
     corners = second.points[second.triangles.T]
     low, high = np.minimum(np.minimum(*corners[:2]), corners[2]), np.maximum(np.maximum(*corners[:2]), corners[2])
     size = float((high - low).max(initial=0.0))
-    reach = margin + _REACH * size
+    reach = margin + DEEPEST * size
     row, triangle = _near(first.points[first.touching], low - reach, high + reach)
     row = first.touching[row]
     points, corners = first.points[row], corners[:, triangle].transpose(1, 0, 2)
@@ -46,17 +48,32 @@ def _points_on(first: PlacedSurface, second: PlacedSurface, margin: float, numbe
     offsets = points - feet
     away, above = np.sqrt(_dot(offsets, offsets)), _dot(offsets, normals)
     # of triangles that share the nearest point, the one that the point is most above or below knows which it is
-    order = np.lexsort((away - 1e-6 * np.abs(above), row))
+    order = np.lexsort((away - MORE_ABOVE * np.abs(above), row))
     ordered = row[order]
     best = order[np.concatenate([ordered[:1] >= 0, ordered[1:] != ordered[:-1]])]
     away, above = away[best], above[best]
-    kept = np.where(above >= 0, away <= margin, (above < -_SIDEWAYS * away) & (away <= reach))
+    kept = np.where(above >= 0, away <= margin, (above < -SIDEWAYS * away) & (away <= reach))
     best, away, sign = best[kept], away[kept], np.where(above[kept] < 0, -1.0, 1.0)
-    clear = away > 1e-9 * size
+    clear = away > ON_IT * size
     normals = normals[best]
     normals[clear] = (sign / np.where(clear, away, 1.0))[clear, None] * offsets[best][clear]
     foot = Spots(feet[best], second.triangles[triangle[best]], weights[best], row[best] + numbers)
     return Contacts(_vertices(first, row[best], numbers), foot, normals, sign * away)
+
+
+def _found_on(first: PlacedSurface, second: PlacedSurface, margin: float, numbers: int) -> Contacts:
+    """The same by compiled loops."""
+    from fenics_rom.world.compiled.soft_collision import NONE, find_nearest  # here, as numba takes time to import
+
+    points, P = first.points[first.touching], len(first.touching)
+    on, weights, normals, gaps = np.empty(P, dtype=np.int64), np.empty((P, 3)), np.empty((P, 3)), np.empty(P)
+    triangles = np.ascontiguousarray(second.triangles, dtype=np.int64)
+    find_nearest(points, in_plain(second.points), in_plain(triangles), margin, on, weights, normals, gaps)
+    found = (on != NONE).nonzero()[0]
+    row, nodes, weights = first.touching[found], second.triangles[on[found]], weights[found]
+    feet = (weights[:, :, None] * second.points[nodes]).sum(axis=1)
+    foot = Spots(feet, nodes, weights, row + numbers)
+    return Contacts(_vertices(first, row, numbers), foot, normals[found], gaps[found])
 
 
 def _normals(corners: Array) -> Array:

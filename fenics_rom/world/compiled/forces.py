@@ -13,22 +13,37 @@ from fenics_rom.compilation import jit, jit_part, jit_shared
 from fenics_rom.mechanics.compiled import contact_law
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, Pairs
 from fenics_rom.mechanics.compiled.coulomb import add_motion, frame_along
-from fenics_rom.runtime.compiled.frames import added, dot, put, vector
+from fenics_rom.runtime.compiled.contact_points import arm_of
+from fenics_rom.runtime.compiled.frames import added, cross, dot, put, vector
 from fenics_rom.world import normal_law
 from fenics_rom.world.compiled.bodies import velocity_of_driven
-from fenics_rom.world.compiled.operators import inverse_among, set_operator
+from fenics_rom.world.compiled.free_bodies import try_free
+from fenics_rom.world.compiled.operators import inverse_among, pushes_on, set_operator
 from fenics_rom.world.compiled.rigid_bodies import attempt
-from fenics_rom.world.compiled.soft_bodies import points_at, try_soft, turn_at, velocity_of
+from fenics_rom.world.compiled.soft_bodies import (
+    CENTRE,
+    END,
+    POWER,
+    SPUN,
+    START,
+    points_at,
+    rows_in,
+    try_soft,
+    turn_at,
+    velocity_of,
+)
 from fenics_rom.world.compiled.tables import (
     DRIVEN,
+    FREE,
     HELPED,
     OF_FRICTION,
     OF_RESTITUTION,
-    SOFT,
     SWUNG,
     bodies_at,
     driven_at,
     freedoms_at,
+    is_followed,
+    is_soft,
     near_at,
     rigid_at,
     softs_at,
@@ -48,19 +63,18 @@ class Found(NamedTuple):
 
 
 @jit
-def find_forces(world: Array, C: int, law: Law) -> Found:
+def find_forces(world: Array, C: int, law: Law, free: int | None) -> Found:
     """Forces of the C contacts of a step, and velocities under them, which bodies have tried last; both are set.
 
     Args:
         world: whose bodies have begun the step; its contacts have forces to begin with.
         C: how many these are.
         law: h, friction at most, and what swings; nothing else is asked of it.
+        free: None where no soft body is free: then nothing of such is compiled.
     """
     near = near_at(world)
     h, f, u, before = law.h, near.forces[:C], near.u[:C], near.before[:C]
-    fixed = np.zeros((C, 3))
-    speed = _look_at_driven(world, C, fixed)
-    fastest = max(speed, try_forces(world, C, h, fixed, np.zeros((C, 3))))
+    fastest = try_forces(world, C, h, np.zeros((C, 3)), free)
     if not np.isfinite(fastest):
         return Found(OTHERWISE, 0, 0.0)
     scale = max(fastest, _largest(before), _largest(u))
@@ -70,7 +84,7 @@ def find_forces(world: Array, C: int, law: Law) -> Found:
         among = _taking_part(chosen, f)
         if len(among) == 0:
             return Found(FOUND, 1, scale)
-        found = _find_among(world, C, law, fixed, level, target, among, scale)
+        found = _find_among(world, C, law, level, target, among, scale, free)
         sweeps, scale = sweeps + found.sweeps, found.scale
         if found.status == OTHERWISE:
             return found
@@ -85,27 +99,16 @@ def find_forces(world: Array, C: int, law: Law) -> Found:
 
 
 @jit_part
-def _look_at_driven(world: Array, C: int, fixed: Array) -> float:
-    """Sets what bodies that are driven do at the contacts, (C, 3); the fastest, m/s."""
-    bodies, near, driven, fastest = bodies_at(world), near_at(world), driven_at(world), 0.0
-    for c in range(C):
-        for side in range(2):
-            body = near.ends[c, side]
-            if bodies.kinds[body] == DRIVEN:
-                v = velocity_of_driven(driven, bodies.numbers[body], vector(near.places[c], 0))
-                put(fixed[c], 0, added(vector(fixed[c], 0), 1.0 - 2 * side, v))
-                fastest = max(fastest, abs(v[0]), abs(v[1]), abs(v[2]))
-    return fastest
-
-
-@jit_part
-def try_forces(world: Array, C: int, h: float, fixed: Array, f: Array) -> float:
+def try_forces(world: Array, C: int, h: float, f: Array, free: int | None) -> float:
     """Sets velocities of the contacts under forces (C, 3); the fastest of a body, m/s, no number without a step."""
-    near, fastest = near_at(world), 0.0
+    bodies, near, fastest = bodies_at(world), near_at(world), 0.0
     u = near.u[:C]
-    u[:] = fixed
-    for s in range(len(softs_at(world))):
-        fastest = max(fastest, _try_soft_body(world, C, h, s, f))
+    u[:] = 0.0
+    for b in range(len(bodies.kinds)):  # free ones say where their points are, which others go by
+        if is_soft(bodies.kinds[b]):
+            moving = _try_soft_body(world, C, h, b, f, free)
+            fastest = max(fastest, moving) if np.isfinite(moving) else moving
+    fastest = max(fastest, _look_at_driven(world, C)) if np.isfinite(fastest) else fastest
     rigid = rigid_at(world)
     if len(rigid.mass):
         moving = attempt(rigid, h, near.rigid[:C], near.places[:C], f, freedoms_at(world).tries, u)
@@ -114,32 +117,66 @@ def try_forces(world: Array, C: int, h: float, fixed: Array, f: Array) -> float:
 
 
 @jit_part
-def _try_soft_body(world: Array, C: int, h: float, s: int, f: Array) -> float:
-    """The same of a soft body."""
-    bodies, near, table = bodies_at(world), near_at(world), softs_at(world)[s]
-    points, turn, fastest = points_at(table), turn_at(table), 0.0
-    points.forces[:] = 0.0
+def _look_at_driven(world: Array, C: int) -> float:
+    """Adds what bodies that are driven do at the contacts; the fastest, m/s."""
+    bodies, near, driven, fastest = bodies_at(world), near_at(world), driven_at(world), 0.0
     for c in range(C):
         for side in range(2):
             body = near.ends[c, side]
-            if bodies.kinds[body] == SOFT and bodies.numbers[body] == s:
+            if bodies.kinds[body] == DRIVEN:
+                v = velocity_of_driven(driven, bodies.numbers[body], vector(near.places[c], 0))
+                put(near.u[c], 0, added(vector(near.u[c], 0), 1.0 - 2 * side, v))
+                fastest = max(fastest, abs(v[0]), abs(v[1]), abs(v[2]))
+    return fastest
+
+
+@jit_part
+def _try_soft_body(world: Array, C: int, h: float, b: int, f: Array, free: int | None) -> float:
+    """The same of a soft body."""
+    bodies, near, table = bodies_at(world), near_at(world), softs_at(world)[bodies_at(world).numbers[b]]
+    points, turn, fastest, power = points_at(table), turn_at(table), 0.0, 0.0
+    points.forces[:] = 0.0
+    for c in range(C):
+        for side in range(2):
+            if near.ends[c, side] == b:
                 for k in range(3):
                     share = (1.0 - 2 * side) * near.weights[c, side, k]
                     if share != 0.0:
                         to = points.forces[near.nodes[c, side, k]]
                         put(to, 0, added(vector(to, 0), share, vector(f[c], 0)))
-    try_soft(table)
+    if free is not None and bodies.kinds[b] == FREE:
+        points.pushed[:] = 0.0
+        pushes = pushes_on(world, np.arange(C), f, b)
+        for i in range(len(pushes.nodes)):
+            for k in range(3):
+                is_pushed = pushes.weights[i, k] != 0.0 and vector(pushes.forces[i], 0) != (0.0, 0.0, 0.0)
+                if is_pushed:
+                    points.pushed[pushes.nodes[i, k]] = 1.0
+        if not try_free(table, h, pushes):
+            return np.nan
+    else:
+        try_soft(table)
     for c in range(C):
         for side in range(2):
-            body = near.ends[c, side]
-            if bodies.kinds[body] == SOFT and bodies.numbers[body] == s:
-                v = (0.0, 0.0, 0.0)
+            if near.ends[c, side] == b:
+                v, sign, arm = (0.0, 0.0, 0.0), 1.0 - 2 * side, (0.0, 0.0, 0.0)
                 for k in range(3):
-                    share = near.weights[c, side, k]
+                    share, p = near.weights[c, side, k], near.nodes[c, side, k]
                     if share != 0.0:
-                        v = added(v, share, velocity_of(points, turn, h, near.nodes[c, side, k]))
-                put(near.u[c], 0, added(vector(near.u[c], 0), 1.0 - 2 * side, v))
+                        v = added(v, share, velocity_of(points, turn, h, p))
+                        if free is not None and bodies.kinds[b] == FREE:
+                            arm = added(arm, share, arm_of(points, p, rows_in(turn, START), rows_in(turn, END), h))
+                if free is not None and bodies.kinds[b] == FREE:
+                    place = added(vector(turn, CENTRE), 1.0, arm)
+                    if is_followed(bodies, near, c, side):
+                        v = added(v, 1.0, cross(vector(turn, SPUN), added(vector(near.places[c], 0), -1.0, place)))
+                    else:
+                        put(near.places[c], 0, place)
+                    power += sign * dot(vector(f[c], 0), v)
+                put(near.u[c], 0, added(vector(near.u[c], 0), sign, v))
                 fastest = max(fastest, abs(v[0]), abs(v[1]), abs(v[2]))
+    if free is not None and bodies.kinds[b] == FREE:
+        turn[POWER] = power
     return fastest
 
 
@@ -185,12 +222,12 @@ def _pairs_among(world: Array, among: Array, level: Array, target: Array) -> Pai
 
 @jit_part
 def _find_among(
-    world: Array, C: int, law: Law, fixed: Array, level: Array, target: Array, among: Array, scale: float
+    world: Array, C: int, law: Law, level: Array, target: Array, among: Array, scale: float, free: int | None
 ) -> Found:
     """Forces where no other contacts take part than some (K,); others are as in `find_forces` and `_ask`."""
     near, h, K = near_at(world), law.h, len(among)
     f, pairs, size_before = near.forces[:C], _pairs_among(world, among, level, target), 0.0
-    fastest = try_forces(world, C, h, fixed, f) if f.any() else 0.0
+    fastest = try_forces(world, C, h, f, free) if f.any() else 0.0
     Wᵀ, whole = np.zeros((3 * K, 3 * K)), np.empty((0, 0))
     known, swung = near.u[among], np.empty(K, dtype=np.int64)
     tried, without, moved = f[among], np.empty((K, 3)), np.empty((K, 3))
@@ -200,7 +237,7 @@ def _find_among(
         if not np.isfinite(fastest):
             break
         if sweep == 1:
-            set_operator(world, h, among, Wᵀ)
+            set_operator(world, h, among, Wᵀ, free)
             whole = inverse_among(world)
         _move(Wᵀ, tried, known, -1.0, without)
         scale = max(scale, fastest, _largest(without))
@@ -227,7 +264,7 @@ def _find_among(
             for k in range(3):
                 moved[i, k] += known[i, k]  # as is expected
                 tried[i, k] = f[among[i], k] = pairs.forces[i, k]
-        fastest = try_forces(world, C, h, fixed, f)
+        fastest = try_forces(world, C, h, f, free)
         known[:] = near.u[among]
         moved -= known
         missed = _largest(moved)

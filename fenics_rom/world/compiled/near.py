@@ -8,9 +8,10 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.shapes import distance
 from fenics_rom.mechanics.frame_motion import Vector
-from fenics_rom.runtime.compiled.frames import added, dot, put, rotated, rotated_back, vector
+from fenics_rom.runtime.compiled.frames import added, cross, dot, put, rotated, rotated_back, vector
 from fenics_rom.world.compiled.bodies import start_velocity_of_driven, start_velocity_of_rigid
-from fenics_rom.world.compiled.soft_bodies import rows_in, step_at, velocities_at
+from fenics_rom.world.compiled.soft_bodies import SPUN, rows_in, step_at
+from fenics_rom.world.compiled.soft_collision import NONE, find_nearest
 from fenics_rom.world.compiled.tables import (
     DRIVEN,
     FRICTION,
@@ -23,13 +24,17 @@ from fenics_rom.world.compiled.tables import (
     RESTITUTION,
     RIGID,
     SIZE,
-    SOFT,
+    SOFT_BOTH,
     SOFT_FIRST,
     SWUNG,
+    Kept,
+    Near,
     bodies_at,
     driven_at,
     freedoms_at,
     given_at,
+    is_followed,
+    is_soft,
     kept_at,
     meetings_at,
     near_at,
@@ -53,10 +58,10 @@ def look_at_margins(world: Array) -> bool:
         if meetings.kinds[m] == GIVEN:
             between = added(vector(bodies.placed[a], 0), -1.0, vector(bodies.placed[b], 0))
             near = dot(between, between) <= (bodies.radii[a] + bodies.radii[b] + margin) ** 2
-            near = near or bodies.kinds[a] == SOFT or bodies.kinds[b] == SOFT
-            if near and math.isinf(bodies.radii[b]) and bodies.kinds[a] != SOFT:
+            near = near or is_soft(bodies.kinds[a]) or is_soft(bodies.kinds[b])
+            if near and math.isinf(bodies.radii[b]) and not is_soft(bodies.kinds[a]):
                 near = _height(bodies.placed[b], between) <= bodies.radii[a] + margin
-            if near and math.isinf(bodies.radii[a]) and bodies.kinds[b] != SOFT:
+            if near and math.isinf(bodies.radii[a]) and not is_soft(bodies.kinds[b]):
                 below = (-between[0], -between[1], -between[2])
                 near = _height(bodies.placed[a], below) <= bodies.radii[b] + margin
             meetings.are_near[m] = 1.0 if near else 0.0
@@ -91,6 +96,8 @@ def find_near(world: Array, table: Array, h: float) -> int:
                         near.forces[C], near.numbers[C, SWUNG] = kept.forces[slot], kept.swung[slot]
                 _set_meeting(world, m, C)
                 C, g, first = C + 1, g + 1, first + 1
+        elif kind == SOFT_BOTH:
+            C = _points_on_surface(world, m, h, 1, _points_on_surface(world, m, h, 0, C))
         else:
             C = _points_on_shape(world, m, h, C)
     look_at_start(world, C, h)
@@ -143,12 +150,55 @@ def _points_on_shape(world: Array, m: int, h: float, C: int) -> int:
         put(near.normals[C], 0, (sign * x, sign * y, sign * z))
         near.nodes[C], near.weights[C] = 0, 0.0
         near.nodes[C, side, 0], near.weights[C, side, 0] = p, 1.0
-        near.forces[C], near.numbers[C, SWUNG] = 0.0, 0.0
-        if kept.features[first + p] == p:
-            near.forces[C], near.numbers[C, SWUNG] = kept.forces[first + p], kept.swung[first + p]
+        _begin_with_kept(kept, near, C)
         _set_meeting(world, m, C)
         C += 1
     return C
+
+
+@jit_part
+def _points_on_surface(world: Array, m: int, h: float, side: int, C: int) -> int:
+    """Adds the points of one of two soft bodies that are near to the other; how many contacts there are then."""
+    bodies, meetings, kept, near = bodies_at(world), meetings_at(world), kept_at(world), near_at(world)
+    softs, one, other = softs_at(world), meetings.bodies[m, side], meetings.bodies[m, 1 - side]
+    step, surface = step_at(softs[bodies.numbers[one]]), step_at(softs[bodies.numbers[other]])
+    points, corners = step.places + h / 2 * step.velocities, surface.places + h / 2 * surface.velocities
+    P, sign, before = (
+        len(points),
+        1.0 - 2 * side,
+        len(corners) if side == 1 else 0,
+    )  # those of the first are counted first
+    on, weights, normals, gaps = np.empty(P, dtype=np.int64), np.empty((P, 3)), np.empty((P, 3)), np.empty(P)
+    find_nearest(points, corners, surface.triangles, meetings.margins[m], on, weights, normals, gaps)
+    for p in range(P):
+        if on[p] == NONE:
+            continue
+        near.features[C], near.slots[C] = before + p, meetings.slots[m] + before + p
+        near.gaps[C], place = gaps[p], vector(points[p], 0)
+        put(near.normals[C], 0, (sign * normals[p, 0], sign * normals[p, 1], sign * normals[p, 2]))
+        near.nodes[C], near.weights[C] = 0, 0.0
+        near.nodes[C, side, 0], near.weights[C, side, 0] = p, 1.0
+        if side == 1:
+            place = (0.0, 0.0, 0.0)  # that of the first body
+        for k in range(3):
+            corner, share = surface.triangles[on[p], k], weights[p, k]
+            near.nodes[C, 1 - side, k], near.weights[C, 1 - side, k] = corner, share
+            if side == 1:
+                place = added(place, share, vector(corners[corner], 0))
+        put(near.places[C], 0, place)
+        _begin_with_kept(kept, near, C)
+        _set_meeting(world, m, C)
+        C += 1
+    return C
+
+
+@jit_part
+def _begin_with_kept(kept: Kept, near: Near, c: int) -> None:
+    """Sets the force that a contact begins with: that which it had in the step before."""
+    slot = near.slots[c]
+    near.forces[c], near.numbers[c, SWUNG] = 0.0, 0.0
+    if kept.features[slot] == near.features[c]:
+        near.forces[c], near.numbers[c, SWUNG] = kept.forces[slot], kept.swung[slot]
 
 
 @jit_part
@@ -167,10 +217,16 @@ def look_at_start(world: Array, C: int, h: float) -> None:
             elif kind == DRIVEN:
                 u = added(u, sign, start_velocity_of_driven(driven, index, place))
             else:
-                velocities = velocities_at(softs[index])
+                step, off = step_at(softs[index]), place
                 for k in range(3):
-                    share = sign * near.weights[c, side, k]
+                    share, p = near.weights[c, side, k], near.nodes[c, side, k]
                     if share != 0.0:
-                        u = added(u, share, vector(velocities[near.nodes[c, side, k]], 0))
+                        v = vector(step.velocities[p], 0)
+                        u, off = (
+                            added(u, sign * share, v),
+                            added(added(off, -share, vector(step.places[p], 0)), -h / 2 * share, v),
+                        )
+                if is_followed(bodies, near, c, side):
+                    u = added(u, sign, cross(vector(step.turn, SPUN), off))
         put(near.before[c], 0, u)
         near.gaps[c] -= dot(vector(near.normals[c], 0), added(gone, h / 2, u))

@@ -10,16 +10,20 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.frame_motion import Rotation
 from fenics_rom.runtime.compiled.frames import rotated, vector
+from fenics_rom.world.compiled.free_operators import Pushes, operator_of_free
 from fenics_rom.world.compiled.rigid_bodies import add_answers, look_at_answers, set_inverse
 from fenics_rom.world.compiled.soft_bodies import MIDDLE, has_residual, operator_of, outward_of, rows_in, turn_at
 from fenics_rom.world.compiled.tables import (
     COUNT,
+    FREE,
     HAS_INVERSE,
     IS_INVERSE_KNOWN,
     SOFT,
     YIELDS,
     bodies_at,
     freedoms_at,
+    is_followed,
+    is_soft,
     near_at,
     operators_at,
     rigid_at,
@@ -37,20 +41,23 @@ def square_in(numbers: Array, n: int) -> Array:
 
 
 @jit_part
-def set_operator(world: Array, h: float, among: Array, Wᵀ: Array) -> None:
+def set_operator(world: Array, h: float, among: Array, Wᵀ: Array, free: int | None) -> None:
     """Sets Wᵀ (3K, 3K) of some contacts (K,), at the forces that bodies tried last, and its inverse if it is kept."""
-    near, operators, softs, rigid = near_at(world), operators_at(world), softs_at(world), rigid_at(world)
+    bodies, near, operators, rigid = bodies_at(world), near_at(world), operators_at(world), rigid_at(world)
     K, known = len(among), operators.known
     n, is_kept = 3 * K, len(among) <= MOST
-    same = is_kept and _are_same(world, among)
+    same = free is None and is_kept and _are_same(world, among)  # what free ones answer changes in each try
     known[HAS_INVERSE] = 0.0
     if same:
         Wᵀ[:] = square_in(operators.soft, n)
     else:
         Wᵀ[:] = 0.0
         yields = np.zeros(K, dtype=np.bool_)
-        for s in range(len(softs)):
-            _add_soft(world, h, among, s, Wᵀ, yields)
+        for b in range(len(bodies.kinds)):
+            if bodies.kinds[b] == SOFT:
+                _add_soft(world, h, among, b, Wᵀ, yields)
+            elif free is not None and bodies.kinds[b] == FREE:
+                _add_free(world, h, among, b, Wᵀ, yields)
         known[IS_INVERSE_KNOWN], known[YIELDS] = 0.0, yields.all()
         _keep(world, among, is_kept, Wᵀ)
     if same and known[YIELDS] and not known[IS_INVERSE_KNOWN]:
@@ -108,16 +115,15 @@ def _keep(world: Array, among: Array, is_kept: bool, Wᵀ: Array) -> None:
 
 
 @jit_part
-def _add_soft(world: Array, h: float, among: Array, s: int, Wᵀ: Array, yields: Array) -> None:
-    """Adds the part of a soft body, and notes which contacts yield by it."""
-    bodies, near, table, K = bodies_at(world), near_at(world), softs_at(world)[s], len(among)
+def _add_soft(world: Array, h: float, among: Array, b: int, Wᵀ: Array, yields: Array) -> None:
+    """Adds the part of a soft body that is not free, and notes which contacts yield by it."""
+    near, table, K = near_at(world), softs_at(world)[bodies_at(world).numbers[b]], len(among)
     rows, signs, count = np.empty(2 * K, dtype=np.int64), np.empty(2 * K), 0
     nodes, weights = np.zeros((2 * K, 3), dtype=np.int64), np.zeros((2 * K, 3))
     yields_itself = has_residual(table)
     for i in range(K):
         for side in range(2):
-            body = near.ends[among[i], side]
-            if bodies.kinds[body] == SOFT and bodies.numbers[body] == s:
+            if near.ends[among[i], side] == b:
                 rows[count], signs[count] = i, 1.0 - 2 * side
                 nodes[count], weights[count] = near.nodes[among[i], side], near.weights[among[i], side]
                 count += 1
@@ -129,6 +135,44 @@ def _add_soft(world: Array, h: float, among: Array, s: int, Wᵀ: Array, yields:
     for i in range(count):
         for j in range(count):
             _add_block(inside, i, j, outward, middle, signs[i] * signs[j], Wᵀ, rows[i], rows[j])
+
+
+@jit_part
+def _add_free(world: Array, h: float, among: Array, b: int, Wᵀ: Array, yields: Array) -> None:
+    """The same of a free one, under the forces of now."""
+    near, table = near_at(world), softs_at(world)[bodies_at(world).numbers[b]]
+    pushes, yields_itself = pushes_on(world, among, near.forces, b), has_residual(table)
+    if not len(pushes.nodes):
+        return
+    W = operator_of_free(table, h, pushes)
+    for i in range(len(pushes.nodes)):
+        yields[pushes.rows[i]] = yields[pushes.rows[i]] or yields_itself
+        for j in range(len(pushes.nodes)):
+            sign, to, of = pushes.signs[i] * pushes.signs[j], 3 * pushes.rows[i], 3 * pushes.rows[j]
+            for k in range(3):
+                for n in range(3):
+                    Wᵀ[of + n, to + k] += sign * W[3 * i + k, 3 * j + n]
+
+
+@jit_part
+def pushes_on(world: Array, among: Array, f: Array, b: int) -> Pushes:
+    """What some contacts (K,) do to a free body by forces f (C, 3)."""
+    bodies, near, K, count = bodies_at(world), near_at(world), len(among), 0
+    rows, signs, follows = np.empty(2 * K, dtype=np.int64), np.empty(2 * K), np.zeros(2 * K)
+    nodes, weights = np.zeros((2 * K, 3), dtype=np.int64), np.zeros((2 * K, 3))
+    forces, places = np.empty((2 * K, 3)), np.empty((2 * K, 3))
+    for i in range(K):
+        c = among[i]
+        for side in range(2):
+            if near.ends[c, side] == b:
+                rows[count], signs[count] = i, 1.0 - 2 * side
+                nodes[count], weights[count], places[count] = near.nodes[c, side], near.weights[c, side], near.places[c]
+                follows[count] = is_followed(bodies, near, c, side)
+                for k in range(3):
+                    forces[count, k] = signs[count] * f[c, k]
+                count += 1
+    own = nodes[:count], weights[:count], forces[:count], places[:count], follows[:count]
+    return Pushes(*own, rows[:count], signs[:count])
 
 
 @jit_part
@@ -193,7 +237,7 @@ def _make_regular(world: Array, among: Array, W: Array) -> None:
         yields = False
         for side in range(2):
             body = near.ends[among[i], side]
-            if bodies.kinds[body] == SOFT and has_residual(softs[bodies.numbers[body]]):
+            if is_soft(bodies.kinds[body]) and has_residual(softs[bodies.numbers[body]]):
                 yields = True
         if not yields:
             for k in range(3 * i, 3 * i + 3):

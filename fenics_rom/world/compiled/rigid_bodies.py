@@ -132,16 +132,16 @@ def add_answers(maps: Array, answers: Array, Wᵀ: Array) -> None:
 
 @jit_part
 def set_inverse(inverse: Array, maps: Array, answers: Array, whole: Array) -> bool:
-    """Sets the inverse of W + Σ M A Mᵀ, with A as if symmetric, from that of W (Woodbury); whether there is one.
+    """Sets the inverse of (W + Σ M A Mᵀ)ᵀ, from that of a symmetric W (Woodbury); whether there is one.
 
-    W⁻¹ - W⁻¹ M (A⁻¹ + Mᵀ W⁻¹ M)⁻¹ Mᵀ W⁻¹
+    W⁻¹ - W⁻¹ M (A⁻ᵀ + Mᵀ W⁻¹ M)⁻¹ Mᵀ W⁻¹
     """
     n = 6 * len(maps)
     of_all, small = maps.reshape(n, len(inverse)), np.zeros((n, n))
     for b in range(len(maps)):
         for m in range(6):
             for k in range(6):
-                small[6 * b + m, 6 * b + k] = (answers[b, m, k] + answers[b, k, m]) / 2
+                small[6 * b + m, 6 * b + k] = answers[b, k, m]
     if not _invert(small):
         return False
     moved = np.dot(of_all, inverse)

@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
-from fenics_rom.runtime.compiled.arrays_at import matrix_at, vector_at
+from fenics_rom.runtime.compiled.arrays_at import integer_rows_at, matrix_at, vector_at
 from fenics_rom.runtime.compiled.carried_step import (
     IS_COUPLED,
     IS_INVERSE_KNOWN,
@@ -57,9 +57,10 @@ from fenics_rom.runtime.compiled.frames import (
 )
 
 # Rows of the table of a body: after those of `frame_tables`, of `contact_points.Points`, then of `Step`.
-POINTS, STEP, ROWS = FRAME_ROWS, 38, 48
+POINTS, STEP, ROWS = FRAME_ROWS, 38, 49
 SQUARE, WITHIN, SUPPLIED, DISSIPATED, BY_OTHERS = range(5)  # in `Step.told`
 START, END, MIDDLE, TURN, V, Ω, V_END, Ω_END, ORIGIN, SPUN = 0, 9, 18, 27, 30, 33, 36, 39, 42, 45  # in `Step.turn`
+CENTRE, FORCE, TORQUE, POWER, TURNS = 48, 51, 54, 57, 58  # there, of free bodies
 
 
 class Step(NamedTuple):
@@ -68,13 +69,16 @@ class Step(NamedTuple):
     u: Array  # input (p,)
     mount: Array  # (13,) of the frame: on what carries it, or of a held body in world axes
     base: Array  # (13,) at the end
-    turn: Array  # (48,): R, R⁺ and R*, then t, v̂, ω̂, v⁺, ω⁺ as in `carried_step.Begun`; R* v̂ and R* ω̂
+    # (58,): R, R⁺ and R*, then t, v̂, ω̂, v⁺, ω⁺ as in `carried_step.Begun`; R* v̂ and R* ω̂. Of free bodies as they were
+    # tried last, without v̂ to ω⁺, with v̂ in world axes; then p̂, and force, torque about it and power of contact.
+    turn: Array
     modal: Array  # (m,)
     rate: Array  # r̂ (m,) without contact
-    changed: Array  # r̂ (m,) under the forces of now
+    changed: Array  # r̂ (m,) under the forces of now; of free bodies ω̂ and r̂ (3 + m,)
     places: Array  # of the points when it begins, (P, 3) in world axes, m
     velocities: Array  # (P, 3), m/s
     told: Array  # (5,): twice the stored energy, and within, supplied and dissipated, and by others, J
+    triangles: Array  # of the contact surface, (T, 3) rows of points, counterclockwise from outside
 
 
 @jit_part
@@ -97,13 +101,7 @@ def step_at(table: Array) -> Step:
     u, mount, base, turn, modal = given
     found = vector_at(t[5]), vector_at(t[6]), matrix_at(t[7]), matrix_at(t[8]), vector_at(t[9])
     rate, changed, places, velocities, told = found
-    return Step(u, mount, base, turn, modal, rate, changed, places, velocities, told)
-
-
-@jit_part
-def velocities_at(table: Array) -> Array:
-    """Of its points when the step begins, (P, 3), m/s."""
-    return matrix_at(table[STEP + 8])
+    return Step(u, mount, base, turn, modal, rate, changed, places, velocities, told, integer_rows_at(t[10]))
 
 
 @jit_part
@@ -162,12 +160,12 @@ def begin_soft(table: Array, h: float, travel: Array) -> bool:
     points.inside[:] = points.free
     v, ω = vector(now, OF_BASE), vector(now, SPIN)
     place_points(points, r, R, vector(now, POSITION), v, ω, step.places, step.velocities)
-    _look_at_travel(h, step.velocities, travel)
+    look_at_travel(h, step.velocities, travel)
     return bool(np.isfinite(begun.rate.sum() + points.free.sum()))
 
 
 @jit_part
-def _look_at_travel(h: float, velocities: Array, travel: Array) -> None:
+def look_at_travel(h: float, velocities: Array, travel: Array) -> None:
     """Sets how far a body goes as a whole, (3,), and a point beside, m, from velocities (P, 3)."""
     P = len(velocities)
     for k in range(3):

@@ -15,8 +15,9 @@ from fenics_rom.runtime.compiled.arrays_at import (
 )
 from fenics_rom.world.compiled.rigid_bodies import RigidBodies
 
-GIVEN, SOFT_FIRST, SOFT_SECOND = range(3)  # kinds of meetings: of a soft body and a rigid shape, but for those given
-RIGID, DRIVEN, SOFT = range(3)  # kinds of bodies
+# Kinds of meetings: of a soft body and a rigid shape, of two soft ones; contacts of others are given.
+GIVEN, SOFT_FIRST, SOFT_SECOND, SOFT_BOTH = range(4)
+RIGID, DRIVEN, SOFT, FREE = range(4)  # kinds of bodies; soft are those that are held or carried, and free ones
 SIZE, RESTITUTION, FRICTION, NO_GAP, OF_RIGID = range(5)  # in `Meetings.numbers`
 OF_RESTITUTION, OF_FRICTION, SWUNG, HELPED = range(4)  # in `Near.numbers`
 MIDDLE, IN_MIDDLE, MEAN, V, SPIN, POWER, AWAY, ASKEW = 0, 3, 12, 21, 24, 27, 28, 29  # in `Driven.step`
@@ -27,7 +28,7 @@ class Bodies(NamedTuple):
     """B of them."""
 
     kinds: Array  # (B,)
-    numbers: Array  # (B,) among those of its kind
+    numbers: Array  # (B,) among those of its kind; of soft and free ones among both
     shapes: Array  # (B, 17), see `mechanics.compiled.shapes`
     radii: Array  # (B,) around them, m
     placed: Array  # (B, 12) rigid ones in the middle of a step: position, then R
@@ -103,7 +104,7 @@ class Operators(NamedTuple):
 
     known: Array  # (4,): how many, whether the inverse is known, whether there is that of the whole, whether all yield
     slots: Array  # (K,) of these contacts
-    frames: Array  # (S, 48) of soft bodies, as they turned in that step: `soft_bodies.Step.turn`
+    frames: Array  # (S, 58) of soft bodies, as they turned in that step: `soft_bodies.Step.turn`
     soft: Array  # (9 K²,) Wᵀ of soft bodies, as rows of (3k, 3k)
     inverse: Array  # (9 K²,) of it
     whole: Array  # (9 K²,) of that of all bodies
@@ -141,6 +142,18 @@ class World(NamedTuple):
     near: Near
     operators: Operators
     owed: Owed
+
+
+@jit_part
+def is_soft(kind: int) -> bool:
+    """Whether a body is, free or not."""
+    return kind >= SOFT
+
+
+@jit_part
+def is_followed(bodies: Bodies, near: Near, c: int, side: int) -> bool:
+    """Whether a body is pushed at the point of another one: both are free, so that momenta stay to the last bit."""
+    return side == 1 and bodies.kinds[near.ends[c, 0]] == FREE and bodies.kinds[near.ends[c, 1]] == FREE
 
 
 @jit_part

@@ -8,6 +8,7 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND
 from fenics_rom.runtime.compiled.frames import added, cross, dot, length, put, vector
 from fenics_rom.world.compiled.bodies import begin_driven, begin_rigid, end_driven, end_rigid
 from fenics_rom.world.compiled.forces import Found
+from fenics_rom.world.compiled.free_bodies import begin_free, end_free, undo_free
 from fenics_rom.world.compiled.soft_bodies import (
     BY_OTHERS,
     DISSIPATED,
@@ -19,6 +20,7 @@ from fenics_rom.world.compiled.soft_bodies import (
 )
 from fenics_rom.world.compiled.tables import (
     DRIVEN,
+    FREE,
     HELPED,
     POWER,
     RIGID,
@@ -42,11 +44,14 @@ LARGEST_SPEED = 1e100  # m/s: beyond it works overflow
 
 
 @jit
-def begin_step(world: Array, h: float) -> bool:
-    """Begins the step of all bodies, whose inputs and bases are set; whether they could."""
+def begin_step(world: Array, h: float, free: int | None) -> bool:
+    """Begins the step of all bodies, whose inputs and bases are set; whether they could.
+
+    free: as of `find_forces`.
+    """
     bodies, softs, rigid, freedoms = bodies_at(world), softs_at(world), rigid_at(world), freedoms_at(world)
     driven = driven_at(world)
-    for kind in (DRIVEN, RIGID, SOFT):  # who carries is first
+    for kind in (DRIVEN, RIGID, SOFT, FREE):  # who carries is first
         for b in range(len(bodies.kinds)):
             index, placed, travel, could = bodies.numbers[b], bodies.placed[b], bodies.travels[b], True
             if bodies.kinds[b] != kind:
@@ -55,6 +60,8 @@ def begin_step(world: Array, h: float) -> bool:
                 could = begin_rigid(rigid, freedoms, h, index, placed, travel)
             elif kind == DRIVEN:
                 could = begin_driven(driven, h, index, placed, travel)
+            elif kind == FREE:
+                could = free is None or begin_free(softs[index], h, travel)
             else:
                 carrier = bodies.carriers[index]
                 if carrier >= 0:
@@ -107,8 +114,13 @@ def _lacks_contacts(world: Array, C: int, h: float) -> bool:
 
 
 @jit
-def end_step(world: Array, C: int, h: float, swings: int, row: int) -> None:
-    """Ends the step of all bodies under the forces that were found of C contacts; tells works in a row."""
+def end_step(world: Array, C: int, h: float, swings: int, row: int, free: int | None) -> bool:
+    """Ends the step of all bodies under the forces that were found of C contacts; tells works in a row.
+
+    Whether they could; if not, nothing is changed.
+    """
+    if free is not None and not _end_free_bodies(world, h):
+        return False
     _keep(world, C, h, swings, row)
     bodies, works, driven, softs = bodies_at(world), owed_at(world).bodies[row], driven_at(world), softs_at(world)
     _look_at_power(world, C)
@@ -124,9 +136,25 @@ def end_step(world: Array, C: int, h: float, swings: int, row: int) -> None:
             end_driven(driven, index)
         else:
             table = softs[index]
-            end_soft(table, h)
+            if kind == SOFT:
+                end_soft(table, h)
             told = step_at(table).told
             works[b, 0], works[b, 1], works[b, 2] = told[SUPPLIED], told[DISSIPATED], told[BY_OTHERS]
+
+    return True
+
+
+@jit_part
+def _end_free_bodies(world: Array, h: float) -> bool:
+    """Ends the step of those that are soft and free; if one of them cannot, all are where they were."""
+    bodies, softs = bodies_at(world), softs_at(world)
+    for b in range(len(bodies.kinds)):
+        if bodies.kinds[b] == FREE and not end_free(softs[bodies.numbers[b]], h):
+            for before in range(b):
+                if bodies.kinds[before] == FREE:
+                    undo_free(softs[bodies.numbers[before]])
+            return False
+    return True
 
 
 @jit_part

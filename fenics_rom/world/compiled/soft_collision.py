@@ -1,0 +1,156 @@
+"""Points of a soft body near the surface of another one: `collision.soft_surfaces`, compiled."""
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit, jit_part
+from fenics_rom.mechanics.frame_motion import Vector
+from fenics_rom.runtime.compiled.frames import added, cross, dot, length, put, vector
+from fenics_rom.world.tolerances import DEEPEST, MORE_ABOVE, ON_IT, SIDEWAYS
+
+NONE = -1
+_TINY = float(np.finfo(float).tiny)
+
+
+@jit
+def find_nearest(
+    points: Array,
+    corners: Array,
+    triangles: Array,
+    margin: float,
+    on: Array,
+    weights: Array,
+    normals: Array,
+    gaps: Array,
+) -> None:
+    """Finds the places of a surface that are nearest to points, if nearer than a margin, m.
+
+    Args:
+        points: (P, 3), m.
+        corners, triangles: of the surface, (Q, 3), m, and (T, 3) rows of these, counterclockwise from outside.
+        margin: m.
+        on: (P,) set to triangles; NONE where none is near.
+        weights: (P, 3) set to those of their corners.
+        normals: (P, 3) set to units out of the surface.
+        gaps: (P,) set, m.
+    """
+    on[:] = NONE
+    low, high = np.empty((len(triangles), 3)), np.empty((len(triangles), 3))
+    size = _set_boxes(corners, triangles, low, high)
+    reach = margin + DEEPEST * size
+    near = _among(points, points, low, high, reach)
+    boxes = _among(low, high, points[near], points[near], reach)
+    for p in near:
+        point, least, n, away, above = vector(points[p], 0), np.inf, (0.0, 0.0, 0.0), 0.0, 0.0
+        offset = (0.0, 0.0, 0.0)
+        for t in boxes:
+            apart = _distance(points[p], low[t], high[t])
+            if not (apart <= reach and (1 - MORE_ABOVE) * apart <= least):
+                continue
+            a, b, c = _corners_of(corners, triangles[t])
+            share = _nearest_on_triangle(point, a, b, c)
+            foot = added(added((share[0] * a[0], share[0] * a[1], share[0] * a[2]), share[1], b), share[2], c)
+            off, out = added(point, -1.0, foot), _normal(a, b, c)
+            far, height = length(off), dot(off, out)
+            # of triangles that share the nearest point, the one that it is most above or below knows which it is
+            if far - MORE_ABOVE * abs(height) < least:
+                least, away, above, n, offset = far - MORE_ABOVE * abs(height), far, height, out, off
+                on[p] = t
+                put(weights[p], 0, share)
+        if on[p] == NONE:
+            continue
+        if not (away <= margin if above >= 0 else above < -SIDEWAYS * away and away <= reach):
+            on[p] = NONE
+            continue
+        sign = -1.0 if above < 0 else 1.0
+        gaps[p] = sign * away
+        if away > ON_IT * size:
+            n = (sign / away * offset[0], sign / away * offset[1], sign / away * offset[2])
+        put(normals[p], 0, n)
+
+
+@jit_part
+def _set_boxes(corners: Array, triangles: Array, low: Array, high: Array) -> float:
+    """Sets those around triangles, (T, 3); their longest side, m."""
+    size = 0.0
+    for t in range(len(triangles)):
+        a, b, c = _corners_of(corners, triangles[t])
+        for k in range(3):
+            low[t, k], high[t, k] = min(a[k], b[k], c[k]), max(a[k], b[k], c[k])
+            size = max(size, high[t, k] - low[t, k])
+    return size
+
+
+@jit_part
+def _corners_of(corners: Array, triangle: Array) -> tuple[Vector, Vector, Vector]:
+    return vector(corners[triangle[0]], 0), vector(corners[triangle[1]], 0), vector(corners[triangle[2]], 0)
+
+
+@jit_part
+def _among(low: Array, high: Array, lows: Array, highs: Array, reach: float) -> Array:
+    """Which boxes (n, 3) are nearer than a reach, m, to the box around others."""
+    begin, end = np.full(3, np.inf), np.full(3, -np.inf)
+    for t in range(len(lows)):
+        for k in range(3):
+            begin[k], end[k] = min(begin[k], lows[t, k]), max(end[k], highs[t, k])
+    some, count = np.empty(len(low), dtype=np.int64), 0
+    for t in range(len(low)):
+        if _is_beside(low[t], high[t], begin, end, reach):
+            some[count] = t
+            count += 1
+    return some[:count]
+
+
+@jit_part
+def _is_beside(low: Array, high: Array, begin: Array, end: Array, reach: float) -> bool:
+    """Whether two boxes are nearer than a reach, m, along all axes."""
+    beside = True
+    for k in range(3):
+        beside = beside and low[k] <= end[k] + reach and high[k] >= begin[k] - reach
+    return beside
+
+
+@jit_part
+def _distance(point: Array, low: Array, high: Array) -> float:
+    """From a point to a box, along the axis where it is farthest."""
+    apart = 0.0
+    for k in range(3):
+        apart = max(apart, low[k] - point[k], point[k] - high[k])
+    return apart
+
+
+@jit_part
+def _normal(a: Vector, b: Vector, c: Vector) -> Vector:
+    """A unit, of a triangle."""
+    n = cross(added(b, -1.0, a), added(c, -1.0, a))
+    size = length(n)
+    return n[0] / size, n[1] / size, n[2] / size
+
+
+@jit_part
+def _nearest_on_triangle(point: Vector, a: Vector, b: Vector, c: Vector) -> Vector:
+    """Weights of the corners where a triangle is nearest to a point."""
+    u, v, w = added(b, -1.0, a), added(c, -1.0, a), added(point, -1.0, a)
+    uu, uv, vv, uw, vw = dot(u, u), dot(u, v), dot(v, v), dot(u, w), dot(v, w)
+    twice_area = max(uu * vv - uv * uv, _TINY)
+    of_b, of_c = (vv * uw - uv * vw) / twice_area, (uu * vw - uv * uw) / twice_area
+    if min(1 - of_b - of_c, of_b, of_c) >= 0:
+        return 1 - of_b - of_c, of_b, of_c
+    # beyond: the nearest point is on an edge
+    first, off_first = _share_along(point, a, b)
+    second, off_second = _share_along(point, b, c)
+    third, off_third = _share_along(point, c, a)
+    if off_first <= off_second and off_first <= off_third:
+        return 1 - first, first, 0.0
+    if off_second <= off_third:
+        return 0.0, 1 - second, second
+    return third, 0.0, 1 - third
+
+
+@jit_part
+def _share_along(point: Vector, a: Vector, b: Vector) -> tuple[float, float]:
+    """How far along an edge it is nearest to a point, as a share, and the square of how near, m²."""
+    along = added(b, -1.0, a)
+    share = min(max(dot(added(point, -1.0, a), along) / max(dot(along, along), _TINY), 0.0), 1.0)
+    off = added(added(a, share, along), -1.0, point)
+    return share, dot(off, off)
