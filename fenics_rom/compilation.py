@@ -25,10 +25,13 @@ OLDEST = (0, 57)  # of numba: the first one for Python 3.11
 SHARED = tuple(  # what else than their own folders compiled functions use
     f"{name}.py"
     for name in (
+        "mechanics/actuator_forces",
         "mechanics/base_fit",
         "mechanics/base_path",
         "mechanics/braking",
         "mechanics/contact_pairs",
+        "mechanics/contact_search",
+        "mechanics/frame_contact",
         "mechanics/frame_motion",
         "mechanics/largest_turn",
         "runtime/steppers/frame_table",

@@ -17,8 +17,9 @@ from fenics_rom.mechanics.compiled.contact_law import OTHERWISE as UNKNOWN
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.contact_pairs import FIRST
+from fenics_rom.mechanics.frame_contact import PATIENCE, ROUND_OFF, TOLERANCE
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
-from fenics_rom.runtime.compiled.contact_points import WHOLE, Points, arm_of, end_points, see_forces
+from fenics_rom.runtime.compiled.contact_points import WHOLE, Points, arm_of, begin_points, end_points, see_forces
 from fenics_rom.runtime.compiled.frame_tables import keep_step
 from fenics_rom.runtime.compiled.frames import (
     OTHERWISE,
@@ -35,8 +36,8 @@ from fenics_rom.runtime.compiled.frames import (
 )
 from fenics_rom.runtime.compiled.touching import Begun, Last, StepContact, add_up_forces, hand_on, keep_found
 
-MOST_SWEEPS = 25  # those of steps that take more are NumPy's: see `mechanics.frame_contact`, as of the others
-TOLERANCE, ROUND_OFF, NO_PROGRESS, SLOW, FEW_SWEEPS = 1e-15, 1e-14, 1e-12, 0.5, 5
+MOST_SWEEPS = PATIENCE  # steps that take more are NumPy's
+NO_PROGRESS = 1e-12  # of velocities: see `steppers.parted_kernel`
 PLACE, VELOCITY, FREE, MOVED = range(4)  # rows of `StepContact.motion`; the last has velocities under the forces
 OUTWARDS, CHOSEN, SHARES = range(3)  # rows of `Sweep.settled`
 
@@ -104,22 +105,16 @@ def begin_sweeps(among: Among, h: float, q: Array, r: Array, R: Rotation, origin
     """Sets where points are at q (m,), how far from obstacles, and what they do beyond the basis, without forces."""
     points, (pairs, gaps, motion, _) = among.points, among.found
     P, N, n = len(points.rest), len(gaps), 3 * len(points.rest)
-    kept, start, free = np.zeros((P, 3)), points.start.reshape(n), points.free.reshape(n)
-    rates, places = kept.reshape(n), np.empty((P, 3))
-    copy(points.rest, points.start)
-    for k in range(n):
-        free[k] = 0.0
-    for i in range(len(q)):
-        row, qi, ri = points.rows[i], q[i], r[i]
+    begin_points(points, q, np.zeros(len(q)))
+    kept, places = np.zeros((P, 3)), np.empty((P, 3))
+    rates = kept.reshape(n)
+    for i in range(len(r)):
+        row, ri = points.rows[i], r[i]
         for k in range(n):
-            start[k] += row[k] * qi
             rates[k] += row[k] * ri
     if len(points.R):
-        y, y_rate = points.beyond[1], points.beyond[3]
         for k in range(n):
-            start[k] += y[k]
-            rates[k] += y_rate[k]
-            free[k] = (points.times[0] * y_rate[k] - y[k]) / points.times[WHOLE]
+            rates[k] += points.beyond[3, k]
     for p in range(P):
         put(places[p], 0, added(rotated(R, vector(points.start[p], 0)), 1.0, origin))
         for k in range(3):

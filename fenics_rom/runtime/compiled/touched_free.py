@@ -8,6 +8,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Found
 from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.frame_contact import FEW_SWEEPS, SLOW
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.runtime.compiled.contact_points import see_forces
 from fenics_rom.runtime.compiled.frame_tables import body_at, loads_at, state_at, watch_at
@@ -31,11 +32,9 @@ from fenics_rom.runtime.compiled.frames import (
 from fenics_rom.runtime.compiled.free_balance import SPIN, keep_slopes, lack, size_of, solve, turn_at
 from fenics_rom.runtime.compiled.free_step import Begun, begin_free_step, end_free_step
 from fenics_rom.runtime.compiled.touched_frame import (
-    FEW_SWEEPS,
     FREE,
     MOST_SWEEPS,
     MOVED,
-    SLOW,
     Among,
     Sweep,
     Touched,
