@@ -28,7 +28,7 @@ from fenics_rom.scene.effects import Effects, RigidObstacle
 from fenics_rom.scene.values import default_of
 
 MESH_KEYS = ("file", "scale", "position", "rotation", "open")
-OPTIONAL = MESH_KEYS[1:]
+OPTIONAL = MESH_KEYS[1:]  # and of a box its rotation
 
 
 def environment_of(effects: Effects, frame: str, run: Run | None, source: str) -> Environment:
