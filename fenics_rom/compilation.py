@@ -25,6 +25,7 @@ OLDEST = (0, 57)  # of numba: the first one for Python 3.11
 SHARED = tuple(  # what else than their own folders compiled functions use
     f"{name}.py"
     for name in (
+        "compiled_arrays",
         "mechanics/actuator_forces",
         "mechanics/base_fit",
         "mechanics/base_path",
@@ -156,25 +157,6 @@ def jit_part(function: _Function) -> _Function:
 def jit_sums(function: _Function) -> _Function:
     """The same, of long sums, whose terms may be added in any order, several at once."""
     return _part(function, EXACT | {"reassoc", "nsz"}) if can_compile() else function
-
-
-def arrays_by_address() -> tuple[Any, Any, Any]:
-    """numba's `carray`, and what makes an address a pointer to floats, and to whole numbers, in compiled functions."""
-    if not can_compile():
-        return None, None, None
-    from numba import carray, types
-    from numba.extending import intrinsic
-
-    def pointer_to(kind: Any) -> Any:
-        def pointer(context: Any, address: Any) -> Any:
-            def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-                return builder.inttoptr(given[0], context.get_value_type(signature.return_type))
-
-            return types.CPointer(kind)(types.int64), generate
-
-        return intrinsic(pointer)
-
-    return carray, pointer_to(types.float64), pointer_to(types.int64)
 
 
 @cache

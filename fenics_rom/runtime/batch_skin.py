@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.obstacles import Obstacle
 
 Batch = Any  # fenics_rom.runtime.batch's, which imports this file
-BODY_STEPS = 2048  # that are taken for each look in turn, and for each that is due: one takes as long as 800 of them,
+BODY_STEPS = 8192  # that are taken for each look in turn, and for each that is due: one takes as long as 1,000 of them,
 FEWEST_STEPS = 4  # and these of all bodies, as a look at one takes a twentieth of a step of a thousand
 
 

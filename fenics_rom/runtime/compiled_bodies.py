@@ -23,7 +23,7 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import distinct, stacked_state
 from fenics_rom.runtime.compiled.linear_bodies import Obstacles, look_at_bodies, step_bodies
 from fenics_rom.runtime.compiled.linear_step import State
-from fenics_rom.runtime.compiled.touching import LOST
+from fenics_rom.runtime.compiled.touching import LOST, Clearance
 from fenics_rom.runtime.compiled_state import LOST_IN_SWITCHING, CompiledState, Mode
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.threads import deal_out
@@ -65,6 +65,7 @@ class CompiledBodies(CompiledState):
 
     def _leave(self, body: int) -> None:
         """The body is where the simulator is."""
+        self._clearance[:, body] = 0.0
         stepper, self._mode[body] = self._single.integrator, self._numbers[self._single.integrator.contact_mode]
         now, states = stepper.snapshot(), self._modes[self._mode[body]].states
         states.halves[body] = now.state.reshape(2, -1)
@@ -156,6 +157,7 @@ class CompiledBodies(CompiledState):
     def _begin(self, bodies: Array, frozen: Array) -> None:
         """Bodies are where they were put, and nothing touches; some of them are inside an obstacle."""
         self.frozen[bodies] = frozen
+        self._clearance[:, bodies] = 0.0
         for kept in self._told[2:]:
             kept[bodies] = 0.0
 
@@ -225,6 +227,7 @@ class CompiledBodies(CompiledState):
         for own, mode in self._by_mode(bodies):
             for kept, part in zip(mode.states[:3], mode.states[3:], strict=True):
                 kept[own] = part[own]
+        self._clearance[:, bodies] = 0.0
 
     def _take(self, goes: Array, taken: Array, u: Array, loads: Array, obstacles: Obstacles, on_error: str) -> None:
         """Takes the steps of bodies that go (size,), and notes those that have taken theirs."""
@@ -250,7 +253,9 @@ class CompiledBodies(CompiledState):
     def _step_together(self, mode: Mode, own: Array, inputs: Array, obstacles: Obstacles) -> None:
         """Takes the steps of bodies that are in a contact mode, in threads."""
         given = mode.body, self._solver.law_in_steps(self._dt), self._friction, self._shapes
-        between = inputs, obstacles, self._begun, self._after, mode.states, self._new
+        gap, untouched, still = self._clearance
+        clearance = Clearance(gap, untouched, still, mode.stretch)
+        between = inputs, obstacles, self._begun, self._after, mode.states, clearance, self._new
         deal_out(partial(_step, given, between), own)
 
     def _commit(self, taken: Array, stays: Array, obstacles: Obstacles) -> None:

@@ -46,6 +46,7 @@ class Mode(NamedTuple):
     body: Any  # as compiled steps have it
     touch: Any  # where it can be touched (`touching.Touched`); None: nowhere
     states: State  # of all bodies; those of bodies in other modes say nothing
+    stretch: Array = np.empty(0)  # of its points, for steps that ask it: see `touching.Clearance`
 
 
 class CompiledState:
@@ -71,6 +72,7 @@ class CompiledState:
         self._widths, self._numbers = self.rom.contacts, {name: k for k, name in enumerate(names)}
         self._m = max(model.order for model in self._models)
         self._friction, self.frozen = np.full(size, 0.0 if law is None else float(law.friction)), np.zeros(size, bool)
+        self._clearance = np.zeros((3, size))  # as in `touching.Clearance`; 0 where it is not known
         self._began, self._taken = np.zeros(size), np.zeros(size, int)  # s, and steps since then
         sizes = (size, obstacles * P, 3), (size, obstacles * P)
         self._begun, self._after = (Begun(np.zeros(sizes[0]), np.zeros(sizes[1], int)) for _ in range(2))
@@ -102,7 +104,8 @@ class CompiledState:
             body = stepper.kernel.compiled_step.body  # type: ignore[attr-defined]
             sizes = (2, model.order), (self.rom.rigid,), (4, len(body.R))
             states = known.get(name) or State(*(np.zeros((self.size, *shape)) for shape in sizes * 2))
-            self._modes.append(Mode(name, body, body, states))
+            stretch = np.linalg.norm(body.points.reshape(model.order, -1, 3), axis=2).max(axis=1, initial=0.0)
+            self._modes.append(Mode(name, body, body, states, stretch))
 
     def _at_rest(self, name: str) -> StepperState:
         rest = np.zeros(2 * self.rom.contact_models[name].order), np.zeros(self.rom.rigid), np.empty(0)

@@ -7,7 +7,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.base_path import base_in
 from fenics_rom.mechanics.frame_motion import rotation_matrices
-from fenics_rom.runtime.contact_rollout import output_maps
+from fenics_rom.runtime.stepped_rollout import output_maps
 from fenics_rom.runtime.steppers.compiled_frame import FrameSteps
 
 Simulator = Any  # fenics_rom.runtime.simulator's, which imports this file through rollout

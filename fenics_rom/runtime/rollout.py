@@ -25,9 +25,8 @@ from fenics_rom.rom.midpoint_map import checked_dt, matrices
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.base_path import BaseState
-    from fenics_rom.runtime.contact_rollout import ContactRollout
     from fenics_rom.runtime.frame_rollout import FrameRollout
-    from fenics_rom.runtime.held_rollout import HeldRollout
+    from fenics_rom.runtime.stepped_rollout import SteppedRollout
 
 Simulator = Any  # fenics_rom.runtime.simulator's, which imports this file
 
@@ -237,9 +236,8 @@ class Rollout:
     def __init__(self, body: Simulator) -> None:
         self._body = body
         self._propagators: dict[tuple[Any, ...], list[BlockPropagator]] = {}
-        self._among_obstacles: ContactRollout | None = None
         self._in_a_frame: FrameRollout | None = None
-        self._bending: HeldRollout | None = None
+        self._stepped: SteppedRollout | None = None
 
     def take(
         self,
@@ -292,22 +290,22 @@ class Rollout:
                 self._in_a_frame = FrameRollout(body)
             return self._in_a_frame.take(u, bases, taken, every, names)
         if bases is None and body.bends_compiled:
-            if self._bending is None:
-                from fenics_rom.runtime.held_rollout import HeldRollout  # here, as few bodies deform largely
-
-                self._bending = HeldRollout(body)
-            return self._bending.take(u, taken, every, names)
+            return self._step_or_roll(u, taken, every, names)
         one_by_one = body.needs_single_steps or body.relaxes or bases is not None
         if one_by_one or (body.rom.rigid and not body.needs_each_step):  # there is more than energy coordinates hold
             return self._step_each(u, bases, taken, every, names)
         if body.needs_each_step:
-            if self._among_obstacles is None:
-                from fenics_rom.runtime.contact_rollout import ContactRollout  # here, as few bodies have obstacles
-
-                self._among_obstacles = ContactRollout(body)
-            return self._among_obstacles.take(u, taken, every, names)
+            return self._step_or_roll(u, taken, every, names)
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is told as a StepError
             return self._read_known(u, taken, every, names)
+
+    def _step_or_roll(self, u: Array, taken: int, every: int, names: tuple[str, ...]) -> list[Array]:
+        """The same of a body that has to be stepped: by loops, in blocks or one by one."""
+        if self._stepped is None:
+            from fenics_rom.runtime.stepped_rollout import SteppedRollout  # here, as few bodies need it
+
+            self._stepped = SteppedRollout(self._body)
+        return self._stepped.take(u, taken, every, names)
 
     def _read_known(self, u: Array, taken: int, every: int, names: tuple[str, ...]) -> list[Array]:
         """The same where nothing touches the body."""

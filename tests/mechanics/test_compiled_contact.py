@@ -29,8 +29,8 @@ SHAPES = (
     Box([0.1, 0.2, -0.1], [0.6, 0.9, 1.2], [0.5, -0.4, 0.8]),
 )
 H, EPS = 1e-3, float(np.finfo(float).eps)
-find_by_newton, find_by_sweeps, find_by_steps = map(
-    jit, (newton.find_by_newton, sweeps.find_by_sweeps, linearised.find_by_steps)
+find_by_newton, find_by_sweeps, find_by_steps, look_at = map(
+    jit, (newton.find_by_newton, sweeps.find_by_sweeps, linearised.find_by_steps, coulomb.look_at)
 )
 seeds = st.integers(0, 2**32 - 1)
 
@@ -156,19 +156,19 @@ def test_all_searches_find_the_same_forces(seed):
     yielding = np.array([coulomb.yielding_of(W, p, 0.0) for p in points])
     for search in (find_by_newton, find_by_sweeps, find_by_steps):
         f, u, moved = random.uniform(0, 1, (C, 3)), np.empty((C, 3)), np.empty(3 * P)
-        error = coulomb.look_at(*given, yielding, f, u, moved)
+        error, space = look_at(*given, yielding, f, u, moved), np.ones(2000)
         if search is find_by_newton:
-            solves, is_found = find_by_newton(np.linalg.inv(W), *given[1:-1], yielding, f, u, error)
+            solves, is_found = find_by_newton(np.linalg.inv(W), *given[1:-1], yielding, f, u, error, space)
             assert is_found
             assert solves <= 10
         elif search is find_by_sweeps:
-            find_by_sweeps(*given, f, moved, MOST_SWEEPS)
+            find_by_sweeps(*given, f, moved, MOST_SWEEPS, space)
         else:  # goes on from where a few sweeps led to
-            find_by_sweeps(*given, f, moved, 5)
-            steps, is_found = find_by_steps(*given, yielding, f, u, moved)
+            find_by_sweeps(*given, f, moved, 5, space)
+            steps, is_found = find_by_steps(*given, yielding, f, u, moved, space)
             assert is_found
             assert steps <= 8
-        assert coulomb.look_at(*given, yielding, f, u, moved) <= 1e-11 * speed
+        assert look_at(*given, yielding, f, u, moved) <= 1e-11 * speed
         found.append(f)
     apart = np.ptp(found, axis=0).max()
     assert apart <= 1e-9 * speed / np.linalg.eigvalsh(W)[0]

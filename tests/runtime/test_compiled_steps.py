@@ -156,6 +156,21 @@ def test_bodies_of_a_batch_are_single_ones_to_the_bit(roms, case):
         np.testing.assert_allclose([each[k] for each in read], sums, atol=1e-12 * np.abs(sums).max(), rtol=0)
 
 
+def test_an_obstacle_that_comes_from_afar_meets_a_batch_as_it_meets_a_single_body(roms):
+    """To the bit, though a batch asks nothing of obstacles while they are out of reach."""
+    rising = {"floor": lambda t: [0.0, 0.0, min(3.0 * t - 0.05, 1e-3)]}  # m
+    bodies, single = fr.Batch(roms["floor"], 2, DT, signals=rising), fr.Simulator(roms["floor"], DT, signals=rising)
+    touches = []
+    for u in history(2)[:100]:
+        bodies.step(u)
+        single.step(u)
+        touches.append(bool(single.contact_forces().any()))
+        np.testing.assert_array_equal(bodies.point_forces[1], single.contact_forces())
+    assert not touches[5]
+    assert any(touches)
+    np.testing.assert_array_equal([part[1] for part in bodies.state()], single.state)
+
+
 def test_a_body_whose_forces_loops_do_not_find_steps_as_a_single_one(roms, monkeypatch):
     """To the bit; and a step that is refused changes nothing, of those bodies either that have taken it."""
     bodies, forces = fr.Batch(roms["floor"], 3, DT, ledger=True), history(1, roughness=0.02)

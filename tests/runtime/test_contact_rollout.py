@@ -11,8 +11,8 @@ from landing_box import BODY, DT, ORDER, PARTS, ROUGH, WEIGHT, history, landing_
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
-from fenics_rom.runtime import contact_rollout
-from fenics_rom.runtime.contact_rollout import ContactRollout
+from fenics_rom.runtime import contact_blocks
+from fenics_rom.runtime.contact_blocks import ContactBlocks
 
 SAME = 1e-9  # of the largest displacement: searches are exact to 1e-12 of the velocities that they stop
 
@@ -34,16 +34,16 @@ def roms(mesh):
 
 def blocks_of(body, monkeypatch):
     """Lists, for each block that a rollout of this body tries from now on, how many steps stayed, and of how many."""
-    taken, block = [], ContactRollout._block
+    taken, block = [], ContactBlocks.take
 
     def counted(self, u):
         asked, is_tried = min(self._length, 1 << len(u).bit_length() >> 1), self._same >= self._wait
         found = block(self, u)
-        if is_tried and asked >= contact_rollout.FIRST_BLOCK:
+        if is_tried and asked >= contact_blocks.FIRST_BLOCK:
             taken.append((0 if found is None else len(found[1].inputs), asked))
         return found
 
-    monkeypatch.setattr(ContactRollout, "_block", counted)
+    monkeypatch.setattr(ContactBlocks, "take", counted)
     return taken
 
 
@@ -111,14 +111,14 @@ def test_random_pushes_cost_few_attempts(roms, monkeypatch):
     """Where contact is another in every step, waits grow, and maps do not pile up."""
     rolled, forces = fr.Simulator(roms["floor"], DT), history(4, roughness=0.5)
     taken = blocks_of(rolled, monkeypatch)
-    made, kept_map = [], contact_rollout.KeptContactMap
-    monkeypatch.setattr(contact_rollout, "KeptContactMap", lambda *given: made.append(1) or kept_map(*given))
+    made, kept_map = [], contact_blocks.KeptContactMap
+    monkeypatch.setattr(contact_blocks, "KeptContactMap", lambda *given: made.append(1) or kept_map(*given))
     rolled.rollout(forces)
     body, read, _ = stepped(roms["floor"], forces)
     assert_same(body, rolled, np.abs(read).max())
     assert len(taken) - np.count_nonzero([count for count, _ in taken]) < 8
     assert len(made) < 12
-    assert len(rolled._rollout._among_obstacles._maps) <= contact_rollout.MOST_KEPT_MAPS
+    assert len(rolled._rollout._stepped._blocks._maps) <= contact_blocks.MOST_KEPT_MAPS
 
 
 def test_pieces_without_ledger_and_other_steps(roms):

@@ -9,7 +9,7 @@ from bodies import acted_on, scene_text, write_box
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
-from fenics_rom.runtime.batch_skin import BODY_STEPS
+from fenics_rom.runtime import batch_skin
 from fenics_rom.scene.file import parse_scene
 
 DT = 1e-3
@@ -94,11 +94,12 @@ def test_a_rollout_looks_too(rom, tmp_path):
     assert depth_of(body.warnings[0]) == pytest.approx(120.0, abs=1e-3)
 
 
-def test_each_body_of_a_batch_tells_how_deep(rom):
+def test_each_body_of_a_batch_tells_how_deep(rom, monkeypatch):
+    monkeypatch.setattr(batch_skin, "BODY_STEPS", 64)
     bodies = fr.Batch(rom, 4, DT)
     bodies.place_obstacle("ball", [0.0, 0.0, -0.15], [1, 3])
     with pytest.warns(FenicsRomWarning, match=TOLD) as warned:
-        run(bodies, BODY_STEPS + 4)
+        run(bodies, batch_skin.BODY_STEPS + 4)
     assert len(warned) == 1
     np.testing.assert_allclose(bodies.through_skin, [0.0, 0.12, 0.0, 0.12], atol=1e-6)
     bodies.place_obstacle("ball", [0.0, 0.0, 0.0], [1])

@@ -10,14 +10,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_part, jit_shared
-from fenics_rom.mechanics import braking
-from fenics_rom.mechanics.braking import LEAST_SHARE, MOST_LOOKS, NEARLY_NONE
-from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.compilation import jit, jit_part
+from fenics_rom.compiled_arrays import unowned
+from fenics_rom.mechanics.braking import MOST_LOOKS, NEARLY_NONE
+from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.coulomb import ACCURATE, add_motion, frame_along, look_at, yielding_of
-from fenics_rom.mechanics.compiled.linearised import add_change, find_by_steps
+from fenics_rom.mechanics.compiled.linearised import find_by_steps
 from fenics_rom.mechanics.compiled.newton import find_with_operator
 from fenics_rom.mechanics.compiled.sweeps import MOST_SWEEPS, find_by_sweeps
+from fenics_rom.mechanics.compiled.swinging import next_share, share_of
+from fenics_rom.mechanics.compiled.work_space import release, take, take_frames, take_integers, take_rows, work_space
 from fenics_rom.mechanics.contact_search import PUSHING
 
 NOTHING, FOUND, OTHERWISE = 0, 1, 2  # what came of it: nothing touches; forces; that it is to be found otherwise
@@ -28,8 +30,9 @@ WORK_ROUND_OFF, BACK = 1e-12, 1 + 1e-9  # see `mechanics.braking` and `mechanics
 NEAR, FEW = 1e-3, 2 / 3
 FEW_SWEEPS = 8  # before steps of Newton's method are tried
 MOST_ROUNDS = 60  # of forces for a set of pairs, and what it asks of them
-
-root_of = jit_shared(braking.root_of)
+# Numbers of the work space for each pair: 22, and of what swings 21 and the 45 of `add_change`, more than methods take
+# that find forces. For each point: 9, and the 35 of `find_by_newton`.
+OF_A_PAIR, OF_A_POINT = 88, 44
 
 
 class Law(NamedTuple):
@@ -76,16 +79,6 @@ class Found(NamedTuple):
     normal_power: float  # Σ λ s, W
 
 
-@jit_part
-def largest(forces: Array) -> float:
-    """Component of forces (N, 3), N."""
-    size = 0.0
-    for c in range(len(forces)):
-        for k in range(3):
-            size = max(size, abs(forces[c, k]))
-    return size
-
-
 @jit
 def ask(
     law: Law,
@@ -112,7 +105,7 @@ def ask(
     P = len(free)
     slides = law.friction > 0 and not law.is_at_rest
     gap = gaps.min()
-    least = PUSHING * largest(before)
+    least = PUSHING * largest_of(before)
     for c in range(len(gaps)):
         o, p, axes, relative = c // P, c % P, pairs.axes[c], pairs.relative[c]
         frame_along(axes)
@@ -159,30 +152,38 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
         swung: (N,) in how many steps in a row friction did not stop a pair.
         pairs: what takes part, what is asked and forces are set; unless the status is OTHERWISE these are what came.
     """
-    N, sweeps, any_helped = len(pairs.level), 0, bool(pairs.helped.any())
+    space = work_space(OF_A_PAIR * len(pairs.level) + OF_A_POINT * P + 9)
+    return _find_forces(law, W, inverse, P, unowned(swung), unowned(pairs), space)
+
+
+@jit_part
+def _find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs: Pairs, space: Array) -> Found:
+    """The same, with a work space."""
+    N, sweeps, any_helped = len(pairs.level), 0, False
+    for c in range(N):
+        any_helped = any_helped or pairs.helped[c]
     slides = law.friction > 0 and not law.is_at_rest
-    share, below, above, looks = _share_of(pairs), 0.0, 1.0, MOST_LOOKS  # σ of `mechanics.braking`, and its bounds
+    share = share_of(pairs.helped, pairs.relative, pairs.target)
+    below, above, looks = 0.0, 1.0, MOST_LOOKS  # bounds of the share, σ of `mechanics.braking`
     has_newton = len(inverse) > 0 and slides and law.compliance == 0
     for _ in range(MOST_ROUNDS):
-        active = pairs.chosen.nonzero()[0]
+        release(space, 1.0)
+        active = _chosen_among(pairs, space)
         C = len(active)
         if C == 0:
             return Found(NOTHING, 0, 0.0)
-        touched = np.zeros(P, dtype=np.bool_)
-        for c in active:
-            touched[c % P] = True
-        few = touched.nonzero()[0]
-        among, part = np.arange(P), W
-        if 2 * len(few) <= P:
+        among, part, few = take_integers(space, P), W, _touched_among(active, P, space)
+        is_part = 2 * len(few) <= P
+        if is_part:
             part = part_of(W, few)
-            for i in range(len(few)):
-                among[few[i]] = i
-        points, axes, yielding = np.empty(C, dtype=np.int64), np.empty((C, 3, 3)), np.empty(C)
-        friction = pairs.friction[active]
-        q, f, u, speed = np.empty((C, 3)), np.empty((C, 3)), np.empty((C, 3)), 0.0
+        for i in range(len(few)):
+            among[few[i]] = i if is_part else few[i]
+        points, axes, yielding = take_integers(space, C), take_frames(space, C), take(space, C)
+        q, f, u = take_rows(space, C, 3), take_rows(space, C, 3), take_rows(space, C, 3)
+        friction, moved, speed = take(space, C), take(space, len(part)), 0.0
         for i in range(C):
             c = active[i]
-            points[i] = among[c % P]
+            points[i], friction[i] = among[c % P], pairs.friction[c]
             copy(pairs.axes[c], axes[i])
             yielding[i] = yielding_of(part, points[i], law.compliance)
             for k in range(3):
@@ -191,28 +192,31 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
                 for j in range(3):
                     f[i, k] += axes[i, k, j] * pairs.forces[c, j]
                 speed = max(speed, abs(q[i, k]))
-        moved = np.empty(len(part))
         given = part, points, axes, q, friction, law.compliance
         error = look_at(*given, yielding, f, u, moved)
         if not error <= ACCURATE * speed:
             is_found = False
-            is_fit, most = has_newton and len(part) == len(W) and len(few) == C, 1.0 if error > NEAR * speed else FEW
+            is_fit, most = has_newton and not is_part and len(few) == C, 1.0 if error > NEAR * speed else FEW
             if is_fit and _velocities(P, friction, yielding, f, u) <= most:
-                count, is_found, error = find_with_operator(inverse, *given, yielding, f, u, moved, error)
+                count, is_found, error = find_with_operator(inverse, *given, yielding, f, u, moved, error, space)
                 sweeps += count
+            if not is_found and is_part:
+                count, is_found = find_by_steps(*given, yielding, f, u, moved, space)
+                sweeps += count
+                error = look_at(*given, yielding, f, u, moved)
             if not (is_found and error <= STAGNATION * speed):
-                sweeps += find_by_sweeps(*given, f, moved, FEW_SWEEPS)
+                sweeps += find_by_sweeps(*given, f, moved, FEW_SWEEPS, space)
                 error = look_at(*given, yielding, f, u, moved)
             if not error <= STAGNATION * speed:
-                count, is_found = find_by_steps(*given, yielding, f, u, moved)
+                count, is_found = find_by_steps(*given, yielding, f, u, moved, space)
                 sweeps += count
                 error = look_at(*given, yielding, f, u, moved)
                 if not is_found:
-                    sweeps += find_by_sweeps(*given, f, moved, MOST_SWEEPS - FEW_SWEEPS)
+                    sweeps += find_by_sweeps(*given, f, moved, MOST_SWEEPS - FEW_SWEEPS, space)
                     error = look_at(*given, yielding, f, u, moved)
         if not error <= STAGNATION * speed:
             return Found(OTHERWISE, sweeps, 0.0)
-        pairs.forces[:] = 0.0
+        fill(pairs.forces, 0.0)
         largest = 0.0
         for i in range(C):
             for j in range(3):
@@ -220,8 +224,9 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
                 largest = max(largest, abs(f[i, j]))
         missed = False
         if C < N:
-            if len(part) < len(W):
-                moved = np.zeros(len(W))
+            if is_part:
+                moved = take(space, len(W))
+                fill(moved, 0.0)
                 for i in range(C):
                     c = active[i]
                     add_motion(W, c % P, pairs.forces[c, 0], pairs.forces[c, 1], pairs.forces[c, 2], moved)
@@ -253,27 +258,30 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
                         pairs.target[c, 1] = pairs.target[c, 2] = 0.0
                 share = 0.0 if repeat else share
             swings = False
-            for c in active:
-                swings = swings or (pairs.helped[c] and swung[c] >= law.swings)
+            for i in range(C):
+                swings = swings or (pairs.helped[active[i]] and swung[active[i]] >= law.swings)
             if swings and not repeat:  # as `Braking` does
-                whole, moves = np.zeros((C, 3)), u.copy()  # c_t of what swings at σ = 1; u + c_t
+                whole, moves, along = take_rows(space, C, 3), take_rows(space, C, 3), 0.0  # c_t at σ = 1; u + c_t
                 for i in range(C):
                     c = active[i]
+                    whole[i, 0] = whole[i, 1] = whole[i, 2] = 0.0
+                    moves[i, 0] = u[i, 0]
                     moves[i, 1], moves[i, 2] = u[i, 1] + pairs.target[c, 1], u[i, 2] + pairs.target[c, 2]
                     if pairs.helped[c] and swung[c] >= law.swings:
                         whole[i, 1], whole[i, 2] = pairs.relative[c, 1] / 2, pairs.relative[c, 2] / 2
+                        along += abs(f[i, 1] * whole[i, 1]) + abs(f[i, 2] * whole[i, 2])
                 if power > negligible:
                     above = share
                 else:
                     below = share
-                enough, ahead = max(negligible, NEARLY_NONE * np.abs(f * whole).sum()), share
+                enough, ahead = max(negligible, NEARLY_NONE * along), share
                 stays = power <= negligible and (looks == 0 or (share > 0 and power >= -enough))
                 if not stays and looks == 0:
                     ahead = below if below < share else 0.0
                 elif not stays:
                     looks -= 1
                     of_law = part, points, axes, whole, friction, law.compliance, yielding
-                    ahead = _next_share(*of_law, f, u, moves, share, below, above, negligible)
+                    ahead = next_share(*of_law, f, u, moves, share, below, above, negligible, space)
                 repeat = ahead != share
                 for i in range(C if repeat else 0):
                     c = active[i]
@@ -290,28 +298,29 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
 
 
 @jit_part
-def is_out_of_reach(
-    law: Law, gap: float, free: Array, velocity: Array, w: Array, w_before: Array, pairs: Pairs
-) -> bool:
-    """Whether no pair takes part for sure, as the smallest gap, m, is wide for a step; the rest is as of `ask`.
+def _chosen_among(pairs: Pairs, space: Array) -> Array:
+    """Which pairs (C,) take part, in order."""
+    active, C = take_integers(space, len(pairs.chosen)), 0
+    for c in range(len(active)):
+        if pairs.chosen[c]:
+            active[C] = c
+            C += 1
+    return active[:C]
 
-    A pair takes part below -g/h or (-g/h + a/2)/2, the larger one; where all velocities are within s and g >= 2.5 h s
-    both are below -s.
-    """
-    if law.compliance > 0 or law.is_at_rest:
-        return False
-    fastest = obstacles = 0.0
-    for p in range(len(free)):
-        square = free[p, 0] ** 2 + free[p, 1] ** 2 + free[p, 2] ** 2
-        fastest = max(fastest, square, velocity[p, 0] ** 2 + velocity[p, 1] ** 2 + velocity[p, 2] ** 2)
-    for o in range(len(w)):
-        obstacles = max(obstacles, w[o, 0] ** 2 + w[o, 1] ** 2 + w[o, 2] ** 2)
-        obstacles = max(obstacles, w_before[o, 0] ** 2 + w_before[o, 1] ** 2 + w_before[o, 2] ** 2)
-    if not gap > 2.5 * law.h * (math.sqrt(fastest) + 2 * math.sqrt(obstacles)):
-        return False
-    for c in range(len(pairs.chosen)):
-        pairs.chosen[c] = pairs.helped[c] = False
-    return True
+
+@jit_part
+def _touched_among(active: Array, P: int, space: Array) -> Array:
+    """At which of P points (s,) these pairs are, in order."""
+    touched, few, s = take_integers(space, P), take_integers(space, P), 0
+    for p in range(P):
+        touched[p] = 0
+    for i in range(len(active)):
+        touched[active[i] % P] = 1
+    for p in range(P):
+        if touched[p]:
+            few[s] = p
+            s += 1
+    return few[:s]
 
 
 @jit_part
@@ -327,61 +336,6 @@ def _velocities(P: int, friction: Array, yielding: Array, f: Array, u: Array) ->
         else:
             forces += 3
     return velocities / forces if forces else np.inf
-
-
-@jit_part
-def _share_of(pairs: Pairs) -> float:
-    """The share of its velocity that what swings is asked for, 1 where nothing does."""
-    share = 1.0
-    for c in range(len(pairs.helped)):
-        if pairs.helped[c]:
-            (_, x, y), (_, a, b) = pairs.relative[c], pairs.target[c]
-            if a != 0 or b != 0:
-                return 2 * (a * x + b * y) / (x * x + y * y)
-            share = 0.0
-    return share
-
-
-@jit_part
-def _next_share(
-    W: Array,
-    points: Array,
-    axes: Array,
-    whole: Array,
-    friction: Array,
-    compliance: float,
-    yielding: Array,
-    f: Array,
-    u: Array,
-    moves: Array,
-    share: float,
-    below: float,
-    above: float,
-    negligible: float,
-) -> float:
-    """The share that is to be looked at next, between two that are known to be too little and too much.
-
-    Arguments as of `look_at`, but for whole (C, 3), c_t of what swings at σ = 1, and moves (C, 3), u + c_t, m/s.
-    """
-    z, by_f, by_moves, moved = f.copy(), np.zeros(f.shape), np.empty(f.shape), np.empty(len(W))
-    for c in range(len(points)):
-        for k in range(3):
-            z[c, k] -= u[c, k] / yielding[c]
-    if not add_change(W, points, axes, friction, compliance, yielding, z, -whole, by_f):
-        return (below + above) / 2
-    look_at(W, points, axes, np.zeros(f.shape), friction, compliance, yielding, by_f, by_moves, moved)
-    square = slope = power = 0.0
-    for c in range(len(points)):
-        for k in range(1, 3):
-            square += by_f[c, k] * by_moves[c, k]
-            slope += by_f[c, k] * moves[c, k] + f[c, k] * by_moves[c, k]
-            power += f[c, k] * moves[c, k]
-    root = share + root_of(square, slope, power + negligible / 2)
-    if below + LEAST_SHARE < root < above:
-        return root
-    if share == 0.0 and power >= -negligible and slope >= 0:
-        return 0.0  # a little would be too much
-    return (below + above) / 2
 
 
 @jit_part

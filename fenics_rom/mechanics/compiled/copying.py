@@ -3,14 +3,39 @@
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
+from fenics_rom.compiled_arrays import flat
 
 
 @jit_part
 def copy(of: Array, to: Array) -> None:
     """Copies the numbers of an array into another one of the same shape, both in one piece."""
-    numbers, copied = of.reshape(of.size), to.reshape(to.size)
+    numbers, copied = flat(of), flat(to)
     for k in range(len(numbers)):
         copied[k] = numbers[k]
+
+
+@jit_part
+def fill(array: Array, number: float) -> None:
+    """Sets all numbers of an array in one piece."""
+    numbers = flat(array)
+    for k in range(len(numbers)):
+        numbers[k] = number
+
+
+@jit_part
+def add_row(row: Array, share: float, to: Array) -> None:
+    """Adds a share of a row to another one."""
+    for k in range(len(to)):
+        to[k] += share * row[k]
+
+
+@jit_part
+def largest_of(array: Array) -> float:
+    """Of numbers in one piece, without their signs."""
+    numbers, largest = flat(array), 0.0
+    for k in range(len(numbers)):
+        largest = max(largest, abs(numbers[k]))
+    return largest
 
 
 @jit_part

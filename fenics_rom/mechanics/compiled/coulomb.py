@@ -9,6 +9,7 @@ import math
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.compiled.copying import fill
 
 # Of the velocities that forces stop: how far they may be from the law where they are looked for further, and at all.
 ACCURATE, SOLVED = 1e-14, 1e-12
@@ -67,7 +68,8 @@ def look_at(
 
     Sets u (C, 3) and moved (3P,).
     """
-    moved[:], worst = 0.0, 0.0
+    worst = 0.0
+    fill(moved, 0.0)
     for c in range(len(points)):
         push(W, points[c], axes[c], f[c, 0], f[c, 1], f[c, 2], moved)
     for c in range(len(points)):

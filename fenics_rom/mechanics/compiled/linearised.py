@@ -10,9 +10,10 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.compiled.copying import copy, put
+from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of, put
 from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, look_at
 from fenics_rom.mechanics.compiled.newton import solve
+from fenics_rom.mechanics.compiled.work_space import release, take, take_integers, take_rows, taken
 
 MOST_STEPS = 8  # of Newton's method: where they suffice they are rarely more than four
 
@@ -28,6 +29,7 @@ def add_change(
     z: Array,
     v: Array,
     f: Array,
+    space: Array,
 ) -> bool:
     """Adds to forces (C, 3) what velocities v (C, 3) ask for, as `Linearisation.change`; False where that is not known.
 
@@ -37,10 +39,13 @@ def add_change(
         z: f - ρ u (C, 3), which says what pairs do.
         v: in the frames, m/s.
         f: in the frames, N.
+        space: with room for 45 numbers of each pair and 3 of each point.
     """
-    C, P = len(points), len(W) // 3
-    owner, row, column = np.empty(3 * C, dtype=np.int64), np.empty((3 * C, 3)), np.empty((3 * C, 3))
-    matrix, right, n = np.zeros((3 * C, 3 * C)), np.empty(3 * C), 0
+    C, P, n, begun = len(points), len(W) // 3, 0, taken(space)
+    owner, row, column = take_integers(space, 3 * C), take_rows(space, 3 * C, 3), take_rows(space, 3 * C, 3)
+    asked, pushed, moved = take_rows(space, 3 * C, 3), take_rows(space, 3 * C, 3), take(space, 3 * P)
+    right, slack = take(space, 3 * C), take(space, 3 * C)  # slack: on the diagonal
+    fill(slack, 0.0)
     for c in range(C):
         length, cone = math.sqrt(z[c, 1] ** 2 + z[c, 2] ** 2), friction[c] * z[c, 0]
         if z[c, 0] <= 0:
@@ -55,7 +60,7 @@ def add_change(
                 n += 1
                 put(row[n], 0.0, -sin, cos)
                 put(column[n], 0.0, -sin, cos)
-                owner[n], right[n], matrix[n, n] = c, sin * v[c, 1] - cos * v[c, 2], (length / cone - 1) * yielding[c]
+                owner[n], right[n], slack[n] = c, sin * v[c, 1] - cos * v[c, 2], (length / cone - 1) * yielding[c]
         else:
             for k in range(1, 3):
                 n += 1
@@ -63,8 +68,8 @@ def add_change(
                 put(column[n], 0.0, 2.0 - k, k - 1.0)
                 owner[n], right[n] = c, -v[c, k]
         n += 1
-    asked, pushed, moved = np.empty((n, 3)), np.empty((n, 3)), np.empty(3 * P)  # rows and columns in space
-    for i in range(n):
+    matrix = np.empty((n, n))
+    for i in range(n):  # rows and columns in space
         _in_space(axes[owner[i]], row[i], asked[i])
         _in_space(axes[owner[i]], column[i], pushed[i])
     for j in range(n):
@@ -74,15 +79,16 @@ def add_change(
             moved[k] = a * first[k] + b * second[k] + c * third[k]
         for i in range(n):
             to = 3 * points[owner[i]]
-            matrix[i, j] += asked[i, 0] * moved[to] + asked[i, 1] * moved[to + 1] + asked[i, 2] * moved[to + 2]
+            matrix[i, j] = asked[i, 0] * moved[to] + asked[i, 1] * moved[to + 1] + asked[i, 2] * moved[to + 2]
             if owner[i] == owner[j]:
                 matrix[i, j] += compliance * row[i, 0] * column[j, 0]
-    if not solve(matrix, right, n):
-        return False
-    for j in range(n):
+        matrix[j, j] += slack[j]
+    is_known = solve(matrix, right, n)
+    for j in range(n if is_known else 0):
         for k in range(3):
             f[owner[j], k] += right[j] * column[j, k]
-    return True
+    release(space, begun)
+    return is_known
 
 
 @jit_part
@@ -104,13 +110,18 @@ def find_by_steps(
     f: Array,
     u: Array,
     moved: Array,
+    space: Array,
 ) -> tuple[int, bool]:
     """Forces of C pairs by Newton's method: how many steps it took, and whether they are found.
 
-    Arguments as of `look_at`, which is asked of f (C, 3) first; f is changed only if they are found.
+    Arguments as of `look_at`, which is asked of f (C, 3) first; f is changed only if they are found; space: with room
+    for 51 numbers of each pair and 3 of each point.
     """
-    C, speed, before, now, z = len(points), np.abs(q).max(), np.inf, f.copy(), np.empty(f.shape)
+    begun, C, speed, before = taken(space), len(points), largest_of(q), np.inf
+    now, z, steps, is_found = take_rows(space, C, 3), take_rows(space, C, 3), 0, False
+    copy(f, now)
     for count in range(MOST_STEPS + 1):
+        steps = count
         error = look_at(W, points, axes, q, friction, compliance, yielding, now, u, moved)
         is_found = error <= ACCURATE * speed or (error <= SOLVED * speed and error >= before / 2)
         before = error
@@ -123,8 +134,9 @@ def find_by_steps(
             now[c, 0], now[c, 1], now[c, 2] = max(into[0], 0.0), share * into[1], share * into[2]
         if is_found:
             copy(now, f)
-            return count, True
-        look_at(W, points, axes, q, friction, compliance, yielding, now, u, moved)
-        if not add_change(W, points, axes, friction, compliance, yielding, z, u, now):
             break
-    return count, False
+        look_at(W, points, axes, q, friction, compliance, yielding, now, u, moved)
+        if not add_change(W, points, axes, friction, compliance, yielding, z, u, now, space):
+            break
+    release(space, begun)
+    return steps, is_found

@@ -18,8 +18,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, look_at
+from fenics_rom.mechanics.compiled.work_space import release, take, take_frames, take_integers, take_rows, taken
 
 OPEN, SLIPS, STICKS, NO_PAIR = range(4)
 MOST_SEARCHES = 6  # where W is not quite what the inverse is of
@@ -37,6 +38,7 @@ def find_by_newton(
     f: Array,
     u: Array,
     missed: float,
+    space: Array,
 ) -> tuple[int, bool]:
     """Forces of C pairs: how many solves they took, and whether they are found.
 
@@ -50,12 +52,24 @@ def find_by_newton(
         f: (C, 3) in the frames, to begin with; set if they are found.
         u: (C, 3) W f + q; set if they are found.
         missed: how far these are from the law, m/s.
+        space: with room for 35 numbers of each point and 9 more; not given back.
     """
-    P, C, speed = len(inverse) // 3, len(points), np.abs(q).max()
-    kinds, frames, ρ, μ = np.full(P, NO_PAIR), np.zeros((P, 3, 3)), np.ones(P), np.zeros(P)
-    frames[:, 0, 0] = frames[:, 1, 1] = frames[:, 2, 2] = 1.0
-    v, z, as_if_stuck = np.zeros((P, 3)), np.zeros((P, 3)), np.empty((P, 3))
-    stuck, forces = np.empty((P, 3)), np.empty((P, 3))
+    P, C, speed = len(inverse) // 3, len(points), largest_of(q)
+    kinds, frames, ρ, μ = take_integers(space, P), take_frames(space, P), take(space, P), take(space, P)
+    v, z, as_if_stuck = take_rows(space, P, 3), take_rows(space, P, 3), take_rows(space, P, 3)
+    stuck, forces, right = take_rows(space, P, 3), take_rows(space, P, 3), take(space, 3 * P)
+    places, begins, moved, half = (
+        take_integers(space, P),
+        take_integers(space, P),
+        take(space, 3 * P),
+        take_rows(space, 3, 3),
+    )
+    for p in range(P):
+        kinds[p], ρ[p], μ[p] = NO_PAIR, 1.0, 0.0
+        for a in range(3):
+            v[p, a] = z[p, a] = 0.0
+            for b in range(3):
+                frames[p, a, b] = 1.0 if a == b else 0.0
     for c in range(C):
         p = points[c]
         kinds[p], ρ[p], μ[p] = OPEN, 1 / yielding[c], friction[c]
@@ -63,14 +77,12 @@ def find_by_newton(
         for k in range(3):
             v[p, k] = -q[c, k]
             z[p, k] = f[c, k] - ρ[p] * u[c, k]
-    _map(inverse, frames, v, stuck)  # the forces that all need to stick
-    v[:] = 0.0
+    _map(inverse, frames, v, stuck, moved)  # the forces that all need to stick
+    fill(v, 0.0)
     if _look(kinds, ρ, μ, stuck, v, as_if_stuck) < missed:
         copy(as_if_stuck, z)
     known, blocks = np.zeros((P, P), dtype=np.bool_), np.empty((P, P, 3, 3))
-    matrix, right = np.empty((3 * P, 3 * P)), np.empty(3 * P)
-    places, begins = np.empty(P, dtype=np.int64), np.empty(P, dtype=np.int64)
-    before = np.inf
+    matrix, before = np.empty((3 * P, 3 * P)), np.inf
     for count in range(1, MOST_SOLVES + 1):
         moving, n = 0, 0  # points with unknown velocities, and how many these are
         for p in range(P):
@@ -81,21 +93,21 @@ def find_by_newton(
                 places[moving], begins[moving] = p, n
                 moving, n = moving + 1, n + (2 if kinds[p] == SLIPS else 3)
         places_now, begins_now = places[:moving], begins[:moving]
-        _blocks_of(inverse, frames, places_now, known, blocks)
+        _blocks_of(inverse, frames, places_now, known, blocks, half)
         _set_up(blocks, stuck, kinds, ρ, μ, z, places_now, begins_now, matrix, right)
         if not solve(matrix, right, n):
             return count, False
-        v[:] = 0.0
+        fill(v, 0.0)
         for i in range(moving):
             p, k = places[i], begins[i]
             for a in range(1 if kinds[p] == SLIPS else 0, 3):
                 v[p, a] = right[k]
                 k += 1
-        _map(inverse, frames, v, forces)
-        forces += stuck
-        for i in range(moving):
-            if kinds[places[i]] != SLIPS:
-                forces[places[i]] = 0.0
+        _map(inverse, frames, v, forces, moved)
+        for p in range(P):
+            is_open = kinds[p] == OPEN or kinds[p] == NO_PAIR
+            for a in range(3):
+                forces[p, a] = 0.0 if is_open else forces[p, a] + stuck[p, a]
         missed = _look(kinds, ρ, μ, forces, v, z)
         if missed <= ACCURATE * speed or (missed <= SOLVED * speed and missed >= before / 2):
             break
@@ -127,15 +139,21 @@ def find_with_operator(
     u: Array,
     moved: Array,
     missed: float,
+    space: Array,
 ) -> tuple[int, bool, float]:
     """Forces by Newton's method: how many solves, whether it found some, and how far these are from the law, m/s.
 
     The inverse may be that of a matrix that is only nearly W, as where W is not symmetric. Then what W f is beyond that
-    is among the free velocities of a further search, which takes a solve. Arguments as of `look_at`; missed: before.
+    is among the free velocities of a further search, which takes a solve. Arguments as of `look_at`; missed: before;
+    space: with room for 35 numbers of each point, 3 of each pair and 9 more.
     """
-    shifted, solves, before, error, enough = q.copy(), 0, np.inf, missed, SOLVED * np.abs(q).max()
+    begun, shifted = taken(space), take_rows(space, len(q), 3)
+    solves, before, error, enough = 0, np.inf, missed, SOLVED * largest_of(q)
+    copy(q, shifted)
     for _ in range(MOST_SEARCHES):
-        count, is_found = find_by_newton(inverse, points, axes, shifted, friction, yielding, f, u, error)
+        within = taken(space)
+        count, is_found = find_by_newton(inverse, points, axes, shifted, friction, yielding, f, u, error, space)
+        release(space, within)
         solves += count
         for c in range(len(q)):
             for k in range(3):
@@ -147,13 +165,17 @@ def find_with_operator(
         for c in range(len(q)):
             for k in range(3):
                 shifted[c, k] += u[c, k]
+    release(space, begun)
     return solves, is_found, error
 
 
 @jit_part
-def _map(operator: Array, frames: Array, x: Array, y: Array) -> None:
-    """Sets y (P, 3) to what an operator, of which the transpose is given, makes of x (P, 3), both in frames."""
-    moved = np.zeros(len(operator))
+def _map(operator: Array, frames: Array, x: Array, y: Array, moved: Array) -> None:
+    """Sets y (P, 3) to what an operator, of which the transpose is given, makes of x (P, 3), both in frames.
+
+    moved: (3P,) to work in.
+    """
+    fill(moved, 0.0)
     for p in range(len(x)):
         frame, a, b, c = frames[p], x[p, 0], x[p, 1], x[p, 2]
         if a == 0.0 and b == 0.0 and c == 0.0:
@@ -189,9 +211,11 @@ def _look(kinds: Array, ρ: Array, μ: Array, forces: Array, v: Array, z: Array)
 
 
 @jit_part
-def _blocks_of(inverse: Array, frames: Array, places: Array, known: Array, blocks: Array) -> None:
-    """Sets those blocks (3, 3) of W⁻¹ between the points at places, in their frames, that are not known yet."""
-    half = np.empty((3, 3))
+def _blocks_of(inverse: Array, frames: Array, places: Array, known: Array, blocks: Array, half: Array) -> None:
+    """Sets those blocks (3, 3) of W⁻¹ between the points at places, in their frames, that are not known yet.
+
+    half: (3, 3) to work in.
+    """
     for p in places:
         for q in places:
             if known[p, q]:

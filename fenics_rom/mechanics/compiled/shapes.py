@@ -82,19 +82,20 @@ def _direction(x: float, y: float, z: float, a: float, b: float, c: float, n: Ar
 @jit_part
 def _from_box(x: float, y: float, z: float, s: Array, n: Array) -> float:
     """Signed distance of a place, as seen from its centre, from a box; sets n."""
-    local, beyond, deepest, face = np.empty(3), np.empty(3), -np.inf, 0
-    for k in range(3):
-        local[k] = x * s[6 + k] + y * s[9 + k] + z * s[12 + k]
-        excess = abs(local[k]) - s[3 + k]
-        beyond[k] = math.copysign(max(excess, 0.0), local[k])
-        if excess > deepest:
-            deepest, face = excess, k
-    gap = deepest
-    if deepest < SHORTEST_DIRECTION:
-        for k in range(3):
-            beyond[k] = math.copysign(1.0, local[k]) if k == face else 0.0
+    a = x * s[6] + y * s[9] + z * s[12]  # along the edges
+    b = x * s[7] + y * s[10] + z * s[13]
+    c = x * s[8] + y * s[11] + z * s[14]
+    beyond_a, beyond_b, beyond_c = abs(a) - s[3], abs(b) - s[4], abs(c) - s[5]
+    gap = max(beyond_a, beyond_b, beyond_c)
+    if gap < SHORTEST_DIRECTION:
+        beyond_a = 1.0 if beyond_a == gap else 0.0
+        beyond_b = 1.0 if beyond_a == 0.0 and beyond_b == gap else 0.0
+        beyond_c = 1.0 - beyond_a - beyond_b
     else:
-        gap = _direction(beyond[0], beyond[1], beyond[2], 0.0, 0.0, 1.0, beyond)
+        beyond_a, beyond_b, beyond_c = max(beyond_a, 0.0), max(beyond_b, 0.0), max(beyond_c, 0.0)
+        gap = math.sqrt(beyond_a * beyond_a + beyond_b * beyond_b + beyond_c * beyond_c)
+        beyond_a, beyond_b, beyond_c = beyond_a / gap, beyond_b / gap, beyond_c / gap
+    a, b, c = math.copysign(beyond_a, a), math.copysign(beyond_b, b), math.copysign(beyond_c, c)
     for j in range(3):
-        n[j] = s[6 + 3 * j] * beyond[0] + s[7 + 3 * j] * beyond[1] + s[8 + 3 * j] * beyond[2]
+        n[j] = s[6 + 3 * j] * a + s[7 + 3 * j] * b + s[8 + 3 * j] * c
     return gap

@@ -7,12 +7,13 @@ kept along, so that a pair costs three rows of W. After every sweep the forces g
 
 import math
 
-import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.compiled_arrays import flat
+from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.coulomb import SOLVED, push
+from fenics_rom.mechanics.compiled.work_space import release, take, take_frames, take_rows, taken
 
 ROUND_OFF = 2e-15  # of the velocities that forces stop: what a sweep may change at its end
 MOST_SWEEPS, MOST_FURTHER = 200, 12  # where they suffice they are rarely more than 60; of them from SOLVED on
@@ -44,6 +45,7 @@ def find_by_sweeps(
     f: Array,
     moved: Array,
     most: int,
+    space: Array,
 ) -> int:
     """Forces of C pairs: how many sweeps they took.
 
@@ -57,9 +59,10 @@ def find_by_sweeps(
         f: (C, 3) in the frames, to begin with; set to what is found, in the cones.
         moved: (3P,) W f of all points, along the axes of space; changed with f.
         most: sweeps.
+        space: with room for 22 numbers of each pair and 3 of each point.
     """
-    C, speed, further = len(points), np.abs(q).max(), 0
-    own, soft = np.empty((C, 3, 3)), np.empty((C, 2))
+    C, speed, further, begun_with = len(points), largest_of(q), 0, taken(space)
+    own, soft, stiff = take_frames(space, C), take_rows(space, C, 2), take_rows(space, C, 2)
     for c in range(C):
         _local_compliance(W, points[c], axes[c], own[c])
         own[c, 0, 0] += compliance
@@ -67,9 +70,12 @@ def find_by_sweeps(
         least = 1e-12 * (own[c, 0, 0] + own[c, 1, 1] + own[c, 2, 2])
         soft[c, 0] = max(own[c, 0, 0], least)
         soft[c, 1] = max((own[c, 1, 1] + own[c, 2, 2]) / 2 + math.sqrt(half * half + skew * skew), least)
-    stiff, n = 1 / soft, 3 * C
-    forces, begun, last, changed = f.ravel(), np.empty(n), np.zeros(n), np.zeros(n)  # the first one is f itself
-    moved_last = np.zeros(len(moved))
+        stiff[c, 0], stiff[c, 1] = 1 / soft[c, 0], 1 / soft[c, 1]
+    n, forces, moved_last = 3 * C, flat(f), take(space, len(moved))
+    begun, last, changed = take(space, n), take(space, n), take(space, n)
+    fill(last, 0.0)
+    fill(changed, 0.0)
+    fill(moved_last, 0.0)
     for count in range(1, most + 1):
         copy(forces, begun)
         missed = _sweep(W, points, axes, q, friction, compliance, own, soft, stiff, f, moved)
@@ -84,6 +90,7 @@ def find_by_sweeps(
         share = max(-FARTHEST, min(0.5, along / square)) if count > 1 and square > 0 else 0.0
         _go_further(forces, last, share)
         _go_further(moved, moved_last, share)
+    release(space, begun_with)
     return count
 
 

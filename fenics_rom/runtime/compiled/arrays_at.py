@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import arrays_by_address, jit_part
+from fenics_rom.compilation import jit_part
+from fenics_rom.compiled_arrays import carray, floats, integers
 
 
 def table_of(arrays: Sequence[Array]) -> Array:
@@ -22,40 +23,37 @@ def table_of(arrays: Sequence[Array]) -> Array:
     return rows
 
 
-carray, _floats, _integers = arrays_by_address()
-
-
 @jit_part
 def vector_at(row: Array) -> Array:
     """The array of one axis that a row of a table tells of."""
-    return carray(_floats(row[0]), (row[1],))
+    return carray(floats(row[0]), (row[1],))
 
 
 @jit_part
 def matrix_at(row: Array) -> Array:
     """That of two axes."""
-    return carray(_floats(row[0]), (row[1], row[2]))
+    return carray(floats(row[0]), (row[1], row[2]))
 
 
 @jit_part
 def cube_at(row: Array) -> Array:
     """That of three axes."""
-    return carray(_floats(row[0]), (row[1], row[2], row[3]))
+    return carray(floats(row[0]), (row[1], row[2], row[3]))
 
 
 @jit_part
 def integers_at(row: Array) -> Array:
     """That of one axis, of whole numbers."""
-    return carray(_integers(row[0]), (row[1],))
+    return carray(integers(row[0]), (row[1],))
 
 
 @jit_part
 def integer_rows_at(row: Array) -> Array:
     """That of two axes, of whole numbers."""
-    return carray(_integers(row[0]), (row[1], row[2]))
+    return carray(integers(row[0]), (row[1], row[2]))
 
 
 @jit_part
 def integer_cube_at(row: Array) -> Array:
     """That of three axes, of whole numbers."""
-    return carray(_integers(row[0]), (row[1], row[2], row[3]))
+    return carray(integers(row[0]), (row[1], row[2], row[3]))

@@ -6,11 +6,11 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
-from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs
+from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, IS_AHEAD, IS_CARRIED, Memory
 from fenics_rom.runtime.compiled.held_step import Among, Body, Motion, Step, Touch, motion_in, take_step
-from fenics_rom.runtime.compiled.linear_bodies import Obstacles, Told
+from fenics_rom.runtime.compiled.linear_bodies import Obstacles, Told, contact_of
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.touching import Begun, StepContact, hand_on
 
@@ -57,7 +57,7 @@ def step_bodies(
     m, N = len(body.ω), begun.forces.shape[1]
     n, r = 3 * told.forces.shape[1], len(body.law.stiffness)
     within, products, vectors, factor = np.zeros((3, m, m)), np.zeros((4, r)), np.zeros((8, m)), np.zeros((m, m))
-    motion, found, spread, W = motion_in(vectors, factor), _found(N, n), np.empty((m, n)), np.empty((n, n))
+    motion, found, spread, W = motion_in(vectors, factor), contact_of(N, n // 3), np.empty((m, n)), np.empty((n, n))
     for b in bodies:
         memory = Memory(
             carried.vectors[b], carried.matrices[b], carried.strained[b], carried.numbers[b], within, products
@@ -81,14 +81,6 @@ def step_bodies(
         _end(body, b, step, motion, states, carried, told)
         if touch is not None:
             _tell_contact(law, step.status == FOUND, found, past, Begun(after.forces[b], after.swung[b]), told, b)
-
-
-@jit_part
-def _found(N: int, n: int) -> StepContact:
-    """For what N pairs do at points with so many coordinates."""
-    vectors, flags = np.empty((3, N, 3)), np.empty((2, N), dtype=np.bool_)
-    asked = vectors[0], vectors[1], vectors[2], np.empty(N), flags[0], flags[1], np.empty(N), np.empty((N, 3))
-    return StepContact(Pairs(np.empty((N, 3, 3)), *asked), np.empty(N), np.zeros((4, n)), np.empty(n))
 
 
 @jit_part

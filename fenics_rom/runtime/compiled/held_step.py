@@ -16,6 +16,7 @@ from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, find_forces
 from fenics_rom.mechanics.compiled.contact_law import Law as ContactLaw
 from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.work_space import work_space
 from fenics_rom.runtime.compiled.carried_strains import (
     ENERGY,
     HAS_TANGENT,
@@ -54,6 +55,7 @@ from fenics_rom.runtime.compiled.touching import (
     StepContact,
     add_up_forces,
     ask_points,
+    look_around,
     step_beyond,
 )
 from fenics_rom.runtime.steppers.elastic.carried_strains import TANGENT_RENEWAL
@@ -202,10 +204,9 @@ def end_step(body: Body, r: Array, strains: Strains, motion: Motion) -> Step:
 def _find_contact(r: Array, motion: Motion, among: Among, w: Array, pull: Pull | None, holds: bool) -> Found:
     """Finds contact forces at v̂ of the motion, and sets what they do (m,); whether cables hold their strokes."""
     touch, found = among.touch, among.found
-    motions = motion.q, r, motion.velocity
-    ask_points(
-        touch, among.law, among.shapes, among.start, w, among.w_before, among.begun, motions, among.beyond, found, True
-    )
+    space = work_space(3 * len(touch.places))
+    look_around(touch, among.shapes, among.start, motion.q, among.beyond, found, space)
+    ask_points(touch, among.law, w, among.w_before, among.begun, r, motion.velocity, among.beyond, found, space)
     if found.pairs.chosen.any():
         _set_delassus(touch, motion.factor, among.spread, among.W)
         if pull is not None and holds:

@@ -8,12 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit, jit_part
+from fenics_rom.compiled_arrays import unowned
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs
-from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.copying import copy, fill
 from fenics_rom.mechanics.compiled.shapes import measure
-from fenics_rom.runtime.compiled.linear_step import Body, State, restore, take_step
-from fenics_rom.runtime.compiled.touching import LOST, Begun, StepContact, Touched, hand_on
+from fenics_rom.mechanics.compiled.work_space import release, taken, work_space
+from fenics_rom.runtime.compiled.linear_step import ROOM_FOR_MODES, Body, State, restore, step_in
+from fenics_rom.runtime.compiled.touching import LOST, Begun, Clearance, StepContact, Touched, hand_on, is_settled
 
 
 class Obstacles(NamedTuple):
@@ -46,6 +48,7 @@ def step_bodies(
     begun: Begun,
     after: Begun,
     states: State,
+    clearance: Clearance,
     told: Told,
 ) -> None:
     """Takes a step of some bodies.
@@ -58,33 +61,73 @@ def step_bodies(
         obstacles: of all.
         begun, after: what the step begins with of the past, and what the next one does, which is set.
         states: changed of those that take the step: not where its status is OTHERWISE or LOST.
+        clearance: with numbers (B,), changed; of bodies whose obstacles are out of reach nothing is asked of these.
         told: set.
     """
     P, N = len(body.places), begun.forces.shape[1]
+    found, space = contact_of(N, P), work_space(ROOM_FOR_MODES * len(body.ω) + 3 * (P + len(shapes)) + 3)
+    given = unowned(body), law, unowned(friction), unowned(shapes), unowned(bodies), unowned(inputs)
+    known = unowned(obstacles), unowned(begun), unowned(after), unowned(states), unowned(clearance), unowned(told)
+    _step_bodies(*given, *known, found, space)
+
+
+@jit_part
+def contact_of(N: int, P: int) -> StepContact:
+    """For what N pairs do at P points."""
     vectors, flags = np.empty((3, N, 3)), np.empty((2, N), dtype=np.bool_)
-    axes, forces, rubs = np.empty((N, 3, 3)), np.empty((N, 3)), np.empty(N)
-    sought = Pairs(axes, vectors[0], vectors[1], vectors[2], np.empty(N), flags[0], flags[1], rubs, forces)
-    found = StepContact(sought, np.empty(N), np.zeros((4, 3 * P)), np.empty(3 * P))
-    for b in bodies:
-        copy(begun.forces[b], forces)
-        rubs[:] = friction[b]
+    asked = vectors[0], vectors[1], vectors[2], np.empty(N), flags[0], flags[1], np.empty(N), np.empty((N, 3))
+    return StepContact(Pairs(np.empty((N, 3, 3)), *asked), np.empty(N), np.zeros((4, 3 * P)), np.empty(3 * P))
+
+
+@jit_part
+def _step_bodies(
+    body: Body,
+    law: Law,
+    friction: Array,
+    shapes: Array,
+    bodies: Array,
+    inputs: Array,
+    obstacles: Obstacles,
+    begun: Begun,
+    after: Begun,
+    states: State,
+    clearance: Clearance,
+    told: Told,
+    kept: StepContact,
+    space: Array,
+) -> None:
+    """The same; kept: for what the step of a body finds."""
+    P, N, found, begin = len(body.places), begun.forces.shape[1], unowned(kept), taken(space)
+    sought = found.pairs
+    forces, axes = sought.forces, sought.axes
+    for i in range(len(bodies)):
+        b = bodies[i]
+        release(space, begin)
+        fill(sought.friction, friction[b])
         own = Law(law.h, law.restitution, friction[b], law.rate, law.compliance, law.is_at_rest, law.swings)
         now = states.halves[b], states.rigid[b], states.beyond[b]
         state = State(*now, states.halves_before[b], states.rigid_before[b], states.beyond_before[b])
         past = Begun(begun.forces[b], begun.swung[b])
         moving = obstacles.start[b], obstacles.end[b], obstacles.before[b]
-        step = take_step(body, own, shapes, inputs[b], *moving, past, state, found, False)
+        own_numbers = clearance.gap[b : b + 1], clearance.untouched[b : b + 1], clearance.still[b : b + 1]
+        near = Clearance(*own_numbers, clearance.stretch)
+        step = step_in(space, body, own, shapes, inputs[b], *moving, past, state, found, near)
         told.status[b] = step.status
         if step.status != OTHERWISE and not np.isfinite(step.square):
             restore(state)
             told.status[b] = LOST
         if told.status[b] >= OTHERWISE:
+            near.gap[0] = near.untouched[0] = near.still[0] = 0.0
             continue
         works, touched = told.works[b], step.status == FOUND
         works[0], works[1], works[2] = step.supplied, step.dissipated, step.by_obstacles
         works[3], works[4] = step.contact, step.friction
-        told.resultants[b], told.pressing[b] = 0.0, 0.0
-        copy(found.forces.reshape(P, 3), told.forces[b])
+        if not touched and is_settled(near.untouched):
+            continue
+        near.untouched[0] = 0.0 if touched else near.untouched[0] + 1
+        fill(told.resultants[b], 0.0)
+        fill(told.pressing[b], 0.0)
+        copy(found.forces, told.forces[b])
         hand_on(law, past, touched, sought, Begun(after.forces[b], after.swung[b]))
         for c in range(N):
             for k in range(3 if touched else 0):

@@ -11,18 +11,30 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
+from fenics_rom.compiled_arrays import unowned
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, Law, find_forces
-from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
+from fenics_rom.mechanics.compiled.work_space import take, take_rows, work_space
+from fenics_rom.runtime.compiled.small_matrices import dot, multiply
 from fenics_rom.runtime.compiled.touching import (
     FORGOTTEN,
     Begun,
+    Clearance,
     StepContact,
     add_up_forces,
     ask_points,
+    forget_pairs,
+    go_on,
     hand_on,
+    is_out_of_reach,
+    is_settled,
     keep_found,
+    look_around,
+    not_known,
     step_beyond,
 )
+
+ROOM_FOR_MODES = 7  # numbers of the work space for each mode, beside three for each point and obstacle, and three
 
 
 class Body(NamedTuple):
@@ -81,7 +93,6 @@ def take_step(
     begun: Begun,
     state: State,
     found: StepContact,
-    is_told: bool,
 ) -> Step:
     """Takes a step.
 
@@ -93,49 +104,88 @@ def take_step(
         w_before: their velocities in the step before, (O, 3), m/s.
         begun: what the step begins with.
         state: changed.
-        found: with forces to begin with; set.
-        is_told: whether what the law says is set where nothing is within reach, too.
+        found: set.
     """
+    space = work_space(ROOM_FOR_MODES * len(body.ω) + 3 * (len(body.places) + len(shapes)) + 3)
+    given = unowned(start), unowned(end), unowned(w_before), unowned(begun), unowned(state), unowned(found)
+    return step_in(space, unowned(body), law, unowned(shapes), unowned(u), *given, not_known(len(body.ω), space))
+
+
+@jit_part
+def step_in(
+    space: Array,
+    body: Body,
+    law: Law,
+    shapes: Array,
+    u: Array,
+    start: Array,
+    end: Array,
+    w_before: Array,
+    begun: Begun,
+    state: State,
+    found: StepContact,
+    clearance: Clearance,
+) -> Step:
+    """The same, in a work space. Where obstacles are known to be out of reach, what they would ask is not set."""
     pairs, _, motion, forces = found
     h, m, P = law.h, len(body.ω), len(body.places)
     e, r, ρ = state.halves[0], state.halves[1], len(state.rigid)
     yields = len(body.R) > 0
-    pushed = body.inputs.dot(u)
-    right = pushed + 2 / h * r - body.ω * e
-    v = body.A.dot(right)
-    q = np.empty(m)
+    pushed, right, v, q = take(space, m), take(space, m), take(space, m), take(space, m)
+    by_contact, heat, w = take(space, m), take(space, m), take_rows(space, len(shapes), 3)
+    multiply(body.inputs, u, pushed)
     for i in range(m):
+        right[i] = pushed[i] + 2 / h * r[i] - body.ω[i] * e[i]
         q[i] = state.rigid[i] if i < ρ else e[i] * body.inverse_ω[i]
-    w = (end - start) / h
-    contact, motions = Found(NOTHING, 0, 0.0), (q, r, v)
-    if ask_points(body, law, shapes, start, w, w_before, begun, motions, state.beyond, found, is_told):
+    multiply(body.A, right, v)
+    for o in range(len(w)):
+        for k in range(3):
+            w[o, k] = (end[o, k] - start[o, k]) / h
+    contact, going = Found(NOTHING, 0, 0.0), (r, v, state.beyond, w, w_before)
+    is_clear = is_out_of_reach(clearance, body, h, *going)
+    if not is_clear:
+        look_around(body, shapes, start, q, state.beyond, found, space)
+        clearance.gap[0] = found.gaps.min() if law.compliance == 0.0 else 0.0  # springs reach as far as they are soft
+        is_clear = is_out_of_reach(clearance, body, h, *going)
+    if is_clear:
+        forget_pairs(pairs)
+    else:
+        copy(begun.forces, pairs.forces)
+        ask_points(body, law, w, w_before, begun, r, v, state.beyond, found, space)
         contact = find_forces(law, body.W, body.inverse, P, begun.swung, pairs)
     if contact.status == OTHERWISE:
         return Step(OTHERWISE, contact.sweeps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    _remember(state)
+    _remember(state, is_settled(clearance.still))
     by_obstacles, power = add_up_forces(contact, w, found), 0.0
     if contact.status == FOUND:
-        by_contact = body.points.dot(forces)
-        right += by_contact
-        v = body.A.dot(right)
-        power = by_contact.dot(v)
-    heat = body.heat.dot(right)
-    supplied, dissipated = h * pushed.dot(v), h * heat.dot(heat)
+        multiply(body.points, forces, by_contact)
+        for i in range(m):
+            right[i] += by_contact[i]
+        multiply(body.A, right, v)
+        power = dot(by_contact, v)
+    multiply(body.heat, right, heat)
+    supplied, dissipated = h * dot(pushed, v), h * dot(heat, heat)
     stored = 0.0
-    if yields:
+    touches = contact.status == FOUND
+    is_still = not touches and (is_settled(clearance.still) or largest_of(state.beyond) == 0.0)
+    clearance.still[0] = clearance.still[0] + 1 if is_still else 0.0
+    if yields and is_still:
+        fill(motion[3], 0.0)
+    elif yields:
         lost, power_beyond, stored = step_beyond(body, h, state.beyond, forces, motion[3])
         dissipated, power = dissipated + lost, power + power_beyond
         if contact.status == NOTHING and stored < 2 * FORGOTTEN:
-            state.beyond[:] = 0.0
+            fill(state.beyond, 0.0)
             stored = 0.0
     for i in range(m):
         e[i] += h * body.ω[i] * v[i]
         r[i] = 2 * v[i] - r[i]
     for i in range(ρ):
         state.rigid[i] += h * v[i]
+    go_on(clearance, h, v, motion[3], w)
     whole = power - by_obstacles
     normal = contact.normal_power if law.friction > 0 else whole
-    square = e.dot(e) + r.dot(r) + stored
+    square = dot(e, e) + dot(r, r) + stored
     return Step(
         contact.status,
         contact.sweeps,
@@ -150,11 +200,12 @@ def take_step(
 
 
 @jit_part
-def _remember(state: State) -> None:
-    """Notes what is there before a step."""
+def _remember(state: State, is_still: bool) -> None:
+    """Notes what is there before a step; is_still: nothing is, nor was, carried beyond the basis."""
     copy(state.halves, state.halves_before)
     copy(state.rigid, state.rigid_before)
-    copy(state.beyond, state.beyond_before)
+    if not is_still:
+        copy(state.beyond, state.beyond_before)
 
 
 @jit_part
@@ -203,9 +254,7 @@ def take_steps(
     ρ, still = len(state.rigid), np.zeros(offsets.shape)
     step = Step(OTHERWISE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for count in range(len(inputs)):
-        copy(begun.forces, tried.pairs.forces)
-        is_told = count >= 0  # always: of a constant all would be compiled anew
-        after = take_step(body, law, shapes, inputs[count], offsets, offsets, still, begun, state, tried, is_told)
+        after = take_step(body, law, shapes, inputs[count], offsets, offsets, still, begun, state, tried)
         if after.status == OTHERWISE:
             return count, step
         if not np.isfinite(after.square):

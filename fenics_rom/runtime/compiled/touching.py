@@ -3,16 +3,18 @@
 A `Touched` body is one that has these parts, as `linear_step.Body` has them.
 """
 
+import math
 from typing import NamedTuple, Protocol
 
-import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.compiled.contact_law import FOUND, Found, Law, Pairs, ask, is_out_of_reach
-from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.contact_law import FOUND, Found, Law, Pairs, ask
+from fenics_rom.mechanics.compiled.copying import add_row, copy, fill, largest_of
 from fenics_rom.mechanics.compiled.shapes import measure
+from fenics_rom.mechanics.compiled.work_space import rows_of, take, take_rows
 
+DIAGONAL = 3**0.5  # the longest vector in space whose components are 1 at most
 FORGOTTEN = 1e-200  # J: see `steppers.residual_motion`
 LOST = 3  # status of a step whose state would not be finite; see `contact_law`
 
@@ -60,6 +62,15 @@ class Begun(NamedTuple):
     swung: Array  # (N,) in how many steps in a row friction did not stop a pair
 
 
+class Clearance(NamedTuple):
+    """How far a body is from obstacles."""
+
+    gap: Array  # of all points from them, at least (1,), m; 0 where it is not known
+    untouched: Array  # (1,) in how many steps in a row nothing has touched it, at least,
+    still: Array  # and in how many nothing has been carried beyond the basis
+    stretch: Array  # (m,) the largest displacement of a point by each coordinate
+
+
 class StepContact(NamedTuple):
     """What a step found of contact."""
 
@@ -77,55 +88,143 @@ class Last(NamedTuple):
 
 
 @jit_part
+def look_around(
+    body: Touched, shapes: Array, start: Array, q: Array, beyond: Array, found: StepContact, space: Array
+) -> None:
+    """Sets displacements of the points, their gaps and normals.
+
+    Args:
+        body: with points.
+        shapes, start: of the obstacles, as in `linear_step.take_step`.
+        q: (m,).
+        beyond: g, y and their rates, (4, 3P).
+        found: as above.
+        space: with room for 3P numbers.
+    """
+    moved, places = found.motion[0], take_rows(space, len(body.places), 3)
+    fill(moved, 0.0)
+    for i in range(len(q)):
+        add_row(body.points[i], q[i], moved)
+    if len(body.R) > 0:
+        add_row(beyond[1], 1.0, moved)
+    for p in range(len(places)):
+        for k in range(3):
+            places[p, k] = body.places[p, k] + moved[3 * p + k]
+    measure(shapes, start, places, found.gaps, found.pairs.axes[:, 0])
+
+
+@jit_part
 def ask_points(
     body: Touched,
     law: Law,
-    shapes: Array,
-    start: Array,
     w: Array,
     w_before: Array,
     begun: Begun,
-    motions: tuple[Array, Array, Array],
+    r: Array,
+    v: Array,
     beyond: Array,
     found: StepContact,
-    is_told: bool,
-) -> bool:
-    """Sets what the law asks of every pair in a step of h s; False: nothing, as nothing is within reach.
+    space: Array,
+) -> None:
+    """Sets what the law asks of every pair in a step of h s, and velocities of the points; they have looked around.
 
     Args:
         body, law: of it.
-        shapes, start: of the obstacles, as in `linear_step.take_step`.
-        w, w_before: their velocities in this step and in the one before, (O, 3), m/s.
+        w, w_before: velocities of the obstacles in this step and in the one before, (O, 3), m/s.
         begun: what the step begins with.
-        motions: q and r at its start, and v̂ without contact, (m,).
+        r, v: rates at its start, and v̂ without contact, (m,).
         beyond: g, y and their rates, (4, 3P).
         found: set but for forces.
-        is_told: whether it is to be set where nothing is within reach, too.
+        space: not used up.
     """
-    pairs, gaps, motion, _ = found
-    q, r, v = motions
-    n, P = motion.shape[1], len(body.places)
-    for k in range(n):
-        motion[0, k], motion[1, k], motion[2, k] = 0.0, 0.0, 0.0
-    for i in range(len(q)):
-        row, qi, ri, vi = body.points[i], q[i], r[i], v[i]
-        for k in range(n):
-            motion[0, k] += row[k] * qi
-            motion[1, k] += row[k] * ri
-            motion[2, k] += row[k] * vi
+    velocity, free = found.motion[1], found.motion[2]
+    fill(velocity, 0.0)
+    fill(free, 0.0)
+    for i in range(len(r)):
+        add_row(body.points[i], r[i], velocity)
+        add_row(body.points[i], v[i], free)
     if len(body.R) > 0:
         y, rate = beyond[1], beyond[3]
-        for k in range(n):
-            motion[0, k] += y[k]
-            motion[1, k] += rate[k]
-            motion[2, k] += (body.inertia * rate[k] - y[k]) / body.whole
-    places = body.places + motion[0].reshape(P, 3)
-    measure(shapes, start, places, gaps, pairs.axes[:, 0])
-    free, velocity = motion[2].reshape(P, 3), motion[1].reshape(P, 3)
-    if not is_told and is_out_of_reach(law, gaps.min(), free, velocity, w, w_before, pairs):
+        for k in range(len(rate)):
+            velocity[k] += rate[k]
+            free[k] += (body.inertia * rate[k] - y[k]) / body.whole
+    at = rows_of(free, 3), rows_of(velocity, 3)
+    ask(law, found.gaps, *at, w, w_before, begun.forces, take(space, 0), found.pairs)
+
+
+@jit_part
+def not_known(m: int, space: Array) -> Clearance:
+    """Of a body with m modes whose obstacles are asked in any case."""
+    gap, untouched, still, stretch = take(space, 1), take(space, 1), take(space, 1), take(space, m)
+    gap[0] = untouched[0] = still[0] = 0.0
+    fill(stretch, math.inf)
+    return Clearance(gap, untouched, still, stretch)
+
+
+@jit_part
+def _speed_of(clearance: Clearance, v: Array) -> float:
+    """Of all points at most, by rates (m,) of the coordinates, m/s."""
+    speed = 0.0
+    for i in range(len(v)):
+        speed += clearance.stretch[i] * abs(v[i])
+    return speed
+
+
+@jit_part
+def is_out_of_reach(
+    clearance: Clearance, body: Touched, h: float, r: Array, v: Array, beyond: Array, w: Array, w_before: Array
+) -> bool:
+    """Whether no pair takes part in a step of h s for sure.
+
+    A pair takes part below -g/h or (-g/h + a/2)/2, the larger one; where all velocities are within s and g >= 2.5 h s
+    both are below -s.
+
+    Args:
+        clearance: when it begins.
+        body: with points.
+        h: s.
+        r, v: rates at its start, and v̂ without contact, (m,).
+        beyond: g, y and their rates, (4, 3P).
+        w, w_before: velocities of the obstacles in this step and in the one before, (O, 3), m/s.
+    """
+    gap = clearance.gap[0]
+    if not gap > 0:
         return False
-    ask(law, gaps, free, velocity, w, w_before, begun.forces, np.empty(0), pairs)
-    return True
+    speed = max(_speed_of(clearance, r), _speed_of(clearance, v))
+    if len(body.R) > 0 and clearance.still[0] == 0:
+        y, rate = largest_of(beyond[1]), largest_of(beyond[3])
+        speed += DIAGONAL * max(rate, (body.inertia * rate + y) / body.whole)
+    obstacles = DIAGONAL * max(largest_of(w), largest_of(w_before))
+    return gap > 2.5 * h * (speed + 2 * obstacles)
+
+
+@jit_part
+def forget_pairs(pairs: Pairs) -> None:
+    """No pair takes part."""
+    for c in range(len(pairs.chosen)):
+        pairs.chosen[c] = pairs.helped[c] = False
+
+
+@jit_part
+def go_on(clearance: Clearance, h: float, v: Array, beyond: Array, w: Array) -> None:
+    """Has the clearance be that after a step of h s.
+
+    Args:
+        clearance: when it began; changed.
+        h: s.
+        v: v̂ (m,).
+        beyond: velocities of the points beyond the basis (3P,), m/s.
+        w: those of the obstacles (O, 3).
+    """
+    if clearance.gap[0] > 0:
+        speed = _speed_of(clearance, v) + DIAGONAL * (largest_of(beyond) + largest_of(w))
+        clearance.gap[0] -= h * speed
+
+
+@jit_part
+def is_settled(steps: Array) -> bool:
+    """Whether something has gone on for so many steps (1,) that it is the same in what was before the last one, too."""
+    return steps[0] >= 2
 
 
 @jit_part
@@ -150,16 +249,16 @@ def step_beyond(body: Yielding, h: float, beyond: Array, f: Array, rates: Array)
     Sets the rates (3P,) of y in it.
     """
     g, y, g_rate, y_rate = beyond[0], beyond[1], beyond[2], beyond[3]
-    Rf = np.zeros(len(f))
-    for k in range(len(f)):  # where forces act, which are few points
-        if f[k] != 0.0:
-            row, by = body.R[k], f[k]
-            for j in range(len(f)):
-                Rf[j] += by * row[j]
     lost = power = stored = 0.0
+    fill(rates, 0.0)
+    for k in range(len(f)):
+        if f[k] != 0.0:
+            row, force = body.R[k], f[k]
+            for j in range(len(f)):
+                rates[j] += row[j] * force
     for k in range(len(f)):
         g_mid = (body.inertia * g_rate[k] - g[k] + f[k]) / body.whole
-        y_mid = (body.inertia * y_rate[k] - y[k] + Rf[k]) / body.whole
+        y_mid = (body.inertia * y_rate[k] - y[k] + rates[k]) / body.whole
         rates[k] = y_mid
         g[k], y[k] = g[k] + h * g_mid, y[k] + h * y_mid
         g_rate[k], y_rate[k] = 2 * g_mid - g_rate[k], 2 * y_mid - y_rate[k]

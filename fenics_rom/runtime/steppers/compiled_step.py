@@ -50,7 +50,7 @@ class CompiledStep(ContactInLoops):
         """Takes a step under u (p,); None where the loops do not find its forces, and nothing is changed."""
         found = self._for_found()
         step = take_step(
-            self.body, self._law, self._solver.shapes, in_plain(u), *obstacles, self._begun(), self._state, found, True,
+            self.body, self._law, self._solver.shapes, in_plain(u), *obstacles, self._begun(), self._state, found,
         )  # fmt: skip
         if step.status == OTHERWISE:
             return None

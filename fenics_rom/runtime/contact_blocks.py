@@ -1,4 +1,4 @@
-"""Rollouts of a body among obstacles: blocks of steps in which all contact pairs do what they did, and steps between.
+"""Blocks of steps of a linear body among obstacles in which all contact pairs do what they did, for rollouts.
 
 A step is taken by itself until the same pairs have done the same for some steps. Then a block of steps is, at once
 (`kept_contact`), and what of it fulfils the law stays. The step after it is taken by itself: it finds what the block
@@ -13,7 +13,6 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Frames, KeptLaw
 from fenics_rom.runtime.kept_contact import SAME_NORMALS, KeptContactMap, KeptPairs, KeptSteps, Meeting, leading
-from fenics_rom.runtime.steppers.residual_maps import strained_back
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
@@ -26,69 +25,23 @@ MOST_KEPT_MAPS = 4  # of those pairs that were followed last
 LARGEST_STATE = 800  # numbers; the maps of larger ones take longer to make than they save
 
 
-class ContactRollout:
-    """Takes steps of a linear body among obstacles, and reads outputs after some of them."""
+class ContactBlocks:
+    """Takes blocks of steps of a linear body among obstacles."""
 
     def __init__(self, body: Simulator) -> None:
         self._body, interface = body, body.integrator.interface
         assert interface is not None
         self._interface: ContactInterface = interface
         self._maps: dict[tuple[Any, ...], KeptContactMap] = {}
-        self._outputs: dict[tuple[str, tuple[str, ...]], tuple[Array, Array]] = {}  # see _output_maps
         self._last: tuple[Any, ...] = ()
         self._frames: Frames | None = None
         self._same, self._wait, self._length = 0, FIRST_WAIT, FIRST_BLOCK
 
-    def take(self, u: Array, first: int, every: int, names: tuple[str, ...]) -> list[Array]:
-        """Takes steps under inputs u (steps, p) with the loads, N; what is read, in rows (times, width).
+    def begin(self) -> None:
+        """Forgets what was before a rollout: whatever was in between."""
+        self._last, self._same = (), 0
 
-        Args:
-            u: as above.
-            first: number of these steps in the rollout.
-            every: the outputs of these names are read after every so many of its steps.
-        """
-        body, rows, taken = self._body, list[Array](), 0
-        self._last, self._same = (), 0  # whatever was in between
-        while taken < len(u):
-            if (rolled := self._roll(u[taken : taken + LONGEST_BLOCK], names)) is not None:
-                if names:
-                    rows.append(rolled[due(every, first + taken)])
-                taken += len(rolled)
-                continue
-            block = self._block(u[taken:-1])  # the last step is taken by itself
-            if block is not None:
-                kept_map, steps = block
-                if names:
-                    read = steps.states[1:][due(every, first + taken)]
-                    rows.append(read @ self._output_columns(kept_map, names))
-                taken += len(steps.inputs)
-                continue
-            body.step(u[taken][: body.inputs])
-            taken += 1
-            self._count()
-            if names and (first + taken) % every == 0:
-                rows.append(np.concatenate([body.displacement(name).ravel() for name in names])[None])
-        return rows
-
-    def _roll(self, u: Array, names: tuple[str, ...]) -> Array | None:
-        """Takes steps by compiled loops, and reads outputs after each, (steps, width); None where they took none.
-
-        Where the contact mode follows the obstacles, steps are taken one by one.
-        """
-        body, environment, kernel = self._body, self._body.environment, self._body.integrator.kernel
-        if not environment.stands_still or environment.mark is not None or body.switches_itself:
-            return None
-        taken = kernel.roll(u, environment.step_input(u[0][: body.inputs], body.time, body.dt).obstacles)
-        if taken is None:
-            return None
-        body.steps += len(taken.steps.q)
-        body.watch(kernel.state[: body.model.order], taken.last.square, body.time, len(taken.steps.q))
-        body.look_at_skin()
-        by_q, by_force = self._output_maps(names)
-        read: Array = taken.steps.q @ by_q
-        return read if kernel.residual is None else read + taken.steps.carried @ by_force
-
-    def _count(self) -> None:
+    def count(self) -> None:
         """Takes note of what all pairs did in the last step."""
         kept = self._kept()
         self._same = self._same + 1 if kept == self._last and kept else 0
@@ -122,7 +75,7 @@ class ContactRollout:
             return before is self._frames
         return bool(np.abs((before.normals - self._frames.normals)[chosen]).max() <= SAME_NORMALS)
 
-    def _block(self, u: Array) -> tuple[KeptContactMap, KeptSteps] | None:
+    def take(self, u: Array) -> tuple[KeptContactMap, KeptSteps] | None:
         """Takes some of the steps under inputs u at once; None where none was."""
         steps = min(self._length, 1 << len(u).bit_length() >> 1)
         if self._same < self._wait or steps < FIRST_BLOCK:
@@ -225,33 +178,10 @@ class ContactRollout:
         body.watch(kernel.state[:m], 2 * body.energy, body.time, len(steps.inputs))
         body.look_at_skin()
 
-    def _output_columns(self, kept_map: KeptContactMap, names: tuple[str, ...]) -> Array:
-        """Displacements of outputs from states x, (n, width)."""
-        by_q, by_force = self._output_maps(names)
+    def columns(self, kept_map: KeptContactMap, by_q: Array, by_force: Array) -> Array:
+        """Displacements of outputs from states x, (n, width), by their maps; see `stepped_rollout.output_maps`."""
         columns = [kept_map.by_state[:, None] * by_q, np.zeros_like(by_q)]
         if self._body.integrator.kernel.residual is not None:
             carried = by_force.reshape(-1, 3, by_force.shape[1])[kept_map.carried].reshape(-1, by_force.shape[1])
             columns += [carried, np.zeros_like(carried)]
         return np.vstack(columns)
-
-    def _output_maps(self, names: tuple[str, ...]) -> tuple[Array, Array]:
-        """As `output_maps`."""
-        asked = self._body.contact, names
-        if asked not in self._outputs:
-            self._outputs[asked] = output_maps(self._body, names)
-        return self._outputs[asked]
-
-
-def output_maps(body: Simulator, names: tuple[str, ...]) -> tuple[Array, Array]:
-    """Displacements of outputs from q (m, width), and from what is carried beyond the basis (3P, width), m/N."""
-    rom, residual = body.rom, body.integrator.kernel.residual
-    rows = np.concatenate([np.empty((0, rom.basis.shape[1])), *(rom.outputs[name] for name in names)])
-    by_force = np.empty((0, len(rows)))
-    if residual is not None:
-        by_force = strained_back(residual.part, (rows[:, rom.rigid :] / np.sqrt(rom.stiffness[rom.rigid :])).T)
-    return (rows @ body.model.coordinates).T, by_force
-
-
-def due(every: int, taken: int) -> slice:
-    """Which of the steps after so many are read, one in every so many."""
-    return slice(every - 1 - taken % every, None, every)

@@ -1,0 +1,70 @@
+"""What friction turns round in step after step, and the share of its velocity that it can stop: `braking`, compiled."""
+
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit_part, jit_shared
+from fenics_rom.mechanics import braking
+from fenics_rom.mechanics.braking import LEAST_SHARE
+from fenics_rom.mechanics.compiled.coulomb import look_at
+from fenics_rom.mechanics.compiled.linearised import add_change
+from fenics_rom.mechanics.compiled.work_space import take, take_rows
+
+root_of = jit_shared(braking.root_of)
+
+
+@jit_part
+def share_of(helped: Array, relative: Array, target: Array) -> float:
+    """The share of its velocity that what swings is asked for, 1 where nothing does."""
+    share = 1.0
+    for c in range(len(helped)):
+        if helped[c]:
+            (_, x, y), (_, a, b) = relative[c], target[c]
+            if a != 0 or b != 0:
+                return 2 * (a * x + b * y) / (x * x + y * y)
+            share = 0.0
+    return share
+
+
+@jit_part
+def next_share(
+    W: Array,
+    points: Array,
+    axes: Array,
+    whole: Array,
+    friction: Array,
+    compliance: float,
+    yielding: Array,
+    f: Array,
+    u: Array,
+    moves: Array,
+    share: float,
+    below: float,
+    above: float,
+    negligible: float,
+    space: Array,
+) -> float:
+    """The share that is to be looked at next, between two that are known to be too little and too much.
+
+    Arguments as of `look_at`, but for whole (C, 3), c_t of what swings at σ = 1, and moves (C, 3), u + c_t, m/s.
+    """
+    C, moved = len(points), take(space, len(W))
+    z, by_f, by_moves = take_rows(space, C, 3), take_rows(space, C, 3), take_rows(space, C, 3)
+    less, none = take_rows(space, C, 3), take_rows(space, C, 3)
+    for c in range(C):
+        for k in range(3):
+            z[c, k], less[c, k], by_f[c, k], none[c, k] = f[c, k] - u[c, k] / yielding[c], -whole[c, k], 0.0, 0.0
+    if not add_change(W, points, axes, friction, compliance, yielding, z, less, by_f, space):
+        return (below + above) / 2
+    look_at(W, points, axes, none, friction, compliance, yielding, by_f, by_moves, moved)
+    square = slope = power = 0.0
+    for c in range(len(points)):
+        for k in range(1, 3):
+            square += by_f[c, k] * by_moves[c, k]
+            slope += by_f[c, k] * moves[c, k] + f[c, k] * by_moves[c, k]
+            power += f[c, k] * moves[c, k]
+    root = share + root_of(square, slope, power + negligible / 2)
+    if below + LEAST_SHARE < root < above:
+        return root
+    if share == 0.0 and power >= -negligible and slope >= 0:
+        return 0.0  # a little would be too much
+    return (below + above) / 2
