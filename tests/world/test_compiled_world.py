@@ -331,7 +331,7 @@ def test_free_bodies_that_meet_do_as_with_numpy(free, taken, seed):
 
 
 def landing(carried, free, seed):
-    """A free beam lands on one that a hand carries and moves, a box on both, and all of it falls on a table."""
+    """A free beam lands on one that a hand carries and moves, a box flies into both, and a table rises below."""
     random = np.random.default_rng(seed)
     reach, turn, ω = random.uniform(-1, 1, 3), random.uniform(-1, 1, 3), random.uniform(5, 30, 3)
 
