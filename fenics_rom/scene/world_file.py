@@ -90,7 +90,7 @@ def _check(file: WorldFile) -> None:
         _check_body(name, body, file)
     soft = [name for name, body in file.bodies.items() if body.shape is None]
     for k, pair in enumerate(file.pairs):
-        _check_names(pair.bodies, file.bodies, f"pairs[{k}].bodies")
+        _check_names(set(pair.bodies), file.bodies, f"pairs[{k}].bodies")
     for k, group in enumerate(file.apart):
         _check_names(group, file.bodies, f"apart[{k}]")
     _check_pairs(file)
@@ -156,6 +156,10 @@ def _check_pairs(file: WorldFile) -> None:
         if bodies in named:
             raise SceneError(f"{where}: are named in pairs[{named[bodies]}], too: allowed is one law of two bodies")
         named[bodies] = k
+        if len(bodies) == 1:
+            if file.bodies[pair.bodies[0]].shape is not None:
+                raise SceneError(f"{where}: is rigid: allowed are two bodies, or a soft one twice")
+            continue
         for j, group in enumerate(file.apart):
             if bodies <= set(group):
                 raise SceneError(f"{where}: do not touch one another, as apart[{j}] says: allowed is one of both")

@@ -78,9 +78,9 @@ class ContactTable:
 
 @dataclass(frozen=True, kw_only=True)
 class PairEntry:
-    """How two bodies meet, where it is not as all others."""
+    """How two bodies meet, where it is not as all others; or how a soft body meets itself, if it does."""
 
-    bodies: Annotated[tuple[BodyName, BodyName], Items(2), "which"]
+    bodies: Annotated[tuple[BodyName, BodyName], Items(2), "which; a soft body twice touches itself"]
     friction: Friction = 0.0
     restitution: Restitution = 0.0
 
@@ -155,7 +155,9 @@ class WorldFile:
         tuple[Acceleration, Acceleration, Acceleration], Items(3), "on rigid bodies; soft ones have that of their scene"
     ] = ZERO
     contact: Annotated[ContactTable, "how all bodies meet"] = field(default_factory=ContactTable)
-    pairs: Annotated[tuple[PairEntry, ...], Items(), "which two bodies meet otherwise; each two once"] = ()
+    pairs: Annotated[
+        tuple[PairEntry, ...], Items(), "which two bodies meet otherwise, each two once; or a soft one itself"
+    ] = ()
     apart: Annotated[
         tuple[Annotated[tuple[BodyName, ...], Items(at_least=2)], ...],
         Items(),

@@ -23,6 +23,7 @@ class Carriers:
             return
         self._points, self._nodes = points, np.unique(points.nodes[points.weights != 0])
         on_nodes = bool(points.weights.shape[1]) and bool((points.weights[:, 0] == 1.0).all())
+        on_nodes = on_nodes and not points.weights[:, 1:].any()
         self._are_nodes = on_nodes and not len(points.couples)  # and none is between them
         self._is_each_once = self._are_nodes and len(self._nodes) == len(points.nodes)
 

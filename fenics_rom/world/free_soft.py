@@ -2,11 +2,12 @@
 
 import math
 
+import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.frame_motion import cross_matrix
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
-from fenics_rom.runtime.steppers.pushed_step import PushedPoints, PushedStep
+from fenics_rom.runtime.steppers.pushed_step import PushedPoints, PushedStep, are_relative
 from fenics_rom.world.bodies import Points
 from fenics_rom.world.soft import Soft
 
@@ -31,10 +32,13 @@ class FreeSoft(Soft):
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""
         velocities = super().start_velocities(points, places)
-        if points.follows.any():
-            off = places - self._carriers.mean(points, self._start) - self._h / 2 * velocities
+        within = are_relative(points.weights)
+        asked = points.follows | within
+        if asked.any():
+            own = self._carriers.mean(points, self._start) + self._h / 2 * velocities
+            off = np.where(within[:, None], 0.0, places) - own
             spin = cross_matrix(self._free_frame.world_angular_velocity)
-            velocities[points.follows] += off[points.follows].dot(spin.T)
+            velocities[asked] += off[asked].dot(spin.T)
         return velocities
 
     def attempt(self, points: Points, places: Array, forces: Array) -> Array:

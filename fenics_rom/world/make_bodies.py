@@ -21,11 +21,11 @@ AT_REST = BaseState(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np
 
 
 def make_bodies(
-    records: Mapping[str, RigidBody | SoftBody], dt: float, gravity: Sequence[float] | Array, joined: bool = False
+    records: Mapping[str, RigidBody | SoftBody], dt: float, gravity: Sequence[float] | Array, is_met: bool = False
 ) -> dict[str, AnyBody]:
     """Bodies that begin as their records say, those first that carry others; and the one that stands still.
 
-    `joined`: whether one of them is joined to this.
+    `is_met`: whether a body that is alone is joined to this, or touches itself.
 
     Raises:
         SceneError: a record that is none, or that names who cannot carry it.
@@ -44,7 +44,7 @@ def make_bodies(
             raise SceneError(f"body {name!r}: allowed are a RigidBody and a SoftBody, given: {record!r}"[:200])
     for name, record in records.items():
         if isinstance(record, SoftBody):
-            bodies[name] = _soft(name, record, _carrier(name, records, bodies), dt, len(records) == 1 and not joined)
+            bodies[name] = _soft(name, record, _carrier(name, records, bodies), dt, len(records) == 1 and not is_met)
     return {name: bodies[name] for name in (FIXED, *records)}
 
 

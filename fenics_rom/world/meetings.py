@@ -13,8 +13,10 @@ import numpy as np
 from fenics_rom.errors import SceneError, StepError, check_known
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.world.bodies import Body
-from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape
+from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, PlacedSurface
 from fenics_rom.world.collision.find import find_contacts
+from fenics_rom.world.collision.own_surface import OwnSurface
+from fenics_rom.world.soft import Soft
 from fenics_rom.world.tolerances import PENETRATION_TOLERANCE
 
 STILL = 1e-10  # rad, and of the body's size: poses that differ by less are the same
@@ -22,15 +24,16 @@ STILL = 1e-10  # rad, and of the body's size: poses that differ by less are the 
 
 @dataclass
 class Meeting:
-    """Two bodies that may touch.
+    """Two bodies that may touch, or one that may touch itself.
 
     Attributes:
-        first, second: their numbers.
+        first, second: their numbers, of one body the same.
         names: theirs.
         law: how they meet.
         size: of the smaller, m.
         contacts: of the last look; None where they were far from one another.
         is_on: whether they touch; what is joined does not.
+        own: of a body that may touch itself, its surface.
     """
 
     first: int
@@ -40,6 +43,7 @@ class Meeting:
     size: float
     contacts: Contacts | None = None
     is_on: bool = True
+    own: OwnSurface | None = None
     _looked_at: tuple[Placed, Placed] | None = None
 
     def look(self, first: Placed, second: Placed, margin: float, anew: bool = False) -> None:
@@ -50,15 +54,21 @@ class Meeting:
         known = None if anew else self._looked_at
         if known is not None and first is known[0] and second is known[1]:
             return
-        contacts = find_contacts(first, second, margin)
+        contacts = self._find(first, second, margin)
         self.contacts, self._looked_at = contacts if len(contacts.gaps) else None, (first, second)
+
+    def _find(self, first: Placed, second: Placed, margin: float) -> Contacts:
+        if self.own is None:
+            return find_contacts(first, second, margin)
+        assert isinstance(first, PlacedSurface)
+        return self.own.contacts(first, margin)
 
     def overlap(self, bodies: Sequence[Body]) -> Contacts | None:
         """Where the two, among all bodies, are inside one another now by more than round-off; None: they are not."""
         first, second = bodies[self.first], bodies[self.second]
         for body in (first, second):
             body.begin(0.0)
-        contacts = find_contacts(first.placed(), second.placed(), 0.0)
+        contacts = self._find(first.placed(), second.placed(), 0.0)
         is_inside = len(contacts.gaps) and contacts.gaps.min() < -PENETRATION_TOLERANCE * self.size
         return contacts if is_inside else None
 
@@ -74,7 +84,7 @@ def make_meetings(
     Args:
         bodies: by name.
         law: of all.
-        pairs: other laws of two bodies, by their names.
+        pairs: other laws of two bodies, by their names; of a soft body with itself, which touches itself by this alone.
         apart: groups of names of bodies that do not touch.
 
     Raises:
@@ -82,6 +92,8 @@ def make_meetings(
     """
     laws, separate = _laws(pairs, bodies), _pairs_apart(apart, bodies)
     for pair in laws:
+        if len(pair) == 1 and bodies[min(pair)].touches:
+            continue
         why = "as `apart` says" if pair in separate else "as the scene of one of them names no effects.contact"
         if pair in separate or not all(bodies[name].touches for name in pair):
             raise SceneError(f"pairs: {' and '.join(sorted(pair))}: have no contact, {why}: allowed is one of both")
@@ -91,7 +103,21 @@ def make_meetings(
         touch = one.touches and other.touches and both not in separate
         if touch and not (one.is_driven and other.is_driven):
             meetings.append(Meeting(a, b, (first, second), laws.get(both, law), size))
-    return meetings
+    return meetings + [
+        Meeting(k, k, (name, name), laws[frozenset([name])], body.size, own=_own_surface(name, body))
+        for k, (name, body) in enumerate(bodies.items())
+        if frozenset([name]) in laws
+    ]
+
+
+def _own_surface(name: str, body: Body) -> OwnSurface:
+    """Of a body that may touch itself."""
+    if not isinstance(body, Soft) or not len(body.contact_triangles):
+        why = "its contact points are no corners of triangles" if isinstance(body, Soft) else "it is rigid"
+        raise SceneError(
+            f"pairs: {name!r} with itself: {why}: allowed is a soft body whose contact surfaces have areas"
+        )
+    return OwnSurface(body.contact_coordinates, body.contact_triangles)
 
 
 def _laws(pairs: Mapping[tuple[str, str], ContactLaw], bodies: Mapping[str, Body]) -> dict[frozenset[str], ContactLaw]:
@@ -103,7 +129,7 @@ def _laws(pairs: Mapping[tuple[str, str], ContactLaw], bodies: Mapping[str, Body
             raise SceneError(f"pairs: {pair}: allowed between bodies is a law without stiffness, 'complementarity'")
         if frozenset(pair) in laws:
             raise SceneError(f"pairs: {' and '.join(pair)}: are named twice: allowed is one law of two bodies")
-        if all(bodies[name].is_driven for name in pair):
+        if all(bodies[name].is_driven for name in pair) and len(set(pair)) == 2:
             raise SceneError(f"pairs: {' and '.join(pair)}: both move as they are told, and do not push one another")
         laws[frozenset(pair)] = law
     return laws
@@ -130,8 +156,13 @@ def check_apart(bodies: Sequence[Body], meetings: Sequence[Meeting]) -> None:
         contacts = meeting.overlap(bodies) if meeting.is_on else None
         if contacts is not None:
             deepest, (first, second) = int(contacts.gaps.argmin()), meeting.names
+            there = f"{-contacts.gaps[deepest]:.3g} m", f"at {contacts.first.arms[deepest].round(9).tolist()}"
+            if meeting.own is not None:
+                raise StepError(
+                    f"allowed is a surface that begins outside of itself, but that of {first!r} is through itself by "
+                    f"{' '.join(there)}; begin with another shape, or leave out that it touches itself (`pairs`)"
+                )
             raise StepError(
-                f"allowed are bodies that begin outside of one another, but {first!r} is "
-                f"{-contacts.gaps[deepest]:.3g} m inside {second!r} at "
-                f"{contacts.first.arms[deepest].round(9).tolist()}; move one of them, or name both in `apart`"
+                f"allowed are bodies that begin outside of one another, but {first!r} is {there[0]} inside {second!r} "
+                f"{there[1]}; move one of them, or name both in `apart`"
             )

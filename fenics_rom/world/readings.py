@@ -94,12 +94,37 @@ class ReadWorld:
         return whole
 
     def force_between(self, first: str, second: str) -> Array:
-        """Force of the second body on the first in the last step, by contact and joints, (3,), N."""
+        """Force of the second body on the first in the last step, by contact and joints, (3,), N.
+
+        Raises:
+            StepError: there is no such body, or both are the same, whose forces on itself add up to 0.
+        """
         for name in (first, second):
             self._body(name)
+        if first == second:
+            raise StepError(
+                f"forces of {first!r} on itself add up to 0: allowed are two bodies; `contact_forces` has each"
+            )
         if self._loops is not None and self._loops.is_ahead:
             return self._loops.force_between(self._names.index(first), self._names.index(second))
         return self._step_pairs.force_between(self._names.index(first), self._names.index(second), self._found.forces)
+
+    def contact_forces(self, first: str, second: str) -> tuple[Array, Array]:
+        """Where two bodies touched or were near in the last step, and forces on the first there, by contact.
+
+        Of a body that touches itself, `first` and `second` are the same: the forces on points of its surface by
+        triangles that face them; what these get stands opposite.
+
+        Returns:
+            Places in the middle of the step (k, 3), m, of that body which the world has first, and forces (k, 3), N, 0
+            where nothing pushes.
+        """
+        for name in (first, second):
+            self._body(name)
+        numbers = self._names.index(first), self._names.index(second)
+        if self._loops is not None and self._loops.is_ahead:
+            return self._loops.contact_forces(*numbers)
+        return self._step_pairs.contact_forces(*numbers, self._found.forces)
 
     def joint_forces(self, which: str | int) -> Array:
         """Forces at the points of a joint on its first body in the last step, (k, 3), N; none where it does not hold.

@@ -58,7 +58,7 @@ class WorldSkins:
         self._into = dict[tuple[str, str], Meeting]()  # of a soft body and a rigid one
         self._between = dict[tuple[str, str], Meeting]()  # of two soft ones
         self._rigid = dict[str, Rigid | Driven]()
-        for meeting in meetings:
+        for meeting in (each for each in meetings if each.own is None):
             one, other = sorted(meeting.names, key=lambda name: (name not in self._watched, name))
             if other in self._watched:
                 self._between[one, other] = meeting

@@ -199,10 +199,13 @@ class StepPairs:
         for number, found in contacts:
             meeting = self._meetings[number]
             own = np.arange(C, C := C + len(found.gaps))
+            start += [before.get((number, feature), (np.zeros(3), 0)) for feature in found.first.feature.tolist()]
+            if meeting.own is not None:
+                ends[meeting.first].append((own, 1.0, _relative_points(found)))
+                continue
             both = self._bodies[meeting.first].takes_couples and self._bodies[meeting.second].takes_couples
             ends[meeting.first].append((own, 1.0, _points(found.first)))
             ends[meeting.second].append((own, -1.0, _points(found.second, both)))
-            start += [before.get((number, feature), (np.zeros(3), 0)) for feature in found.first.feature.tolist()]
         for mine, joined in zip(ends, self._joint_ends, strict=True):
             mine += [(C + rows, sign, points) for rows, sign, points in joined]
         counts = [len(found.gaps) for _, found in contacts]
@@ -301,6 +304,15 @@ class StepPairs:
             force += _sign(joint, first, second) * self.of_joint(joint, forces)[joint.are_forces].sum(axis=0)
         return force
 
+    def contact_forces(self, first: int, second: int, forces: Array) -> tuple[Array, Array]:
+        """Where two bodies touch, or one itself, (k, 3), m, and forces of a step on the first there, (k, 3), N."""
+        row = 0
+        for number, contacts in self._contacts:
+            own, row = forces[row : row + len(contacts.gaps)], row + len(contacts.gaps)
+            if {first, second} == {self._meetings[number].first, self._meetings[number].second}:
+                return contacts.first.arms.copy(), own.copy() if first == self._meetings[number].first else -own
+        return np.empty((0, 3)), np.empty((0, 3))
+
     def of_joint(self, joint: JointPoints, values: Array) -> Array:
         """Of values (C + J, 3) of all pairs those of the points of a joint that holds, (k, 3)."""
         return values[len(values) - len(self._joint_forces) :][self._joints[joint]].copy()
@@ -340,6 +352,13 @@ def _lies_as(now: Array | tuple[Array, Array], then: Array | tuple[Array, Array]
 
 def _points(spots: Spots, follows: bool = False) -> Points:
     return Points(spots.nodes, spots.weights, np.empty((0, 3)), np.full(len(spots.arms), follows))
+
+
+def _relative_points(found: Contacts) -> Points:
+    """Of a body that touches itself: what its first points do less what its second ones do."""
+    nodes = np.hstack([found.first.nodes, found.second.nodes])
+    weights = np.hstack([found.first.weights, -found.second.weights])
+    return Points(nodes, weights, np.empty((0, 3)), np.zeros(len(nodes), dtype=bool))
 
 
 def _part(body: Body, ends: list[_End]) -> Part:

@@ -47,7 +47,7 @@ class World(ReadWorld):
             Bodies that are joined do not touch. They hold from their start to their stop; see `join` and `release`.
         gravity: on rigid bodies, m/s²; soft ones have that of their scene.
         friction, restitution: of all bodies.
-        pairs: other laws of two bodies, by their names.
+        pairs: other laws of two bodies, by their names; a soft body that is named twice touches itself.
         apart: groups of names of bodies without contact between them: they pass through one another.
 
     Attributes:
@@ -94,7 +94,7 @@ class World(ReadWorld):
         }
         self._steps, self._time = 0, 0.0
         joined = any(FIXED in (joint.first, joint.second) for joint in joints)
-        self._bodies = make_bodies(self.bodies, self._dt, gravity, joined)
+        self._bodies = make_bodies(self.bodies, self._dt, gravity, joined or bool(pairs))
         if not joined and all(isinstance(body, SoftBody) for body in self.bodies.values()) and len(self.bodies) == 1:
             del self._bodies[FIXED]  # as a soft body by itself needs no other
         self._names = list(self._bodies)
@@ -105,7 +105,7 @@ class World(ReadWorld):
         self._met = EnergyLedger()  # what contacts and joints dissipate
         everyone = list(self._bodies.values())
         self._soft = [body for body in everyone if isinstance(body, Soft)]
-        self._lone = everyone[0] if len(everyone) == 1 and isinstance(everyone[0], Soft) else None
+        self._lone = everyone[0] if len(everyone) == 1 and isinstance(everyone[0], Soft) and not pairs else None
         if self._lone is not None:
             self._lone_step, self._lone_name = self._lone.step, self._lone.name
             self.step = self._step_alone  # type: ignore[method-assign]
@@ -134,7 +134,7 @@ class World(ReadWorld):
     def _make_loops(self) -> None:
         """Has whole steps taken by compiled functions from now on, if they know all that there is."""
         self._leave_loops()
-        plan, everyone = self._joints, all(meeting.is_on for meeting in self._meetings)
+        plan, everyone = self._joints, all(meeting.is_on and meeting.own is None for meeting in self._meetings)
         if not compiled() or self._lone is not None or plan.points or math.isfinite(plan.next_change) or not everyone:
             return
         from fenics_rom.world.compiled_world import compiled_world  # here, as numba takes time to import

@@ -23,6 +23,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
         "hold/hold",
         "account/account",
         "weld/weld",
+        "folds/folds",
     ],
 )
 def test_what_the_demo_claims_holds(script):

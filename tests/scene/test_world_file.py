@@ -89,7 +89,7 @@ def test_bodies_joints_and_tables_are_read(folder):
         ('rom = "finger.h5"', "", r"bodies.finger: give exactly one of rom, scene, shape; given: none"),
         ('bodies = ["lower", "upper"]', 'bodies = ["lower", "uper"]', r"pairs\[0\].bodies: no body 'uper'"),
         ('bodies = ["lower", "upper"]', 'bodies = ["lower"]', r"pairs\[0\].bodies is a list of 1"),
-        ('bodies = ["lower", "upper"]', 'bodies = ["lower", "lower"]', r"allowed are different bodies, given: lower"),
+        ('bodies = ["lower", "upper"]', 'bodies = ["lower", "lower"]', r"lower: is rigid: allowed are two bodies"),
         (
             "axis = [0, 0, 1]",
             "axis = [0, 0, 1]\nstart = 0.5\nstop = 0.5",

@@ -13,6 +13,9 @@ dashpots tie the body to the ground v̂ depends on ω̂ and r̂, too, and forces
 
 A couple c turns the frame, and by maps T̄ of the nodes of a surface, which stay as they are in the frame, its shape: it
 does the work h c·(R* ω̂ + R* T̄ û), and momenta grow by it as they do by a torque, whatever T̄ is.
+
+Two points a and b of the body that touch one another have the velocity R* (û_a - û_b), and forces f and -f at one
+place: no momentum grows by them, whatever gap is left.
 """
 
 from typing import NamedTuple
@@ -29,6 +32,12 @@ from fenics_rom.runtime.steppers.frame_slopes import SPIN
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
 
 
+def are_relative(weights: Array) -> Array:
+    """Which points (k,), by weights (k, n) of others, stand for one relative to another: they add up to 0, not to 1."""
+    relative: Array = np.abs(weights.sum(axis=1)) < 0.5
+    return relative
+
+
 class PushedPoints(NamedTuple):
     """Contact points of a body, or places between them, that others push: k of them."""
 
@@ -36,6 +45,7 @@ class PushedPoints(NamedTuple):
     weights: Array  # (k, n) of these
     follows: Array  # (k,) where it is pushed at the point of another body
     couples: Array  # (any,) which of them stand for how a surface turns
+    within: Array  # (any,) which of them stand for a point relative to another one of the body
     nodes_of: Array  # (n,) all that carry them
     spread: Array  # (3 k, 3 n) of what these do
     rows: Array  # Vᵀ of the points, (m, 3 k)
@@ -50,7 +60,8 @@ class PushedPoints(NamedTuple):
         if body.residual is not None:
             compliance = spread.dot(body.residual.delassus_of(some)).dot(spread.T)
         rows = body.points.of(some).rows.dot(spread.T)
-        return PushedPoints(nodes, weights, follows, couples, some, spread, rows, compliance)
+        within = are_relative(weights).nonzero()[0]
+        return PushedPoints(nodes, weights, follows, couples, within, some, spread, rows, compliance)
 
     def on_nodes(self, forces: Array, turn: Geometry, P: int) -> Array:
         """Forces (P, 3) on contact points that are forces and couples (k, 3), all in world axes."""
@@ -124,6 +135,7 @@ class PushedStep:
         spin, inside = now.turn.middle.dot(self._x[:3]), now.inside.dot(now.turn.middle.T)
         velocities: Array = now.arms.dot(cross_matrix(spin).T) + inside + now.translation
         velocities[self._points.couples] = spin + inside[self._points.couples]
+        velocities[self._points.within] = inside[self._points.within]
         return velocities
 
     def _push_at(self, x: Array) -> Push:
@@ -143,6 +155,7 @@ class PushedStep:
             f[points.couples].sum(axis=0),
         )
         alone[points.couples] = arms[points.couples] = 0.0
+        alone[points.within] = arms[points.within] = 0.0
         v̂ = body.translation(turn, vector(alone.sum(axis=0)), x)
         middle = body.frame.position + h / 2 * v̂
         if points.follows.any():
@@ -162,7 +175,7 @@ class PushedStep:
         by_x, by_force = self._slopes_of_velocity(now, points, by_turn)
         # The torque Σ a × f, of arms that move, too: by half of what points do, or against the centre
         twists, along = h / 2 * crossed(f), np.eye(3, by_x.shape[2])
-        twists[points.couples] = 0.0
+        twists[points.couples] = twists[points.within] = 0.0
         slopes, levers = body.slopes(x, now.push), np.empty((by_x.shape[2], 3 * k))
         slopes[SPIN] -= middle.T.dot(np.matmul(twists, np.where(follows, 0.0, by_x) - along).sum(axis=0))
         slopes[SPIN, SPIN] -= h / 2 * cross_matrix(np.array(now.push.torque).dot(R))
@@ -170,6 +183,7 @@ class PushedStep:
         torque = np.matmul(np.where(follows, 0.0, twists), by_force).sum(axis=0)
         torque -= crossed(now.arms).transpose(1, 0, 2).reshape(3, -1)
         levers[:3] = np.tile(np.eye(3), k)
+        levers[:3].reshape(3, k, 3)[:, points.within] = 0.0
         for couple in points.couples:
             there = slice(3 * couple, 3 * couple + 3)
             levers[:3, there] = 0.0
@@ -192,6 +206,8 @@ class PushedStep:
         by_x[:, :, SPIN] = np.where(follows, crossed(now.arms).dot(R) + turned - R, own)
         outward = np.where(follows, middle, turn.end)
         by_x[couples, :, :3], by_x[couples, :, SPIN], outward[couples] = 0.0, turned[couples], middle
+        within = points.within
+        by_x[within, :, :3], by_x[within, :, SPIN], outward[within] = 0.0, (turned - R)[within], middle
         by_x[:, :, 6:] = np.matmul(outward, points.rows.T.reshape(k, 3, -1))
         if points.compliance is not None:
             by_x[:, :, SPIN] += np.matmul(outward, points.compliance.dot(by_turn).reshape(k, 3, 3))

@@ -98,6 +98,12 @@ def joined(parts: list[Contacts]) -> Contacts:
     return Contacts(first, second, *(np.concatenate([part[k] for part in parts]) for k in (2, 3)))
 
 
+def taken(contacts: Contacts, rows: Array) -> Contacts:
+    """Some of several contacts."""
+    first, second = (Spots(*(part[rows] for part in side)) for side in contacts[:2])
+    return Contacts(first, second, contacts.normals[rows], contacts.gaps[rows])
+
+
 def rigid_contacts(places: Array, normals: Array, gaps: Array, feature: Array) -> Contacts:
     """Contacts of two rigid bodies at places (k, 3) half way between their surfaces."""
     spots = Spots(places, _NO_NODES[: len(gaps)], _NO_WEIGHTS[: len(gaps)], feature)

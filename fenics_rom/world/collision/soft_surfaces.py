@@ -1,5 +1,7 @@
 """Surfaces of soft bodies against rigid shapes, and against one another."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy import ndarray as Array
 
@@ -11,6 +13,7 @@ from fenics_rom.world.tolerances import DEEPEST, MORE_ABOVE, ON_IT, SIDEWAYS
 _ONES = np.ones(3)
 _FEW = 1 << 14  # pairs of a point and a box: so many are all looked at
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+Near = Callable[[PlacedSurface, Array, Array], tuple[Array, Array]]
 
 
 def soft_on_rigid(first: PlacedSurface, second: PlacedShape, margin: float) -> Contacts:
@@ -28,23 +31,36 @@ def soft_on_rigid(first: PlacedSurface, second: PlacedShape, margin: float) -> C
 
 def soft_on_soft(first: PlacedSurface, second: PlacedSurface, margin: float) -> Contacts:
     """The points of each of two surfaces that are nearer to the other than a margin, m."""
-    there, back = _points_on(first, second, margin, 0), _points_on(second, first, margin, len(first.points))
+    there, back = points_on(first, second, margin, 0), points_on(second, first, margin, len(first.points))
     return joined([there, back.mirrored])
 
 
-def _points_on(first: PlacedSurface, second: PlacedSurface, margin: float, numbers: int) -> Contacts:
-    """Points of the first, each with what is nearest of the second; numbers: what is added to their features."""
-    if compiled():
+def points_on(
+    first: PlacedSurface, second: PlacedSurface, margin: float, numbers: int, near: Near | None = None
+) -> Contacts:
+    """Points of the first, each with what is nearest of the second.
+
+    Args:
+        first, second: two surfaces.
+        margin: m, at most between them.
+        numbers: what is added to the features of points.
+        near: gives rows of points and triangles that may be so near, of boxes about triangles; None: of any.
+    """
+    if near is None and compiled():
         return _found_on(first, second, margin, numbers)
     corners = second.points[second.triangles.T]
-    low, high = np.minimum(np.minimum(*corners[:2]), corners[2]), np.maximum(np.maximum(*corners[:2]), corners[2])
+    low, high = triangle_boxes(corners)
     size = float((high - low).max(initial=0.0))
     reach = margin + DEEPEST * size
-    row, triangle = _near(first.points[first.touching], low - reach, high + reach)
-    row = first.touching[row]
+    if near is not None:
+        row, triangle = near(first, low - reach, high + reach)
+        reach = DEEPEST * size
+    else:
+        row, triangle = near_boxes(first.points[first.touching], low - reach, high + reach)
+        row = first.touching[row]
     points, corners = first.points[row], corners[:, triangle].transpose(1, 0, 2)
     weights, feet = nearest_on_triangles(points, corners)
-    normals = _normals(corners)
+    normals = unit_normals(corners)
     offsets = points - feet
     away, above = np.sqrt(_dot(offsets, offsets)), _dot(offsets, normals)
     # of triangles that share the nearest point, the one that the point is most above or below knows which it is
@@ -52,13 +68,13 @@ def _points_on(first: PlacedSurface, second: PlacedSurface, margin: float, numbe
     ordered = row[order]
     best = order[np.concatenate([ordered[:1] >= 0, ordered[1:] != ordered[:-1]])]
     away, above = away[best], above[best]
-    kept = np.where(above >= 0, away <= margin, (above < -SIDEWAYS * away) & (away <= reach))
-    best, away, sign = best[kept], away[kept], np.where(above[kept] < 0, -1.0, 1.0)
-    clear = away > ON_IT * size
-    normals = normals[best]
-    normals[clear] = (sign / np.where(clear, away, 1.0))[clear, None] * offsets[best][clear]
+    is_on = away <= ON_IT * size
+    kept = is_on | np.where(above >= 0, away <= margin, (above < -SIDEWAYS * away) & (away <= reach))
+    best, away, above, clear = best[kept], away[kept], above[kept], ~is_on[kept]
+    normals, gaps = normals[best], np.where(clear, np.copysign(away, above), above)
+    normals[clear] = (1 / gaps[clear])[:, None] * offsets[best][clear]
     foot = Spots(feet[best], second.triangles[triangle[best]], weights[best], row[best] + numbers)
-    return Contacts(_vertices(first, row[best], numbers), foot, normals, sign * away)
+    return Contacts(_vertices(first, row[best], numbers), foot, normals, gaps)
 
 
 def _found_on(first: PlacedSurface, second: PlacedSurface, margin: float, numbers: int) -> Contacts:
@@ -76,7 +92,13 @@ def _found_on(first: PlacedSurface, second: PlacedSurface, margin: float, number
     return Contacts(_vertices(first, row, numbers), foot, normals[found], gaps[found])
 
 
-def _normals(corners: Array) -> Array:
+def triangle_boxes(corners: Array) -> tuple[Array, Array]:
+    """Where boxes about triangles (3 corners, t, 3) begin and end, (t, 3) each."""
+    a, b, c = corners
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+
+
+def unit_normals(corners: Array) -> Array:
     """Units (k, 3) of triangles (k, 3, 3)."""
     (a, b, c), (x, y, z) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
     normals = np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
@@ -95,7 +117,7 @@ def _vertices(surface: PlacedSurface, row: Array, numbers: int | Array = 0) -> S
     return Spots(surface.points[row], np.repeat(row[:, None], 3, axis=1), weights, row + numbers)
 
 
-def _near(points: Array, low: Array, high: Array) -> tuple[Array, Array]:
+def near_boxes(points: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """Pairs of points (P, 3) and boxes low to high, (T, 3), that hold them, as rows of either; by points."""
     near = _meet(points, points, low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf))
     points = points[near]

@@ -59,13 +59,13 @@ def find_nearest(
                 put(weights[p], 0, share)
         if on[p] == NONE:
             continue
-        if not (away <= margin if above >= 0 else above < -SIDEWAYS * away and away <= reach):
+        if away <= ON_IT * size:
+            gaps[p] = above
+        elif away <= margin if above >= 0 else above < -SIDEWAYS * away and away <= reach:
+            gaps[p] = away if above >= 0 else -away
+            n = (offset[0] / gaps[p], offset[1] / gaps[p], offset[2] / gaps[p])
+        else:
             on[p] = NONE
-            continue
-        sign = -1.0 if above < 0 else 1.0
-        gaps[p] = sign * away
-        if away > ON_IT * size:
-            n = (sign / away * offset[0], sign / away * offset[1], sign / away * offset[2])
         put(normals[p], 0, n)
 
 

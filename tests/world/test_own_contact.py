@@ -1,0 +1,252 @@
+"""Soft bodies that touch themselves: as mirrored ones do a wall, with momenta and accounts to round-off."""
+
+import warnings
+
+import numpy as np
+import pytest
+from bodies import box_arrays, scene_text, write_arrays
+from test_soft_motion import LIES, momenta
+
+import fenics_rom as fr
+from fenics_rom.errors import SceneError, StepError
+from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.world.collision.contacts import PlacedSurface
+from fenics_rom.world.collision.own_surface import OwnSurface
+from fenics_rom.world.shapes import Box, HalfSpace
+
+pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+LONG, WIDE, HIGH, GAP = 0.1, 0.02, 0.01, 2e-3  # m, of a prong, and between the two of a fork
+FAR = 'shape = "half-space"\npoint = [0.0, 0.0, -10.0]\nnormal = [0.0, 0.0, 1.0]'
+ITSELF = ("fork", "fork")
+
+
+def prongs(bricks, upper_alone=False):
+    """Points, tetrahedra and faces of two prongs along x, mirrored at z = 0, or of the upper one."""
+    points, cells = box_arrays((LONG, WIDE, HIGH), bricks)
+    points = points + np.array([0.0, -WIDE / 2, GAP / 2])
+    if not upper_alone:
+        cells = np.concatenate([cells, cells[:, [0, 1, 3, 2]] + len(points)])
+        points = np.concatenate([points, points * [1, 1, -1]])
+    return points, cells, faces_of(points, cells)
+
+
+def cleft(bricks, backs):
+    """The same of a block of an odd number of layers, whose middle one is there at its back alone: joined prongs."""
+    points, cells = box_arrays((LONG, WIDE, 2 * HIGH + GAP), bricks)
+    points[:, 1] -= WIDE / 2
+    half = bricks[2] // 2  # layers of each prong
+    layer = np.round(points[:, 2] / (2 * HIGH + GAP) * bricks[2])
+    points[:, 2] = (
+        np.where(layer <= half, -HIGH, GAP) - GAP / 2 + np.where(layer <= half, layer, layer - half - 1) * HIGH / half
+    )
+    middle = points[cells].mean(axis=1)
+    kept = (np.abs(middle[:, 2]) > GAP / 2) | (middle[:, 0] < backs * LONG / bricks[0])
+    used, row = np.unique(cells[kept], return_inverse=True)
+    points, cells = points[used], row.reshape(-1, 4)
+    return points, cells, faces_of(points, cells)
+
+
+def faces_of(points, cells):
+    """Triangles of the whole skin, of the left end, of what faces the plane z = 0, and above and below."""
+    every = np.sort(cells[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1)
+    faces, count = np.unique(every, axis=0, return_counts=True)
+    skin = faces[count == 1]
+    x, z = points[skin, 0], points[skin, 2]
+    return {
+        "skin": skin,
+        "left": skin[np.isclose(x, 0).all(axis=1)],
+        "inside": skin[np.isclose(np.abs(z), GAP / 2).all(axis=1)],
+        "above": skin[np.isclose(z, HIGH + GAP / 2).all(axis=1)],
+        "below": skin[np.isclose(z, -HIGH - GAP / 2).all(axis=1)],
+    }
+
+
+def rom_of(folder, mesh, frame="fixed", order=None, **parts):
+    """Of a body whose inner faces may touch, in all modes, or of an order."""
+    file = write_arrays(folder / "fork.msh", *mesh)
+    material = "young = 1e6\npoisson = 0.3\ndensity = 1000.0"
+    text = scene_text(
+        file,
+        material=material,
+        damping="beta = 1e-3",
+        contacts='[contacts.inside]\nsurface = "inside"',
+        **{"effects.contact": "", "effects.contact.obstacles.far": FAR, **parts},
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        system = fr.assemble(parse_scene(f'frame = "{frame}"\n{text}'))
+        if order is None:
+            return fr.reduce(system, order=system.elastic_size, method="modal")
+        return fr.reduce(system, order=order)
+
+
+def pressed(*names):
+    return {f"effects.pressure.{name}": f'surface = "{name}"' for name in names}
+
+
+ENDS = [[0.9 * LONG, 0.0, side * (HIGH + GAP / 2)] for side in (1, -1)]
+ROPE = {"effects.tendon.rope": f"points = {ENDS}"}
+CLAMPED = {"supports": 'clamped = ["left"]'}
+
+
+def test_mirrored_prongs_meet_as_one_meets_a_wall(tmp_path):
+    """In the mean of both; together they sway by a hundredth, as faces tilt and each pair is on one of them."""
+    whole = rom_of(tmp_path, prongs((8, 1, 1)), **CLAMPED, **pressed("above", "below"))
+    half = rom_of(tmp_path, prongs((8, 1, 1), upper_alone=True), **CLAMPED, **pressed("above"))
+    fork = fr.World({"fork": fr.SoftBody(whole)}, 2e-4, pairs={ITSELF: ContactLaw()})
+    prong = fr.World({"wall": fr.RigidBody(HalfSpace()), "prong": fr.SoftBody(half)}, 2e-4)
+    touched, off, swayed, most = [0, 0], 0.0, 0.0, 0.0
+    for _ in range(100):
+        fork.step({"fork": {"above": 3000.0, "below": 3000.0}})
+        prong.step({"prong": {"above": 3000.0}})
+        touched = [max(pair) for pair in zip(touched, (fork.touching, prong.touching), strict=True)]
+        both, one = fork.simulator("fork").displacement(), prong.simulator("prong").displacement()
+        upper, lower = both[: len(one)], both[len(one) :] * [1, 1, -1]
+        off = max(off, np.abs((upper + lower) / 2 - one).max())
+        swayed = max(swayed, np.abs(upper - lower).max())
+        most = max(most, np.abs(one).max())
+    assert off <= 1e-4 * most
+    assert swayed <= 0.02 * most
+    assert touched[1] >= 10
+    assert touched[0] == touched[1]  # one pair of two points that touch one another
+    assert fork.energy == pytest.approx(2 * prong.energy, rel=1e-3)
+
+
+@pytest.mark.parametrize("strains", ["small", "large"])
+def test_a_free_one_keeps_its_momenta_and_the_account(tmp_path, strains):
+    """Its prongs are pulled together by a rope while it spins."""
+    parts = ROPE | {"supports": None}
+    if strains == "large":
+        parts |= {
+            "effects.large_deformation": 'material = "st_venant_kirchhoff"',
+            "run": "dt = 1e-3\nduration = 0.01",
+            "[run.load]": 'actuator = "rope"\nforce = [2.0]',
+        }
+    rom = rom_of(tmp_path, cleft((3, 1, 3), 1), "moving", order=6, **parts)
+    body = fr.SoftBody(rom, angular_velocity=(3.0, -5.0, 8.0))
+    world = fr.World({"fork": body}, 1e-3, pairs={ITSELF: ContactLaw(friction=0.4)})
+    begun, start, touched, scale = momenta(world), world.energy, 0, 0.0
+    for _ in range(100):
+        world.step({"fork": {"rope": 2.0}})
+        gone, touched, scale = world.ledger, max(touched, world.touching), max(scale, world.energy)
+        left = world.energy - start - gone.supplied + gone.dissipated + gone.lost_in_switching
+        assert abs(left) <= 1e-13 * scale  # 100 steps of some 10 eps each
+    assert touched >= 2
+    P, L = momenta(world)
+    mass = world.simulator("fork").rom.moving_frame.mass
+    np.testing.assert_allclose(P, begun[0], rtol=0, atol=1e-13 * mass * 8.0 * LONG)
+    np.testing.assert_allclose(L, begun[1], rtol=0, atol=1e-13 * np.abs(begun[1]).max())
+
+
+def test_a_carried_one_closes_its_account(tmp_path):
+    """Its prongs are pulled together by a rope while the palm that carries it turns."""
+    parts = ROPE | CLAMPED | {"effects.base_path": "origin = [0.0, 0.0, 0.0]"}
+    rom = rom_of(tmp_path, cleft((3, 1, 3), 1), "moving", order=6, **parts)
+
+    def palm(time):
+        angle = 4.0 * time
+        turned = np.array([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)])
+        return LIES._replace(rotation=turned, angular_velocity=np.array([0.0, 0.0, 4.0]))
+
+    bodies = {"palm": fr.RigidBody(Box((0.05, 0.05, 0.05)), motion=palm), "fork": fr.SoftBody(rom, on="palm")}
+    world = fr.World(bodies, 1e-3, pairs={ITSELF: ContactLaw(friction=0.4)}, apart=[("palm", "fork")])
+    start, touched, scale = world.energy, 0, 0.0
+    for _ in range(100):
+        world.step({"fork": {"rope": 2.0}})
+        gone, touched, scale = world.ledger, max(touched, world.touching), max(scale, world.energy)
+        left = world.energy - start - gone.supplied + gone.dissipated + gone.lost_in_switching
+        assert abs(left) <= 1e-13 * scale  # 100 steps of some 10 eps each
+    assert touched >= 2
+
+
+def test_what_is_pressed_on_itself_stays_outside(tmp_path):
+    """Under a rope that goes on pulling."""
+    rom = rom_of(tmp_path, cleft((6, 1, 3), 1), order=12, **CLAMPED, **ROPE)
+    world = fr.World({"fork": fr.SoftBody(rom)}, 1e-3, pairs={ITSELF: ContactLaw(friction=0.4)})
+    body, deepest = world.simulator("fork"), 0.0
+    own = OwnSurface(body.contact_coordinates, body.contact_triangles)
+    for step in range(200):
+        world.step({"fork": {"rope": min(20.0, 0.2 * step)}})
+        body.begin(0.0)
+        deepest = min(deepest, own.contacts(body.placed(), 0.0).gaps.min(initial=0.0))
+    assert world.touching >= 4
+    places, forces = world.contact_forces("fork", "fork")
+    assert np.count_nonzero(forces.any(axis=1)) == world.touching
+    assert (places[forces.any(axis=1), 0] > 0.5 * LONG).all()  # where the rope is
+    assert deepest >= -1e-3 * LONG  # 1e-4: points whose opposite one has the pair are as deep as faces tilt
+
+
+def skin_of(points, cells):
+    """Triangles of the skin of tetrahedra, counterclockwise from outside."""
+    faces = cells[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3)
+    inner = points[cells].mean(axis=1).repeat(4, axis=0)
+    (a, b, c), keys = np.moveaxis(points[faces], 1, 0), np.sort(faces, axis=1)
+    turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - inner) < 0
+    faces[turned] = faces[turned][:, [0, 2, 1]]
+    _, row, count = np.unique(keys, axis=0, return_index=True, return_counts=True)
+    return faces[row[count == 1]]
+
+
+def test_pairs_are_of_what_faces_a_point_and_is_no_wall():
+    """Of a thin plate none touches its other side; of a cleft block points touch across the cleft alone."""
+    plate, block = box_arrays((0.1, 0.05, 1e-3), (8, 4, 1)), cleft((6, 2, 3), 1)[:2]
+    for (points, cells), touch in ((plate, False), (block, True)):
+        triangles = skin_of(points, cells)
+        surface = PlacedSurface(points, triangles, np.arange(len(points)))
+        found = OwnSurface(points, triangles).contacts(surface, 1.5 * GAP)
+        across = np.isclose(np.abs(points[:, 2]), GAP / 2) & (points[:, 0] > 1.5 * LONG / 6) if touch else []
+        assert len(found.gaps) == np.count_nonzero(across) / 2  # points are opposite to one another
+        assert set(np.flatnonzero(across)) >= set(found.first.feature)
+        np.testing.assert_allclose(found.gaps, GAP, rtol=1e-12)
+        np.testing.assert_allclose(found.normals, np.sign(found.first.arms[:, 2:]) * [0, 0, 1], atol=1e-12)
+
+
+def test_a_point_between_nodes_touches_as_nodes_do():
+    """It lies on a triangle, and is no corner of any."""
+    points, cells = cleft((6, 2, 3), 1)[:2]
+    triangles = skin_of(points, cells)
+    inside = [t for t in triangles if np.allclose(points[t, 2], GAP / 2) and points[t, 0].min() > 0.7 * LONG]
+    more = np.concatenate([points, [points[inside[0]].mean(axis=0)]])
+    found = OwnSurface(more, triangles).contacts(PlacedSurface(more, triangles, np.array([len(points)])), 1.5 * GAP)
+    np.testing.assert_allclose(found.gaps, [GAP], rtol=1e-12)
+    np.testing.assert_allclose(found.normals, [[0, 0, 1]], atol=1e-12)
+
+
+def test_what_cannot_be_is_refused(tmp_path):
+    rom = rom_of(tmp_path, cleft((3, 1, 3), 1), order=6, **CLAMPED, **ROPE)
+    bodies = {"fork": fr.SoftBody(rom), "wall": fr.RigidBody(HalfSpace(), motion=LIES)}
+    for pair, says in ((("wall", "wall"), "'wall' with itself: it is rigid"), (("fork", "none"), "none")):
+        with pytest.raises(SceneError, match=says):
+            fr.World(bodies, 1e-3, pairs={pair: ContactLaw()})
+    world = fr.World({"fork": fr.SoftBody(rom)}, 1e-3, pairs={ITSELF: ContactLaw()})
+    with pytest.raises(StepError, match="'fork' on itself add up to 0: allowed are two bodies; `contact_forces`"):
+        world.force_between("fork", "fork")
+
+
+def test_a_world_file_names_it_twice(tmp_path):
+    fr.write_rom(tmp_path / "fork.h5", rom_of(tmp_path, cleft((3, 1, 3), 1), order=6, **CLAMPED, **ROPE))
+    text = """
+[bodies.fork]
+rom = "fork.h5"
+[bodies.ball]
+shape = "sphere"
+radius = 0.01
+position = [0.0, 0.0, 0.5]
+[[pairs]]
+bodies = ["fork", "fork"]
+friction = 0.4
+[run]
+dt = 1e-3
+duration = 0.2
+[[run.input]]
+body = "fork"
+actuator = "rope"
+value = 4.0
+"""
+    (tmp_path / "world.toml").write_text(text)
+    run = fr.simulate(str(tmp_path / "world.toml"))
+    assert run.contact_account["friction"][-1] > 0
+    (tmp_path / "world.toml").write_text(text.replace('["fork", "fork"]', '["ball", "ball"]'))
+    with pytest.raises(SceneError, match="ball: is rigid: allowed are two bodies, or a soft one twice"):
+        fr.simulate(str(tmp_path / "world.toml"))
