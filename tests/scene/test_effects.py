@@ -12,6 +12,7 @@ from bodies import acted_on, box_arrays, scene_text, write_arrays
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
+from fenics_rom.compilation import compiled
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, MeshError, SceneError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.environment import Run
@@ -364,7 +365,9 @@ def test_run_among_obstacles_is_read_to_the_last_bit(rom, tmp_path):
     assert set(back.effects) == set(EFFECTS) - others
     assert list(back.forces) == ["floor", "ball"]
     assert list(back.contact_account) == ["obstacles", "contact", "friction"]
-    assert {"gravity", "contact, friction", "inertia, damping, elasticity"} <= set(back.profile)
+    parts = ["contact, friction", "inertia, damping, elasticity"]
+    parts = [", ".join(parts)] if compiled() else parts  # loops take both at once
+    assert {"gravity", *parts} <= set(back.profile)
     assert all(seconds >= 0 for seconds in back.profile.values())
     assert back.balance_error <= 1e-12
 
