@@ -258,13 +258,51 @@ def _step_surface(file: str) -> dict[str, Any]:
     mesh.generate(2)
     tags, points, _ = mesh.getNodes()
     order = np.argsort(tags)
-    parts = []
+    points, triangles = points.reshape(-1, 3)[order], []
     for solid in solids:
-        for _, face in gmsh.model.getBoundary([solid], oriented=True):
-            corners = mesh.getElementsByType(2, abs(face))[1].reshape(-1, 3)
-            parts.append(corners if face > 0 else corners[:, ::-1])
-    triangles = np.searchsorted(tags[order], np.concatenate(parts).ravel())
-    return {"points": points.reshape(-1, 3)[order].ravel(), "triangles": triangles}
+        faces = (mesh.getElementsByType(2, face)[1] for _, face in gmsh.model.getBoundary([solid], oriented=False))
+        patches = [np.searchsorted(tags[order], corners).reshape(-1, 3) for corners in faces]
+        triangles.append(_turned_outward(points, patches))
+    return {"points": points.ravel(), "triangles": np.concatenate(triangles).ravel()}
+
+
+def _turned_outward(points: np.ndarray, patches: list[np.ndarray]) -> np.ndarray:
+    """Triangles (T, 3) around a solid, of patches (t, 3) that are each turned one way, in or out.
+
+    Two patches go along the border that they share in opposite ways. Of the shells of one solid the largest is outside.
+    """
+    borders = [_border(patch) for patch in patches]
+    beside: dict[tuple[int, int], list[int]] = {}
+    for number, border in enumerate(borders):
+        for side in border:
+            beside.setdefault(side, []).append(number)
+    turns, shells = [0] * len(patches), []
+    for first in range(len(patches)):
+        if turns[first]:
+            continue
+        turns[first], waiting, shell = 1, [first], [first]
+        while waiting:
+            patch = waiting.pop()
+            for side, way in borders[patch].items():
+                for other in beside[side]:
+                    if not turns[other]:
+                        turns[other] = -turns[patch] * way * borders[other][side]
+                        waiting.append(other)
+                        shell.append(other)
+        shells.append(np.concatenate([patches[k] if turns[k] > 0 else patches[k][:, ::-1] for k in shell]))
+    a, b, c = ([points[shell[:, k]] for shell in shells] for k in range(3))
+    volumes = [float((x * np.cross(y, z)).sum()) for x, y, z in zip(a, b, c, strict=True)]
+    outside = int(np.abs(volumes).argmax())
+    signs = [volume if k == outside else -volume for k, volume in enumerate(volumes)]
+    return np.concatenate([shell if sign > 0 else shell[:, ::-1] for shell, sign in zip(shells, signs, strict=True)])
+
+
+def _border(triangles: np.ndarray) -> dict[tuple[int, int], int]:
+    """Sides (low, high) that one of the triangles (t, 3) has alone: 1 where it goes from low to high, else -1."""
+    sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    unique, row, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
+    alone, ways = unique[count == 1], np.where(sides[row, 0] < sides[row, 1], 1, -1)[count == 1]
+    return {(int(low), int(high)): int(way) for (low, high), way in zip(alone, ways, strict=True)}
 
 
 def fill_surface(file: str, size: float, glue: bool) -> dict[str, Any]:
