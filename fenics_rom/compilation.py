@@ -241,6 +241,7 @@ def _watch_compiling(when: str) -> None:
     """Has a line written when compiling has taken long."""
     from numba.core import event
 
+    @cache
     def say() -> None:
         print(f"fenics_rom: compiles what steps need (up to a minute, {when})", file=sys.stderr, flush=True)
 
@@ -261,6 +262,9 @@ def _watch_compiling(when: str) -> None:
             self.depth -= 1
             if self.depth == 0 and self.timer is not None:
                 self.timer.cancel()
+                self.timer.join()  # if it says something, until it has
                 self.timer, self.spent = None, self.spent + monotonic() - self.begun
+                if self.spent >= PATIENCE:  # what compiles may not let the timer run when it is due
+                    say()
 
     event.register("numba:compile", Watch())
