@@ -1,6 +1,7 @@
 #!/bin/bash
 # bash tests/run.sh [--slow | --elsewhere] [PYTEST ARGUMENT ...]: installs what is missing, then runs the tests; without
-# --slow but the slow ones, with --elsewhere but those of demos, too. Given other arguments, it runs pytest with them.
+# --slow but the slow ones, with --elsewhere but those of demos and most of compiled steps, too. Given other arguments,
+# it runs pytest with them.
 set -euo pipefail
 cd "$(dirname "$(realpath "$0")")/.."
 
@@ -9,8 +10,11 @@ packages=(chromium) # for the live view's tests
 install_packages
 pytest=(.venv/bin/python -m pytest)
 demos=()
+with_numba=(tests/test_compilation.py tests/world/test_compiled_world.py tests/mechanics/test_{compiled_contact,contact}.py
+  tests/runtime/test_{compiled_*,batch_contact,differentiation_contact,energy_laws,residual_compliance}.py)
 if [ "$*" = --elsewhere ]; then
   demos=(--ignore=tests/demos) # which are the same on all systems, and a third of the time
+  with_numba=(tests/test_compilation.py tests/mechanics/test_compiled_contact.py tests/runtime/test_compiled_{steps,frames}.py)
   set --
 elif [ $# -gt 0 ] && [ "$*" != --slow ]; then
   exec "${pytest[@]}" "$@"
@@ -19,9 +23,6 @@ unset PYTHONDONTWRITEBYTECODE # some hundred times Python is started, and would 
 marked() { grep -rl --include='test_*.py' "mark\.$1" tests; }
 mapfile -t alone < <(marked alone)
 mapfile -t ranks < <(marked ranks)
-
-with_numba=(tests/test_compilation.py tests/world/test_compiled_world.py tests/mechanics/test_{compiled_contact,contact}.py
-  tests/runtime/test_{compiled_*,batch_contact,differentiation_contact,energy_laws,residual_compliance}.py)
 
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
