@@ -47,7 +47,7 @@ class BoxTree:
         from fenics_rom.mechanics.compiled.nearest_triangles import find_nearest  # here, as numba takes time to import
 
         found = np.zeros(len(points), dtype=np.int64)
-        find_nearest(np.ascontiguousarray(points), self._corners, self._order, *self._in_one_piece, found)
+        find_nearest(np.ascontiguousarray(points), self._corners, WIDTH, self._order, *self._in_one_piece, found)
         return found
 
     @cached_property

@@ -4,24 +4,27 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
+from fenics_rom.mechanics.compiled.triangles import dot, nearest_on_triangle, offset_from
 
-WIDTH = 8  # children of a box; see `mechanics.box_tree`
-DEEPEST = 12 * WIDTH  # boxes below the top that may wait to be opened
+MOST_LEVELS = 12  # below the top
 
 
 @jit
-def find_nearest(points: Array, corners: Array, order: Array, boxes: Array, starts: Array, found: Array) -> None:
+def find_nearest(
+    points: Array, corners: Array, width: int, order: Array, boxes: Array, starts: Array, found: Array
+) -> None:
     """Sets the numbers (P,) of the triangles that are nearest to points (P, 3), m.
 
     Args:
         points: as above.
         corners: of the triangles, (T, 3 corners, 3), m.
+        width: children of a box.
         order: (T,) the triangles in the boxes of the last level.
         boxes: (B, 6) low and high ends, m, level after level.
         starts: (L + 1,) where each level begins.
         found: set.
     """
-    last, most = len(starts) - 2, starts[1] + DEEPEST
+    last, most = len(starts) - 2, starts[1] + MOST_LEVELS * width
     waiting, levels, bounds = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64), np.empty(most)
     for p in range(len(points)):
         best, count, level, begin, end = np.inf, 0, 0, 0, starts[1]
@@ -48,8 +51,8 @@ def find_nearest(points: Array, corners: Array, order: Array, boxes: Array, star
                         best, found[p] = square, order[at]
                 else:
                     level = levels[count] + 1
-                    begin = starts[level] + WIDTH * at
-                    end = begin + WIDTH
+                    begin = starts[level] + width * at
+                    end = begin + width
 
 
 @jit_part
@@ -64,35 +67,10 @@ def _to_box(x: Array, box: Array) -> float:
 
 @jit_part
 def _to_triangle(x: Array, corners: Array) -> float:
-    """Squared distance of a point from a triangle, m²; as `mechanics.triangles` has it."""
-    uu = uv = vv = uw = vw = 0.0
-    for i in range(3):
-        u, v, w = corners[1, i] - corners[0, i], corners[2, i] - corners[0, i], x[i] - corners[0, i]
-        uu, uv, vv, uw, vw = uu + u * u, uv + u * v, vv + v * v, uw + u * w, vw + v * w
-    twice_area = max(uu * vv - uv * uv, 2.3e-308)
-    b, c = (vv * uw - uv * vw) / twice_area, (uu * vw - uv * uw) / twice_area
-    square = 0.0
-    if b >= 0.0 and c >= 0.0 and b + c <= 1.0:
-        for i in range(3):
-            a = corners[0, i]
-            away = x[i] - a - b * (corners[1, i] - a) - c * (corners[2, i] - a)
-            square += away * away
-        return square
-    square = np.inf
-    for k in range(3):
-        square = min(square, _to_edge(x, corners[k], corners[(k + 1) % 3]))
-    return square
-
-
-@jit_part
-def _to_edge(x: Array, start: Array, end: Array) -> float:
-    """Squared distance of a point from a line between two, m²."""
-    along = across = square = 0.0
-    for i in range(3):
-        along += (end[i] - start[i]) * (end[i] - start[i])
-        across += (x[i] - start[i]) * (end[i] - start[i])
-    share = min(max(across / max(along, 2.3e-308), 0.0), 1.0)
-    for i in range(3):
-        away = x[i] - start[i] - share * (end[i] - start[i])
-        square += away * away
-    return square
+    """Squared distance of a point from a triangle, m²."""
+    point, a, b, c = (
+        (x[0], x[1], x[2]), (corners[0, 0], corners[0, 1], corners[0, 2]),
+        (corners[1, 0], corners[1, 1], corners[1, 2]), (corners[2, 0], corners[2, 1], corners[2, 2]),
+    )  # fmt: skip
+    off = offset_from(point, nearest_on_triangle(point, a, b, c), a, b, c)
+    return dot(off, off)

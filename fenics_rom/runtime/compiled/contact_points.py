@@ -150,12 +150,18 @@ def answer(points: Points, rate: Array, changed: Array) -> None:
         if by != 0.0:
             for k in range(n):
                 inside[k] += row[k] * by
+    add_yielding(points, inside)
+
+
+@jit_part
+def add_yielding(points: Points, inside: Array) -> None:
+    """Adds to the velocities of all points (3P,) in the frame, m/s, what they yield to the forces beyond the basis."""
     if len(points.R):
-        for p in range(P):
+        for p in range(len(points.rest)):
             if points.pushed[p]:
                 for k in range(3):
                     row, by = points.R[3 * p + k], points.seen[p, k] / points.times[WHOLE]
-                    for j in range(n):
+                    for j in range(len(inside)):
                         inside[j] += row[j] * by
 
 

@@ -13,7 +13,15 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.copying import copy, copy_rows
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
-from fenics_rom.runtime.compiled.contact_points import WHOLE, Points, arm_of, begin_points, end_points, place_points
+from fenics_rom.runtime.compiled.contact_points import (
+    WHOLE,
+    Points,
+    add_yielding,
+    arm_of,
+    begin_points,
+    end_points,
+    place_points,
+)
 from fenics_rom.runtime.compiled.frame_tables import body_at, loads_at, state_at, watch_at
 from fenics_rom.runtime.compiled.frames import (
     OTHERWISE,
@@ -215,13 +223,7 @@ def _tell(body: Body, acting: Acting, now: Array, points: Points, push: Push, x:
     inside, free = points.inside.reshape(n), points.free.reshape(n)
     combine(x[3:], points.rows, inside)
     inside += free
-    if len(points.R):
-        for p in range(len(points.rest)):
-            if points.pushed[p]:
-                for k in range(3):
-                    row, by = points.R[3 * p + k], points.seen[p, k] / points.times[WHOLE]
-                    for j in range(n):
-                        inside[j] += row[j] * by
+    add_yielding(points, inside)
 
 
 @jit_part

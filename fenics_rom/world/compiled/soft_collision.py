@@ -4,12 +4,12 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
+from fenics_rom.mechanics.compiled.triangles import nearest_on_triangle, offset_from
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.runtime.compiled.frames import added, cross, dot, length, put, vector
 from fenics_rom.world.tolerances import DEEPEST, MORE_ABOVE, ON_IT, SIDEWAYS
 
 NONE = -1
-_TINY = float(np.finfo(float).tiny)
 
 
 @jit
@@ -48,9 +48,8 @@ def find_nearest(
             if not (apart <= reach and (1 - MORE_ABOVE) * apart <= least):
                 continue
             a, b, c = _corners_of(corners, triangles[t])
-            share = _nearest_on_triangle(point, a, b, c)
-            foot = added(added((share[0] * a[0], share[0] * a[1], share[0] * a[2]), share[1], b), share[2], c)
-            off, out = added(point, -1.0, foot), _normal(a, b, c)
+            share = nearest_on_triangle(point, a, b, c)
+            off, out = offset_from(point, share, a, b, c), _normal(a, b, c)
             far, height = length(off), dot(off, out)
             # of triangles that share the nearest point, the one that it is most above or below knows which it is
             if far - MORE_ABOVE * abs(height) < least:
@@ -125,32 +124,3 @@ def _normal(a: Vector, b: Vector, c: Vector) -> Vector:
     n = cross(added(b, -1.0, a), added(c, -1.0, a))
     size = length(n)
     return n[0] / size, n[1] / size, n[2] / size
-
-
-@jit_part
-def _nearest_on_triangle(point: Vector, a: Vector, b: Vector, c: Vector) -> Vector:
-    """Weights of the corners where a triangle is nearest to a point."""
-    u, v, w = added(b, -1.0, a), added(c, -1.0, a), added(point, -1.0, a)
-    uu, uv, vv, uw, vw = dot(u, u), dot(u, v), dot(v, v), dot(u, w), dot(v, w)
-    twice_area = max(uu * vv - uv * uv, _TINY)
-    of_b, of_c = (vv * uw - uv * vw) / twice_area, (uu * vw - uv * uw) / twice_area
-    if min(1 - of_b - of_c, of_b, of_c) >= 0:
-        return 1 - of_b - of_c, of_b, of_c
-    # beyond: the nearest point is on an edge
-    first, off_first = _share_along(point, a, b)
-    second, off_second = _share_along(point, b, c)
-    third, off_third = _share_along(point, c, a)
-    if off_first <= off_second and off_first <= off_third:
-        return 1 - first, first, 0.0
-    if off_second <= off_third:
-        return 0.0, 1 - second, second
-    return third, 0.0, 1 - third
-
-
-@jit_part
-def _share_along(point: Vector, a: Vector, b: Vector) -> tuple[float, float]:
-    """How far along an edge it is nearest to a point, as a share, and the square of how near, m²."""
-    along = added(b, -1.0, a)
-    share = min(max(dot(added(point, -1.0, a), along) / max(dot(along, along), _TINY), 0.0), 1.0)
-    off = added(added(a, share, along), -1.0, point)
-    return share, dot(off, off)
