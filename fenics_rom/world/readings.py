@@ -116,8 +116,8 @@ class ReadWorld:
         triangles that face them; what these get stands opposite.
 
         Returns:
-            Places in the middle of the step (k, 3), m, of that body which the world has first, and forces (k, 3), N, 0
-            where nothing pushes.
+            Places (k, 3), m, of that body which the world has first, in the middle of the step: as bodies were expected
+            there, or as they went where loops took it. Forces (k, 3), N, 0 where nothing pushes.
         """
         for name in (first, second):
             self._body(name)

@@ -171,6 +171,11 @@ def told(world):
     of_bodies = [np.concatenate([*map(np.ravel, world.pose(name))]) for name in world.names]
     account = world.ledger
     forces = [world.force_between(*pair) for pair in combinations(world.names, 2)]
+    for pair in combinations(world.names, 2):
+        places, pushes = world.contact_forces(*pair)
+        forces.append(pushes.sum(axis=0))
+        assert places.shape == pushes.shape
+        np.testing.assert_array_equal(world.contact_forces(*pair[::-1])[1], -pushes)
     numbers = [world.energy, account.dissipated, account.supplied, account.contact, account.friction]
     return np.concatenate([*of_bodies, *(np.ravel(of) for of in told_of_soft(world)), *forces, numbers])
 

@@ -113,6 +113,17 @@ def test_mirrored_prongs_meet_as_one_meets_a_wall(tmp_path):
     assert fork.energy == pytest.approx(2 * prong.energy, rel=1e-3)
 
 
+def pull(world):
+    """Pulls a fork's prongs together by its rope: they touch, and the account closes."""
+    start, touched, scale = world.energy, 0, 0.0
+    for _ in range(100):
+        world.step({"fork": {"rope": 2.0}})
+        gone, touched, scale = world.ledger, max(touched, world.touching), max(scale, world.energy)
+        left = world.energy - start - gone.supplied + gone.dissipated + gone.lost_in_switching
+        assert abs(left) <= 1e-13 * scale  # 100 steps of some 10 eps each
+    assert touched >= 2
+
+
 @pytest.mark.parametrize("strains", ["small", "large"])
 def test_a_free_one_keeps_its_momenta_and_the_account(tmp_path, strains):
     """Its prongs are pulled together by a rope while it spins."""
@@ -126,13 +137,8 @@ def test_a_free_one_keeps_its_momenta_and_the_account(tmp_path, strains):
     rom = rom_of(tmp_path, cleft((3, 1, 3), 1), "moving", order=6, **parts)
     body = fr.SoftBody(rom, angular_velocity=(3.0, -5.0, 8.0))
     world = fr.World({"fork": body}, 1e-3, pairs={ITSELF: ContactLaw(friction=0.4)})
-    begun, start, touched, scale = momenta(world), world.energy, 0, 0.0
-    for _ in range(100):
-        world.step({"fork": {"rope": 2.0}})
-        gone, touched, scale = world.ledger, max(touched, world.touching), max(scale, world.energy)
-        left = world.energy - start - gone.supplied + gone.dissipated + gone.lost_in_switching
-        assert abs(left) <= 1e-13 * scale  # 100 steps of some 10 eps each
-    assert touched >= 2
+    begun = momenta(world)
+    pull(world)
     P, L = momenta(world)
     mass = world.simulator("fork").rom.moving_frame.mass
     np.testing.assert_allclose(P, begun[0], rtol=0, atol=1e-13 * mass * 8.0 * LONG)
@@ -151,13 +157,7 @@ def test_a_carried_one_closes_its_account(tmp_path):
 
     bodies = {"palm": fr.RigidBody(Box((0.05, 0.05, 0.05)), motion=palm), "fork": fr.SoftBody(rom, on="palm")}
     world = fr.World(bodies, 1e-3, pairs={ITSELF: ContactLaw(friction=0.4)}, apart=[("palm", "fork")])
-    start, touched, scale = world.energy, 0, 0.0
-    for _ in range(100):
-        world.step({"fork": {"rope": 2.0}})
-        gone, touched, scale = world.ledger, max(touched, world.touching), max(scale, world.energy)
-        left = world.energy - start - gone.supplied + gone.dissipated + gone.lost_in_switching
-        assert abs(left) <= 1e-13 * scale  # 100 steps of some 10 eps each
-    assert touched >= 2
+    pull(world)
 
 
 def test_what_is_pressed_on_itself_stays_outside(tmp_path):
