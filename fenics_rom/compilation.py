@@ -35,6 +35,7 @@ SHARED = tuple(  # what else than their own folders compiled functions use
         "mechanics/frame_contact",
         "mechanics/frame_motion",
         "mechanics/largest_turn",
+        "mechanics/surface_pairs",
         "runtime/steppers/frame_table",
         "runtime/steppers/inertia",
         "runtime/steppers/kept_newton",

@@ -15,9 +15,10 @@ from fenics_rom.mechanics.braking import SWINGS
 from fenics_rom.mechanics.compiled.contact_law import Law
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.signals import real_numbers
+from fenics_rom.mechanics.surface_pairs import PlacedSurface
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
-from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, PlacedSurface, Spots
+from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, Spots
 from fenics_rom.world.compiled.forces import find_forces
 from fenics_rom.world.compiled.near import find_near, look_at_margins
 from fenics_rom.world.compiled.tables import GIVEN, SWUNG, GivenContacts

@@ -12,10 +12,12 @@ import numpy as np
 
 from fenics_rom.errors import SceneError, StepError, check_known
 from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.mechanics.own_surface import OwnSurface
+from fenics_rom.mechanics.surface_pairs import PlacedSurface
 from fenics_rom.world.bodies import Body
-from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, PlacedSurface
+from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape
 from fenics_rom.world.collision.find import find_contacts
-from fenics_rom.world.collision.own_surface import OwnSurface
+from fenics_rom.world.collision.soft_surfaces import soft_on_itself
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.tolerances import PENETRATION_TOLERANCE
 
@@ -61,7 +63,7 @@ class Meeting:
         if self.own is None:
             return find_contacts(first, second, margin)
         assert isinstance(first, PlacedSurface)
-        return self.own.contacts(first, margin)
+        return soft_on_itself(first, self.own, margin)
 
     def overlap(self, bodies: Sequence[Body]) -> Contacts | None:
         """Where the two, among all bodies, are inside one another now by more than round-off; None: they are not."""
@@ -117,7 +119,8 @@ def _own_surface(name: str, body: Body) -> OwnSurface:
         raise SceneError(
             f"pairs: {name!r} with itself: {why}: allowed is a soft body whose contact surfaces have areas"
         )
-    return OwnSurface(body.contact_coordinates, body.contact_triangles)
+    points = body.contact_coordinates
+    return OwnSurface(points, body.contact_triangles, np.arange(len(points)))
 
 
 def _laws(pairs: Mapping[tuple[str, str], ContactLaw], bodies: Mapping[str, Body]) -> dict[frozenset[str], ContactLaw]:

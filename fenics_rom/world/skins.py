@@ -11,9 +11,10 @@ from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.skin import BESIDE, BETWEEN, Intrusion, Skin
 from fenics_rom.mechanics.skin_path import CHECK_INTERVAL, MOST_PLACES, Instant, Placement, moved_between
 from fenics_rom.mechanics.skin_watch import SkinWatch
+from fenics_rom.mechanics.surface_pairs import PlacedSurface
 from fenics_rom.runtime.skin_looks import Mark, SkinPlaces
 from fenics_rom.runtime.steppers.contact_interface import skin_of
-from fenics_rom.world.collision.contacts import PlacedShape, PlacedSurface
+from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.collision.soft_surfaces import soft_on_soft
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.make_bodies import AnyBody

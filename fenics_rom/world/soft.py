@@ -22,6 +22,7 @@ from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.frame_geometry import turned_operator
 from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.mechanics.surface_pairs import PlacedSurface
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
@@ -32,7 +33,6 @@ from fenics_rom.runtime.steppers.residual_motion import operator_of
 from fenics_rom.world.acting import acting_in_world
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Body, Points
 from fenics_rom.world.carriers import Carriers
-from fenics_rom.world.collision.contacts import PlacedSurface
 from fenics_rom.world.driven import Driven, mounted
 from fenics_rom.world.handed_forces import Handed, HandedForces, handed, handed_in
 from fenics_rom.world.surfaces import nearest_carriers, soft_points, triangles_among

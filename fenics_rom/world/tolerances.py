@@ -15,10 +15,3 @@ LARGEST = 1.0  # m: of a half-space, of how far it moves
 PENETRATION_TOLERANCE = 1e-9  # of the smaller body: as deep as round-off may have put it
 MOST_TURNED = 2.0  # rad in a step of a body that is driven: beyond it nobody knows which way
 LEAST_COSINE = math.cos(MOST_TURNED / 2)
-# Of points of a soft surface beside another one:
-DEEPEST = 0.5  # of the longest side of a triangle's box: points that are deeper inside have passed it
-SIDEWAYS = 0.5  # cosine: points behind a triangle that are farther to its side are beside an open surface, not inside
-ON_IT = (
-    1e-3  # of that side: points so near are on the triangle, as far above as its normal says, also beside its border
-)
-MORE_ABOVE = 1e-6  # of how far a point is above or below a triangle: by so much that one counts as nearer

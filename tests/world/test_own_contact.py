@@ -10,9 +10,8 @@ from test_soft_motion import LIES, momenta
 import fenics_rom as fr
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.mechanics.own_surface import OwnSurface
 from fenics_rom.scene.file import parse_scene
-from fenics_rom.world.collision.contacts import PlacedSurface
-from fenics_rom.world.collision.own_surface import OwnSurface
 from fenics_rom.world.shapes import Box, HalfSpace
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -165,11 +164,12 @@ def test_what_is_pressed_on_itself_stays_outside(tmp_path):
     rom = rom_of(tmp_path, cleft((6, 1, 3), 1), order=12, **CLAMPED, **ROPE)
     world = fr.World({"fork": fr.SoftBody(rom)}, 1e-3, pairs={ITSELF: ContactLaw(friction=0.4)})
     body, deepest = world.simulator("fork"), 0.0
-    own = OwnSurface(body.contact_coordinates, body.contact_triangles)
+    points = body.contact_coordinates
+    own = OwnSurface(points, body.contact_triangles, np.arange(len(points)))
     for step in range(200):
         world.step({"fork": {"rope": min(20.0, 0.2 * step)}})
         body.begin(0.0)
-        deepest = min(deepest, own.contacts(body.placed(), 0.0).gaps.min(initial=0.0))
+        deepest = min(deepest, own.near(body.placed().points, 0.0).gaps.min(initial=0.0))
     assert world.touching >= 4
     places, forces = world.contact_forces("fork", "fork")
     assert np.count_nonzero(forces.any(axis=1)) == world.touching
@@ -193,13 +193,12 @@ def test_pairs_are_of_what_faces_a_point_and_is_no_wall():
     plate, block = box_arrays((0.1, 0.05, 1e-3), (8, 4, 1)), cleft((6, 2, 3), 1)[:2]
     for (points, cells), touch in ((plate, False), (block, True)):
         triangles = skin_of(points, cells)
-        surface = PlacedSurface(points, triangles, np.arange(len(points)))
-        found = OwnSurface(points, triangles).contacts(surface, 1.5 * GAP)
+        found = OwnSurface(points, triangles, np.arange(len(points))).near(points, 1.5 * GAP)
         across = np.isclose(np.abs(points[:, 2]), GAP / 2) & (points[:, 0] > 1.5 * LONG / 6) if touch else []
         assert len(found.gaps) == np.count_nonzero(across) / 2  # points are opposite to one another
-        assert set(np.flatnonzero(across)) >= set(found.first.feature)
+        assert set(np.flatnonzero(across)) >= set(found.row)
         np.testing.assert_allclose(found.gaps, GAP, rtol=1e-12)
-        np.testing.assert_allclose(found.normals, np.sign(found.first.arms[:, 2:]) * [0, 0, 1], atol=1e-12)
+        np.testing.assert_allclose(found.normals, np.sign(points[found.row, 2:]) * [0, 0, 1], atol=1e-12)
 
 
 def test_a_point_between_nodes_touches_as_nodes_do():
@@ -208,7 +207,7 @@ def test_a_point_between_nodes_touches_as_nodes_do():
     triangles = skin_of(points, cells)
     inside = [t for t in triangles if np.allclose(points[t, 2], GAP / 2) and points[t, 0].min() > 0.7 * LONG]
     more = np.concatenate([points, [points[inside[0]].mean(axis=0)]])
-    found = OwnSurface(more, triangles).contacts(PlacedSurface(more, triangles, np.array([len(points)])), 1.5 * GAP)
+    found = OwnSurface(more, triangles, np.array([len(points)])).near(more, 1.5 * GAP)
     np.testing.assert_allclose(found.gaps, [GAP], rtol=1e-12)
     np.testing.assert_allclose(found.normals, [[0, 0, 1]], atol=1e-12)
 

@@ -8,6 +8,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.base_path import rotation_vectors
 from fenics_rom.mechanics.frame_motion import quaternion_of, quaternion_of_vector, rotation_matrix
+from fenics_rom.mechanics.surface_pairs import PlacedSurface
 from fenics_rom.mechanics.triangle_surface import NearPlanes
 from fenics_rom.world.shapes import Mesh, Shape
 
@@ -56,14 +57,6 @@ class PlacedShape(NamedTuple):
         return moved
 
 
-class PlacedSurface(NamedTuple):
-    """The surface of a soft body as it is."""
-
-    points: Array  # (n, 3) in world axes, m
-    triangles: Array  # (t, 3) rows of points, counterclockwise from outside
-    touching: Array  # rows of the points that may touch
-
-
 Placed = PlacedShape | PlacedSurface
 
 
@@ -96,12 +89,6 @@ def joined(parts: list[Contacts]) -> Contacts:
         return parts[0]
     first, second = (Spots(*map(np.concatenate, zip(*(part[side] for part in parts), strict=True))) for side in (0, 1))
     return Contacts(first, second, *(np.concatenate([part[k] for part in parts]) for k in (2, 3)))
-
-
-def taken(contacts: Contacts, rows: Array) -> Contacts:
-    """Some of several contacts."""
-    first, second = (Spots(*(part[rows] for part in side)) for side in contacts[:2])
-    return Contacts(first, second, contacts.normals[rows], contacts.gaps[rows])
 
 
 def rigid_contacts(places: Array, normals: Array, gaps: Array, feature: Array) -> Contacts:

@@ -6,8 +6,8 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.triangles import nearest_on_triangle, offset_from
 from fenics_rom.mechanics.frame_motion import Vector
+from fenics_rom.mechanics.surface_pairs import DEEPEST, MORE_ABOVE, ON_IT, SIDEWAYS
 from fenics_rom.runtime.compiled.frames import added, cross, dot, length, put, vector
-from fenics_rom.world.tolerances import DEEPEST, MORE_ABOVE, ON_IT, SIDEWAYS
 
 NONE = -1
 

@@ -10,10 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.surface_pairs import DEEPEST, Boxes, OnSurface, near_boxes, nearest_of, unit_normals
 from fenics_rom.mechanics.triangles import nearest_on_triangles
-from fenics_rom.world.collision.contacts import Contacts, PlacedSurface, taken
-from fenics_rom.world.collision.soft_surfaces import near_boxes, points_on, triangle_boxes, unit_normals
-from fenics_rom.world.tolerances import DEEPEST
 
 _WALL = 2 * DEEPEST  # of the longest side of a triangle's box: what is nearer at rest, and behind a point, is its wall
 _SLACK = 0.25  # of the longest side of boxes in which points are looked for: candidates last while less has moved
@@ -25,8 +23,7 @@ class _Known(NamedTuple):
     """Candidates as they were looked for."""
 
     points: Array  # then, (n, 3), m
-    low: Array  # of boxes about triangles, (t, 3), m
-    high: Array
+    boxes: Boxes  # about triangles
     slack: float  # m, by which more were looked for
     row: Array  # of candidates
     triangle: Array
@@ -38,23 +35,28 @@ class OwnSurface:
     Args:
         points: at rest (n, 3), m.
         triangles: (t, 3) rows of points, counterclockwise from outside.
+        touching: rows of the points that may touch.
+
+    Attributes:
+        triangles: as given.
     """
 
-    def __init__(self, points: Array, triangles: Array):
+    def __init__(self, points: Array, triangles: Array, touching: Array):
+        self.triangles, self._touching = triangles, touching
         self._known: _Known | None = None
         self._count, (corner, owner) = len(triangles), (triangles.ravel(), np.repeat(np.arange(len(triangles)), 3))
-        inside = np.setdiff1d(np.arange(len(points)), corner)  # of triangles
+        inside = np.setdiff1d(touching, corner)  # of triangles
         carrier = _nearest_triangles(points[inside], points[triangles])
         self._point, self._triangle = np.concatenate([corner, inside]), np.concatenate([owner, carrier])
         beside = _beside(self._point, self._triangle, triangles)
-        self._left_out = np.unique(np.concatenate([beside, self._behind(points, triangles)]))
+        self._left_out = np.unique(np.concatenate([beside, self._behind(points)]))
 
-    def _behind(self, points: Array, triangles: Array) -> Array:
+    def _behind(self, points: Array) -> Array:
         """Keys of points and triangles that are near at rest, where the point is not in front."""
-        low, high = triangle_boxes(points[triangles.T])
-        wall = _WALL * float((high - low).max(initial=0.0))
-        row, triangle = near_boxes(points, low - wall, high + wall)
-        corners = points[triangles[triangle]]
+        boxes = Boxes.about(points[self.triangles.T])
+        wall = _WALL * boxes.size
+        row, triangle = near_boxes(points[self._touching], boxes.wider(wall))
+        row, corners = self._touching[row], points[self.triangles[triangle]]
         offsets = points[row] - nearest_on_triangles(points[row], corners)[1]
         above, away = (offsets * unit_normals(corners)).sum(axis=1), np.linalg.norm(offsets, axis=1)
         return self._keys(row, triangle)[(away <= wall) & (above <= _FLAT * away)]
@@ -62,54 +64,58 @@ class OwnSurface:
     def _keys(self, row: Array, triangle: Array) -> Array:
         return row * self._count + triangle
 
-    def contacts(self, surface: PlacedSurface, margin: float) -> Contacts:
-        """The points of the surface that are nearer to what they can touch of it than a margin, m.
+    def near(self, points: Array, margin: float) -> OnSurface:
+        """Those points, of all at (n, 3), m, that are nearer than a margin, m, to what they can touch.
 
         Of two points that touch one another the first alone has a pair, along the mean of both normals: W could hardly
         tell the forces of two apart.
         """
-        found = points_on(surface, surface, margin, 0, self._near)
-        point, (nodes, weights) = found.first.nodes[:, 0], found.second[1:3]
-        best = weights.argmax(axis=1)[:, None]
-        opposite = np.take_along_axis(nodes, best, axis=1)[:, 0]
-        is_at = np.take_along_axis(weights, best, axis=1)[:, 0] > _OPPOSITE
-        pair_of = np.full(len(surface.points), -1)
-        pair_of[point] = np.where(is_at, np.arange(len(point)), -1)
+        corners = points[self.triangles.T]
+        boxes, normals = Boxes.about(corners), unit_normals(corners.transpose(1, 0, 2))
+        reach = DEEPEST * boxes.size
+        row, triangle = self._facing(points, boxes.wider(margin + reach), normals)
+        of_these = self.triangles[triangle], corners[:, triangle].transpose(1, 0, 2), normals[triangle]
+        found = nearest_of(points, row, *of_these, boxes.size, margin, reach)
+        best = found.weights.argmax(axis=1)[:, None]
+        opposite = np.take_along_axis(found.nodes, best, axis=1)[:, 0]
+        is_at = np.take_along_axis(found.weights, best, axis=1)[:, 0] > _OPPOSITE
+        pair_of = np.full(len(points), -1)
+        pair_of[found.row] = np.where(is_at, np.arange(len(found.row)), -1)
         other = np.where(is_at, pair_of[opposite], -1)
-        both = ((other >= 0) & (opposite[other] == point)).nonzero()[0]
+        both = ((other >= 0) & (opposite[other] == found.row)).nonzero()[0]
         means = found.normals[both] - found.normals[other[both]]
         found.normals[both] = means / np.linalg.norm(means, axis=1)[:, None]
-        return taken(found, np.setdiff1d(np.arange(len(point)), both[point[both] > opposite[both]]))
+        others = np.setdiff1d(np.arange(len(found.row)), both[found.row[both] > opposite[both]])
+        return OnSurface(*(part[others] for part in found))
 
-    def _near(self, surface: PlacedSurface, low: Array, high: Array) -> tuple[Array, Array]:
-        """Rows of points and of triangles that face one another, of points in boxes low to high about triangles."""
-        row, triangle = self._candidates(surface, low, high)
-        points, normals = surface.points, unit_normals(surface.points[surface.triangles])
+    def _facing(self, points: Array, boxes: Boxes, normals: Array) -> tuple[Array, Array]:
+        """Rows of points and of triangles with these boxes and normals that face one another, of points in boxes."""
+        row, triangle = self._candidates(points, boxes)
+        held = ((points[row] >= boxes.low[triangle]) & (points[row] <= boxes.high[triangle])).all(axis=1)
+        row, triangle = row[held], triangle[held]
         outwards = np.zeros(points.shape)  # of points, of any length
         for k in range(3):
             outwards[:, k] = np.bincount(self._point, normals[self._triangle, k], len(points))
-        chosen = np.einsum("ij,ij->i", outwards[row], normals[triangle]) < 0
-        row, triangle = row[chosen], triangle[chosen]
-        chosen = ((points[row] >= low[triangle]) & (points[row] <= high[triangle])).all(axis=1)
-        return row[chosen], triangle[chosen]
+        faces = np.einsum("ij,ij->i", outwards[row], normals[triangle]) < 0
+        return row[faces], triangle[faces]
 
-    def _candidates(self, surface: PlacedSurface, low: Array, high: Array) -> tuple[Array, Array]:
+    def _candidates(self, points: Array, boxes: Boxes) -> tuple[Array, Array]:
         """Rows of points and of triangles that may touch, among which are all that are near: kept while they are.
 
         A point and a box that come nearer by no more than they are looked for farther away are among them.
         """
         known = self._known
         if known is not None:
-            came = max(np.abs(surface.points - known.points).max(), (known.low - low).max(), (high - known.high).max())
-            if came <= known.slack / 2:
+            low, high = known.boxes.low - boxes.low, boxes.high - known.boxes.high
+            if max(np.abs(points - known.points).max(), low.max(), high.max()) <= known.slack / 2:
                 return known.row, known.triangle
-        slack = _SLACK * float((high - low).max(initial=0.0))
-        row, triangle = near_boxes(surface.points[surface.touching], low - slack, high + slack)
-        row = surface.touching[row]
+        slack = _SLACK * boxes.size
+        row, triangle = near_boxes(points[self._touching], boxes.wider(slack))
+        row = self._touching[row]
         keys = self._keys(row, triangle)
         at = np.minimum(np.searchsorted(self._left_out, keys), len(self._left_out) - 1)
         may = self._left_out[at] != keys
-        self._known = _Known(surface.points, low, high, slack, row[may], triangle[may])
+        self._known = _Known(points, boxes, slack, row[may], triangle[may])
         return self._known.row, self._known.triangle
 
 
