@@ -16,7 +16,7 @@ from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.step import StepperState
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.compiled.carried_strains import ENERGY, HAS_TANGENT, IS_AHEAD, IS_CARRIED, LEFT, NUMBERS
-from fenics_rom.runtime.compiled.held_bodies import TANGENT, VELOCITY, Carried, restore_bodies, step_bodies
+from fenics_rom.runtime.compiled.held_bodies import VELOCITY, Carried, restore_bodies, step_bodies
 from fenics_rom.runtime.compiled.linear_bodies import Obstacles
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled_bodies import CompiledBodies
@@ -72,7 +72,8 @@ class CompiledBending(CompiledBodies):
                 states = State(*(np.zeros((size, *shape)) for shape in sizes * 2))
             self._modes.append(Mode(name, loops.body, loops.touch, states))
         if first:
-            shapes = (9, m), (3, m, m), (2, r), (NUMBERS,), (m,), (m,), (2, r), (NUMBERS,), (m,), (3,)
+            own = (9, m), (m, m), (2, r), (NUMBERS,), (2, len(self._modes[0].body.law.gram))
+            shapes = *own, (m,), (m,), (2, r), (NUMBERS,), (m,), (3,)
             self._carried = Carried(*(np.zeros((size, *shape)) for shape in shapes))
             self._notes = np.zeros((3, size))  # strained, mismatch and distance, at most
             self._begin(np.arange(size), np.zeros(size, bool))
@@ -107,7 +108,7 @@ class CompiledBending(CompiledBodies):
         now = StepperState(*own, contact, self._search_of(body), {}, np.empty(0))
         stepper.restore(self._modes[self._mode[body]].name, now, self._dt)
         if numbers[HAS_TANGENT]:
-            self._kernel.tangent = carried.matrices[body, TANGENT].copy()
+            self._kernel.tangent = carried.tangent[body].copy()
         self._kernel.loops.go_on(carried.pushed[body], contact)
         return stepper
 
@@ -133,7 +134,7 @@ class CompiledBending(CompiledBodies):
             carried.strained[body] = handed_on.strained
         numbers[[IS_AHEAD, HAS_TANGENT]] = 0.0, len(tangent) > 0
         if len(tangent):
-            carried.matrices[body, TANGENT] = tangent
+            carried.tangent[body] = tangent
 
     def _begin(self, bodies: Array, frozen: Array) -> None:
         super()._begin(bodies, frozen)

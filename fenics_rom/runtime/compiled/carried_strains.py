@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.runtime.compiled.material_points import Points, add_force, add_geometric
-from fenics_rom.runtime.compiled.small_matrices import dot, factor, invert, multiply
+from fenics_rom.runtime.compiled.small_matrices import dot, factor, invert
 from fenics_rom.runtime.compiled.strain_tables import add_rates, read, set_products, set_strains, unfold
 
 
@@ -39,9 +39,8 @@ class Strains(NamedTuple):
     velocity: Array  # v̂ of the step before (m,)
     carried: Array  # ε and C₀ε (2, n - 1)
     numbers: Array  # in this order:
-    shape: Array  # K of the shape (m, m)
-    middle: Array  # K in the middle of the next step, if v̂ stays (m, m)
-    force: Array  # there, of what is strained and damped (m,)
+    stressed: Array  # (2, N), after a 0: C₀ E of the shape, and of what is strained and damped in the middle of the
+    force: Array  # next step, if v̂ stays; and its force (m,)
     tangent: Array  # T (m, m) that steps are expected with
     expected: Array  # v̂ of the step (m,), no longer than what was trained
     at: Array  # q in the middle with that (m,)
@@ -52,17 +51,18 @@ class Strains(NamedTuple):
     slope: Array  # b of s (m,)
     vectors: Array  # for what is found on the way (2, m),
     matrices: Array  # (m, m),
-    products: Array  # (2, N), and
-    uppers: Array  # (2, N)
+    products: Array  # (2, N),
+    uppers: Array  # and (2, N)
 
 
 class Memory(NamedTuple):
     """Where `Strains` are."""
 
     vectors: Array  # (9, m)
-    matrices: Array  # (3, m, m): of the shape, of the middle, T
+    tangent: Array  # T (m, m)
     carried: Array
     numbers: Array
+    stressed: Array
     within: Array  # what is needed in a step alone, (3, m, m),
     products: Array  # (4, N)
 
@@ -70,15 +70,14 @@ class Memory(NamedTuple):
 @jit_part
 def strains_in(memory: Memory) -> Strains:
     """As parts of few arrays, as each that is handed to a compiled function takes time."""
-    v, K, carried, numbers, within, products = memory
+    v, T, carried, numbers, stressed, within, products = memory
     return Strains(
         v[0],
         carried,
         numbers,
-        K[0],
-        K[1],
+        stressed,
         v[1],
-        K[2],
+        T,
         v[2],
         v[3],
         within[0],
@@ -107,25 +106,29 @@ def root_of(energy: float) -> float:
 @jit_part
 def look_ahead(law: Law, strains: Strains, q: Array, v: Array) -> None:
     """From q, to which a step with v̂ led."""
-    m, force, middle, moved = len(q), strains.force, strains.vectors[0], strains.vectors[1]
-    products, uppers, numbers, has_points = strains.products, strains.uppers, strains.numbers, law.points.moduli.size
-    for i in range(m):
+    middle, unused, y, numbers = strains.vectors[0], strains.vectors[1], strains.products, strains.numbers
+    for i in range(len(q)):
         middle[i] = q[i] + law.h / 2 * v[i]
-        moved[i] = 2 * law.viscosity * v[i] + (0.0 if has_points else middle[i])
-    set_products(1.0, q, products[0])
-    set_products(1.0, middle, products[1])
-    read(law.stiffness, products, uppers)
-    unfold(uppers[0, 1 + m :], strains.shape)
-    unfold(uppers[1, 1 + m :], strains.middle)
-    numbers[AHEAD], numbers[LEFT_AHEAD], numbers[IS_AHEAD] = dot(products[0], uppers[0]) / 2, 0.0, 1.0
-    multiply(strains.middle, moved, force)
-    if has_points:
-        add_force(law.points, middle, force)
-        moved[:] = 0.0
-        numbers[LEFT_AHEAD] = add_force(law.points, q, moved) - numbers[AHEAD]
-    else:
-        for i in range(m):
-            force[i] += uppers[1, 1 + i]
+    y[:] = 0.0
+    set_strains(q, y[0, 1:])
+    if not law.points.moduli.size:
+        set_strains(middle, y[1, 1:])
+    add_rates(middle, v, law.viscosity, y[1, 1:])
+    read(law.gram, y, strains.stressed)
+    numbers[AHEAD], numbers[LEFT_AHEAD], numbers[IS_AHEAD] = dot(y[0], strains.stressed[0]) / 2, 0.0, 1.0
+    pull_by(strains.stressed[1, 1:], middle, strains.matrices, strains.force)
+    if law.points.moduli.size:
+        add_force(law.points, middle, strains.force)
+        unused[:] = 0.0
+        numbers[LEFT_AHEAD] = add_force(law.points, q, unused) - numbers[AHEAD]
+
+
+@jit_part
+def pull_by(z: Array, q: Array, geometric: Array, force: Array) -> None:
+    """Sets Aᵀz (m,) at q, and what is geometrically stiff by z (m, m)."""
+    unfold(z[len(q) :], geometric)
+    for i in range(len(q)):
+        force[i] = dot(geometric[i], q) + z[i]
 
 
 @jit_part
@@ -158,16 +161,14 @@ def add_inertia(law: Law, matrix: Array) -> None:
 @jit_part
 def make_tangent(law: Law, strains: Strains, q: Array) -> None:
     """Sets T: the inverse of what a step's forces change by with v̂ of the step before, inertia included."""
-    m, middle, y, σ, matrix = len(q), strains.vectors[0], strains.products, strains.uppers, strains.matrices
+    m, middle, products, upper, matrix = len(q), strains.vectors[0], strains.products[0], strains.uppers[0], strains.K
     for i in range(m):
         middle[i] = q[i] + law.h / 2 * strains.velocity[i]
-    y[:] = 0.0
-    if not law.points.moduli.size:
-        set_strains(middle, y[0, 1:])
-    add_rates(middle, strains.velocity, law.viscosity, y[0, 1:])
-    read(law.gram, y, σ)
-    unfold(σ[0, 1 + m :], strains.tangent)
-    _set_matrix(law, strains.middle, matrix)
+    set_products(1.0, middle, products)
+    read(law.stiffness, products, upper)
+    unfold(upper[1 + m :], strains.matrix)
+    unfold(strains.stressed[1, 1 + m :], strains.tangent)
+    _set_matrix(law, strains.matrix, matrix)
     add_inertia(law, matrix)
     for i in range(m):
         for j in range(m):
@@ -175,7 +176,7 @@ def make_tangent(law: Law, strains: Strains, q: Array) -> None:
     if law.points.moduli.size:
         add_geometric(law.points, middle, law.h / 2, matrix)
     if not factor(matrix):
-        _set_matrix(law, strains.middle, matrix)
+        _set_matrix(law, strains.matrix, matrix)
         add_inertia(law, matrix)
         factor(matrix)
     invert(matrix, strains.tangent)
@@ -184,31 +185,21 @@ def make_tangent(law: Law, strains: Strains, q: Array) -> None:
 @jit_part
 def expect(law: Law, strains: Strains, q: Array, v: Array) -> None:
     """A step from q near v (m,), which can hardly go further than it was trained: sets what f̂ is then."""
-    m, h, numbers, products, uppers = len(q), law.h, strains.numbers, strains.products, strains.uppers
-    expected, at, change, K, pulled = strains.expected, strains.at, strains.vectors[0], strains.K, strains.pulled
+    m, h, products, upper = len(q), law.h, strains.products[0], strains.uppers[0]
+    expected, at = strains.expected, strains.at
     far = h / 2 * math.sqrt(dot(v, v))
     share = 0.0 if not math.isfinite(far) else law.radius / far if far > law.radius else 1.0
     for i in range(m):
         expected[i] = share * v[i] if share > 0 else 0.0
-        change[i] = h / 2 * expected[i]
-        at[i] = q[i] + change[i]
-    set_products(1.0, at, products[0])
-    set_products(0.0, change, products[1])
-    read(law.stiffness, products, uppers)
-    unfold(uppers[0, 1 + m :], K)
-    _set_matrix(law, K, strains.matrix)
-    if numbers[IS_CARRIED]:
-        z = strains.carried[1]
-        unfold(z[m:], strains.matrices)
-        for i in range(m):
-            pulled[i] = dot(strains.matrices[i], at) + z[i]
-    else:  # stresses at q, pulled at another shape: see `rom.strain_tables`
-        unfold(uppers[1, 1 + m :], strains.matrices)
-        for i in range(m):
-            of_shape = dot(K[i], q) - dot(strains.matrices[i], q) - dot(strains.shape[i], change)
-            pulled[i] = of_shape + uppers[0, 1 + i] - uppers[1, 1 + i]
+        at[i] = q[i] + h / 2 * expected[i]
+    set_products(1.0, at, products)
+    read(law.stiffness, products, upper)
+    unfold(upper[1 + m :], strains.K)
+    _set_matrix(law, strains.K, strains.matrix)
+    z = strains.carried[1] if strains.numbers[IS_CARRIED] else strains.stressed[0, 1:]
+    pull_by(z, at, strains.matrices, strains.pulled)
     for i in range(m):
-        strains.pull[i] = pulled[i] + dot(law.springs[i], q)
+        strains.pull[i] = strains.pulled[i] + dot(law.springs[i], q)
     if law.points.moduli.size:
         _add_slope(law, strains)
 

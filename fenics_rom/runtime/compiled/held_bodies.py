@@ -14,16 +14,17 @@ from fenics_rom.runtime.compiled.linear_bodies import Obstacles, Told, contact_o
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.touching import Begun, StepContact, hand_on
 
-TANGENT, VELOCITY = 2, 0  # where `strains_in` has them
+VELOCITY = 0  # where `strains_in` has it
 
 
 class Carried(NamedTuple):
     """What steps of B bodies carry along, as they have it in their memories, and what it was before the step."""
 
     vectors: Array  # (B, 9, m)
-    matrices: Array  # (B, 3, m, m)
+    tangent: Array  # (B, m, m)
     strained: Array  # (B, 2, n - 1)
     numbers: Array  # (B, NUMBERS)
+    stressed: Array  # (B, 2, N)
     pushed: Array  # generalized forces of contact in the last step (B, m)
     velocity_before: Array  # (B, m)
     strained_before: Array
@@ -60,7 +61,13 @@ def step_bodies(
     motion, found, spread, W = motion_in(vectors, factor), contact_of(N, n // 3), np.empty((m, n)), np.empty((n, n))
     for b in bodies:
         memory = Memory(
-            carried.vectors[b], carried.matrices[b], carried.strained[b], carried.numbers[b], within, products
+            carried.vectors[b],
+            carried.tangent[b],
+            carried.strained[b],
+            carried.numbers[b],
+            carried.stressed[b],
+            within,
+            products,
         )
         pushed = carried.pushed[b]
         _remember(b, states, carried)

@@ -39,11 +39,12 @@ def take_step_at(table: Array, numbers: Array, u: Array, halves: Array) -> Step:
     body = Body(vector_at(table[0]), vector_at(table[1]), matrix_at(table[2]), following, law)
     memory = Memory(
         matrix_at(table[15]),
-        cube_at(table[16]),
+        matrix_at(table[16]),
         matrix_at(table[17]),
         vector_at(table[18]),
-        cube_at(table[19]),
-        matrix_at(table[20]),
+        matrix_at(table[19]),
+        cube_at(table[20]),
+        matrix_at(table[21]),
     )
-    motion = matrix_at(table[21]), matrix_at(table[22])
-    return take_step(body, u, halves, vector_at(table[23]), memory, motion[0], motion[1], None, None)
+    motion = matrix_at(table[22]), matrix_at(table[23])
+    return take_step(body, u, halves, vector_at(table[24]), memory, motion[0], motion[1], None, None)

@@ -11,7 +11,8 @@ multiple of eight, so that rows begin on cache lines; vectors are filled up with
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_part, jit_sums
+from fenics_rom.compilation import jit_part
+from fenics_rom.runtime.compiled.row_products import ROWS, add_rows
 
 LINE = 8  # numbers on a cache line
 
@@ -75,51 +76,10 @@ def add_rates(q: Array, v: Array, size: float, y: Array) -> None:
 
 @jit_part
 def read(table: Array, given: Array, into: Array) -> None:
-    """Sets a folded table (N, N) times two vectors (2, N).
-
-    Four rows at once add to their own results and to those of all later rows; the second vector finds them in the
-    fastest cache.
-    """
-    for k in range(2):
-        for j in range(len(table)):
-            into[k, j] = 0.0
-    for i in range(0, len(table), 4):
-        first, second, third, fourth = table[i, i:], table[i + 1, i:], table[i + 2, i:], table[i + 3, i:]
-        for k in range(2):
-            own, to = given[k, i:], into[k, i:]
-            a, b, c, d = _read_four(first, second, third, fourth, own, own[0], own[1], own[2], own[3], to)
-            to[0] += a
-            to[1] += b
-            to[2] += c
-            to[3] += d
-
-
-@jit_sums
-def _read_four(
-    first: Array,
-    second: Array,
-    third: Array,
-    fourth: Array,
-    given: Array,
-    p: float,
-    q: float,
-    r: float,
-    s: float,
-    into: Array,
-) -> tuple[float, float, float, float]:
-    """What rows of a folded table have for themselves, from their diagonal on; adds what they have for all.
-
-    Of these the given vector has p, q, r and s.
-    """
-    a = b = c = d = 0.0
-    for j in range(len(first)):
-        x, first_j, second_j, third_j, fourth_j = given[j], first[j], second[j], third[j], fourth[j]
-        a += first_j * x
-        b += second_j * x
-        c += third_j * x
-        d += fourth_j * x
-        into[j] += first_j * p + second_j * q + third_j * r + fourth_j * s
-    return a, b, c, d
+    """Sets a folded table (N, N) times a vector (N,), or times two (2, N)."""
+    into[:] = 0.0
+    for i in range(0, len(table), ROWS):
+        add_rows(table, i, given, into)
 
 
 @jit_part

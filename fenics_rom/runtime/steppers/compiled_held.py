@@ -268,7 +268,7 @@ class CompiledHeld:
 
 def _memory(m: int) -> Memory:
     n = (m + 1) * (m + 2) // 2
-    sizes = (9, m), (3, m, m), (2, n - 1), (NUMBERS,), (3, m, m), (4, padded(n))
+    sizes = (9, m), (m, m), (2, n - 1), (NUMBERS,), (2, padded(n)), (3, m, m), (4, padded(n))
     return Memory(*map(np.zeros, sizes))
 
 
