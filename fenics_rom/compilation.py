@@ -26,6 +26,7 @@ SHARED = tuple(  # what else than their own folders compiled functions use
     f"{name}.py"
     for name in (
         "compiled_arrays",
+        "compiled_products",
         "mechanics/actuator_forces",
         "mechanics/base_fit",
         "mechanics/base_path",

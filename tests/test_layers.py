@@ -22,7 +22,7 @@ NOT_IN_THE_RUNTIME = FENICSX | {"scipy", "matplotlib", "rich", "viser", "pyvista
 # Folders, and files outside any, from the bottom to the top: what each may import of the package, anywhere in a file,
 # and which packages of others. FACE is `import fenics_rom` itself, which loads what is asked for.
 FACE = "__init__"
-GROUND = {"errors", "arguments", "version", "compilation", "compiled_arrays", "io", "mechanics"}
+GROUND = {"errors", "arguments", "version", "compilation", "compiled_arrays", "compiled_products", "io", "mechanics"}
 DATA_OF_A_RUN = GROUND | {"rom", "trajectory"}
 OFFLINE = GROUND | {"scene", "system"}
 BELOW_APPLICATIONS = (
@@ -47,6 +47,7 @@ MAY_IMPORT = {
     "lazy_import": ({"errors"}, set()),
     "compilation": ({"errors"}, {"numpy", "numba"}),
     "compiled_arrays": ({"compilation"}, {"numpy", "numba"}),
+    "compiled_products": ({"compilation"}, {"numpy", "numba", "llvmlite"}),
     "io": ({"errors", "arguments", "version"}, {"numpy", "h5py"}),
     "mechanics": ({"errors", "arguments", "compilation", "compiled_arrays"}, {"numpy"}),
     "scene": (GROUND | {"trajectory"}, {"numpy", "pydantic", "pydantic_core", "gmsh", "vtkmodules"}),

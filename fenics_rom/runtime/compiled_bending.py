@@ -15,8 +15,16 @@ from fenics_rom.mechanics.compiled.contact_law import Law
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.step import StepperState
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.compiled.carried_strains import ENERGY, HAS_TANGENT, IS_AHEAD, IS_CARRIED, LEFT, NUMBERS
-from fenics_rom.runtime.compiled.held_bodies import VELOCITY, Carried, restore_bodies, step_bodies
+from fenics_rom.runtime.compiled.carried_strains import (
+    ENERGY,
+    HAS_TANGENT,
+    IS_AHEAD,
+    IS_CARRIED,
+    LEFT,
+    NUMBERS,
+    VELOCITY,
+)
+from fenics_rom.runtime.compiled.held_bodies import Carried, restore_bodies, step_bodies
 from fenics_rom.runtime.compiled.linear_bodies import Obstacles
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled_bodies import CompiledBodies

@@ -8,8 +8,9 @@ import pytest
 from soft_rom import soft_rom
 
 import fenics_rom as fr
-from fenics_rom.compilation import compiled, numpy_alone
+from fenics_rom.compilation import compiled, jit, numpy_alone
 from fenics_rom.errors import StepError
+from fenics_rom.runtime.compiled import strain_tables
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off")
 
@@ -152,3 +153,41 @@ def test_rollouts_are_steps_to_the_bit(law):
     np.testing.assert_array_equal(np.concatenate(body.state), np.concatenate(rolled.state))
     assert rolled.integrator.kernel.notes == pytest.approx(body.integrator.kernel.notes, rel=1e-12)
     assert_account_closes(rolled)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_what_is_noted_of_a_run_is_that_of_numpy(law):
+    """Loads, strains and distances beyond training; and what a step that is taken back had noted is not."""
+    one, other = both(random_rom(law, 0))
+    for k, u in enumerate(history(3, one.inputs, 3.0)):
+        for body in (one, other):
+            body.step(u)
+            if k == 50:
+                before = dict(body.integrator.kernel.notes)
+                body.step(30 * u)
+                body.integrator.rollback()
+                assert body.integrator.kernel.notes == before
+    notes, expected = (body.integrator.kernel.notes for body in (one, other))
+    assert notes.keys() == expected.keys()
+    for name, value in expected.items():
+        assert abs(notes[name] - value) <= 1e-8 * abs(value) + 1e-12, name
+    assert one.warnings == other.warnings
+
+
+def test_a_folded_table_times_vectors_is_the_symmetric_matrix_times_them():
+    """To the round-off of sums in any order, ten times; for one vector and for two, also as Python takes it."""
+    random = np.random.default_rng(0)
+    for n in (1, 8, 29, 66):
+        half = random.standard_normal((n, n))
+        matrix = half + half.T
+        table, N = strain_tables.folded(matrix), strain_tables.padded(n)
+        x, found = np.zeros((2, N)), np.empty((2, N))
+        x[:, :n] = random.standard_normal((2, n))
+        bound = 10 * n * np.finfo(float).eps * np.abs(x).max() * np.abs(matrix).sum(axis=0).max()
+        jit(strain_tables.read)(table, x, found)
+        np.testing.assert_allclose(found[:, :n], x[:, :n] @ matrix, atol=bound, rtol=0)
+        jit(strain_tables.read)(table, x[0], found[0])
+        np.testing.assert_allclose(found[0, :n], x[0, :n] @ matrix, atol=bound, rtol=0)
+        strain_tables.read(table, x, found)
+        np.testing.assert_allclose(found[:, :n], x[:, :n] @ matrix, atol=bound, rtol=0)

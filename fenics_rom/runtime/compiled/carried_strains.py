@@ -72,7 +72,7 @@ def strains_in(memory: Memory) -> Strains:
     """As parts of few arrays, as each that is handed to a compiled function takes time."""
     v, T, carried, numbers, stressed, within, products = memory
     return Strains(
-        v[0],
+        v[VELOCITY],
         carried,
         numbers,
         stressed,
@@ -92,6 +92,7 @@ def strains_in(memory: Memory) -> Strains:
     )
 
 
+VELOCITY = 0  # of the vectors of a memory
 LEFT, C, TANK, ENERGY, IS_CARRIED = 0, 1, 2, 3, 4  # J; and whether ε is not that of the shape
 AHEAD, LEFT_AHEAD, IS_AHEAD = 5, 6, 7  # energy of the shape, of its strains and beside, J; whether it is known
 HAS_TANGENT, MADE_TANGENT, GAP, NUMBERS = 8, 9, 10, 11  # the square of what ε lacks, J

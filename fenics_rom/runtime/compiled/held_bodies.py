@@ -8,13 +8,11 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law
 from fenics_rom.mechanics.compiled.copying import copy
-from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, IS_AHEAD, IS_CARRIED, Memory
+from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, IS_AHEAD, IS_CARRIED, VELOCITY, Memory
 from fenics_rom.runtime.compiled.held_step import Among, Body, Motion, Step, Touch, motion_in, take_step
 from fenics_rom.runtime.compiled.linear_bodies import Obstacles, Told, contact_of
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.touching import Begun, StepContact, hand_on
-
-VELOCITY = 0  # where `strains_in` has it
 
 
 class Carried(NamedTuple):

@@ -1,24 +1,60 @@
-"""The step of `held_step` of a body whose arrays are in a table, as each that is handed over takes time."""
+"""The step of `held_step` of a body that nothing touches or pulls by strokes, and all that is noted of it.
+
+Its arrays are in a table, as each that is handed over takes time.
+"""
+
+import math
+from typing import NamedTuple
 
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit
+from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
+from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.runtime.compiled.arrays_at import cube_at, integers_at, matrix_at, vector_at
-from fenics_rom.runtime.compiled.carried_strains import Law, Memory
+from fenics_rom.runtime.compiled.carried_strains import (
+    AHEAD,
+    GAP,
+    HAS_TANGENT,
+    IS_CARRIED,
+    MADE_TANGENT,
+    VELOCITY,
+    Law,
+    Memory,
+)
 from fenics_rom.runtime.compiled.following import Following
-from fenics_rom.runtime.compiled.held_step import Body, Step, take_step
+from fenics_rom.runtime.compiled.held_step import Body, motion_in, take_step
 from fenics_rom.runtime.compiled.material_points import Points
 
 
-def arrays_of(body: Body, memory: Memory, motion: tuple[Array, Array], pushed: Array) -> tuple[Array, ...]:
+class Noted(NamedTuple):
+    """What is kept of a body that moves, and looked at in every step."""
+
+    halves: Array  # e and r (2, m),
+    velocity: Array  # v̂ (m,),
+    carried: Array  # ε and C₀ε (2, n - 1)
+    numbers: Array  # and the numbers of `Strains`, all before the last step
+    inverse_limits: Array  # of inputs (p,)
+    scale: Array  # of each mode, in what is `near` (m,)
+    looked_at: Array  # a shape (m,)
+    limits: Array  # (4,): of |u / limits|², |scale (q - looked_at)|, |q|, and of twice the energy of strains, J
+
+
+def arrays_of(
+    body: Body, memory: Memory, motion: tuple[Array, Array], pushed: Array, noted: Noted
+) -> tuple[Array, ...]:
     """What a table has, in its order."""
     law = body.law
-    return (*body[:3], *body.loads, *law[5:-1], *law.points, *memory, *motion, pushed)
+    return (*body[:3], *body.loads, *law[5:-1], *law.points, *memory, *motion, pushed, *noted)
 
 
 @jit
-def take_step_at(table: Array, numbers: Array, u: Array, halves: Array) -> Step:
-    """The same as `take_step` of a body that nothing touches or pulls; numbers are those of its law, (5,)."""
+def take_step_at(table: Array, numbers: Array, u: Array, halves: Array) -> tuple[float, float, float, bool]:
+    """Has e and r (2, m) be those after a step: twice the energy stored, supplied and dissipated, J, and if it is new.
+
+    It is where it goes beyond a limit, and where T or the strains that are carried along change. Where no step is taken
+    the first is NaN, and all but numbers is as it was. Numbers are those of the law, (5,).
+    """
     following = Following(
         integers_at(table[3]), cube_at(table[4]), integers_at(table[5]), matrix_at(table[6]), cube_at(table[7])
     )
@@ -46,5 +82,43 @@ def take_step_at(table: Array, numbers: Array, u: Array, halves: Array) -> Step:
         cube_at(table[20]),
         matrix_at(table[21]),
     )
-    motion = matrix_at(table[22]), matrix_at(table[23])
-    return take_step(body, u, halves, vector_at(table[24]), memory, motion[0], motion[1], None, None)
+    vectors, factor, pushed = matrix_at(table[22]), matrix_at(table[23]), vector_at(table[24])
+    noted = Noted(
+        matrix_at(table[25]),
+        vector_at(table[26]),
+        matrix_at(table[27]),
+        vector_at(table[28]),
+        vector_at(table[29]),
+        vector_at(table[30]),
+        vector_at(table[31]),
+        vector_at(table[32]),
+    )
+    velocity, carried, now = memory.vectors[VELOCITY], memory.carried, memory.numbers
+    copy(halves, noted.halves)
+    copy(velocity, noted.velocity)
+    copy(now, noted.numbers)
+    if now[IS_CARRIED]:
+        copy(carried, noted.carried)
+    step = take_step(body, u, halves, pushed, memory, vectors, factor, None, None)
+    if step.status >= OTHERWISE:
+        copy(noted.velocity, velocity)
+        copy(noted.numbers, now)
+        if now[IS_CARRIED]:
+            copy(noted.carried, carried)
+        copy(halves[0], motion_in(vectors, factor).e)
+        return math.nan, 0.0, 0.0, True
+    motion = motion_in(vectors, factor)
+    copy(motion.e, halves[0])
+    copy(motion.r, halves[1])
+    loaded, near, far = 0.0, 0.0, 0.0
+    for k in range(len(u)):
+        loaded += (u[k] * noted.inverse_limits[k]) ** 2
+    for i in range(len(velocity)):
+        q = motion.e[i] * body.inverse_ω[i]
+        near += (noted.scale[i] * (q - noted.looked_at[i])) ** 2
+        far += q * q
+    limits = noted.limits
+    is_near = loaded <= limits[0] and math.sqrt(near) <= limits[1] and math.sqrt(far) <= limits[2]
+    is_old = is_near and 2 * now[AHEAD] <= limits[3] and now[GAP] == 0 and now[IS_CARRIED] == 0
+    is_same = now[HAS_TANGENT] == 1 and now[MADE_TANGENT] == 0
+    return step.square, step.supplied, step.dissipated, not (is_old and is_same)

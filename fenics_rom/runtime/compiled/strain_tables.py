@@ -12,7 +12,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.runtime.compiled.row_products import ROWS, add_rows
+from fenics_rom.compiled_products import ROWS, add_rows
 
 LINE = 8  # numbers on a cache line
 

@@ -1,8 +1,7 @@
 """Steps of a held body whose strains are carried along by one compiled function: what `HeldBody` tries first."""
 
-from collections.abc import Sequence
+import math
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy import ndarray as Array
@@ -12,39 +11,32 @@ from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
 from fenics_rom.mechanics.compiled_contact import CompiledContact
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
-from fenics_rom.mechanics.tendon import cable_length
-from fenics_rom.rom.carried_strains import MonomialStrains
 from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
-from fenics_rom.rom.strain_tables import StrainTables
 from fenics_rom.runtime.compiled.arrays_at import table_of
-from fenics_rom.runtime.compiled.carried_strains import (
-    GAP,
-    HAS_TANGENT,
-    IS_AHEAD,
-    MADE_TANGENT,
-    NUMBERS,
-    Law,
-    Memory,
-    strains_in,
-)
-from fenics_rom.runtime.compiled.following import Following
+from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, HAS_TANGENT, MADE_TANGENT, strains_in
 from fenics_rom.runtime.compiled.held_step import Among, Body, Step, Touch, motion_in, take_step
 from fenics_rom.runtime.compiled.held_steps import Taken, take_steps
-from fenics_rom.runtime.compiled.held_table import arrays_of, take_step_at
-from fenics_rom.runtime.compiled.material_points import Points
-from fenics_rom.runtime.compiled.strain_tables import folded, padded
+from fenics_rom.runtime.compiled.held_table import Noted, arrays_of, take_step_at
 from fenics_rom.runtime.compiled.strokes import Pull
 from fenics_rom.runtime.compiled.touching import LOST
-from fenics_rom.runtime.steppers.acts.following import FollowingLoads, Pressure
+from fenics_rom.runtime.steppers.acts.following import Pressure
 from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
 from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
 from fenics_rom.runtime.steppers.adjoint import NONE
-from fenics_rom.runtime.steppers.deformation_maps import E_OF_Q, Carried, Expected
+from fenics_rom.runtime.steppers.compiled_deformation import (
+    following_of,
+    handed_on,
+    is_known,
+    law_of,
+    memory_of,
+    polynomials_of,
+    segments_of,
+    take_on,
+)
+from fenics_rom.runtime.steppers.deformation_maps import Carried, Expected
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.held_contact import HeldContact
 from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
-
-LAWS = "st_venant_kirchhoff", "neo_hookean"  # that are compiled
 
 
 class Beginning(NamedTuple):
@@ -101,18 +93,34 @@ class CompiledHeld:
             ω,
             inverse_ω,
             loads.dead,
-            _following(loads.following, m, [] if pull is None else pull.columns.tolist()),
-            _law(body, law, h),
+            following_of(loads.following, m, [] if pull is None else pull.columns.tolist()),
+            law_of(body, law, h),
         )
-        self._memory = _memory(m)
+        self._memory = memory_of(m)
         self._of_motion = np.zeros((8, m)), np.zeros((m, m))
         self.motion, self._strains = motion_in(*self._of_motion), strains_in(self._memory)
         self.tangent, self._carried = NONE, law.carried
         self._met, self._pull = contact, pull
-        given = arrays_of(self.body, self._memory, self._of_motion, self._pushed)
-        self._in_table = tuple(map(in_plain, given))  # kept, as the table has but their addresses
-        self._table, self._numbers = table_of(self._in_table), np.array(self.body.law[:5], dtype=float)
+        self._table, self._numbers = np.empty((0, 4), dtype=np.int64), np.array(self.body.law[:5], dtype=float)
+        self._is_ahead = False  # whether loops took steps that the law does not know of
         self.forget()
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether nothing touches the body, or pulls it by strokes."""
+        return self._met is None and self._pull is None
+
+    def note_in(self, halves: Array, watched: tuple[Array, Array, Array]) -> None:
+        """Has `take_alone` keep what was before a step, e and r in an array (2, m), and look at what is watched."""
+        v, carried, numbers = map(np.empty_like, (self._strains.velocity, self._strains.carried, self._strains.numbers))
+        self._noted = Noted(halves, v, carried, numbers, *watched, np.zeros(4))
+        given = arrays_of(self.body, self._memory, self._of_motion, self._pushed, self._noted)
+        self._in_table = tuple(map(in_plain, given))  # kept, as the table has but their addresses
+        self._table = table_of(self._in_table)
+
+    def watch(self, *limits: float) -> None:
+        """Has steps beyond limits be new: see `held_table.Noted`."""
+        self._noted.limits[:] = limits
 
     @staticmethod
     def of(
@@ -130,8 +138,7 @@ class CompiledHeld:
         `solver`: what finds contact forces, if anything can touch; `points` and `residual` as in `HeldContact`;
         `found`: what finds forces of strokes, if any are given.
         """
-        knows = body.law in LAWS and law.branches is None and isinstance(law.strains, MonomialStrains)
-        if not (knows and (solver is None or isinstance(solver, CompiledContact))):
+        if not (is_known(body, law) and (solver is None or isinstance(solver, CompiledContact))):
             return None
         pull = None if found is None else _pull(found, *loads.dead.shape)
         if found is not None and pull is None:
@@ -141,6 +148,7 @@ class CompiledHeld:
 
     def forget(self) -> None:
         """What is known ahead, so that what follows is the same to the bit, whatever came before."""
+        self.settle()
         self._is_known = False
         if self._met is not None:
             self._met.forget()
@@ -151,16 +159,33 @@ class CompiledHeld:
         among = self._begin(start)
         if among is None and self._met is not None:
             return None
-        if among is None and self._pull is None:
-            step = take_step_at(self._table, self._numbers, in_plain(u), in_plain(start.halves))
-        else:
-            given = self._pushed, self._memory, *self._of_motion, among, self._pull
-            step = take_step(self.body, in_plain(u), in_plain(start.halves), *given)
+        given = self._pushed, self._memory, *self._of_motion, among, self._pull
+        step = take_step(self.body, in_plain(u), in_plain(start.halves), *given)
         if step.status >= OTHERWISE:
             self.forget()
             return None
-        self._hand_on(step)
+        self._follow_tangent()
+        self._hand_on()
         return step, None if self._met is None or among is None else self._met.keep(step, among)
+
+    @or_numpy
+    def take_alone(self, u: Array, halves: Array, tangent: Array) -> tuple[float, float, float, bool] | None:
+        """Has e and r (2, m) be those after a step under u (p,) of a body that `is_alone`; None: NumPy is to take it.
+
+        Twice the energy stored, supplied and dissipated, J, and whether the step `is_new`: see `held_table`.
+        """
+        if u.shape != (self.body.dead.shape[1],):
+            raise ValueError(f"allowed are {self.body.dead.shape[1]} numbers, given: {u.shape}")
+        if not (self._is_known and self._elastic.carried is self._carried and tangent is self.tangent):
+            self._load(self._elastic.carried, tangent)
+        step = take_step_at(self._table, self._numbers, in_plain(u), halves)
+        self._is_known = self._is_ahead = True
+        if math.isnan(step[0]):
+            self.forget()
+            return None
+        if step[3]:
+            self._follow_tangent()
+        return step
 
     @or_numpy
     def take_many(self, inputs: Array, start: Beginning) -> HeldStepsTaken | None:
@@ -186,7 +211,8 @@ class CompiledHeld:
             self.forget()
         if step.status >= OTHERWISE:
             return None
-        self._hand_on(step)
+        self._follow_tangent()
+        self._hand_on()
         contact = None
         if met is not None and among is not None and last is not None:
             contact = met.keep_last(step, among, last)
@@ -203,18 +229,34 @@ class CompiledHeld:
         self._met.set_pushed(self._pushed, start.touched)
         return self._met.among(start.obstacles)
 
-    def _hand_on(self, step: Step) -> None:
+    def _hand_on(self) -> None:
         """Has the law know what the last step that was taken carries along."""
-        self._is_known, numbers = True, self._strains.numbers
-        left, c, tank, energy, is_carried, ahead, *_ = numbers.tolist()
-        strained = self._strains.carried.copy() if is_carried else E_OF_Q
-        self._carried = Carried(self._strains.velocity.copy(), strained, left, c, tank, energy)
+        self._is_known, strains = True, self._strains
+        self._carried = handed_on(strains.velocity, strains.carried, strains.numbers)
+        self._elastic.took(self.motion.e * self.body.inverse_ω, self._carried, *self.noted)
+
+    def settle(self) -> None:
+        """Has the law know what steps that were taken alone carry along, the last one and that before it."""
+        if not self._is_ahead:
+            return
+        self._is_ahead, before = False, self._noted
+        carried = handed_on(before.velocity, before.carried, before.numbers)
+        self._elastic.took(before.halves[0] * self.body.inverse_ω, carried, *self.noted)
+        self._hand_on()
+
+    @property
+    def noted(self) -> tuple[tuple[float, float], bool]:
+        """Of the last step: twice the energy of strains and the square of what is lacking, J; if it was as expected."""
+        numbers = self._strains.numbers
+        return (2 * numbers.item(AHEAD), numbers.item(GAP)), bool(numbers.item(HAS_TANGENT))
+
+    def _follow_tangent(self) -> None:
+        """Has T be what it is after the last step."""
+        numbers = self._strains.numbers
         if not numbers.item(HAS_TANGENT):
             self.tangent = NONE
         elif numbers.item(MADE_TANGENT) or not len(self.tangent):
             self.tangent = self._strains.tangent.copy()
-        noted = 2 * ahead, numbers.item(GAP)
-        self._elastic.took(self.motion.e * self.body.inverse_ω, self._carried, noted, step.went_as_expected)
 
     @property
     def reactions(self) -> Array | None:
@@ -245,17 +287,12 @@ class CompiledHeld:
 
     def _load(self, carried: Carried, tangent: Array) -> None:
         """Goes on from what another step carried along."""
-        strains, numbers = self._strains, self._strains.numbers
-        strains.velocity[:] = carried.velocity
-        numbers[:5] = *carried[2:], len(carried.strained) > 0
-        if len(carried.strained):
-            strains.carried[:] = carried.strained
-        numbers[IS_AHEAD], numbers[HAS_TANGENT], self.tangent = 0.0, len(tangent) > 0, tangent
-        if len(tangent):
-            strains.tangent[:] = tangent
+        take_on(self._strains, carried, tangent)
+        self._carried, self.tangent = carried, tangent
 
     def expectation(self, reactions: Array, touched: bool) -> Expected:
         """What the last step was expected to be, under reactions and contact as they were; the law is told, too."""
+        self.settle()
         strains, motion, law = self._strains, self.motion, self._elastic
         of_T = strains.tangent.copy(), bool(strains.numbers[MADE_TANGENT])
         before, expected = law.velocity_before, strains.expected.copy()
@@ -264,43 +301,6 @@ class CompiledHeld:
         return Expected(
             before, reactions, touched, middle, motion.residual.copy(), *of_T, motion.whole.copy(), expected
         )
-
-
-def _memory(m: int) -> Memory:
-    n = (m + 1) * (m + 2) // 2
-    sizes = (9, m), (m, m), (2, n - 1), (NUMBERS,), (2, padded(n)), (3, m, m), (4, padded(n))
-    return Memory(*map(np.zeros, sizes))
-
-
-def _tables_of(body: ReducedDeformation, tables: StrainTables) -> tuple[Array, Array]:
-    """Folded stiffness and gram of a body, made once."""
-    if body not in _folded:
-        _folded[body] = folded(tables.stiffness / tables.half), folded(tables.gram, first=1)
-    return _folded[body]
-
-
-_folded: WeakKeyDictionary[ReducedDeformation, tuple[Array, Array]] = WeakKeyDictionary()
-
-
-def _law(body: ReducedDeformation, law: StrainsCarried, h: float) -> Law:
-    assert isinstance(law.strains, MonomialStrains)
-    most, P = 0.0, 0
-    if law.points is not None:
-        most, P = law.points.most, len(body.weights)
-    gradients = body.gradients[:, :, :P].reshape(-1, body.order).T.copy()
-    points = Points(gradients, np.stack([body.weights * body.first_lame, body.weights * body.shear])[:, :P].copy())
-    return Law(
-        h,
-        law.strains.viscosity,
-        body.training_radius,
-        most,
-        law.steepest,
-        body.external_damping.copy(),
-        body.springs.copy(),
-        law.steady.copy(),
-        *_tables_of(body, law.strains.tables),
-        points,
-    )
 
 
 def _pull(found: FoundForces, m: int, p: int) -> Pull | None:
@@ -312,39 +312,9 @@ def _pull(found: FoundForces, m: int, p: int) -> Pull | None:
         return None
     is_chamber = np.array([isinstance(each, Pressure) for each in followers])
     counts = [len(each.points) - 1 if isinstance(each, ReducedTendon) else 0 for each in followers]
-    (at_rest, shapes, of_cables), polynomials = _segments(tendons, m), _polynomials(chambers, m)
+    (at_rest, shapes, of_cables), polynomials = segments_of(tendons, m), polynomials_of(chambers, m)
     n, starts, lengths = len(followers), np.cumsum([0, *counts]), np.zeros(len(followers))
     lengths[~is_chamber] = of_cables
     numbers = np.where(is_chamber, is_chamber.cumsum() - 1, -1)
     sizes = (polynomials.shape[2],), (n,), (n,), (n,), (n, m), (n, m), (n, n)
     return Pull(columns, numbers, starts, at_rest, shapes, lengths, polynomials, *map(np.zeros, sizes))
-
-
-def _polynomials(pressures: Sequence[Array], m: int) -> Array:
-    """Of forces of pressures (c, m, N), of products of which squares have the half."""
-    n = (m + 1) * (m + 2) // 2
-    polynomials = np.array(pressures).reshape(len(pressures), m, n)
-    polynomials[:, :, np.cumsum([0, *range(m + 1, 1, -1)])] *= 2
-    return polynomials
-
-
-def _segments(tendons: Sequence[ReducedTendon], m: int) -> tuple[Array, Array, Array]:
-    """Of cables: segments at rest (s, 3), m, what they are with q (s, 3, m), and lengths of the cables at rest, m."""
-    at_rest = [np.diff(each.points, axis=0) for each in tendons]
-    shapes = [np.diff(each.shapes.reshape(-1, 3, m), axis=0) for each in tendons]
-    lengths = np.array([cable_length(each.points) for each in tendons])
-    return np.concatenate([np.empty((0, 3)), *at_rest]), np.concatenate([np.empty((0, 3, m)), *shapes]), lengths
-
-
-def _following(loads: FollowingLoads | None, m: int, found: Sequence[int]) -> Following:
-    """As arrays, but for what acts in some columns."""
-    followers = [] if loads is None else [each for each in loads.followers if each[0] not in found]
-    pressures = [(column, each.polynomial) for column, each in followers if isinstance(each, Pressure)]
-    tendons = [(column, each) for column, each in followers if isinstance(each, ReducedTendon)]
-    columns = [np.full(len(each.points) - 1, column) for column, each in tendons]
-    return Following(
-        np.array([column for column, _ in pressures], dtype=np.int64),
-        _polynomials([each for _, each in pressures], m),
-        np.concatenate([np.empty(0, dtype=np.int64), *columns]),
-        *_segments([each for _, each in tendons], m)[:2],
-    )

@@ -126,10 +126,14 @@ class HeldBody(HeldByLoops):
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel; a StepError also where Newton's method finds no step, however small its parts."""
+        self._tangent_before = self.tangent
+        if self._compiled is not None and self._compiled.is_alone:
+            twice = self._step_alone(u)
+            if twice is not None:
+                return twice
         law = self.elastic
         assert law is not None
-        self._tangent_before = self.tangent
-        if self._compiled is not None:
+        if self._compiled is not None and not self._compiled.is_alone:
             taken = self._compiled.take(u, self._beginning(obstacles))
             if taken is not None:
                 return self._end_compiled(u, law, *taken)

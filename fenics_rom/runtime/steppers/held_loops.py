@@ -12,7 +12,7 @@ from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
 from fenics_rom.runtime.steppers.held_adjoint import HeldAdjoint
 from fenics_rom.runtime.steppers.held_solution import Solution
-from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork
+from fenics_rom.runtime.steppers.kernel import BOOKED_TOGETHER, ContactWorks, StepWork
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.compiled.held_step import Step
@@ -21,6 +21,56 @@ if TYPE_CHECKING:
 
 class HeldByLoops(HeldAdjoint):
     """What of a held body loops do, where they are compiled, and know all that acts on it."""
+
+    _watched: dict[str, float] | None = None  # notes by which loops say what is new
+    _law: "ElasticLaw | None" = None
+    _ahead: "CompiledHeld | None" = None  # loops that took steps of which the law does not know
+
+    @property
+    def elastic(self) -> "ElasticLaw | None":
+        """As in PartedKernel; it is told what loops did since it was last asked."""
+        if self._ahead is not None:
+            self._ahead.settle()
+            self._ahead = None
+        return self._law
+
+    @elastic.setter
+    def elastic(self, law: "ElasticLaw | None") -> None:
+        self._law = law
+
+    def _step_alone(self, u: Array) -> float | None:
+        """A step under u (p,) of a body that nothing touches or pulls by strokes; None: NumPy is to take it.
+
+        Twice the stored energy, J. What is noted of steps is looked at where one is new.
+        """
+        if self.notes is not self._watched:
+            self._watch()
+        taken = self.loops.take_alone(u, self._halves, self.tangent)
+        if taken is None:
+            return None
+        (square, supplied, dissipated, is_new), self._ahead = taken, self.loops
+        if len(self._owed) == BOOKED_TOGETHER:
+            self.flush()
+        self._owed.append((supplied, dissipated, (), 0.0))
+        self._notes_before, self._expectation, self.taken = self.notes, None, ()
+        if is_new:
+            self._take_note(u)
+        return square
+
+    def _take_note(self, u: Array) -> None:
+        """Notes the last step, under u (p,), in which something is new."""
+        self._notes_before, self.tangent = dict(self.notes), self.loops.tangent
+        assert self.elastic is not None
+        assert self._extent is not None
+        self.elastic.note(self.notes)
+        self._extent.look(self.notes, u, self._e * self._inverse_ω, None, self.h)
+        self._watch()
+
+    def _watch(self) -> None:
+        """Has loops say what is new beside what is noted."""
+        self._watched, notes = self.notes, self.notes
+        assert self._extent is not None
+        self.loops.watch(*self._extent.limits(notes), notes["strained"])
 
     def _beginning(self, obstacles: ObstacleMotion | None) -> "Beginning":
         """What loops begin a step with."""
@@ -52,7 +102,11 @@ class HeldByLoops(HeldAdjoint):
         from fenics_rom.runtime.steppers.compiled_held import CompiledHeld  # here, as numba takes time to import
 
         others = solver, self._Sᵀ, self.residual, self._found, self._ω, self._inverse_ω, self.h
-        return CompiledHeld.of(self._body, law, self.loads, *others)
+        made = CompiledHeld.of(self._body, law, self.loads, *others)
+        if made is not None and made.is_alone and self._extent is not None:
+            self._watched = None
+            made.note_in(self._state_before.reshape(2, -1), self._extent.watched)
+        return made
 
     def _end_compiled(self, u: Array, law: ElasticLaw, step: "Step", contact: ContactSolution | None) -> float:
         """Takes note of a step that a compiled function took; twice the stored energy, J."""

@@ -131,6 +131,15 @@ class TrainingWatch:
             self._look_at_contact(notes, forces[None], h)
         self._look_at_distance(notes, math.sqrt(q.dot(q)))
 
+    @property
+    def watched(self) -> tuple[Array, Array, Array]:
+        """What says whether there is anything to `look` at: 1 over limits of inputs (p,), scales (m,), a shape (m,)."""
+        return self._inverse_limits, self._scale, self._looked_at
+
+    def limits(self, notes: Notes) -> tuple[float, float, float]:
+        """Where |u / limits|², |scale (q - shape)| and |q| are not beyond these, there is nothing."""
+        return TRUSTED_LOAD**2, self._clear, notes[DISTANCE]
+
     def look_along(self, notes: Notes, u: Array, q: Array, forces: Array, h: float) -> None:
         """The same of n steps in a row, under u (n, p), to q (n, m), with forces of the obstacles (n, O, 3), N."""
         shares = u * self._inverse_limits
@@ -180,7 +189,7 @@ class TrainingWatch:
         share = float((squares * self._inverse_squares).max())
         if share > TRUSTED_STRAIN**2:
             self._note(notes, STRAIN, math.sqrt(share))
-        self._looked_at, strains = q.copy(), np.sqrt(squares)
+        self._looked_at[:], strains = q, np.sqrt(squares)
         self._clear = float(((self._stretched - np.sqrt(1 + 2 * strains)) * self._reach).min())
 
     def _look_at_shares(self, notes: Notes, u: Array, shares: Array) -> None:
