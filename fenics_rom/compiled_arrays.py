@@ -24,6 +24,7 @@ def flat(array: Array) -> Array:
 carray: Any = None  # these in compiled functions alone: an array (..) of what is at a pointer,
 floats: Any = None  # and what makes an address a pointer to floats,
 integers: Any = None  # and to whole numbers,
+flags: Any = None  # and to booleans,
 address_of: Any = None  # and where the numbers of an array begin
 
 if can_compile():
@@ -50,7 +51,7 @@ if can_compile():
         return types.int64(array), generate
 
     carray, address_of = numba.carray, _address_of
-    floats, integers = _pointer_to(types.float64), _pointer_to(types.int64)
+    floats, integers, flags = map(_pointer_to, (types.float64, types.int64, types.boolean))
 
     @intrinsic
     def _unowned(context: Any, given: Any) -> Any:

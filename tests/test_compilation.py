@@ -163,7 +163,11 @@ def test_where_numba_fails_to_compile_a_step_numpy_takes_it(tmp_path, asked_anew
         reference = fr.Simulator(rom, DT)
     body, bodies = fr.Simulator(rom, DT), fr.Batch(rom, 2, DT, ledger=True)
     assert bodies.stepping == "compiled"
-    for file, name in ((compiled_step, "take_step"), (compiled_contact, "measure"), (compiled_bodies, "step_bodies")):
+    for file, name in (
+        (compiled_step, "take_step_at"),
+        (compiled_contact, "measure"),
+        (compiled_bodies, "step_bodies"),
+    ):
         asked_anew.setattr(file, name, fails)
     asked_anew.setattr(compilation, "_failed", False)
     with pytest.warns(FenicsRomWarning, match=r"fails to compile what steps need \(TypingError: .*no such") as told:

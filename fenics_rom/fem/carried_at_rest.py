@@ -15,7 +15,7 @@ from fenics_rom.fem.petsc_matrix import PetscMatrix, combination
 from fenics_rom.fem.points_of_step import CarriedPoints
 from fenics_rom.fem.springs import of_components, with_attached
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepResult
+from fenics_rom.mechanics.step import MOVING_FRAME, StepInput
 from fenics_rom.system.system import System
 
 
@@ -37,7 +37,7 @@ class CarriedAtRest(OnBase, FullOrderStepper):
         """Stored, J."""
         return super().energy + self._beyond_springs(self._motion(self._base))
 
-    def step(self, inputs: StepInput) -> StepResult:
+    def step(self, inputs: StepInput) -> float:
         """As in FullOrderStepper."""
         start, before, x, wrench = self._base, self.contact, self.x, self.wrench
         self._end, beyond = self._base_at(self.time + self.dt), self._beyond_springs(self._motion(start))
@@ -54,7 +54,7 @@ class CarriedAtRest(OnBase, FullOrderStepper):
         others = self._pulled_by_springs(now, turn)
         self.wrench = self._wrench_of((now, now), turn, np.zeros((2, 3)), others, v)
         self._look_at_base(start)
-        return StepResult(self.energy if self.ledger is not None else np.nan, self.contact)
+        return self.energy if self.ledger is not None else np.nan
 
     def rollback(self) -> None:
         """As in FullOrderStepper."""

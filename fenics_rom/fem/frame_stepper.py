@@ -25,7 +25,7 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_contact import touch
 from fenics_rom.mechanics.frame_geometry import vector
 from fenics_rom.mechanics.frame_motion import ZERO, quaternion_of, rotation_matrix
-from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepResult
+from fenics_rom.mechanics.step import MOVING_FRAME, StepInput
 from fenics_rom.system.system import System
 
 
@@ -83,7 +83,7 @@ class MovingFrameStepper(ReadInWorldAxes):
             self._body.branches.resume(np.empty(0))
         self._take(self._body.with_shape(self._now, x, v))
 
-    def step(self, inputs: StepInput) -> StepResult:
+    def step(self, inputs: StepInput) -> float:
         """See Stepper.
 
         Raises:
@@ -119,7 +119,7 @@ class MovingFrameStepper(ReadInWorldAxes):
             self.ledger.book(supplied=h * supplied - rubbed, dissipated=drawn - rubbed + heat)
             if contact is not None and touched is not None:
                 self.ledger.book_contact(*contact.work(touched, h))
-        return StepResult(self.energy, contact)
+        return self.energy
 
     def rollback(self) -> None:
         """See Stepper."""

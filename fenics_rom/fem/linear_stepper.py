@@ -14,7 +14,7 @@ from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.actuator_forces import PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.step import StepInput, StepResult
+from fenics_rom.mechanics.step import StepInput
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.system.system import System
 
@@ -69,7 +69,7 @@ class FullOrderStepper(FullOrderBody):
         self._elastic = self._stiffness @ self.x
         self._energy = None
 
-    def step(self, inputs: StepInput) -> StepResult:
+    def step(self, inputs: StepInput) -> float:
         """See Stepper."""
         u = inputs.u
         if u.shape != (self.input_matrix.shape[1],):
@@ -86,7 +86,7 @@ class FullOrderStepper(FullOrderBody):
 
     def step_under(
         self, force: Array, obstacles: ObstacleMotion | None = None, given: tuple[Array, Array] | None = None
-    ) -> StepResult:
+    ) -> float:
         """Advances by dt under a force (rows here,), N; the energy is told where an account is kept, else NaN.
 
         Where forces of actuators are found in the step, `given` is the input (p,) without them, and what is given for
@@ -144,7 +144,7 @@ class FullOrderStepper(FullOrderBody):
         if self._has_inertia:
             self.v = 2 * v - self.v
         self.time, self._energy = self.time + h, None
-        return StepResult(self.energy if self.ledger is not None else np.nan, contact)
+        return self.energy if self.ledger is not None else np.nan
 
     def rollback(self) -> None:
         """See Stepper."""

@@ -18,6 +18,7 @@ from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Obstacle
 
+Known = Callable[[], tuple[AskedPairs | None, SolvedPairs | None]]
 _UNKNOWN = np.empty((0, 0))  # inverse of an operator
 _NO_OUTWARDS = np.empty(0)
 
@@ -50,12 +51,6 @@ class Told(NamedTuple):
         active: Array = self.pairs.chosen.nonzero()[0]
         return active
 
-    def search(self, before: ContactSearch) -> ContactSearch:
-        """What the next one begins with."""
-        asked = self.braking
-        swung = None if asked is None else asked.swung
-        return before._replace(forces=self.pairs.forces, swung=swung)
-
     @property
     def braking(self) -> braking.Braking | None:
         """What friction was asked to stop; None where nothing slides."""
@@ -69,13 +64,18 @@ class Told(NamedTuple):
     def known(
         self,
         solver: ContactSolver,
+        begins: Array,
         points: Callable[[], PointMotion],
         delassus: Array,
         dt: float,
         obstacles: ObstacleMotion,
-    ) -> Callable[[], tuple[AskedPairs, SolvedPairs | None]]:
-        """Tells what the law asked, and how forces were found; arguments as in `CompiledContact.keep`."""
-        begins, chosen = solver.search.forces, self.pairs.chosen
+    ) -> Known:
+        """Tells what the law asked, and how forces were found.
+
+        `begins` are forces (N, 3), N, with which that began; `points` tells, if someone asks, what the points do;
+        delassus, dt and obstacles are as in `ContactSolver.solve`.
+        """
+        chosen = self.pairs.chosen
 
         def known() -> tuple[AskedPairs, SolvedPairs | None]:
             pairs, active = self.asked(), self.active
@@ -140,23 +140,36 @@ class CompiledContact(ContactSolver):
         if told is not None:
             if settled is not None:
                 settled.keep(told.pairs.chosen, told.pairs.free[:, 0], told.braking)
-            return self.keep(told, lambda: points, delassus, dt, obstacles)
+            known = told.known(self, start.forces, lambda: points, delassus, dt, obstacles)
+            return self.keep(told, known, obstacles.velocities(dt))
         return super().solve(points, delassus, dt, obstacles, quasi_static, settled, is_patient)
 
-    def keep(
-        self, told: Told, points: Callable[[], PointMotion], delassus: Array, dt: float, obstacles: ObstacleMotion
-    ) -> ContactSolution | None:
+    def keep(self, told: Told, known: Known, w: Array) -> ContactSolution | None:
         """Contact of a step that compiled loops found; the next search begins with it. None where nothing touches.
 
-        `points` tells, if someone asks, what the points do; delassus, dt and obstacles are as in `solve`.
+        Args:
+            told: what they found.
+            known: tells of it, if someone asks, as `last_step`.
+            w: velocities of the obstacles (O, 3), m/s.
         """
-        self._told, self.follows = told.known(self, points, delassus, dt, obstacles), False
-        if not told.touches:
-            self._touches = False
+        asked = told.braking
+        self.note(known, told.touches, told.pairs.forces, None if asked is None else asked.swung)
+        return told.solution(w) if told.touches else None
+
+    def note(self, known: Known, touches: bool, forces: Array, swung: Array | None) -> None:
+        """Takes note of a step that compiled loops found, with which the next search begins.
+
+        Args:
+            known: as in `keep`.
+            touches: whether a pair took part.
+            forces: of the pairs (N, 3), N.
+            swung: (N,) in how many steps in a row friction did not stop them; None: it stopped all.
+        """
+        self._told, self.follows, self._touches = known, False, touches
+        if touches:
+            self.search = self.search._replace(forces=forces, swung=swung)
+        else:
             self._touch_nothing()
-            return None
-        self._touches, self.search = True, told.search(self.search)
-        return told.solution(obstacles.velocities(dt))
 
     @or_numpy
     def _find(

@@ -25,7 +25,6 @@ pairs that do it, and a share of c_t for those that have swung so for some steps
 forces make it stop, as where a point is wedged between two obstacles.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -41,8 +40,9 @@ from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled
 from fenics_rom.mechanics.contact_search import ContactSearch, TangentPlanes
 from fenics_rom.mechanics.followed_contact import Followed, LawToFollow, PairsMotion, follow_contact
 from fenics_rom.mechanics.obstacles import Obstacle
+from fenics_rom.mechanics.reach import out_of_reach, reach_of
 
-_ONES, _ROOT_3 = np.ones(3), math.sqrt(3.0)
+_ONES = np.ones(3)
 PENETRATION_TOLERANCE = 1e-9  # of the size of the body: as deep in an obstacle as round-off may have put a point
 _MOST_KEPT = 4  # operators of pairs, of those that were active last
 
@@ -58,6 +58,7 @@ class ContactSolver:
     Attributes:
         search: all that it keeps of the past, to begin the next search with.
         follows: whether the last step took no search.
+        clear: the smallest gap at the start of the last step, m, if that was out of reach; else 0.
     """
 
     _considered: Pairs | None = None
@@ -70,8 +71,8 @@ class ContactSolver:
         self._delassus, self._operators = np.empty((0, 0)), dict[bytes, tuple[Array, Delassus]]()
         self._rule: NormalRule | None = None
         self._offsets, self._placed = np.empty((0, 3)), list[Array]()  # the points at rest, less these
-        self._told: Callable[[], tuple[Pairs, SolvedPairs | None]] | None = None  # of it, if it took no search
-        self.follows = False
+        self._told: Callable[[], tuple[Pairs | None, SolvedPairs | None]] | None = None  # of it, if it took no search
+        self.follows, self.clear = False, 0.0
         self._begun = b"", self.search  # velocities at its start, and what was kept of the past then
 
     @property
@@ -107,7 +108,7 @@ class ContactSolver:
         gaps = self.gaps(points.displacement, obstacles.start)
         if self.law.stiffness is not None:
             return np.arange(len(gaps))
-        reach = _reach(points, obstacles, dt)
+        reach = reach_of(points, obstacles, dt)
         return np.flatnonzero(gaps <= 2 * reach) if gaps.min() <= reach else np.empty(0, dtype=int)
 
     def solve(
@@ -158,7 +159,8 @@ class ContactSolver:
                 chosen, beside = chosen | followed.missed, beside.beside(law.key, followed.solution.kept)
         is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
         if not is_near and out_of_reach(gap, points, obstacles, dt):
-            self._touch_nothing()
+            self.pass_by()
+            self.clear = gap
             return None
         pairs = self._all_pairs(*self._relative(points, obstacles, w), normals, asked, slides, settled)
         self._considered = pairs
@@ -225,10 +227,19 @@ class ContactSolver:
 
     def _begin(self, points: PointMotion) -> ContactSearch:
         """Forgets the last step; what the search of this one begins with."""
-        self._considered, self._solved, self._told, self.follows = None, None, None, False
+        self._forget()
         if (speeds := points.velocity.tobytes()) != self._begun[0]:  # else it is asked again in the same step
             self._begun = speeds, self.search
         return self.search
+
+    def _forget(self) -> None:
+        """Forgets the last step."""
+        self._considered, self._solved, self._told, self.follows, self.clear = None, None, None, False, 0.0
+
+    def pass_by(self) -> None:
+        """Takes note of a step out of reach of all obstacles."""
+        self._forget()
+        self._touch_nothing()
 
     def _touch_nothing(self) -> None:
         """Takes note of a step in which nothing swings."""
@@ -373,19 +384,3 @@ class ContactSolver:
                 part = delassus[rows[:, None], rows]
             self._operators = dict(list(self._operators.items())[1 - _MOST_KEPT :]) | {key: (active, Delassus(part))}
         return self._operators[key]
-
-
-def out_of_reach(gap: float, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> bool:
-    """Whether in a step of dt, s, no pair of the rigid law can be due, if the smallest gap is this, m."""
-    return gap > _reach(points, obstacles, dt)
-
-
-def _reach(points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
-    """The largest gap, m, with which a pair of the rigid law can be due in a step of dt, s.
-
-    A pair is due at a normal velocity below -g/h, or below (-g/h + a/2)/2: nothing is that closes less than a bound of
-    both, whatever direction things move in.
-    """
-    w = max(np.abs(obstacles.velocities(dt)).max(), np.abs(obstacles.velocities_before).max())
-    fastest = 2 * np.abs(points.free_velocity).max() + np.abs(points.velocity).max() + 3 * w
-    return float(dt * _ROOT_3 * fastest)

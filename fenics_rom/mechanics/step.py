@@ -10,8 +10,9 @@ A Stepper is one integrator. It owns the state of a body, and the work that it s
     kind, reason             its name, and why it is the one that steps
     energy, contact          stored, J; the ContactSolution of the last step, None where nothing touched
     reactions                forces found in the last step, of strokes that are given, then at guides, N or Pa
-    step(StepInput)          takes one step: a StepResult; or none and a ValueError where u has another shape, none and
-                             a StepError where there are no contact forces or no state
+    step(StepInput)          takes one step: the energy stored after it, J, and where that is not finite the caller
+                             rolls back; or none and a ValueError where u has another shape, none and a StepError where
+                             there are no contact forces or no state
     rollback()               takes the last step back
     flush()                  books what the steps so far supplied and dissipated
     switch(contact)          makes a contact mode active, carries the state to it, and tells what this took, J, >= 0
@@ -40,13 +41,6 @@ class StepInput(NamedTuple):
     u: Array  # (p,) contact columns, actuators, loads; N, or the unit of the input
     obstacles: "ObstacleMotion | None" = None  # how they move; None where there are none
     base: "BaseState | None" = None  # that carries the body, at the end; None where nothing says how it moves
-
-
-class StepResult(NamedTuple):
-    """What a step led to."""
-
-    energy: float  # stored after it, J; where it is not finite the caller rolls back
-    contact: "ContactSolution | None" = None  # what contact did; None where nothing touched
 
 
 class StepperState(NamedTuple):

@@ -85,8 +85,8 @@ class CompiledBodies(CompiledState):
         ledger.sums = EnergyLedger().sums
         mode = self._modes[self._mode[body]]
         moving = None if self._interface is None else ObstacleMotion(*(part[body] for part in obstacles))
-        result = stepper.step(StepInput(u, moving))
-        if not np.isfinite(result.energy):
+        energy = stepper.step(StepInput(u, moving))
+        if not np.isfinite(energy):
             stepper.rollback()
             raise StepError(OVERFLOWS)
         for kept, part in zip(mode.states[3:], mode.states[:3], strict=True):
@@ -100,7 +100,7 @@ class CompiledBodies(CompiledState):
         (supplied, *_), (dissipated, *_), *_, by_obstacles, contact, friction = sums
         of_contact = by_obstacles[0], contact[0], friction[0]
         told.works[body] = supplied - of_contact[0], dissipated - sum(of_contact[1:]), *of_contact
-        touched = result.contact
+        touched = stepper.contact
         for kept, part in zip(told[2:], self._nothing(1), strict=True):
             kept[body] = part[0]
         if touched is not None:

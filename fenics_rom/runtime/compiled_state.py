@@ -20,6 +20,7 @@ from fenics_rom.runtime.compiled.linear_bodies import Told
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.touching import Begun
 from fenics_rom.runtime.simulator import Simulator
+from fenics_rom.runtime.steppers.clearance import stretch_of
 from fenics_rom.runtime.steppers.residual_maps import strained_back
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
 from fenics_rom.runtime.tension_watch import pulled_columns
@@ -104,8 +105,7 @@ class CompiledState:
             body = stepper.kernel.compiled_step.body  # type: ignore[attr-defined]
             sizes = (2, model.order), (self.rom.rigid,), (4, len(body.R))
             states = known.get(name) or State(*(np.zeros((self.size, *shape)) for shape in sizes * 2))
-            stretch = np.linalg.norm(body.points.reshape(model.order, -1, 3), axis=2).max(axis=1, initial=0.0)
-            self._modes.append(Mode(name, body, body, states, stretch))
+            self._modes.append(Mode(name, body, body, states, stretch_of(body.points)))
 
     def _at_rest(self, name: str) -> StepperState:
         rest = np.zeros(2 * self.rom.contact_models[name].order), np.zeros(self.rom.rigid), np.empty(0)

@@ -255,8 +255,8 @@ class Simulator(MovingBody):
             self.switch(nearest)
         try:
             inputs = self._with_base(source.step_input(u, self._width, self.time, self._dt))
-            result = self._stepper.step(inputs)
-            if not math.isfinite(result.energy):
+            energy = self._stepper.step(inputs)
+            if not math.isfinite(energy):
                 self._leave_finite(inputs.u)
         except BaseException:
             if before is not None:
@@ -264,7 +264,7 @@ class Simulator(MovingBody):
             raise
         source.environment.commit(inputs, self._dt)
         self.tensions.note(inputs.u)
-        return 2 * result.energy
+        return 2 * energy
 
     def rollout(
         self,

@@ -80,7 +80,7 @@ class SteppedRollout:
         if taken is not None:
             body.steps += len(taken.steps.q)
             if self._blocks is not None:
-                body.watch(kernel.state[: body.model.order], taken.last.square, body.time, len(taken.steps.q))
+                body.watch(kernel.state[: body.model.order], 2 * kernel.energy, body.time, len(taken.steps.q))
             body.look_at_skin()
         return taken
 

@@ -243,9 +243,9 @@ class Soft(Simulator, Body):
             self._tried = False
         contact = self._hand(points, forces)
         self._handed.forces, self._handed.reached = contact.forces, contact.pairs
-        result = self._stepper.step(self._inputs)
-        self._tried, self._twice = True, 2 * result.energy
-        if not math.isfinite(result.energy):
+        energy = self._stepper.step(self._inputs)
+        self._tried, self._twice = True, 2 * energy
+        if not math.isfinite(energy):
             self._leave_finite(self._inputs.u)
         self._power = 0.0
         if not len(forces):

@@ -18,6 +18,7 @@ from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.make_contact_solver import make_contact_solver
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
+from fenics_rom.mechanics.reach import out_of_reach
 
 G = 9.81  # m/s²
 FLOOR = HalfSpace((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -557,8 +558,8 @@ def test_what_is_due_is_never_out_of_reach(seed, e, share, quasi_static):
     solver = ContactSolver(gap * n[None], [HalfSpace((0.0, 0.0, 0.0), n)], ContactLaw(restitution=e, friction=0.3))
     solver.search = ContactSearch(np.ones((1, 3)))
     if solver.solve(points, np.eye(3), h, motion, quasi_static) is not None:
-        assert not contact_solver.out_of_reach(gap, points, motion, h)
-    assert contact_solver.out_of_reach(h * 10 * np.abs(along).sum(), points, motion, h)
+        assert not out_of_reach(gap, points, motion, h)
+    assert out_of_reach(h * 10 * np.abs(along).sum(), points, motion, h)
 
 
 def test_asked_again_in_a_step_the_law_is_the_same():

@@ -24,7 +24,7 @@ from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
 from fenics_rom.mechanics.frame_motion import ZERO
-from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepResult
+from fenics_rom.mechanics.step import MOVING_FRAME, StepInput
 from fenics_rom.system.system import System
 
 
@@ -57,13 +57,13 @@ class CarriedFiniteStrainStepper(OnBase, FiniteStrainStepper):
         spring = self._model.dot(self.x, multiply(self._model.spring, self.x)) / 2
         return super().energy - spring + self._body.energy(now) - self._body.dot(now.r, now.Mr) / 2
 
-    def step(self, inputs: StepInput) -> StepResult:
+    def step(self, inputs: StepInput) -> float:
         """As in FiniteStrainStepper."""
         start, self._mean_wrench = self._base, np.zeros((2, 3))
-        result = super().step(inputs)
+        energy = super().step(inputs)
         self.wrench = self._mean_wrench
         self._look_at_base(start)
-        return result
+        return energy
 
     def close(self) -> None:
         """Gives the memory back."""

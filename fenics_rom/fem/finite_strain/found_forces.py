@@ -21,7 +21,7 @@ from fenics_rom.fem.full_order_body import FullOrderInterface
 from fenics_rom.fem.points_of_step import PointsOfStep
 from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, mean_contact
-from fenics_rom.mechanics.contact_solver import out_of_reach
+from fenics_rom.mechanics.reach import out_of_reach
 
 
 class FoundForces(NamedTuple):

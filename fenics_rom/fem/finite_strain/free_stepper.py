@@ -18,7 +18,7 @@ from fenics_rom.fem.frame_loads import FrameLoads
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_motion import cross_matrix, quaternion_of, rotation_matrix
-from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepResult
+from fenics_rom.mechanics.step import MOVING_FRAME, StepInput
 from fenics_rom.system.system import System
 
 
@@ -82,7 +82,7 @@ class FreeFiniteStrainStepper(FiniteStrainStepper):
         """Local rows of displacement (m) and its rate (m/s) in the frame, (rows here,) each, which stays."""
         self._put(self.pose, q.reshape(-1, 3), r.reshape(-1, 3))
 
-    def step(self, inputs: StepInput) -> StepResult:
+    def step(self, inputs: StepInput) -> float:
         """As in FiniteStrainStepper."""
         self._middle, S = self._attitude(self.x + self.dt / 2 * self.v)
         if (damping := self._model.inner_damping) is not None:

@@ -28,7 +28,7 @@ from fenics_rom.fem.points_of_step import PointsOfStep
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact import ObstacleMotion
-from fenics_rom.mechanics.step import StepInput, StepResult
+from fenics_rom.mechanics.step import StepInput
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.system.system import System
 
@@ -128,7 +128,7 @@ class FiniteStrainStepper(FullOrderBody):
         self._parts.forget()
         self.negative_pivots, self._following = 0, ()
 
-    def step(self, inputs: StepInput) -> StepResult:
+    def step(self, inputs: StepInput) -> float:
         """See Stepper; inputs are in the order of `System.input_matrix`.
 
         Raises:
@@ -138,7 +138,7 @@ class FiniteStrainStepper(FullOrderBody):
         self._before = self._state()
         self._advance(inputs, not self._has_inertia)
         self.time += self.dt
-        return StepResult(self.energy if self.ledger is not None else np.nan, self.contact)
+        return self.energy if self.ledger is not None else np.nan
 
     def equilibrium(self, inputs: StepInput) -> None:
         """Brings the body to rest, under inputs put on in as many parts as it takes."""

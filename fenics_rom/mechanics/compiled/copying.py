@@ -50,3 +50,13 @@ def copy_rows(rows: Array, to: Array) -> None:
 def put(numbers: Array, a: float, b: float, c: float) -> None:
     """Sets three numbers."""
     numbers[0], numbers[1], numbers[2] = a, b, c
+
+
+@jit_part
+def are_equal(one: Array, other: Array) -> bool:
+    """Whether two arrays of as many numbers, both in one piece, have the same ones."""
+    here, there = flat(one), flat(other)
+    same = True
+    for k in range(len(here)):
+        same = same and here[k] == there[k]
+    return same

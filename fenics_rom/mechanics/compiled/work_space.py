@@ -8,7 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.compiled_arrays import address_of, carray, floats, integers
+from fenics_rom.compiled_arrays import address_of, carray, flags, floats, integers
 
 
 @jit_part
@@ -63,6 +63,12 @@ def take_frames(space: Array, n: int) -> Array:
 def take_integers(space: Array, n: int) -> Array:
     """An array (n,) of whole numbers."""
     return carray(integers(_take(space, n)), (n,))
+
+
+@jit_part
+def take_flags(space: Array, n: int) -> Array:
+    """An array (n,) of booleans, in the room of n // 8 + 1 numbers."""
+    return carray(flags(_take(space, n // 8 + 1)), (n,))
 
 
 @jit_part

@@ -65,7 +65,7 @@ def step_bodies(
         told: set.
     """
     P, N = len(body.places), begun.forces.shape[1]
-    found, space = contact_of(N, P), work_space(ROOM_FOR_MODES * len(body.ω) + 3 * (P + len(shapes)) + 3)
+    found, space = contact_of(N, P), work_space(ROOM_FOR_MODES * len(body.ω) + 3 * (P + len(shapes)))
     given = unowned(body), law, unowned(friction), unowned(shapes), unowned(bodies), unowned(inputs)
     known = unowned(obstacles), unowned(begun), unowned(after), unowned(states), unowned(clearance), unowned(told)
     _step_bodies(*given, *known, found, space)

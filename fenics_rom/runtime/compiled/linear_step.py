@@ -7,14 +7,12 @@ and beside it what the contact points do beyond the basis (`steppers.residual_mo
 
 from typing import NamedTuple
 
-import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_part
-from fenics_rom.compiled_arrays import unowned
+from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, Law, find_forces
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
-from fenics_rom.mechanics.compiled.work_space import take, take_rows, work_space
+from fenics_rom.mechanics.compiled.work_space import take, take_rows
 from fenics_rom.runtime.compiled.small_matrices import dot, multiply
 from fenics_rom.runtime.compiled.touching import (
     FORGOTTEN,
@@ -25,16 +23,13 @@ from fenics_rom.runtime.compiled.touching import (
     ask_points,
     forget_pairs,
     go_on,
-    hand_on,
     is_out_of_reach,
     is_settled,
-    keep_found,
     look_around,
-    not_known,
     step_beyond,
 )
 
-ROOM_FOR_MODES = 7  # numbers of the work space for each mode, beside three for each point and obstacle, and three
+ROOM_FOR_MODES = 6  # numbers of the work space for each mode, beside three for each point and obstacle
 
 
 class Body(NamedTuple):
@@ -81,36 +76,6 @@ class Step(NamedTuple):
     normal_power: float  # Σ λ s of the pairs, W
 
 
-@jit
-def take_step(
-    body: Body,
-    law: Law,
-    shapes: Array,
-    u: Array,
-    start: Array,
-    end: Array,
-    w_before: Array,
-    begun: Begun,
-    state: State,
-    found: StepContact,
-) -> Step:
-    """Takes a step.
-
-    Args:
-        body, law: of it.
-        shapes: of the obstacles, (O, 17).
-        u: the input (p,).
-        start, end: displacements of the obstacles, (O, 3), m.
-        w_before: their velocities in the step before, (O, 3), m/s.
-        begun: what the step begins with.
-        state: changed.
-        found: set.
-    """
-    space = work_space(ROOM_FOR_MODES * len(body.ω) + 3 * (len(body.places) + len(shapes)) + 3)
-    given = unowned(start), unowned(end), unowned(w_before), unowned(begun), unowned(state), unowned(found)
-    return step_in(space, unowned(body), law, unowned(shapes), unowned(u), *given, not_known(len(body.ω), space))
-
-
 @jit_part
 def step_in(
     space: Array,
@@ -126,7 +91,20 @@ def step_in(
     found: StepContact,
     clearance: Clearance,
 ) -> Step:
-    """The same, in a work space. Where obstacles are known to be out of reach, what they would ask is not set."""
+    """Takes a step.
+
+    Args:
+        space: with `ROOM_FOR_MODES` numbers for each mode, and three for each point and obstacle.
+        body, law: of it.
+        shapes: of the obstacles, (O, 17).
+        u: the input (p,).
+        start, end: displacements of the obstacles, (O, 3), m.
+        w_before: their velocities in the step before, (O, 3), m/s.
+        begun: what the step begins with.
+        state: changed.
+        found: set, but for what pairs would be asked where obstacles are known to be out of reach.
+        clearance: what is known of that; changed.
+    """
     pairs, _, motion, forces = found
     h, m, P = law.h, len(body.ω), len(body.places)
     e, r, ρ = state.halves[0], state.halves[1], len(state.rigid)
@@ -214,60 +192,3 @@ def restore(state: State) -> None:
     copy(state.halves_before, state.halves)
     copy(state.rigid_before, state.rigid)
     copy(state.beyond_before, state.beyond)
-
-
-class Taken(NamedTuple):
-    """Of steps in a row, one row each."""
-
-    works: Array  # (n, 5), J: supplied, dissipated, by obstacles, contact and friction, as in `Step`
-    q: Array  # (n, m) after it
-    carried: Array  # g (n, 3P) beyond the basis after it, N; (n, 0) where there is nothing
-
-
-@jit
-def take_steps(
-    body: Body,
-    law: Law,
-    shapes: Array,
-    inputs: Array,
-    offsets: Array,
-    begun: Begun,
-    state: State,
-    tried: StepContact,
-    last_begun: Begun,
-    last: StepContact,
-    taken: Taken,
-) -> tuple[int, Step]:
-    """Takes steps under inputs (n, p) among obstacles that stand still: how many, and the last one.
-
-    It ends before a step that is to be found otherwise, or whose energy is not finite.
-
-    Args:
-        body, law, shapes, state: as in `take_step`.
-        inputs: (n, p).
-        offsets: displacements of the obstacles, (O, 3), m.
-        begun: what the first step begins with; changed.
-        tried: for what a step finds.
-        last_begun, last: set to what the last step began with, and found.
-        taken: set.
-    """
-    ρ, still = len(state.rigid), np.zeros(offsets.shape)
-    step = Step(OTHERWISE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    for count in range(len(inputs)):
-        after = take_step(body, law, shapes, inputs[count], offsets, offsets, still, begun, state, tried)
-        if after.status == OTHERWISE:
-            return count, step
-        if not np.isfinite(after.square):
-            restore(state)
-            return count, step
-        step = after
-        keep_found(begun, tried, last_begun, last)
-        hand_on(law, begun, step.status == FOUND, tried.pairs, begun)
-        works = taken.works[count]
-        works[0], works[1], works[2] = step.supplied, step.dissipated, step.by_obstacles
-        works[3], works[4] = step.contact, step.friction
-        for i in range(len(body.ω)):
-            taken.q[count, i] = state.rigid[i] if i < ρ else state.halves[0, i] * body.inverse_ω[i]
-        if len(body.R) > 0:
-            copy(state.beyond[0], taken.carried[count])
-    return len(inputs), step

@@ -95,7 +95,7 @@ def look_around(
 
     Args:
         body: with points.
-        shapes, start: of the obstacles, as in `linear_step.take_step`.
+        shapes, start: of the obstacles, as in `linear_step.step_in`.
         q: (m,).
         beyond: g, y and their rates, (4, 3P).
         found: as above.
@@ -153,15 +153,6 @@ def ask_points(
 
 
 @jit_part
-def not_known(m: int, space: Array) -> Clearance:
-    """Of a body with m modes whose obstacles are asked in any case."""
-    gap, untouched, still, stretch = take(space, 1), take(space, 1), take(space, 1), take(space, m)
-    gap[0] = untouched[0] = still[0] = 0.0
-    fill(stretch, math.inf)
-    return Clearance(gap, untouched, still, stretch)
-
-
-@jit_part
 def _speed_of(clearance: Clearance, v: Array) -> float:
     """Of all points at most, by rates (m,) of the coordinates, m/s."""
     speed = 0.0
@@ -200,9 +191,10 @@ def is_out_of_reach(
 
 @jit_part
 def forget_pairs(pairs: Pairs) -> None:
-    """No pair takes part."""
+    """No pair takes part, at no velocity."""
     for c in range(len(pairs.chosen)):
         pairs.chosen[c] = pairs.helped[c] = False
+    fill(pairs.level, -math.inf)
 
 
 @jit_part

@@ -1,16 +1,33 @@
 """Steps of a linear body among obstacles by one compiled function: what `ContactMidpoint` tries first."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain, or_numpy
-from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
-from fenics_rom.mechanics.compiled_contact import CompiledContact
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
-from fenics_rom.runtime.compiled.linear_step import Body, State, Step, Taken, take_step, take_steps
-from fenics_rom.runtime.steppers.contact_in_loops import ContactInLoops
+from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law
+from fenics_rom.mechanics.compiled_contact import CompiledContact, Known, Told
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_pairs import Pairs as AskedPairs
+from fenics_rom.mechanics.contact_pairs import SolvedPairs
+from fenics_rom.mechanics.contact_search import ContactSearch
+from fenics_rom.runtime.compiled.arrays_at import table_of
+from fenics_rom.runtime.compiled.linear_step import Body, State, Step
+from fenics_rom.runtime.compiled.linear_table import (
+    OF_A_STEP,
+    Record,
+    Taken,
+    after_in_record,
+    arrays_of,
+    numbers_of,
+    record_in,
+    size_of_record,
+    take_step_at,
+    take_steps_at,
+)
+from fenics_rom.runtime.compiled.touching import StepContact
 
 LARGEST_CONDITION, MOST_ROWS = 1e8, 300  # of Delassus operators whose inverses are kept
 
@@ -25,53 +42,144 @@ def inverse_of(W: Array) -> Array:
     return np.empty((0, 0))
 
 
+class StepTaken:
+    """A step that loops have taken; what contact did in it is told if someone asks.
+
+    Args:
+        record: of it.
+        read: gives its parts.
+        law: of contact.
+        solver: that found it.
+        search: with which it began.
+        obstacles: how they moved.
+
+    Attributes:
+        did: what it did.
+        touches: whether a pair took part.
+    """
+
+    __slots__ = ("_given", "did", "touches")
+
+    def __init__(
+        self,
+        record: Array,
+        read: Callable[[Array], Record],
+        law: Law,
+        solver: CompiledContact,
+        search: ContactSearch,
+        obstacles: ObstacleMotion,
+    ):
+        self.did = Step(*record[1:OF_A_STEP].tolist())
+        self.touches = self.did.status == FOUND
+        self._given = record, read, law, solver, search, obstacles
+
+    def contact(self) -> ContactSolution:
+        """What it did, where a pair took part."""
+        _, _, law, _, _, obstacles = self._given
+        return self._told().solution(obstacles.velocities(law.h))
+
+    def beyond(self) -> Array:
+        """Velocities (P, 3) of the contact points beyond the basis, m/s."""
+        return self._found.motion[3].reshape(-1, 3)
+
+    def known(self, delassus: Array) -> Known:
+        """As `ContactSolver.last_step`."""
+
+        def known() -> tuple[AskedPairs | None, SolvedPairs | None]:
+            if self._found.pairs.level[0] == -np.inf:  # out of reach, so that nobody asked
+                return None, None
+            _, _, law, solver, search, obstacles = self._given
+            return self._told().known(solver, search.forces, self._points, delassus, law.h, obstacles)()
+
+        return known
+
+    @property
+    def _found(self) -> StepContact:
+        record, read, *_ = self._given
+        return read(record).found
+
+    def _told(self) -> Told:
+        _, _, law, _, search, _ = self._given
+        found, power, sweeps = self._found, self.did.normal_power if law.friction > 0 else None, int(self.did.sweeps)
+        return Told(law, found.pairs, found.gaps, found.forces.reshape(-1, 3), sweeps, power, search.swung)
+
+    def _points(self) -> PointMotion:
+        return PointMotion(*self._found.motion[:3].reshape(3, -1, 3))
+
+
 class StepsTaken(NamedTuple):
     """Steps in a row."""
 
     steps: Taken
-    last: Step
-    contact: ContactSolution | None  # in the last one
+    last: StepTaken
 
 
-class CompiledStep(ContactInLoops):
-    """Steps of a body. Arguments as in ContactInLoops.
+class CompiledStep:
+    """Steps of h s of a body.
 
     Args:
         body: what moves.
         state: what steps change, and where they note it before.
+        solver: finds forces.
+        h: s.
+
+    Attributes:
+        body: as given.
     """
 
     def __init__(self, body: Body, state: State, solver: CompiledContact, h: float):
-        super().__init__(solver, h)
-        self.body, self._state = body, state
+        self.body, self._solver, self._h = body, solver, h
+        self._pairs, self._points = len(solver.shapes) * len(solver.points), len(solver.points)
+        self._size, self._after = size_of_record(self._pairs, self._points), after_in_record(self._pairs, self._points)
+        self._friction = np.empty(self._pairs)
+        self._arrays = arrays_of(body, state, solver.shapes, self._friction)  # kept, as the table has but addresses
+        self._table = table_of(self._arrays)
+        self._enter(solver.law_in_steps(h))
+
+    def _enter(self, law: Law) -> None:
+        """Goes on with a law."""
+        self._law, self._numbers = law, numbers_of(law, self.body)
+        self._friction[:] = law.friction
 
     @or_numpy
-    def take(self, u: Array, obstacles: ObstacleMotion) -> tuple[Step, ContactSolution | None] | None:
+    def take(self, u: Array, obstacles: ObstacleMotion) -> StepTaken | None:
         """Takes a step under u (p,); None where the loops do not find its forces, and nothing is changed."""
-        found = self._for_found()
-        step = take_step(
-            self.body, self._law, self._solver.shapes, in_plain(u), *obstacles, self._begun(), self._state, found,
-        )  # fmt: skip
-        if step.status == OTHERWISE:
-            return None
-        return step, self._keep(found, self.body.W, obstacles, step.sweeps, step.normal_power)
+        solver, record = self._solver, np.empty(self._size)
+        law, search = solver.law_in_steps(self._h), solver.search
+        if law is not self._law:
+            self._enter(law)
+        begun = search.forces, solver.swung(search)
+        take_step_at(self._table, self._numbers, in_plain(u), *obstacles, *begun, record)
+        return None if record.item(1) == OTHERWISE else self._note(record, search, obstacles)
 
     @or_numpy
     def take_many(self, inputs: Array, obstacles: ObstacleMotion) -> StepsTaken | None:
         """Takes steps under inputs (n, p) among obstacles that stand still, as many as the loops find; None: none."""
-        n, (before, last) = len(inputs), self._for_many()
-        taken = Taken(np.empty((n, 5)), np.empty((n, len(self.body.ω))), np.empty((n, self._state.beyond.shape[1])))
-        count, step = take_steps(
-            self.body, self._law, self._solver.shapes, in_plain(inputs), obstacles.start, before, self._state,
-            self._for_found(), *last, taken,
-        )  # fmt: skip
+        solver, records, n = self._solver, np.empty((3, self._size)), len(inputs)
+        law, search = solver.law_in_steps(self._h), solver.search
+        if law is not self._law:
+            self._enter(law)
+        first = self._in(records[2]).after
+        first.forces[:], first.swung[:] = search.forces, solver.swung(search)
+        taken = Taken(np.empty((n, 5)), np.empty((n, len(self.body.ω))), np.empty((n, len(self.body.R))))
+        count = take_steps_at(self._table, self._numbers, in_plain(inputs), obstacles.start, records, taken)
         if not count:
             return None
-        self._begin_last(last.begun)
-        contact = self._keep(last.found, self.body.W, obstacles, step.sweeps, step.normal_power)
-        return StepsTaken(Taken(*(rows[:count] for rows in taken)), step, contact)
+        forces, swung = self._in(records[(count + 1) % 3]).after
+        solver.search = search = search._replace(forces=forces, swung=swung if swung.any() else None)
+        last = self._note(records[(count + 2) % 3], search, obstacles)
+        return StepsTaken(Taken(*(rows[:count] for rows in taken)), last)
 
-    @property
-    def beyond(self) -> Array:
-        """Velocities (P, 3) of the contact points beyond the basis in the last step, m/s."""
-        return self._rates.reshape(-1, 3)
+    def _in(self, record: Array) -> Record:
+        return record_in(record, self._pairs, self._points, self._friction)
+
+    def _note(self, record: Array, search: ContactSearch, obstacles: ObstacleMotion) -> StepTaken:
+        """A step that began with a search; the next one begins with what it found."""
+        solver, after = self._solver, self._after
+        step = StepTaken(record, self._in, self._law, solver, search, obstacles)
+        forces, swung = search.forces, None
+        if step.touches:
+            forces = record[after[0]].reshape(-1, 3)
+            swung = record[after[1]].view(np.int64) if record.item(OF_A_STEP) else None
+        solver.note(step.known(self.body.W), step.touches, forces, swung)
+        return step

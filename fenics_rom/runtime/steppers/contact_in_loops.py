@@ -53,7 +53,8 @@ class ContactInLoops:
         def points() -> PointMotion:
             return PointMotion(*motion[:3].reshape(3, -1, 3))
 
-        return self._solver.keep(told, points, W, self._h, obstacles)
+        known = told.known(self._solver, self._solver.search.forces, points, W, self._h, obstacles)
+        return self._solver.keep(told, known, obstacles.velocities(self._h))
 
     def _begin_last(self, begun: Begun) -> None:
         """Has the last of steps in a row have begun so."""

@@ -15,53 +15,35 @@ with -ω Σ g (ω w)/(1 + θ h/τ), and add their stiffening time to h/2 in A: m
 
 import math
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled, in_plain
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
-from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, is_zero
-from fenics_rom.mechanics.contact_search import TangentPlanes
-from fenics_rom.mechanics.followed_contact import Followed, LawToFollow
+from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.runtime.steppers.adjoint import contact_adjoint
-from fenics_rom.runtime.steppers.contact_interface import CONTACT, MOTION
-from fenics_rom.runtime.steppers.followed_points import FollowedPoints, LinearBody, PairsBegun
-from fenics_rom.runtime.steppers.kernel import BOOKED_TOGETHER, BookedKernel, ContactWorks, StepWork, symmetric
+from fenics_rom.runtime.steppers.clearance import Clearance
+from fenics_rom.runtime.steppers.following_midpoint import FollowingMidpoint
+from fenics_rom.runtime.steppers.kernel import BOOKED_TOGETHER, ContactWorks, StepWork, symmetric
 from fenics_rom.runtime.steppers.residual_motion import operator_of
-from fenics_rom.runtime.steppers.steady_pairs import SteadyPairs
 from fenics_rom.runtime.steppers.taken_step import found_taken, linear_taken, residual_taken
 
 # A step without contact: G u, the same with elasticity and inertia, N kg^-1/2, and v̂, (m,) each.
 _Step = tuple[Array, Array, Array]
 
-FEWEST_KEPT_PAIRS, MOST_KEPT_NUMBERS = 4, 400_000  # sets of pairs that were followed last, and of their matrices
-
 if TYPE_CHECKING:
-    from fenics_rom.runtime.compiled.linear_step import Step
-    from fenics_rom.runtime.steppers.compiled_step import CompiledStep, StepsTaken
+    from fenics_rom.runtime.steppers.compiled_step import CompiledStep, StepsTaken, StepTaken
     from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
 
 
-class FollowedWork(NamedTuple):
-    """Of a step, what its work is worked out from."""
-
-    numbers: Array  # FollowedPoints.numbers
-    forces: Array  # of contact (3P,), N
-    rates: Array  # of what carries a force beyond the basis, and of the points there, (6P,)
-    normal_power: float | None  # as in ContactSolution
-
-
-class ContactMidpoint(BookedKernel):
+class ContactMidpoint(FollowingMidpoint):
     """The midpoint step with contact. Arguments and attributes as in BookedKernel."""
 
     _inverse_mass: Array | None = None
     compiled_step: "CompiledStep | None" = None  # what takes steps by loops; None where they do not
-    _points: FollowedPoints | None = None
-    _at_planes: FollowedPoints | None = None  # the same where they stay on what is round
-    _pairs: dict[tuple[FollowedPoints, bytes], SteadyPairs]  # of these, of those sets that were followed last
 
     @property
     def answers_linearly(self) -> bool:  # type: ignore[override]
@@ -83,6 +65,7 @@ class ContactMidpoint(BookedKernel):
         self._pushed_by, self._heat_of = (A.__mul__ if A.ndim == 1 else A.dot for A in (self._a, self._Ra))
         self._elastic_and_inertial = np.stack([-self._ω, np.full(self._model.order, 2 / h)])
         self._travel = h * self._ω
+        self._clearance = Clearance(self._Sᵀ, h)
         self.compiled_step = self._make_compiled_step()
 
     def _make_compiled_step(self) -> "CompiledStep | None":
@@ -116,34 +99,68 @@ class ContactMidpoint(BookedKernel):
             and obstacles is not None
             and (taken := self.compiled_step.take(u, obstacles))
         ):
-            return self._end_compiled(*taken)
+            return self._end_compiled(taken)
+        if self._clearance.lasts(obstacles, self.state, self._rigid_displacement):
+            step, beyond = self._begin_step(u), self._speed_beyond
+            if self._clearance.is_enough(step[2], self._r, beyond):
+                return self._end_clear(step, beyond)
         points = self._points_to_follow(obstacles)
         if points is not None and points.solver.search.planes is not None:
             points = self._points_at_planes(points, points.solver.search.planes)
         if points is not None and (found := self._follow(points, u)) is not None:
             return self._end_followed_step(points, *found)
         step = self._begin_step(u)
-        return self._end_step(step, self._solve_contact(self._coordinates(), self._r, step[2], self.h, obstacles))
+        contact = self._solve_contact(self._coordinates(), self._r, step[2], self.h, obstacles)
+        if obstacles is None or self._interface is None or not self._interface.solver.clear:
+            return self._end_step(step, contact)
+        self._clearance.set(self._interface.solver.clear, obstacles)
+        return self._end_clear(step, self._speed_beyond)
 
-    def _end_compiled(self, step: "Step", contact: ContactSolution | None) -> float:
+    @property
+    def _speed_beyond(self) -> float:
+        """At most, of the contact points beyond the basis in a step without contact, m/s."""
+        if self.residual is None or self.residual.is_at_rest:
+            return 0.0
+        return math.sqrt(3) * float(np.abs(self.residual.points[1:]).max())
+
+    def _end_clear(self, step: _Step, beyond: float) -> float:
+        """Takes a step out of reach of obstacles, in which points move beyond the basis by at most this speed, m/s."""
+        assert self._interface is not None
+        self._interface.solver.pass_by()
+        is_plain = beyond == 0.0 and self.branches is None
+        twice = self._end_plain(step) if is_plain else self._end_step(step, None)
+        self._clearance.go_on(step[2], beyond, self.state, self._rigid_displacement)
+        return twice
+
+    def _end_plain(self, step: _Step) -> float:
+        """Takes a step that is that of the basis alone."""
+        pushed, right, v = step
+        if self.residual is not None:
+            self.residual.remember()
+        heat = self._heat_of(right)
+        self._leave(StepWork(self.h * float(pushed.dot(v)), self.h * float(heat.dot(heat)), ()))
+        self._move(v)
+        self._contact = None
+        return float(self.state.dot(self.state))
+
+    def _end_compiled(self, taken: "StepTaken") -> float:
         """Takes note of a step that compiled loops have taken; twice the stored energy, J."""
         works: ContactWorks = ()
-        if contact is not None:
-            work = ContactWork(step.by_obstacles, step.contact, step.friction)
-            works = (lambda: work,)
+        did = taken.did
+        if taken.touches:
+            works = (partial(ContactWork, did.by_obstacles, did.contact, did.friction),)
         if len(self._owed) == BOOKED_TOGETHER:
             self.flush()
-        self._owed.append(StepWork(step.supplied, step.dissipated, works))
-        self._note_touch(contact)
-        return step.square
+        self._owed.append(StepWork(did.supplied, did.dissipated, works))
+        self._note_touch(taken)
+        return did.square
 
-    def _note_touch(self, contact: ContactSolution | None) -> None:
+    def _note_touch(self, taken: "StepTaken") -> None:
         """Takes note of contact in the last step, which compiled loops have taken."""
-        assert self.compiled_step is not None
-        self._contact_before, self._reactions_before, self._notes_before = self.contact, self.reactions, self.notes
-        self.contact = contact
-        if contact is not None:
-            self._at_touch = None, None if self.residual is None else self.compiled_step.beyond
+        self._contact_before, self._reactions_before, self._notes_before = self._contact, self.reactions, self.notes
+        self._contact = taken.contact if taken.touches else None
+        if taken.touches:
+            self._at_touch = None, None if self.residual is None else taken.beyond
 
     def roll(self, inputs: Array, obstacles: ObstacleMotion) -> "StepsTaken | None":
         """Takes steps under inputs (n, p) among obstacles that stand still, as many as loops find; None: none."""
@@ -157,121 +174,8 @@ class ContactMidpoint(BookedKernel):
             supplied, dissipated, by_obstacles, contact, friction = map(math.fsum, taken.steps.works.T)
             self._ledger.book(supplied=supplied, dissipated=dissipated)
             self._ledger.book_contact(by_obstacles, contact, friction, 0.0)
-        self._note_touch(taken.contact)
+        self._note_touch(taken.last)
         return taken
-
-    def _points_to_follow(self, obstacles: ObstacleMotion | None) -> FollowedPoints | None:
-        """The contact points, where pairs may do what they did in the step before."""
-        interface = self._interface
-        if obstacles is None or interface is None or not interface.solver.search.is_steady:
-            return None
-        known, residual, solver = self._points, self.residual, interface.solver
-        if known is not None and known.still is obstacles:
-            return known
-        rests = np.array_equal(obstacles.end, obstacles.start) and is_zero(obstacles.velocities_before)
-        alone = len(solver.obstacles) == 1 and solver.law.stiffness is None
-        if residual is None or self.branches is not None or not (rests and alone):
-            return None
-        if known is not None and np.array_equal(known.still.start, obstacles.start):
-            known.still = obstacles
-            return known
-        changed = self.state, self._rigid_displacement
-        body = LinearBody(self._model, self.h, self._a, self._Sᵀ.T, self._delassus, residual, *changed)
-        self._points, self._pairs = FollowedPoints(body, solver, obstacles), {}
-        return self._points
-
-    def _points_at_planes(self, points: FollowedPoints, planes: TangentPlanes) -> FollowedPoints:
-        """The same as long as they stay there."""
-        known = self._at_planes
-        if known is None or known.planes is not planes or known.body is not points.body:
-            self._pairs = {key: pairs for key, pairs in self._pairs.items() if key[0] is points}
-            self._at_planes = known = FollowedPoints(points.body, points.solver, points.still, planes)
-        known.still = points.still
-        return known
-
-    def _follow(self, points: FollowedPoints, u: Array) -> tuple[SteadyPairs, Followed, PairsBegun] | None:
-        """A step in which all pairs do what they did; None where they do not."""
-        assert self._interface is not None
-        mark = self._interface.environment.mark
-        begun = points.begin(u)
-        if mark is not None:
-            mark(MOTION)
-        found = None if begun is None else self._follow_pairs(points, begun)
-        if mark is not None:
-            mark(CONTACT)
-        return found
-
-    def _follow_pairs(
-        self, points: FollowedPoints, begun: PairsBegun
-    ) -> tuple[SteadyPairs, Followed, PairsBegun] | None:
-        """The same from what pairs do but for contact."""
-        assert self._interface is not None
-        solver, chosen = self._interface.solver, begun.margin < 0.0
-        search = solver.search
-        while (law := LawToFollow.of(search, chosen)) is not None:
-            pairs = self._steady_pairs(points, law, begun)
-            found = pairs.step(begun, law.kept)
-            if found is None:
-                return None
-            if found.missed is None:
-                solver.search = search
-                return pairs, found, begun
-            chosen, search = chosen | found.missed, search.beside(law.key, found.solution.kept)
-        return None
-
-    def _steady_pairs(self, points: FollowedPoints, law: LawToFollow, begun: PairsBegun) -> SteadyPairs:
-        """Those that take part, by a law."""
-        assert self._interface is not None
-        pairs = self._pairs.get((points, law.key))
-        if pairs is None:
-            of_pairs = self._interface.solver.operator_of(self._delassus, law.chosen, law.key)
-            pairs = SteadyPairs(points, law.key, *of_pairs, begun)
-            most = max(FEWEST_KEPT_PAIRS, MOST_KEPT_NUMBERS // pairs.size)
-            self._pairs = dict(list(self._pairs.items())[1 - most :]) | {(points, law.key): pairs}
-        return pairs
-
-    def _end_followed_step(
-        self, points: FollowedPoints, pairs: SteadyPairs, found: Followed, begun: PairsBegun
-    ) -> float:
-        """The same as `_end_step`; the work is worked out together with that of other steps."""
-        assert self._interface is not None
-        assert self.residual is not None
-        numbers = points.numbers.copy()
-        told = partial(points.told, numbers), self._delassus, self.h, points.still
-        contact = self._interface.solver.keep_followed(found, begun.frames, *told, planes=begun.planes)
-        rates = self.residual.move(pairs.beyond)
-        self._leave(FollowedWork(numbers, contact.forces.ravel(), rates.ravel(), contact.normal_power))
-        self._at_touch = None, rates[1].reshape(-1, 3)
-        np.add(points.after_state, pairs.after_state, self.state)
-        np.add(points.after_rigid, pairs.after_rigid, self._rigid_displacement)
-        self.contact = contact
-        return float(self.state.dot(self.state)) + 2 * self.residual.stored
-
-    def flush(self) -> None:
-        """As in Kernel."""
-        followed = [work for work in self._owed if isinstance(work, FollowedWork)]
-        if followed and self.residual is not None:
-            others = [work for work in self._owed if not isinstance(work, FollowedWork)]
-            self._owed = [*others, self._work_of(followed, self.residual.heat)]
-        super().flush()
-
-    def _work_of(self, followed: list[FollowedWork], heat_of_residual: float) -> StepWork:
-        """What followed steps are to be booked for together."""
-        *parts, normal = zip(*followed, strict=True)
-        numbers, forces, rates = (np.concatenate(part).reshape(len(followed), -1) for part in parts)
-        m, (_, p) = self._model.order, self._model.inputs.shape
-        start = 2 * m + len(self._rigid_displacement)
-        e, r, inputs = numbers[:, :m], numbers[:, m : 2 * m], numbers[:, start : start + p]
-        pushed, by_contact = inputs @ self._model.inputs.T, forces @ self._Sᵀ.T
-        right = pushed + 2 / self.h * r - self._ω * e + by_contact
-        v, heat = (right * A if A.ndim == 1 else right @ A.T for A in (self._a, self._Ra))
-        ġ, ẏ = np.split(rates, 2, axis=1)
-        power = float(np.vdot(by_contact, v) + np.vdot(forces, ẏ))
-        by_normals = power if None in normal else math.fsum(normal)
-        of_contact = ContactWork(0.0, -self.h * by_normals, self.h * (by_normals - power))
-        supplied = self.h * float(np.vdot(pushed, v))
-        dissipated = self.h * float(np.vdot(heat, heat)) + heat_of_residual * float(np.vdot(ġ, ẏ))
-        return StepWork(supplied, dissipated, (lambda: of_contact,))
 
     def open(self, u: Array) -> Array:
         """As in Kernel."""
@@ -343,12 +247,16 @@ class ContactMidpoint(BookedKernel):
                 power += float(contact.forces.ravel().dot(residual.ravel()))
             contacts = (partial(contact.work_at, power, h),)
         self._leave(StepWork(h * supplied, h * dissipated + relaxed, contacts))
-        if len(self._rigid_displacement):
-            self._rigid_displacement += h * v[: len(self._rigid_displacement)]
-        self._e += self._travel * v
-        np.subtract(v + v, self._r, self._r)
+        self._move(v)
         self.contact = contact
         return 2 * self.energy
+
+    def _move(self, v: Array) -> None:
+        """Moves by v̂ (m,)."""
+        if len(self._rigid_displacement):
+            self._rigid_displacement += self.h * v[: len(self._rigid_displacement)]
+        self._e += self._travel * v
+        np.subtract(v + v, self._r, self._r)
 
     def _step_by_strokes(self, actuators: ActuatorForces, u: Array, obstacles: ObstacleMotion | None) -> float:
         """The step where forces of actuators are found with those of contact."""

@@ -154,7 +154,7 @@ class BookedKernel(Kernel):
         residual, branches: how contact points yield beyond the basis, if that is known, and a material relaxes.
     """
 
-    _at_touch: tuple[Array | None, Array | None]  # v̂ (m,) in the last contact, or None, and beyond (P, 3)
+    _at_touch: tuple[Array | None, Array | Callable[[], Array] | None]  # v̂ (m,) in the last contact, and beyond (P, 3)
     _contact: "ContactSolution | Callable[[], ContactSolution | None] | None" = None  # or how it is told, as few ask
 
     def __init__(
@@ -171,7 +171,7 @@ class BookedKernel(Kernel):
         self.reactions = self._reactions_before = np.zeros(0 if actuators is None else len(actuators.columns))
         self.residual, self.branches, self._owned = residual, branches, branches  # a law owns its branches itself
         self._rigid_displacement, self._rigid_before = rigid_displacement, rigid_displacement.copy()
-        self._contact_before: ContactSolution | None = None
+        self._contact_before: ContactSolution | Callable[[], ContactSolution | None] | None = None
         self._owed = list[Any]()  # StepWork of the last steps, or what that is worked out from
         self.notes, self._notes_before = {}, dict[str, float]()
         self._ω, self._inverse_ω = np.sqrt(model.eigenvalues), 1 / model.safe_frequencies
@@ -234,8 +234,9 @@ class BookedKernel(Kernel):
     @property
     def touched(self) -> Array:
         """Mid-step velocities (P, 3) of the contact points, m/s, in the last step under contact forces."""
-        v, residual = self._at_touch
-        return self._at_points((self._r + self._state_before[len(self._r) :]) / 2 if v is None else v, residual)
+        v, beyond = self._at_touch
+        mean = (self._r + self._state_before[len(self._r) :]) / 2 if v is None else v
+        return self._at_points(mean, beyond() if callable(beyond) else beyond)
 
     def start_velocities(self) -> Array:
         """Velocities (P, 3) of the contact points, m/s."""
@@ -297,8 +298,8 @@ class BookedKernel(Kernel):
         motion = self._motion.dot(self._of_points).reshape(3, -1, 3)
         if self.residual is not None:
             self.residual.relax(motion[2])
-        operator = self._delassus if delassus is None else delassus
-        return self._interface.solve_moved(motion, operator, h, obstacles, quasi_static)
+        of_points = motion, self._delassus if delassus is None else delassus
+        return self._interface.solve_moved(*of_points, h, obstacles, quasi_static)
 
     def _solve_actuators(
         self,
@@ -391,8 +392,7 @@ class BookedKernel(Kernel):
         self._state_before[:] = self.state
         if len(self._rigid_displacement):
             self._rigid_before[:] = self._rigid_displacement
-        self._contact_before, self._reactions_before = self.contact, self.reactions
-        self._notes_before = dict(self.notes)
+        self._contact_before, self._reactions_before, self._notes_before = self._contact, self.reactions, {**self.notes}
 
 
 def symmetric(matrix: Array) -> Array:

@@ -17,7 +17,7 @@ from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.environment import DETAILS
-from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepperState, StepResult
+from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepperState
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.rom import Rom
@@ -119,7 +119,7 @@ class MovingFrameStepper(ReducedStepper):
         self.flush()
         self.kernel.place(frame_state(pose))
 
-    def step(self, inputs: StepInput) -> StepResult:
+    def step(self, inputs: StepInput) -> float:
         """See Stepper."""
         self.kernel.base = inputs.base
         return super().step(inputs)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.step import StepInput, StepperState, StepResult
+from fenics_rom.mechanics.step import StepInput, StepperState
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.kernel import Kernel
@@ -111,12 +111,12 @@ class ReducedStepper:
         self._dt = dt
         self.kernel.set_time_step(dt)
 
-    def step(self, inputs: StepInput) -> StepResult:
+    def step(self, inputs: StepInput) -> float:
         """See Stepper."""
         if self.interface is not None:
             self._search_before = self.interface.solver.search
         try:
-            return StepResult(self.kernel.step(inputs.u, inputs.obstacles) / 2, self.contact)
+            return self.kernel.step(inputs.u, inputs.obstacles) / 2
         except BaseException:
             self._restore_search()
             raise

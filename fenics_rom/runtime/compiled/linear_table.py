@@ -1,0 +1,252 @@
+"""The step of `linear_step` of a body whose arrays are in a table, as each that is handed over takes time.
+
+What a step finds is in one array, a record: three numbers in place of eleven arrays.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit, jit_part
+from fenics_rom.compiled_arrays import unowned
+from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs
+from fenics_rom.mechanics.compiled.copying import are_equal, copy
+from fenics_rom.mechanics.compiled.work_space import take, take_flags, take_frames, take_integers, take_rows, work_space
+from fenics_rom.runtime.compiled.arrays_at import matrix_at, vector_at
+from fenics_rom.runtime.compiled.linear_step import ROOM_FOR_MODES, Body, State, Step, restore, step_in
+from fenics_rom.runtime.compiled.touching import Begun, Clearance, StepContact, hand_on
+from fenics_rom.runtime.steppers.clearance import stretch_of
+
+OF_A_STEP = 10  # numbers that a record begins with: a `Step`, and how many pairs friction was not asked to stop
+_STATE, _OTHERS = 10, 16  # where a table has these after the body
+
+
+class Taken(NamedTuple):
+    """Of steps in a row, one row each."""
+
+    works: Array  # (n, 5), J: supplied, dissipated, by obstacles, contact and friction, as in `Step`
+    q: Array  # (n, m) after it
+    carried: Array  # g (n, 3P) beyond the basis after it, N; (n, 0) where there is nothing
+
+
+class Record(NamedTuple):
+    """What a step did, and found of contact."""
+
+    numbers: Array  # (10,)
+    found: StepContact
+    after: Begun  # what the next step begins with: forces are those of the pairs
+
+
+class Clear(NamedTuple):
+    """How far a body is from obstacles, and where it and they were when that was known."""
+
+    clearance: Clearance
+    left: Array  # e, r, rigid displacements, what is beyond the basis, and displacements of the obstacles
+
+
+def arrays_of(body: Body, state: State, shapes: Array, friction: Array) -> tuple[Array, ...]:
+    """What a table has, in its order; shapes (O, 17) and friction (O P,) are those of the obstacles and pairs."""
+    left = sum(part.size for part in state[:3]) + 3 * len(shapes)
+    return *body[:10], *state, shapes, friction, np.zeros(3), stretch_of(body.points), np.zeros(left)
+
+
+def numbers_of(law: Law, body: Body) -> Array:
+    """What goes with a table: numbers of the law, and of the body."""
+    return np.array([*law, *body[10:]], dtype=float)
+
+
+def _places_in_record(N: int, P: int) -> list[slice]:
+    """Of its parts, for N pairs at P points, as `_parts` takes them."""
+    flags = N // 8 + 1
+    sizes = np.array([OF_A_STEP, 3 * N, N, 9 * N, 3 * N, 3 * N, 3 * N, N, 12 * P, 3 * P, N, flags, flags])
+    ends = 1 + sizes.cumsum()
+    return [slice(*ends) for ends in zip((ends - sizes).tolist(), ends.tolist(), strict=True)]
+
+
+def size_of_record(pairs: int, points: int) -> int:
+    """How many numbers it has."""
+    return _places_in_record(pairs, points)[-1].stop
+
+
+def after_in_record(pairs: int, points: int) -> tuple[slice, slice]:
+    """Where it has what the next step begins with: forces (3 pairs,), and whole numbers (pairs,)."""
+    places = _places_in_record(pairs, points)
+    return places[1], places[10]
+
+
+def record_in(record: Array, pairs: int, points: int, friction: Array) -> Record:
+    """The parts of a record."""
+    numbers, forces, gaps, axes, free, relative, target, level, motion, at_points, swung, chosen, helped = (
+        record[place] for place in _places_in_record(pairs, points)
+    )
+    vectors = free.reshape(-1, 3), relative.reshape(-1, 3), target.reshape(-1, 3)
+    flags = chosen.view(bool)[:pairs], helped.view(bool)[:pairs]
+    of_pairs = Pairs(axes.reshape(-1, 3, 3), *vectors, level, *flags, friction, forces.reshape(-1, 3))
+    found = StepContact(of_pairs, gaps, motion.reshape(4, -1), at_points)
+    return Record(numbers, found, Begun(of_pairs.forces, swung.view(np.int64)))
+
+
+@jit_part
+def _parts(record: Array, N: int, P: int, friction: Array) -> Record:
+    """Those of a record for N pairs at P points."""
+    record[0] = 1.0
+    numbers, forces, gaps = take(record, OF_A_STEP), take_rows(record, N, 3), take(record, N)
+    axes, free, relative = take_frames(record, N), take_rows(record, N, 3), take_rows(record, N, 3)
+    target, level, motion = take_rows(record, N, 3), take(record, N), take_rows(record, 4, 3 * P)
+    at_points, swung = take(record, 3 * P), take_integers(record, N)
+    chosen, helped = take_flags(record, N), take_flags(record, N)
+    pairs = Pairs(axes, free, relative, target, level, chosen, helped, friction, forces)
+    return Record(numbers, StepContact(pairs, gaps, motion, at_points), Begun(forces, swung))
+
+
+@jit_part
+def _body_at(table: Array, numbers: Array) -> Body:
+    return Body(
+        vector_at(table[0]),
+        vector_at(table[1]),
+        matrix_at(table[2]),
+        matrix_at(table[3]),
+        matrix_at(table[4]),
+        matrix_at(table[5]),
+        matrix_at(table[6]),
+        matrix_at(table[7]),
+        matrix_at(table[8]),
+        matrix_at(table[9]),
+        numbers[7],
+        numbers[8],
+        numbers[9],
+        numbers[10],
+    )
+
+
+@jit_part
+def _state_at(table: Array) -> State:
+    t = table[_STATE:]
+    return State(matrix_at(t[0]), vector_at(t[1]), matrix_at(t[2]), matrix_at(t[3]), vector_at(t[4]), matrix_at(t[5]))
+
+
+@jit_part
+def _law_of(numbers: Array) -> Law:
+    n = numbers
+    return Law(n[0], n[1], n[2], n[3], n[4], n[5] != 0.0, int(n[6]))
+
+
+@jit_part
+def _clear_at(table: Array) -> Clear:
+    t = table[_OTHERS:]
+    known = vector_at(t[2])
+    return Clear(Clearance(known[0:1], known[1:2], known[2:3], vector_at(t[3])), vector_at(t[4]))
+
+
+@jit_part
+def _space_for(body: Body, shapes: Array) -> Array:
+    return work_space(ROOM_FOR_MODES * len(body.ω) + 3 * (len(body.places) + len(shapes)))
+
+
+@jit_part
+def _begin_clear(clear: Clear, state: State, start: Array) -> None:
+    """Forgets what is known where the body or an obstacle was put elsewhere since."""
+    left, m, ρ, n = clear.left, state.halves.size, len(state.rigid), state.beyond.size
+    gap, still = clear.clearance.gap, clear.clearance.still
+    if not (
+        gap[0] > 0.0
+        and are_equal(state.halves, left[:m])
+        and are_equal(state.rigid, left[m : m + ρ])
+        and are_equal(state.beyond, left[m + ρ : m + ρ + n])
+        and are_equal(start, left[m + ρ + n :])
+    ):
+        gap[0] = still[0] = 0.0
+
+
+@jit_part
+def _end_clear(clear: Clear, state: State, end: Array) -> None:
+    """Notes where the body and the obstacles are."""
+    if clear.clearance.gap[0] > 0.0:
+        left, m, ρ, n = clear.left, state.halves.size, len(state.rigid), state.beyond.size
+        copy(state.halves, left[:m])
+        copy(state.rigid, left[m : m + ρ])
+        copy(state.beyond, left[m + ρ : m + ρ + n])
+        copy(end, left[m + ρ + n :])
+
+
+@jit_part
+def _tell(step: Step, begun: Begun, law: Law, record: Record) -> None:
+    """Sets the numbers of a record, and what the next step begins with."""
+    numbers, helped = record.numbers, 0
+    numbers[0], numbers[1], numbers[2], numbers[3] = step.status, step.sweeps, step.square, step.supplied
+    numbers[4], numbers[5], numbers[6] = step.dissipated, step.by_obstacles, step.contact
+    numbers[7], numbers[8] = step.friction, step.normal_power
+    for each in record.found.pairs.helped:
+        helped += each
+    numbers[9] = helped
+    hand_on(law, begun, step.status == FOUND, record.found.pairs, record.after)
+
+
+@jit
+def take_step_at(
+    table: Array,
+    numbers: Array,
+    u: Array,
+    start: Array,
+    end: Array,
+    w_before: Array,
+    forces: Array,
+    swung: Array,
+    record: Array,
+) -> None:
+    """Takes a step, unless its status is OTHERWISE.
+
+    Args:
+        table: of `arrays_of`.
+        numbers: of `numbers_of`.
+        u: the input (p,).
+        start, end: displacements of the obstacles, (O, 3), m.
+        w_before: their velocities in the step before, (O, 3), m/s.
+        forces, swung: what the step begins with, as in `Begun`.
+        record: set.
+    """
+    body, law, state, clear = _body_at(table, numbers), _law_of(numbers), _state_at(table), _clear_at(table)
+    shapes, friction = matrix_at(table[_OTHERS]), vector_at(table[_OTHERS + 1])
+    space, begun = _space_for(body, shapes), Begun(unowned(forces), unowned(swung))
+    told = _parts(unowned(record), len(forces), len(body.places), friction)
+    _begin_clear(clear, state, start)
+    moving = unowned(start), unowned(end), unowned(w_before)
+    step = step_in(space, body, law, shapes, unowned(u), *moving, begun, state, told.found, clear.clearance)
+    _tell(step, begun, law, told)
+    if step.status != OTHERWISE:
+        _end_clear(clear, state, end)
+
+
+@jit
+def take_steps_at(table: Array, numbers: Array, inputs: Array, offsets: Array, records: Array, told: Taken) -> int:
+    """Takes steps under inputs (n, p) among obstacles that stand still; how many.
+
+    It ends before a step that is to be found otherwise, or whose energy is not finite.
+
+    Args:
+        table, numbers: as in `take_step_at`.
+        inputs: (n, p).
+        offsets: displacements of the obstacles, (O, 3), m.
+        records: three, (3, size): step k is in that of number k mod 3, and the last of them has what the first step
+            begins with. Set.
+        told: set.
+    """
+    body, state, still = _body_at(table, numbers), _state_at(table), np.zeros(offsets.shape)
+    ρ, N, friction = len(state.rigid), len(matrix_at(table[_OTHERS])) * len(body.places), vector_at(table[_OTHERS + 1])
+    for count in range(len(inputs)):
+        begun = _parts(unowned(records[(count + 2) % 3]), N, len(body.places), friction).after
+        record = records[count % 3]
+        take_step_at(table, numbers, inputs[count], offsets, offsets, still, begun.forces, begun.swung, record)
+        step = record[1 : 1 + OF_A_STEP]
+        if step[0] == OTHERWISE:
+            return count
+        if not np.isfinite(step[2]):
+            restore(state)
+            return count
+        copy(step[3:8], told.works[count])
+        for i in range(len(body.ω)):
+            told.q[count, i] = state.rigid[i] if i < ρ else state.halves[0, i] * body.inverse_ω[i]
+        if len(body.R) > 0:
+            copy(state.beyond[0], told.carried[count])
+    return len(inputs)
