@@ -11,6 +11,7 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.make_contact_solver import make_contact_solver
 from fenics_rom.mechanics.skin_path import Instant, Placement, moved_between
 from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
+from fenics_rom.mechanics.surface_checks import check_apart
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.system.system import System
 
@@ -21,6 +22,7 @@ class FullOrderInterface:
     Attributes:
         points: that can be touched.
         solver, solve: of the contact law; its `solve`.
+        touches_itself: whether the body may.
         Sᵀ: (rows here, 3P) unit forces on the points.
     """
 
@@ -29,7 +31,11 @@ class FullOrderInterface:
         assert law is not None
         self._algebra = system.algebra
         self.points = system.points_of_contact()
-        self.solver = make_contact_solver(self.points.coordinates, list(environment.obstacles.values()), law)
+        body, touching = system.body, environment.environment.self_contact
+        own = self.points.own_surface(touching, body.triangles)
+        check_apart(body.nodes, body.triangles, body.contact_surfaces, touching)
+        self.touches_itself = own is not None
+        self.solver = make_contact_solver(self.points.coordinates, list(environment.obstacles.values()), law, own)
         self.solve, self._environment = self.solver.solve, environment
         self._watch = SkinWatch(system.skin())
         self._seen: Instant | None = None

@@ -18,6 +18,7 @@ class PointsOfStep:
     Args:
         interface: the contact points.
         x, v: displacement and velocity (rows here, 1) where the step begins, m and m/s.
+        h: s, of a step by which points go far; 0: they stay near where it begins.
 
     Attributes:
         interface: as given.
@@ -27,8 +28,8 @@ class PointsOfStep:
 
     turn = 0.0
 
-    def __init__(self, interface: FullOrderInterface, x: Array, v: Array):
-        self.interface = interface
+    def __init__(self, interface: FullOrderInterface, x: Array, v: Array, h: float = 0.0):
+        self.interface, self._half = interface, h / 2
         self.displacement, self._velocity = interface.at_points(x), interface.at_points(v)
 
     def velocities(self, v: Array) -> Array:
@@ -37,7 +38,10 @@ class PointsOfStep:
 
     def motion(self, v: Array, free: Array) -> PointMotion:
         """Near that mid-step velocity, with the free velocities (P, 3)."""
-        return PointMotion(self.displacement, self._velocity, free)
+        middle = None
+        if self._half and self.interface.touches_itself:
+            middle = self.interface.points.coordinates + self.displacement + self._half * self.velocities(v)
+        return PointMotion(self.displacement, self._velocity, free, middle)
 
     def seen(self, forces: Array) -> Array:
         """Forces (P, 3) as the fields have them, N."""

@@ -57,6 +57,7 @@ class PointMotion(NamedTuple):
     displacement: Array  # at its start, (P, 3), m
     velocity: Array  # at its start, (P, 3), m/s
     free_velocity: Array  # in its middle, if no contact forces act, (P, 3), m/s
+    middle: Array | None = None  # where they are then, seen from anywhere, (P, 3), m; None: near where it starts
 
 
 @dataclass(frozen=True)
@@ -110,23 +111,47 @@ class ContactWork(NamedTuple):
     numerical: float = 0.0  # what a step without inertia does not know of its way
 
 
+class Opposite(NamedTuple):
+    """What of a body the points of C pairs touch; pairs with obstacles have no weights."""
+
+    nodes: Array  # (C, 3) contact points that carry the place
+    weights: Array  # (C, 3) of these
+
+
 class ContactSolution(NamedTuple):
     """What contact does in one step."""
 
     forces: Array  # (P, 3) on the points, N
     iterations: int  # systems of equations solved
-    pairs: Array  # (C,) of those that took part: obstacle times P plus point
+    pairs: Array  # (C,) of those that took part: obstacle times P plus point, of points on the body itself O times P
     normals: Array  # (C, 3) theirs
     pair_forces: Array  # (C, 3) theirs, N
     obstacle_velocities: Array  # (O, 3), m/s
     normal_power: float | None  # Σ λ s of the pairs, W; None where there is no friction: then it is all
+    opposite: Opposite | None = None  # of a body that may touch itself
 
     @property
     def by_obstacle(self) -> Array:
         """Resultants on the body (O, 3), N."""
-        resultants = np.zeros(self.obstacle_velocities.shape)
+        resultants = np.zeros((len(self.obstacle_velocities) + 1, 3))
         np.add.at(resultants, self.pairs // len(self.forces), self.pair_forces)
-        return resultants
+        return resultants[:-1]
+
+    @property
+    def touched_points(self) -> Array:
+        """Those of the contact points that take part, (any,)."""
+        points = self.pairs % len(self.forces)
+        if self.opposite is None:
+            return points
+        return np.union1d(points, self.opposite.nodes[self.opposite.weights.any(axis=1)])
+
+    def relative(self, velocities: Array) -> Array:
+        """Of velocities (P, 3) of the points, how pairs (C, 3) move relative to what they touch, m/s."""
+        obstacle, point = np.divmod(self.pairs, len(velocities))
+        relative: Array = velocities[point] - np.concatenate([self.obstacle_velocities, np.zeros((1, 3))])[obstacle]
+        if self.opposite is None:
+            return relative
+        return relative - (self.opposite.weights[:, :, None] * velocities[self.opposite.nodes]).sum(axis=1)
 
     @property
     def touching(self) -> int:
@@ -136,9 +161,12 @@ class ContactSolution(NamedTuple):
 
     @property
     def normal_forces(self) -> Array:
-        """Of all obstacles together on each point, (P,), N."""
-        pressure = (self.pair_forces * self.normals).dot(_ONES)
-        return np.bincount(self.pairs % len(self.forces), weights=pressure, minlength=len(self.forces))
+        """Of all that touches it together on each point, (P,), N."""
+        pressure, P = (self.pair_forces * self.normals).dot(_ONES), len(self.forces)
+        pressing = np.bincount(self.pairs % P, weights=pressure, minlength=P)
+        if self.opposite is not None:
+            np.add.at(pressing, self.opposite.nodes, self.opposite.weights * pressure[:, None])
+        return pressing
 
     def work(self, velocity: Array, dt: float) -> ContactWork:
         """Where the work went.
@@ -168,6 +196,7 @@ def mean_contact(parts: Sequence[tuple[float, ContactSolution | None]]) -> Conta
     if not touched:
         return None
     power = [share * part.normal_power for share, part in touched if part.normal_power is not None]
+    opposite = [part.opposite for _, part in touched if part.opposite is not None]
     return ContactSolution(
         np.sum([share * part.forces for share, part in touched], axis=0),
         sum(part.iterations for _, part in touched),
@@ -176,6 +205,7 @@ def mean_contact(parts: Sequence[tuple[float, ContactSolution | None]]) -> Conta
         np.concatenate([share * part.pair_forces for share, part in touched]),
         touched[-1][1].obstacle_velocities,
         sum(power) if power else None,
+        Opposite(*map(np.concatenate, zip(*opposite, strict=True))) if opposite else None,
     )
 
 

@@ -1,10 +1,17 @@
 """Where obstacles can touch a body: its nodes, and points between them where an obstacle would pass through."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
+
+from fenics_rom.errors import SceneError, check_known
+from fenics_rom.mechanics.triangles import triangles_among
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.own_surface import OwnSurface
 
 NEARNESS = 0.05  # of the size of the contact surfaces: an obstacle that far away begins to matter
 MOST_BETWEEN = 700  # with more than these every step is slow; a finer mesh, or a smaller contact surface, is better
@@ -99,6 +106,36 @@ class ContactPoints:
         near = closest[best, bodies] < NEARNESS * self._size
         closer = closest[best, bodies] < closest[active, bodies] - HYSTERESIS * self._size
         return np.where(near & closer, best, active)
+
+    def own_surface(self, names: Sequence[str], triangles: Array) -> "OwnSurface | None":
+        """The surface of some contact modes, by their names, that touches itself; None without names.
+
+        Args:
+            names: of the modes.
+            triangles: of the surface of the body, between all nodes, (F, 3).
+
+        Raises:
+            SceneError: there is no such contact mode, or one has no area.
+        """
+        if not names:
+            return None
+        from fenics_rom.mechanics.own_surface import OwnSurface  # here, as few bodies touch themselves
+
+        where, own = "effects.contact.self_contact: ", dict[str, Array]()
+        surface_of = np.full(len(self.coordinates), "", dtype=object)
+        for name in names:
+            check_known("contact mode", name, self._names, SceneError, where)
+            own[name] = members = self._members[self._names.index(name)]
+            if not len(triangles_among(self.nodes[members[members < len(self.nodes)]], triangles)):
+                raise SceneError(
+                    f"{where}{name!r}: its contact points are no corners of triangles: allowed are contact modes whose "
+                    "surfaces have areas"
+                )
+            surface_of[members] = name
+        touching = np.unique(np.concatenate(list(own.values())))
+        nodes = touching[touching < len(self.nodes)]
+        among = nodes[triangles_among(self.nodes[nodes], triangles)]
+        return OwnSurface(self.coordinates, among, touching, surface_of.tolist())
 
     def describe_passing(self, radii: Mapping[str, float], triangles: Array, coordinates: Array) -> str:
         """What to say of obstacles that fit between the points; empty where none does.

@@ -40,7 +40,7 @@ from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled
 from fenics_rom.mechanics.contact_search import ContactSearch, TangentPlanes
 from fenics_rom.mechanics.followed_contact import Followed, LawToFollow, PairsMotion, follow_contact
 from fenics_rom.mechanics.obstacles import Obstacle
-from fenics_rom.mechanics.reach import out_of_reach, reach_of
+from fenics_rom.mechanics.reach import reach_of
 
 _ONES = np.ones(3)
 PENETRATION_TOLERANCE = 1e-9  # of the size of the body: as deep in an obstacle as round-off may have put a point
@@ -108,7 +108,7 @@ class ContactSolver:
         gaps = self.gaps(points.displacement, obstacles.start)
         if self.law.stiffness is not None:
             return np.arange(len(gaps))
-        reach = reach_of(points, obstacles, dt)
+        reach = self._reach(points, obstacles, dt)
         return np.flatnonzero(gaps <= 2 * reach) if gaps.min() <= reach else np.empty(0, dtype=int)
 
     def solve(
@@ -158,7 +158,7 @@ class ContactSolver:
                     return self.keep_followed(followed, motion.frames, lambda: (points, *known), *step)
                 chosen, beside = chosen | followed.missed, beside.beside(law.key, followed.solution.kept)
         is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
-        if not is_near and out_of_reach(gap, points, obstacles, dt):
+        if not is_near and gap > self._reach(points, obstacles, dt):
             self.pass_by()
             self.clear = gap
             return None
@@ -384,3 +384,7 @@ class ContactSolver:
                 part = delassus[rows[:, None], rows]
             self._operators = dict(list(self._operators.items())[1 - _MOST_KEPT :]) | {key: (active, Delassus(part))}
         return self._operators[key]
+
+    def _reach(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
+        """The largest gap, m, with which a pair of the rigid law can be due in a step of dt, s."""
+        return reach_of(points, obstacles, dt)

@@ -90,6 +90,7 @@ class Environment:
         loads: that act by signals of their own: gravity, base motions, prescribed forces; in the order of the columns.
         obstacles: by name.
         contact_law: how the body meets them; None where the scene names no contact.
+        self_contact: contact modes whose surfaces touch one another and themselves.
         residual_compliance: whether contact points yield beyond a reduced basis, where its model knows how.
         contact_switching: "automatic" (the contact mode follows the obstacles) or "scene" (the load history says).
         guides: with friction, by the names of the loads that it is, those of each tendon from its anchor on.
@@ -116,6 +117,7 @@ class Environment:
     loads: Mapping[str, Load] = field(default_factory=dict)
     obstacles: Mapping[str, MovingObstacle] = field(default_factory=dict)
     contact_law: "ContactLaw | None" = None
+    self_contact: tuple[str, ...] = ()
     residual_compliance: bool = True
     contact_switching: str = "automatic"
     guides: Mapping[str, Guide] = field(default_factory=dict)

@@ -187,7 +187,7 @@ def touch(
     def solved(free: Array, operator: Array) -> ContactSolution | None:
         # What touched in the step before is what obstacles push that accelerate.
         solver.search = solver.search._replace(residual=search_before.residual) if steady else search_before
-        motion = PointMotion(displacement, velocity, free)
+        motion = PointMotion(displacement, velocity, free, arms)
         return interface.solve(motion, operator, h, obstacles, settled=settled)
 
     for sweep in range(MOST_SWEEPS):
@@ -215,7 +215,7 @@ def touch(
                 rows = (3 * near[:, None] + np.arange(3)).ravel()
                 moved[rows] = actuated.moved(near, turn, arms[near], held.spread)
                 z, contact = held.solve_with(moved, W, free, forces, z, solved)
-            if contact is not None and len(near) < len(forces) and np.setdiff1d(contact.pairs % len(forces), near).size:
+            if contact is not None and len(near) < len(forces) and np.setdiff1d(contact.touched_points, near).size:
                 near, solver.search, contact, z = np.arange(len(forces)), search_before, before, z_before
                 continue  # others are reached, too
             if solver.search.residual != search_before.residual:
@@ -340,14 +340,14 @@ def _passive(contact: ContactSolution, velocities: Array) -> ContactSolution:
     Raises:
         StepError: they would do work on the body.
     """
-    obstacle, point = np.divmod(contact.pairs, len(velocities))
-    relative = velocities[point] - contact.obstacle_velocities[obstacle]
-    whole = float(contact.pair_forces.ravel().dot(relative.ravel()))
+    whole = float((contact.forces * velocities).sum() - (contact.by_obstacle * contact.obstacle_velocities).sum())
     if whole > 0:
         raise StepError("contact of a turning body: no forces were found that add no energy; a smaller dt is the cure")
     if contact.normal_power is None:
         return contact
-    pressures, speeds = ((part * contact.normals).sum(axis=1) for part in (contact.pair_forces, relative))
+    pressures, speeds = (
+        (part * contact.normals).sum(axis=1) for part in (contact.pair_forces, contact.relative(velocities))
+    )
     return contact._replace(normal_power=min(max(whole, float(pressures.dot(speeds))), 0.0))
 
 

@@ -1,6 +1,7 @@
 """What finds contact forces: compiled loops where there are any, else NumPy."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from numpy import ndarray as Array
 
@@ -9,9 +10,21 @@ from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Obstacle
 
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.own_surface import OwnSurface
 
-def make_contact_solver(points: Array, obstacles: Sequence[Obstacle], law: ContactLaw) -> ContactSolver:
-    """Of points (P, 3), m, and obstacles that meet by a law; compiled if all their shapes are."""
+
+def make_contact_solver(
+    points: Array, obstacles: Sequence[Obstacle], law: ContactLaw, own: "OwnSurface | None" = None
+) -> ContactSolver:
+    """Of points (P, 3), m, and obstacles that meet by a law; compiled if all their shapes are.
+
+    `own`: the surface of the body, if that touches itself.
+    """
+    if own is not None:
+        from fenics_rom.mechanics.self_contact import SelfContact  # here, as few bodies touch themselves
+
+        return SelfContact(points, obstacles, law, own)
     if not all(each.is_convex for each in obstacles):
         from fenics_rom.mechanics.mesh_contact import MeshContact  # here, as few scenes have meshes
 

@@ -32,6 +32,8 @@ class MeshContact(ContactSolver):
         obstacles: those that are given, and after them planes of the meshes that may be added in a step.
     """
 
+    _own = slice(0, 0)  # of all pairs those of the body with itself, where it touches itself
+
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
         given = tuple(obstacles)
         meshes = [number for number, each in enumerate(given) if not each.is_convex]
@@ -64,7 +66,7 @@ class MeshContact(ContactSolver):
         while True:
             self.search = begun
             contact = super().solve(points, delassus, dt, motion, quasi_static, settled, is_patient)
-            if self.law.stiffness is not None:
+            if self.law.stiffness is not None or not self._meshes:
                 break  # springs push along the way to the nearest place
             middle = points.free_velocity
             if contact is not None:
@@ -81,9 +83,10 @@ class MeshContact(ContactSolver):
     def _asked(self, gaps: Array, gap: float, obstacles: ObstacleMotion, dt: float, quasi_static: bool) -> Asked:
         """As in ContactSolver; and no point goes on through a plane that the step before did not foresee."""
         asked = super()._asked(gaps, gap, obstacles, dt, quasi_static)
-        if self.law.stiffness is not None:
+        if self.law.stiffness is not None or not self._meshes:
             return asked
         surface = np.minimum(-gaps / dt, 0.0)
+        surface[self._own] = -np.inf
 
         def kept_out(approach: Array, outwards: Array) -> NormalLaw:
             law = asked(approach, outwards)

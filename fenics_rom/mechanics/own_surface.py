@@ -5,18 +5,20 @@ behind a point of a thin wall is the wall's other side. What was apart at rest i
 where it was, and contact keeps it apart.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.surface_pairs import DEEPEST, Boxes, OnSurface, near_boxes, nearest_of, unit_normals
+from fenics_rom.mechanics.surface_pairs import DEEPEST, Border, Boxes, OnSurface, near_boxes, nearest_of, unit_normals
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 
 _WALL = 2 * DEEPEST  # of the longest side of a triangle's box: what is nearer at rest, and behind a point, is its wall
 _SLACK = 0.25  # of the longest side of boxes in which points are looked for: candidates last while less has moved
 _OPPOSITE = 0.9  # weight of a corner of a triangle in the place that is touched: more, and the corner is
-_FLAT = 1e-6  # of the distance: a point that is not more above a triangle is not in front of it
+_SAME = 1e-9  # of the longest side of triangles' boxes: what is nearer is in the same place
+_FLAT = 1e-6  # of the distance: a point that is not more above a triangle, or below one that it faces, is in its plane
 
 
 class _Known(NamedTuple):
@@ -36,30 +38,44 @@ class OwnSurface:
         points: at rest (n, 3), m.
         triangles: (t, 3) rows of points, counterclockwise from outside.
         touching: rows of the points that may touch.
+        names: of the surfaces that points are on, (n,).
 
     Attributes:
-        triangles: as given.
+        triangles, names: as given.
     """
 
-    def __init__(self, points: Array, triangles: Array, touching: Array):
-        self.triangles, self._touching = triangles, touching
+    def __init__(self, points: Array, triangles: Array, touching: Array, names: Sequence[str]):
+        self.triangles, self._touching, self.names = triangles, touching, names
         self._known: _Known | None = None
         self._count, (corner, owner) = len(triangles), (triangles.ravel(), np.repeat(np.arange(len(triangles)), 3))
         inside = np.setdiff1d(touching, corner)  # of triangles
         carrier = _nearest_triangles(points[inside], points[triangles])
         self._point, self._triangle = np.concatenate([corner, inside]), np.concatenate([owner, carrier])
         beside = _beside(self._point, self._triangle, triangles)
+        self._border = _border(triangles, len(points))
         self._left_out = np.unique(np.concatenate([beside, self._behind(points)]))
 
     def _behind(self, points: Array) -> Array:
-        """Keys of points and triangles that are near at rest, where the point is not in front."""
+        """Keys of points and triangles that are near at rest, where the point is not in front.
+
+        What lies on one another at rest is no wall: points in the plane of a triangle that they face.
+        """
         boxes = Boxes.about(points[self.triangles.T])
         wall = _WALL * boxes.size
         row, triangle = near_boxes(points[self._touching], boxes.wider(wall))
-        row, corners = self._touching[row], points[self.triangles[triangle]]
-        offsets = points[row] - nearest_on_triangles(points[row], corners)[1]
-        above, away = (offsets * unit_normals(corners)).sum(axis=1), np.linalg.norm(offsets, axis=1)
-        return self._keys(row, triangle)[(away <= wall) & (above <= _FLAT * away)]
+        row, corners, normals = self._touching[row], points[self.triangles], unit_normals(points[self.triangles])
+        faces = np.einsum("ij,ij->i", self._outwards(normals)[row], normals[triangle]) < 0
+        offsets = points[row] - nearest_on_triangles(points[row], corners[triangle])[1]
+        above, away = (offsets * normals[triangle]).sum(axis=1), np.linalg.norm(offsets, axis=1)
+        front = np.where(faces, -1, 1) * np.maximum(_FLAT * away, _SAME * boxes.size)
+        return self._keys(row, triangle)[(away <= wall) & (above <= front)]
+
+    def _outwards(self, normals: Array) -> Array:
+        """Outward vectors (n, 3) of points, of any length, by normals (t, 3) of the triangles."""
+        outwards = np.zeros((len(self.names), 3))
+        for k in range(3):
+            outwards[:, k] = np.bincount(self._point, normals[self._triangle, k], len(outwards))
+        return outwards
 
     def _keys(self, row: Array, triangle: Array) -> Array:
         return row * self._count + triangle
@@ -75,7 +91,8 @@ class OwnSurface:
         reach = DEEPEST * boxes.size
         row, triangle = self._facing(points, boxes.wider(margin + reach), normals)
         of_these = self.triangles[triangle], corners[:, triangle].transpose(1, 0, 2), normals[triangle]
-        found = nearest_of(points, row, *of_these, boxes.size, margin, reach)
+        border = Border(*(part[triangle] for part in self._border))
+        found = nearest_of(points, row, *of_these, boxes.size, margin, reach, border)
         best = found.weights.argmax(axis=1)[:, None]
         opposite = np.take_along_axis(found.nodes, best, axis=1)[:, 0]
         is_at = np.take_along_axis(found.weights, best, axis=1)[:, 0] > _OPPOSITE
@@ -93,10 +110,7 @@ class OwnSurface:
         row, triangle = self._candidates(points, boxes)
         held = ((points[row] >= boxes.low[triangle]) & (points[row] <= boxes.high[triangle])).all(axis=1)
         row, triangle = row[held], triangle[held]
-        outwards = np.zeros(points.shape)  # of points, of any length
-        for k in range(3):
-            outwards[:, k] = np.bincount(self._point, normals[self._triangle, k], len(points))
-        faces = np.einsum("ij,ij->i", outwards[row], normals[triangle]) < 0
+        faces = np.einsum("ij,ij->i", self._outwards(normals)[row], normals[triangle]) < 0
         return row[faces], triangle[faces]
 
     def _candidates(self, points: Array, boxes: Boxes) -> tuple[Array, Array]:
@@ -126,6 +140,16 @@ def _nearest_triangles(points: Array, corners: Array) -> Array:
         feet = nearest_on_triangles(np.broadcast_to(point, (len(corners), 3)), corners)[1]
         nearest[k] = ((feet - point) ** 2).sum(axis=1).argmin()
     return nearest
+
+
+def _border(triangles: Array, points: int) -> Border:
+    """What of triangles (t, 3) between so many points is on the border of their surface."""
+    sides = np.sort(triangles[:, [[1, 2], [2, 0], [0, 1]]], axis=2)
+    _, side, count = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True)
+    alone = (count[side.ravel()] == 1).reshape(-1, 3)
+    at_border = np.zeros(points, dtype=bool)
+    at_border[sides[alone]] = True
+    return Border(alone, at_border[triangles])
 
 
 def _beside(point: Array, triangle: Array, triangles: Array) -> Array:

@@ -7,11 +7,6 @@ import numpy as np
 from fenics_rom.mechanics.contact import ObstacleMotion, PointMotion
 
 
-def out_of_reach(gap: float, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> bool:
-    """Whether in a step of dt, s, no pair of the rigid law can be due, if the smallest gap is this, m."""
-    return gap > reach_of(points, obstacles, dt)
-
-
 def reach_of(points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
     """The largest gap, m, with which a pair of the rigid law can be due in a step of dt, s.
 

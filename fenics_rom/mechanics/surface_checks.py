@@ -1,10 +1,14 @@
 """What a surface of triangles has to be, to be an obstacle: each refusal says where, and how deep or how many."""
 
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.triangle_surface import TriangleSurface
+from fenics_rom.mechanics.triangles import nearest_on_triangles
 
 MOST_TRIANGLES = 2_000_000
 FLATTEST = 1e-12  # height of a triangle over its longest side, from which on it has a normal
@@ -73,16 +77,73 @@ def _check_sides(surface: TriangleSurface) -> None:
 
 def _check_crossings(surface: TriangleSurface) -> None:
     """Refuses a surface whose edges go through its triangles."""
+    found = crossings(surface)
+    if found is not None:
+        raise SceneError(
+            f"mesh: goes through itself at {found.places} places, by {found.depth:.3g} m at {_place(found.place)}; "
+            "allowed is a surface that does not meet itself"
+        )
+
+
+def check_apart(nodes: Array, triangles: Array, surfaces: Mapping[str, Array], names: Collection[str]) -> None:
+    """Checks that a body with some surfaces that touch themselves does not go through itself at rest.
+
+    Args:
+        nodes: of the body, (N, 3), m.
+        triangles: of its surface, (F, 3).
+        surfaces: nodes of named surfaces, (any,) each.
+        names: of those that touch themselves; without any nothing is checked.
+
+    Raises:
+        SceneError: it does; it says which surfaces, where, and how deep.
+    """
+    if not names:
+        return
+    surface = TriangleSurface(nodes, triangles)
+    found = crossings(surface)
+    if found is None:
+        return
+    heights, _ = surface.planes(np.repeat(found.number, 2), nodes[found.edge])
+    inner = found.edge[heights.argmin()]
+    others = (triangles != inner).all(axis=1).nonzero()[0]
+    feet = nearest_on_triangles(np.broadcast_to(nodes[inner], (len(others), 3)), nodes[triangles[others]])[1]
+    depths = np.linalg.norm(nodes[inner] - feet, axis=1)
+    depths[((nodes[inner] - feet) * surface.normals[others]).dot(_ONES) >= 0] = np.inf
+    nearest = depths.argmin()
+
+    def name_of(rows: Array) -> str:
+        on = (f"surface {name!r}" for name in names if np.isin(rows, surfaces[name]).all())
+        return next(on, "the rest of the surface")
+
+    raise SceneError(
+        f"effects.contact.self_contact: {name_of(inner)} begins {depths[nearest]:.3g} m inside "
+        f"{name_of(triangles[others[nearest]])}, at {_place(nodes[inner])} m: allowed is a body that does not go "
+        "through itself at rest"
+    )
+
+
+class Crossings(NamedTuple):
+    """Where edges of a surface go through its triangles."""
+
+    places: int  # how many
+    depth: float  # of the deepest, m
+    place: Array  # (3,) where it is, m
+    edge: Array  # (2,) its vertices
+    number: int  # of the triangle
+
+
+def crossings(surface: TriangleSurface) -> Crossings | None:
+    """The places where a surface goes through itself by more than round-off; None: it does not."""
     ends = surface.vertices[surface.edges]
     edge, triangle, depth, at = surface.pierced(ends[:, 0], ends[:, 1])
     apart = (surface.triangles[triangle][:, :, None] != surface.edges[edge][:, None]).all(axis=(1, 2))
     wrong = (apart & (depth > TOUCHING * surface.size)).nonzero()[0]
-    if len(wrong):
-        deepest = wrong[depth[wrong].argmax()]
-        raise SceneError(
-            f"mesh: goes through itself at {len(wrong)} places, by {depth[deepest]:.3g} m at {_place(at[deepest])}; "
-            "allowed is a surface that does not meet itself"
-        )
+    if not len(wrong):
+        return None
+    deepest = wrong[depth[wrong].argmax()]
+    return Crossings(
+        len(wrong), float(depth[deepest]), at[deepest], surface.edges[edge[deepest]], int(triangle[deepest])
+    )
 
 
 def _place(x: Array) -> list[float]:

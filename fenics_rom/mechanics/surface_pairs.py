@@ -16,6 +16,7 @@ SIDEWAYS = 0.5  # cosine: points behind a triangle that are farther to its side 
 ON_IT = (
     1e-3  # of that side: points so near are on the triangle, as far above as its normal says, also beside its border
 )
+BORDER = 0.1  # of that side: as far a surface that touches itself goes on beyond its border, where opposite edges slide
 MORE_ABOVE = 1e-6  # of how far a point is above or below a triangle: by so much that one counts as nearer
 
 _FEW = 1 << 14  # pairs of a point and a box: so many are all looked at
@@ -72,8 +73,23 @@ def points_near(first: PlacedSurface, second: PlacedSurface, margin: float) -> O
     return nearest_of(first.points, row, second.triangles[triangle], near, normals, boxes.size, margin, reach)
 
 
+class Border(NamedTuple):
+    """What of triangles (k,) is on the border of a surface."""
+
+    sides: Array  # (k, 3) those opposite to corners
+    corners: Array  # (k, 3)
+
+
 def nearest_of(
-    points: Array, row: Array, nodes: Array, corners: Array, normals: Array, size: float, margin: float, reach: float
+    points: Array,
+    row: Array,
+    nodes: Array,
+    corners: Array,
+    normals: Array,
+    size: float,
+    margin: float,
+    reach: float,
+    border: Border | None = None,
 ) -> OnSurface:
     """Of points and triangles (k,) that may be near one another, those that are: of each point the nearest triangle.
 
@@ -84,6 +100,7 @@ def nearest_of(
         size: of the longest side of a triangle's box, m.
         margin: m, at most, of points outside.
         reach: m, at most, of points inside.
+        border: of a surface that goes on a little beyond; None: it does not.
     """
     points = points[row]
     weights, feet = nearest_on_triangles(points, corners)
@@ -94,9 +111,14 @@ def nearest_of(
     ordered = row[order]
     best = order[np.concatenate([ordered[:1] >= 0, ordered[1:] != ordered[:-1]])]
     away, above = away[best], above[best]
-    is_on = away <= ON_IT * size
+    is_on = is_flat = away <= ON_IT * size
     kept = is_on | np.where(above >= 0, away <= margin, (above < -SIDEWAYS * away) & (away <= reach))
-    best, away, above, clear = best[kept], away[kept], above[kept], ~is_on[kept]
+    if border is not None:
+        share = weights[best]
+        is_beside = ((share == 0) & border.sides[best] | (share == 1) & border.corners[best]).any(axis=1)
+        is_flat = is_on | (is_beside & (away * away - above * above <= (BORDER * size) ** 2))
+        kept |= is_flat & (above <= margin) & (above >= -reach)
+    best, away, above, clear = best[kept], away[kept], above[kept], ~is_flat[kept]
     normals, gaps = normals[best], np.where(clear, np.copysign(away, above), above)
     normals[clear] = (1 / gaps[clear])[:, None] * offsets[best][clear]
     return OnSurface(row[best], nodes[best], weights[best], feet[best], normals, gaps)

@@ -1,4 +1,4 @@
-"""Points nearest on triangles."""
+"""Points nearest on triangles, and triangles among points."""
 
 import numpy as np
 from numpy import ndarray as Array
@@ -18,6 +18,14 @@ def nearest_on_triangles(points: Array, corners: Array) -> tuple[Array, Array]:
     if len(beyond):
         weights[beyond] = _nearest_on_edges(points[beyond], corners[beyond])
     return weights, (weights[:, :, None] * corners).sum(axis=1)
+
+
+def triangles_among(nodes: Array, triangles: Array) -> Array:
+    """Those of triangles (t, 3) that lie among some nodes, as rows of these."""
+    row = np.full(max(nodes.max(initial=-1), triangles.max(initial=-1)) + 1, -1)
+    row[nodes] = np.arange(len(nodes))
+    among = row[triangles]
+    return among[(among >= 0).all(axis=1)]
 
 
 def _nearest_on_edges(points: Array, corners: Array) -> Array:

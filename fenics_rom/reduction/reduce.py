@@ -17,6 +17,7 @@ from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.mechanics.load_history import check_width
 from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
+from fenics_rom.mechanics.surface_checks import check_apart
 from fenics_rom.reduction.balancing import choose_order, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.common_basis import CommonBasis
@@ -218,7 +219,12 @@ def _require_start(system: System) -> None:
         name = load.contact or str(load.actuator)
         if name in columns:
             check_width(load, columns[name].shape[1], f"{environment.source}: run.load: {name!r}")
-    if not environment.obstacles or environment.contact_law is None or not system.contact_points:
+    if environment.contact_law is None or not system.contact_points:
+        return
+    body, touching = system.body, environment.self_contact
+    system.points_of_contact().own_surface(touching, body.triangles)
+    check_apart(body.nodes, body.triangles, body.contact_surfaces, touching)
+    if not environment.obstacles:
         return
     points = system.points_of_contact().coordinates
     shapes, offsets = zip(*((o.shape, o.displacement(0.0)) for o in environment.obstacles.values()), strict=True)

@@ -11,6 +11,7 @@ loads/NAME/                  loads with signals of their own; columns (1,) and a
     values (w,) or (T, w)    in the unit of the input
     times (T,) s             where values change
 obstacles/NAME/              attribute `shape`; what describes it (point, normal, ..., vertices), and a signal, m
+self_contact/                attributes NAME, yes, of contact modes; absent where the body does not touch itself
 viscoelasticity/             ratios (b,), times (b,) s; absent where the material is elastic
 contact_law/                 restitution, friction (1,); stiffness N/m, damping N s/m (1,); absent without contact
 run/                         dt, duration (1,) s, snapshots (1,), every (1,); attribute detail, absent where
@@ -82,7 +83,7 @@ GUIDE = {"friction": Entry("1", (1,)), "angle": Entry("rad", (1,))}
 SERIES = {"ratios": Entry("1", ("b",)), "times": Entry("s", ("b",))}
 GROUPS = (
     *("base_path", "effects", "built_in", "controls", "guides", "loads", "obstacles", "viscoelasticity"),
-    *("contact_law", "run"),
+    *("contact_law", "self_contact", "run"),
 )
 COLUMNS = {"columns": Entry("1", (1,), "i")}
 
@@ -122,6 +123,8 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
     law, run = environment.contact_law, environment.run
     if law is not None:
         put_arrays(group.create_group("contact_law"), LAW, {}, vars(law))
+    if environment.self_contact:
+        put_text(group.create_group("self_contact", track_order=True), **dict.fromkeys(environment.self_contact, YES))
     if run is not None:
         part = group.create_group("run")
         if run.detail != "full":
@@ -160,6 +163,7 @@ def take_environment(h5: h5py.File) -> Environment:
         loads={name: _load(get_group(loads, name)) for name in loads},
         obstacles={name: _obstacle(get_group(obstacles, name)) for name in obstacles},
         contact_law=_law(get_group(group, "contact_law")) if "contact_law" in group else None,
+        self_contact=tuple(get_group(group, "self_contact").attrs) if "self_contact" in group else (),
         residual_compliance="residual_compliance" not in group.attrs,
         contact_switching=switching,
         guides=_guides(get_group(group, "guides")) if "guides" in group else {},

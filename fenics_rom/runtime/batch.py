@@ -287,6 +287,7 @@ def _why_one_by_one(rom: Rom) -> str:
         "contact with large deformation": law is not None and body is not None,
         "materials of large deformation with several damping ratios": body is not None and np.ptp(body.viscosity) > 0,
         "an obstacle that is not convex": not all(each.shape.is_convex for each in acting.obstacles.values()),
+        "contact of a body with itself": bool(acting.self_contact),
         "contact by springs": law is not None and law.stiffness is not None,
         "contact without residual compliance": law is not None and not definite,
     }

@@ -24,7 +24,7 @@ def check_consistency(file: SceneFile) -> None:
     if not file.contacts:
         raise SceneError("contacts: at least one contact mode is needed, as [contacts.NAME]")
     _check_together(file)
-    _check_effects(file.effects, file.actuators)
+    _check_effects(file.effects, file.contacts, file.actuators)
     _check_frame(file)
     for k, held in enumerate(file.supports.held):
         if held.normal is not None and not any(held.normal):
@@ -136,7 +136,7 @@ def _check_marker(reading: ReadingEntry, frame: str, where: str) -> None:
         raise SceneError(f"{where}: allowed with frame = 'moving' are outputs.NAME.markers, which the frame carries")
 
 
-def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
+def _check_effects(effects: Effects, contacts: Collection[str], actuators: Mapping[str, Any]) -> None:
     for name in effects.names:
         for needed in EFFECTS[name].law.needs:
             if needed not in effects.names:
@@ -173,7 +173,7 @@ def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
         except ValueError as error:
             raise SceneError(f"effects.large_deformation.constants: {error}") from None
     if effects.contact is not None:
-        _check_contact(effects.contact, has_inertia=effects.inertia is not None)
+        _check_contact(effects.contact, contacts, has_inertia=effects.inertia is not None)
 
 
 def _check_branches(viscous: Viscoelasticity) -> None:
@@ -248,9 +248,14 @@ def check_meshes(file: SceneFile) -> None:
             obstacle_of(described, f"effects.contact.obstacles.{name}")
 
 
-def _check_contact(contact: Contact, *, has_inertia: bool) -> None:
-    if not contact.obstacles:
-        raise SceneError("effects.contact.obstacles: at least one is needed, as [effects.contact.obstacles.NAME]")
+def _check_contact(contact: Contact, contacts: Collection[str], *, has_inertia: bool) -> None:
+    if not (contact.obstacles or contact.self_contact):
+        raise SceneError(
+            "effects.contact.obstacles: at least one is needed, as [effects.contact.obstacles.NAME]; or self_contact, "
+            "of a body that touches itself"
+        )
+    for name in contact.self_contact:
+        check_known("contact mode", name, contacts, SceneError, "effects.contact.self_contact: ")
     for name, described in contact.obstacles.items():
         obstacle_of(described, f"effects.contact.obstacles.{name}")
     penalty = contact.method == "penalty"

@@ -284,13 +284,16 @@ class RigidObstacle:
 
 @dataclass(frozen=True, kw_only=True)
 class Contact:
-    """Contact with rigid obstacles, without friction where none is named."""
+    """Contact with rigid obstacles and of the body with itself, without friction where none is named."""
 
     LAW: ClassVar = Law(
-        force="λ ≥ 0 along the normals of rigid obstacles, with λ = 0 or a gap that does not close",
+        force="λ ≥ 0 along the normals of what is touched, with λ = 0 or a gap that does not close",
         dissipates="what restitution below 1 takes in an impact",
         supplies="the work of moving obstacles",
-        changing=("restitution", "method", "stiffness", "damping", "switching", "obstacles", "residual_compliance"),
+        changing=(
+            *("restitution", "method", "stiffness", "damping", "switching", "self_contact", "obstacles"),
+            "residual_compliance",
+        ),
     )
     restitution: Annotated[
         float, Number(at_least=0.0, at_most=1.0), "part of the approaching speed that an impact gives back"
@@ -317,12 +320,19 @@ class Contact:
         Flag(),
         "whether contact points of a reduced model keep the compliance that its basis lacks; false to compare",
     ] = True
-    obstacles: Annotated[Mapping[Name, RigidObstacle], "at least one"]
+    self_contact: Annotated[
+        tuple[Annotated[str, Text()], ...],
+        Items(),
+        "contact modes whose surfaces touch one another and themselves, as folds and fingers of one body do",
+    ] = ()
+    obstacles: Annotated[Mapping[Name, RigidObstacle], "at least one, where there is no self_contact"] = field(
+        default_factory=dict
+    )
 
 
 @dataclass(frozen=True)
 class Friction:
-    """Dry friction with all obstacles."""
+    """Dry friction with all that is touched."""
 
     LAW: ClassVar = Law(
         force="Coulomb's, at most μ λ, against sliding",

@@ -54,6 +54,7 @@ def environment_of(effects: Effects, frame: str, run: Run | None, source: str) -
             for name, described in obstacles.items()
         },
         contact_law=None if contact is None else _contact_law(effects),
+        self_contact=() if contact is None else contact.self_contact,
         residual_compliance=contact is None or contact.residual_compliance,
         contact_switching="automatic" if contact is None else contact.switching,
         guides=guides_of(effects),

@@ -33,7 +33,7 @@ def acting_in_world(rom: Rom) -> tuple[Rom, Environment, tuple[str, ...]]:
             f"its scene has springs of {law.stiffness:g} N/m at its contact points (effects.contact.method = "
             "'penalty'); bodies of a world meet by the rigid law, without these"
         )
-    return rom, replace(acting, obstacles={}, run=None, contact_law=ContactLaw()), tuple(said)
+    return rom, replace(acting, obstacles={}, self_contact=(), run=None, contact_law=ContactLaw()), tuple(said)
 
 
 def _with_points(rom: Rom) -> Rom:

@@ -19,9 +19,10 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, check_known, shown
 from fenics_rom.mechanics.signals import real_numbers_or_nan
+from fenics_rom.mechanics.triangles import triangles_among
 from fenics_rom.world.bodies import Body, Points
 from fenics_rom.world.soft import CLOSED, Soft
-from fenics_rom.world.surfaces import hold_surface, is_rigid, soft_points, triangles_among
+from fenics_rom.world.surfaces import hold_surface, is_rigid, soft_points
 
 KINDS = ("ball", "hinge", "weld")
 HELD_BY_WELD = 6  # motions of a surface as a whole

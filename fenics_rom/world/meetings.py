@@ -86,7 +86,8 @@ def make_meetings(
     Args:
         bodies: by name.
         law: of all.
-        pairs: other laws of two bodies, by their names; of a soft body with itself, which touches itself by this alone.
+        pairs: other laws of two bodies, by their names; of a soft body with itself, which touches itself by this, or as
+            its scene has self_contact.
         apart: groups of names of bodies that do not touch.
 
     Raises:
@@ -106,10 +107,16 @@ def make_meetings(
         if touch and not (one.is_driven and other.is_driven):
             meetings.append(Meeting(a, b, (first, second), laws.get(both, law), size))
     return meetings + [
-        Meeting(k, k, (name, name), laws[frozenset([name])], body.size, own=_own_surface(name, body))
+        Meeting(k, k, (name, name), laws.get(frozenset([name]), law), body.size, own=_own_surface(name, body))
         for k, (name, body) in enumerate(bodies.items())
         if frozenset([name]) in laws
+        or (len(bodies) > 1 and isinstance(body, Soft) and body.rom.environment.self_contact)
     ]
+
+
+def _scene_says_so(body: Body) -> bool:
+    """Whether a body touches itself by its scene; one without others is a Simulator, and does it by itself."""
+    return isinstance(body, Soft) and bool(body.rom.environment.self_contact)
 
 
 def _own_surface(name: str, body: Body) -> OwnSurface:
@@ -119,8 +126,10 @@ def _own_surface(name: str, body: Body) -> OwnSurface:
         raise SceneError(
             f"pairs: {name!r} with itself: {why}: allowed is a soft body whose contact surfaces have areas"
         )
-    points = body.contact_coordinates
-    return OwnSurface(points, body.contact_triangles, np.arange(len(points)))
+    points, interface = body.contact_coordinates, body.integrator.interface
+    assert interface is not None
+    named = interface.points.own_surface(body.rom.environment.self_contact, body.rom.triangles)
+    return named or OwnSurface(points, body.contact_triangles, np.arange(len(points)), [name] * len(points))
 
 
 def _laws(pairs: Mapping[tuple[str, str], ContactLaw], bodies: Mapping[str, Body]) -> dict[frozenset[str], ContactLaw]:

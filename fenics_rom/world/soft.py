@@ -23,6 +23,7 @@ from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.frame_geometry import turned_operator
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.surface_pairs import PlacedSurface
+from fenics_rom.mechanics.triangles import triangles_among
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
@@ -35,7 +36,7 @@ from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Body, Points
 from fenics_rom.world.carriers import Carriers
 from fenics_rom.world.driven import Driven, mounted
 from fenics_rom.world.handed_forces import Handed, HandedForces, handed, handed_in
-from fenics_rom.world.surfaces import nearest_carriers, soft_points, triangles_among
+from fenics_rom.world.surfaces import nearest_carriers, soft_points
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.signals import SignalLike
@@ -74,8 +75,7 @@ class Soft(Simulator, Body):
         acting = rom.environment
         self.touches, self.has_inertia = acting.contact_law is not None, acting.has_inertia
         self._said: tuple[str, ...] = ()
-        self.name, self.carrier, self._fixed = name, carrier, not acting.is_moving
-        self._held_at = pose
+        self.name, self.carrier, self._fixed, self._held_at = name, carrier, not acting.is_moving, pose
         self._at: Array = pose.position if self._fixed else np.zeros(3)
         self._R: Array = rotation_matrix(pose.rotation) if self._fixed else np.eye(3)
         if is_alone:

@@ -116,14 +116,6 @@ def nearest_carriers(places: Array, own: Array, triangles: Array, near: float) -
     return nodes, weights, gaps
 
 
-def triangles_among(nodes: Array, triangles: Array) -> Array:
-    """Those of triangles (t, 3) that lie among some nodes, as rows of these."""
-    row = np.full(max(nodes.max(initial=-1), triangles.max(initial=-1)) + 1, -1)
-    row[nodes] = np.arange(len(nodes))
-    among = row[triangles]
-    return among[(among >= 0).all(axis=1)]
-
-
 def soft_points(nodes: Array, weights: Array) -> Points:
     """Of joints at points (j, 3) of a soft body that contact points (j, c) carry."""
     return Points(nodes, weights, np.zeros((len(nodes), 3)), np.zeros(len(nodes), bool))

@@ -18,7 +18,6 @@ from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.make_contact_solver import make_contact_solver
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
-from fenics_rom.mechanics.reach import out_of_reach
 
 G = 9.81  # m/s²
 FLOOR = HalfSpace((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -555,11 +554,12 @@ def test_what_is_due_is_never_out_of_reach(seed, e, share, quasi_static):
     gap = share * h * (2 * abs(free - w) + abs(v) / 2 + max(abs(w), abs(w_before)))
     motion = ObstacleMotion(np.zeros((1, 3)), h * w * n[None], w_before * n[None])
     points = PointMotion(np.zeros((1, 3)), v * n[None], free * n[None])
-    solver = ContactSolver(gap * n[None], [HalfSpace((0.0, 0.0, 0.0), n)], ContactLaw(restitution=e, friction=0.3))
+    far, floor = h * 10 * np.abs(along).sum(), HalfSpace((0.0, 0.0, 0.0), n)
+    solver, apart = (ContactSolver(d * n[None], [floor], ContactLaw(e, 0.3)) for d in (gap, far))
     solver.search = ContactSearch(np.ones((1, 3)))
     if solver.solve(points, np.eye(3), h, motion, quasi_static) is not None:
-        assert not out_of_reach(gap, points, motion, h)
-    assert out_of_reach(h * 10 * np.abs(along).sum(), points, motion, h)
+        assert len(solver.within_reach(points, h, motion))
+    assert not len(apart.within_reach(points, h, motion))
 
 
 def test_asked_again_in_a_step_the_law_is_the_same():

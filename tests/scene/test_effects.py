@@ -228,7 +228,7 @@ MISTAKES = {
         "effects.tendon.push: the name is taken by effects.prescribed.push"
     ),
     '[effects.prescribed.gravity]\nsurface = "right"': "prescribed.gravity: the name is taken by effects.gravity",
-    f"{INERTIA}contact = {{}}": "effects.contact: obstacles is missing",
+    f"{INERTIA}contact = {{}}": "effects.contact.obstacles: at least one is needed, as [effects",
     f"{INERTIA}contact = {{ obstacles = {{}} }}": "effects.contact.obstacles: at least one is needed",
     f"[effects.contact]\nbounce = 1\n{FLOOR}": "effects.contact: no key 'bounce'; there is damping, method, obstacles",
     f'[effects.contact]\nmethod = "penalty"\n{FLOOR}': "effects.contact.stiffness is missing: the spring of method",

@@ -4,7 +4,8 @@ import warnings
 
 import numpy as np
 import pytest
-from bodies import box_arrays, scene_text, write_arrays
+from bodies import scene_text, write_arrays
+from forks import CLAMPED, LONG, ROPE, cleft, pressed, prongs
 from test_soft_motion import LIES, momenta
 
 import fenics_rom as fr
@@ -15,50 +16,8 @@ from fenics_rom.scene.file import parse_scene
 from fenics_rom.world.shapes import Box, HalfSpace
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
-LONG, WIDE, HIGH, GAP = 0.1, 0.02, 0.01, 2e-3  # m, of a prong, and between the two of a fork
 FAR = 'shape = "half-space"\npoint = [0.0, 0.0, -10.0]\nnormal = [0.0, 0.0, 1.0]'
 ITSELF = ("fork", "fork")
-
-
-def prongs(bricks, upper_alone=False):
-    """Points, tetrahedra and faces of two prongs along x, mirrored at z = 0, or of the upper one."""
-    points, cells = box_arrays((LONG, WIDE, HIGH), bricks)
-    points = points + np.array([0.0, -WIDE / 2, GAP / 2])
-    if not upper_alone:
-        cells = np.concatenate([cells, cells[:, [0, 1, 3, 2]] + len(points)])
-        points = np.concatenate([points, points * [1, 1, -1]])
-    return points, cells, faces_of(points, cells)
-
-
-def cleft(bricks, backs):
-    """The same of a block of an odd number of layers, whose middle one is there at its back alone: joined prongs."""
-    points, cells = box_arrays((LONG, WIDE, 2 * HIGH + GAP), bricks)
-    points[:, 1] -= WIDE / 2
-    half = bricks[2] // 2  # layers of each prong
-    layer = np.round(points[:, 2] / (2 * HIGH + GAP) * bricks[2])
-    points[:, 2] = (
-        np.where(layer <= half, -HIGH, GAP) - GAP / 2 + np.where(layer <= half, layer, layer - half - 1) * HIGH / half
-    )
-    middle = points[cells].mean(axis=1)
-    kept = (np.abs(middle[:, 2]) > GAP / 2) | (middle[:, 0] < backs * LONG / bricks[0])
-    used, row = np.unique(cells[kept], return_inverse=True)
-    points, cells = points[used], row.reshape(-1, 4)
-    return points, cells, faces_of(points, cells)
-
-
-def faces_of(points, cells):
-    """Triangles of the whole skin, of the left end, of what faces the plane z = 0, and above and below."""
-    every = np.sort(cells[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1)
-    faces, count = np.unique(every, axis=0, return_counts=True)
-    skin = faces[count == 1]
-    x, z = points[skin, 0], points[skin, 2]
-    return {
-        "skin": skin,
-        "left": skin[np.isclose(x, 0).all(axis=1)],
-        "inside": skin[np.isclose(np.abs(z), GAP / 2).all(axis=1)],
-        "above": skin[np.isclose(z, HIGH + GAP / 2).all(axis=1)],
-        "below": skin[np.isclose(z, -HIGH - GAP / 2).all(axis=1)],
-    }
 
 
 def rom_of(folder, mesh, frame="fixed", order=None, **parts):
@@ -78,15 +37,6 @@ def rom_of(folder, mesh, frame="fixed", order=None, **parts):
         if order is None:
             return fr.reduce(system, order=system.elastic_size, method="modal")
         return fr.reduce(system, order=order)
-
-
-def pressed(*names):
-    return {f"effects.pressure.{name}": f'surface = "{name}"' for name in names}
-
-
-ENDS = [[0.9 * LONG, 0.0, side * (HIGH + GAP / 2)] for side in (1, -1)]
-ROPE = {"effects.tendon.rope": f"points = {ENDS}"}
-CLAMPED = {"supports": 'clamped = ["left"]'}
 
 
 def test_mirrored_prongs_meet_as_one_meets_a_wall(tmp_path):
@@ -165,7 +115,7 @@ def test_what_is_pressed_on_itself_stays_outside(tmp_path):
     world = fr.World({"fork": fr.SoftBody(rom)}, 1e-3, pairs={ITSELF: ContactLaw(friction=0.4)})
     body, deepest = world.simulator("fork"), 0.0
     points = body.contact_coordinates
-    own = OwnSurface(points, body.contact_triangles, np.arange(len(points)))
+    own = OwnSurface(points, body.contact_triangles, np.arange(len(points)), ["fork"] * len(points))
     for step in range(200):
         world.step({"fork": {"rope": min(20.0, 0.2 * step)}})
         body.begin(0.0)
@@ -175,41 +125,6 @@ def test_what_is_pressed_on_itself_stays_outside(tmp_path):
     assert np.count_nonzero(forces.any(axis=1)) == world.touching
     assert (places[forces.any(axis=1), 0] > 0.5 * LONG).all()  # where the rope is
     assert deepest >= -1e-3 * LONG  # 1e-4: points whose opposite one has the pair are as deep as faces tilt
-
-
-def skin_of(points, cells):
-    """Triangles of the skin of tetrahedra, counterclockwise from outside."""
-    faces = cells[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3)
-    inner = points[cells].mean(axis=1).repeat(4, axis=0)
-    (a, b, c), keys = np.moveaxis(points[faces], 1, 0), np.sort(faces, axis=1)
-    turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - inner) < 0
-    faces[turned] = faces[turned][:, [0, 2, 1]]
-    _, row, count = np.unique(keys, axis=0, return_index=True, return_counts=True)
-    return faces[row[count == 1]]
-
-
-def test_pairs_are_of_what_faces_a_point_and_is_no_wall():
-    """Of a thin plate none touches its other side; of a cleft block points touch across the cleft alone."""
-    plate, block = box_arrays((0.1, 0.05, 1e-3), (8, 4, 1)), cleft((6, 2, 3), 1)[:2]
-    for (points, cells), touch in ((plate, False), (block, True)):
-        triangles = skin_of(points, cells)
-        found = OwnSurface(points, triangles, np.arange(len(points))).near(points, 1.5 * GAP)
-        across = np.isclose(np.abs(points[:, 2]), GAP / 2) & (points[:, 0] > 1.5 * LONG / 6) if touch else []
-        assert len(found.gaps) == np.count_nonzero(across) / 2  # points are opposite to one another
-        assert set(np.flatnonzero(across)) >= set(found.row)
-        np.testing.assert_allclose(found.gaps, GAP, rtol=1e-12)
-        np.testing.assert_allclose(found.normals, np.sign(points[found.row, 2:]) * [0, 0, 1], atol=1e-12)
-
-
-def test_a_point_between_nodes_touches_as_nodes_do():
-    """It lies on a triangle, and is no corner of any."""
-    points, cells = cleft((6, 2, 3), 1)[:2]
-    triangles = skin_of(points, cells)
-    inside = [t for t in triangles if np.allclose(points[t, 2], GAP / 2) and points[t, 0].min() > 0.7 * LONG]
-    more = np.concatenate([points, [points[inside[0]].mean(axis=0)]])
-    found = OwnSurface(more, triangles, np.array([len(points)])).near(more, 1.5 * GAP)
-    np.testing.assert_allclose(found.gaps, [GAP], rtol=1e-12)
-    np.testing.assert_allclose(found.normals, [[0, 0, 1]], atol=1e-12)
 
 
 def test_what_cannot_be_is_refused(tmp_path):

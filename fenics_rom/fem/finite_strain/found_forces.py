@@ -21,7 +21,6 @@ from fenics_rom.fem.full_order_body import FullOrderInterface
 from fenics_rom.fem.points_of_step import PointsOfStep
 from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, mean_contact
-from fenics_rom.mechanics.reach import out_of_reach
 
 
 class FoundForces(NamedTuple):
@@ -72,9 +71,7 @@ class ForcesInNewton:
             self._targets = equation.targets(self._actuators, given)
         if self._interface is not None and obstacles is not None:
             assert points is not None
-            solver = self._interface.solver
-            self._before = solver.search
-            self._gap = float(solver.gaps(points.displacement, obstacles.start).min())
+            self._before = self._interface.solver.search
 
     def use(self, factor: TurnedFactor) -> None:
         """The factor of A, as it is now; W (3P, 3P), m/s/N, is made of it as soon as an obstacle is within reach."""
@@ -183,4 +180,6 @@ class ForcesInNewton:
             return True
         if not self._is_rigid or last is not None:
             return False
-        return out_of_reach(self._gap, self._points.motion(self._near, v), self._obstacles, self._equation.h)
+        assert self._interface is not None
+        points = self._points.motion(self._near, v)
+        return not len(self._interface.solver.within_reach(points, self._equation.h, self._obstacles))

@@ -290,7 +290,7 @@ class FiniteStrainStepper(FullOrderBody):
 
     def _points_in(self, h: float, at_rest: bool) -> PointsOfStep | None:
         """The contact points in a part of h, s, of motion or of equilibria; None where nothing can touch."""
-        return None if self.interface is None else PointsOfStep(self.interface, self.x, self.v)
+        return None if self.interface is None else PointsOfStep(self.interface, self.x, self.v, h)
 
     def _part(
         self,

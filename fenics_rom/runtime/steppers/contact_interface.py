@@ -95,7 +95,12 @@ def contact_interface(
         return None
     nodes = {name: model.contact_points for name, model in rom.contact_models.items()}
     points = ContactPoints(nodes, rom.contact_surfaces, rom.nodes, rom.points_between)
-    solver = (solver_of or make_contact_solver)(points.coordinates, list(environment.obstacles.values()), law)
+    given = points.coordinates, list(environment.obstacles.values()), law
+    if solver_of is None:
+        own = points.own_surface(environment.environment.self_contact, rom.triangles)
+        solver = make_contact_solver(*given, own)
+    else:
+        solver = solver_of(*given)
     rows = points.columns(lambda nodes: rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]).T).T
     radii = {name: smallest_radius(obstacle) for name, obstacle in environment.obstacles.items()}
     passing = points.describe_passing(radii, rom.triangles, rom.nodes)

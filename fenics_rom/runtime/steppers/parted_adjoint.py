@@ -344,7 +344,7 @@ def _through_contact(
         for motion, by_force in zip((mean, kept), touch.by_yielding, strict=True)
     )  # fmt: skip
     φ = φ + np.concatenate([(x_ + further)[own], z_]) @ all_spread
-    d_, κ_, ŝ_ = (moved.ravel() for moved in touch.contact.through(W, by_start).pull_back(φ.reshape(-1, 3)))
+    d_, κ_, ŝ_ = (moved.ravel() for moved in touch.contact.through(W, by_start).pull_back(φ.reshape(-1, 3))[:3])
     place_ = place_ + d_ @ touch.place + ŝ_ @ mean.place + κ_ @ kept.place
     velocity_ = ŝ_ @ mean.velocity + κ_ @ kept.velocity
     rows_ = touch.rows_back(d_, ŝ_, κ_) if part.residual is not None else NONE

@@ -58,8 +58,10 @@ class TrainingWatch:
         inputs = {**trained.inputs, **found}
         self._pushed = trained.pushes
         self._pushers: list[str] = []
-        if interface is not None:  # without obstacles the body is in a world
-            self._pushers = [f"obstacle {name!r}" for name in interface.environment.obstacles] or ["other bodies"]
+        if interface is not None:
+            self._pushers = [f"obstacle {name!r}" for name in interface.environment.obstacles]
+            if not (self._pushers or interface.environment.environment.self_contact):  # then it is in a world
+                self._pushers = ["other bodies"]
         most = max(trained.pushes.values(), default=0.0)
         self._ranges = {f"input {name!r}": (inputs.get(name, 0.0), units.get(name, "N")) for name in widths}
         ends = np.cumsum([0, *widths.values()]).tolist()

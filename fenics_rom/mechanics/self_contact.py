@@ -1,0 +1,241 @@
+"""Contact of a body with itself, beside that with obstacles: a point meets the triangle of its surface that it faces.
+
+To `contact_solver` the body's own surface is one more obstacle, which stands still. What is other is S: a row of a pair
+is that of its point less those of the corners of the triangle, by their weights in the nearest place. It moves as the
+two do relative to one another, and its force acts on both. Gaps, normals and weights are those of the start of a step.
+The place turns with the triangle, so that also no couple is left where friction acts over a gap: with the foot F of the
+point x, corners at x_k with the weights w_k, and d_k from their middle, J as in `surface_points`,
+
+    s = v̂ - Σ w_k v̂_k - ω × (x - F),    ω = J⁻¹ Σ d_k × v̂_k/3.
+
+A body in a frame says where its points are in the middle of the step: so its momenta stay to round-off.
+"""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.complementarity import Delassus
+from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, Opposite, PointMotion
+from fenics_rom.mechanics.contact_pairs import Settled
+from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE
+from fenics_rom.mechanics.frame_geometry import crossed
+from fenics_rom.mechanics.mesh_contact import MeshContact
+from fenics_rom.mechanics.obstacles import Obstacle
+from fenics_rom.mechanics.own_surface import OwnSurface
+
+NO_DERIVATIVE = (
+    "effects.contact.self_contact: steps in which a body touches itself have no derivative: allowed are those where "
+    "nothing touches, or a scene without"
+)
+_ONES, _NO_MOTION = np.ones(3), np.zeros((1, 3))
+
+
+class _Itself:
+    """The surface of a body as what its own points meet.
+
+    Args:
+        surface: of the body.
+        points: how many contact points it has, P.
+
+    Attributes:
+        margin: from how near on they meet, m.
+        row: of the points that do, (k,).
+        opposite: what each of these meets.
+    """
+
+    is_convex: ClassVar = True
+
+    def __init__(self, surface: OwnSurface, points: int):
+        self.surface, self.margin = surface, 0.0
+        self._gaps, self._normals = np.full(points, np.inf), np.tile([1.0, 0.0, 0.0], (points, 1))
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Gaps (P,), m, infinite of points that meet nothing, and normals (P, 3), where the points are at (P, 3), m."""
+        found = self.surface.near(points, self.margin)
+        self.row, self.opposite = found.row, Opposite(found.nodes, found.weights)
+        gaps, normals = self._gaps.copy(), self._normals.copy()
+        gaps[found.row], normals[found.row] = found.gaps, found.normals
+        return gaps, normals
+
+    def curvature(self, points: Array) -> Array:
+        """As of an Obstacle."""
+        raise StepError(NO_DERIVATIVE)
+
+    @property
+    def core(self) -> tuple[float, Array]:
+        """As of an Obstacle: no ball that would go through points."""
+        return np.inf, np.empty((0, 3))
+
+
+class SelfContact(MeshContact):
+    """Of a body that may touch itself. Arguments as in ContactSolver.
+
+    Args:
+        surface: of the body, that touches itself.
+
+    Attributes:
+        surface: as given.
+    """
+
+    def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw, surface: OwnSurface):
+        self.surface, self._itself, self._O, P = surface, _Itself(surface, len(points)), len(obstacles), len(points)
+        super().__init__(points, (*obstacles, self._itself), law)
+        self._own = slice(self._O * P, (self._O + 1) * P)
+        self._middle, self._maps = np.empty((0, 3)), np.empty((0, 3, 3, 3))
+        self._mapped: tuple[Opposite, Array] | None = None  # of which these maps are
+        self._pairs_operator: tuple[Array, Array, bytes, tuple[Array, Delassus]] | None = None
+
+    def gaps(self, displacement: Array, offsets: Array) -> Array:
+        """As in ContactSolver: from obstacles; infinite without these."""
+        placed = self.points + displacement
+        of_each = [of.distance(placed - offset)[0] for of, offset in zip(self._given[: self._O], offsets, strict=True)]
+        return np.min([np.full(len(placed), np.inf), *of_each], axis=0)
+
+    def check_start(self, displacement: Array, offsets: Array, names: Sequence[str]) -> None:
+        """As in ContactSolver; and that the body is not through itself."""
+        self._itself.margin, size = 0.0, float(np.ptp(self.points, axis=0).max())
+        places = self.points + displacement
+        gaps, _ = self._itself.distance(places)
+        deepest = int(gaps.argmin())
+        if gaps[deepest] < -PENETRATION_TOLERANCE * size:
+            there = self._itself.opposite.nodes[self._itself.row == deepest][0, 0]
+            first, second = (self.surface.names[point] for point in (deepest, there))
+            raise StepError(
+                f"contact: allowed is a start where no surface is inside another one of the body, but {first!r} is "
+                f"{-gaps[deepest]:.3g} m inside {second!r} at {places[deepest].tolist()}"
+            )
+        if self._O:
+            super().check_start(displacement, np.concatenate([offsets, _NO_MOTION]), names)
+
+    def within_reach(self, points: PointMotion, dt: float, obstacles: ObstacleMotion) -> Array:
+        """As in ContactSolver, with what these points may touch of the body."""
+        self._look(points, dt)
+        near = super().within_reach(points, dt, obstacles) if self._O else np.empty(0, dtype=int)
+        gaps, _ = self._itself.distance(self.points + points.displacement)
+        carriers = self._itself.opposite.nodes.ravel()
+        return np.unique(np.concatenate([near, np.isfinite(gaps).nonzero()[0], carriers]))
+
+    def solve(
+        self,
+        points: PointMotion,
+        delassus: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool = False,
+        settled: Settled | None = None,
+        is_patient: bool = True,
+    ) -> ContactSolution | None:
+        """As in ContactSolver."""
+        self._look(points, dt)
+        self._middle = self.points + points.displacement if points.middle is None else points.middle
+        self.search = self.search._replace(laws=())  # no step is followed, as S is another in each
+        of_step = _beside(obstacles), quasi_static, settled, is_patient
+        contact = super().solve(points, delassus, dt, *of_step)
+        self.clear = 0.0  # nobody knows how far what turns may go before it meets itself
+        if contact is None:
+            return None
+        return contact._replace(
+            obstacle_velocities=contact.obstacle_velocities[: self._O], opposite=self._opposite(contact.pairs)
+        )
+
+    def _look(self, points: PointMotion, dt: float) -> None:
+        """Pairs are looked for as far as points can come near one another in a step of dt, s, twice as fast."""
+        free, velocity = (_fastest(part - part.mean(axis=0)) for part in (points.free_velocity, points.velocity))
+        longest = max(dt, -1 / self.law.in_steps(dt)[0])  # in which springs with dashpots begin to act
+        self._itself.margin = 2 * longest * (4 * free + velocity)
+
+    def _reach(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
+        """As in ContactSolver; of the body itself pairs are none but those that may be due."""
+        return max(super()._reach(points, obstacles, dt), self._itself.margin)
+
+    def _opposite(self, pairs: Array) -> Opposite:
+        """What pairs (C,) meet of the body."""
+        own, parts = self._own_rows(pairs), self._itself.opposite
+        nodes, weights = np.zeros((len(pairs), 3), dtype=int), np.zeros((len(pairs), 3))
+        nodes[own >= 0], weights[own >= 0] = (part[own[own >= 0]] for part in parts)
+        return Opposite(nodes, weights)
+
+    def _turning(self) -> Array:
+        """By what corners of triangles move the places that points touch, (k, 3 corners, 3, 3)."""
+        opposite = self._itself.opposite
+        if self._mapped is None or self._mapped[0] is not opposite or self._mapped[1] is not self._middle:
+            self._mapped = opposite, self._middle
+            self._maps = _maps(self._middle[self._itself.row], self._middle[opposite.nodes], opposite.weights)
+        return self._maps
+
+    def _of_pairs(self, values: Array) -> Array:
+        """As in ContactSolver."""
+        pairs = np.tile(values, (len(self.obstacles), 1))
+        there = np.einsum("kcij,kcj->ki", self._turning(), values[self._itself.opposite.nodes])
+        pairs[self._own.start + self._itself.row] -= there
+        return pairs
+
+    def _at_points(self, forces: Array) -> Array:
+        """As in ContactSolver."""
+        together: Array = forces.reshape(len(self.obstacles), -1, 3).sum(axis=0)
+        own = forces[self._own.start + self._itself.row]
+        if own.any():
+            borne = np.einsum("kcij,ki->kcj", self._turning(), own)
+            np.subtract.at(together, self._itself.opposite.nodes, borne)
+        return together
+
+    def operator_of(self, delassus: Array, chosen: Array, key: bytes) -> tuple[Array, Delassus]:
+        """As in ContactSolver."""
+        if not chosen[self._own].any():
+            return super().operator_of(delassus, chosen, key)
+        known, maps = self._pairs_operator, self._turning()
+        if known is None or known[0] is not delassus or known[1] is not maps or known[2] != key:
+            active = chosen.nonzero()[0]
+            found = active, Delassus(self._between(delassus, active))
+            self._pairs_operator = known = delassus, maps, key, found
+        return known[3]
+
+    def _between(self, delassus: Array, pairs: Array) -> Array:
+        """Relative velocities of pairs (C,) per force of each, (3C, 3C)."""
+        own, C = self._own_rows(pairs), len(pairs)
+        within = (own >= 0).nonzero()[0]
+        own = own[within]
+        carriers = np.concatenate([pairs % len(self.points), self._itself.opposite.nodes[own].ravel()])
+        some, at = np.unique(carriers, return_inverse=True)
+        S = np.zeros((C, 3, len(some), 3))
+        S[np.arange(C), :, at[:C]] = np.eye(3)
+        for corner, maps in zip(at[C:].reshape(-1, 3).T, self._turning()[own].swapaxes(0, 1), strict=True):
+            S[within, :, corner] -= maps
+        S, rows = S.reshape(3 * C, -1), (3 * some[:, None] + np.arange(3)).ravel()
+        W: Array = S.dot(delassus.take(rows, axis=0).take(rows, axis=1)).dot(S.T)
+        return W
+
+    def _own_rows(self, pairs: Array) -> Array:
+        """Which of the pairs of the body with itself pairs (C,) are, (C,); -1 of those with obstacles."""
+        known = np.full(len(self.points), -1)
+        known[self._itself.row] = np.arange(len(self._itself.row))
+        return np.where(pairs // len(self.points) == self._O, known[pairs % len(self.points)], -1)
+
+
+def _maps(points: Array, corners: Array, weights: Array) -> Array:
+    """Of points (k, 3) and triangles (k, 3 corners, 3), m: what each corner's velocity adds where the point is.
+
+    weights: of the corners in the nearest place, (k, 3).
+    """
+    arms, away = corners - corners.mean(axis=1, keepdims=True), points - (weights[:, :, None] * corners).sum(axis=1)
+    J = np.square(arms).sum(axis=(1, 2))[:, None, None] * np.eye(3) - np.matmul(arms.transpose(0, 2, 1), arms)
+    by_turn = np.matmul(crossed(away), np.linalg.inv(J))
+    turns = -crossed(arms.reshape(-1, 3)).reshape(-1, 3, 3, 3)
+    maps: Array = np.matmul(by_turn[:, None], turns) + weights[:, :, None, None] * np.eye(3)
+    return maps
+
+
+def _beside(obstacles: ObstacleMotion) -> ObstacleMotion:
+    """How obstacles move, and the body itself, which is one that stands still."""
+    start = np.concatenate([obstacles.start, _NO_MOTION])
+    end = start if obstacles.end is obstacles.start else np.concatenate([obstacles.end, _NO_MOTION])
+    return ObstacleMotion(start, end, np.concatenate([obstacles.velocities_before, _NO_MOTION]))
+
+
+def _fastest(velocities: Array) -> float:
+    """Largest of some velocities (P, 3)."""
+    return float(np.sqrt(np.square(velocities).dot(_ONES).max(initial=0.0)))

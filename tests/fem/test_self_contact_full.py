@@ -1,0 +1,99 @@
+"""At full order a body touches itself as it does in all modes, on any number of ranks; reduced models come near it."""
+
+import numpy as np
+import pytest
+from forks import CLAMPED, LONG, ROPE, cleft, fork_scene, fork_text, pressed
+from ranks import run_ranks
+
+import fenics_rom as fr
+from fenics_rom.fem.simulator import FullOrderSimulator
+
+pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+RUBS = {"effects.friction": "coefficient = 0.3"}
+LARGE = {"effects.large_deformation": 'material = "st_venant_kirchhoff"'}
+STEPS = 80
+BOTH = """import sys
+from fenics_rom.cli.main import main
+for name in ("small", "large"):
+    try:
+        main(["simulate", name + ".toml", "-o", f"{name}-{sys.argv[1]}.h5"])
+    except SystemExit as end:
+        if end.code:
+            raise
+"""
+
+
+def press(body, stepper, inputs):
+    """Forces of a body on itself (n,), N, and how deep it went in itself, m, under inputs (n, p), with its account."""
+    forces, deepest, start, scale = np.zeros(len(inputs)), 0.0, body.energy, 0.0
+    own = stepper.interface.solver.surface
+    for step, u in enumerate(inputs):
+        body.step(u)
+        contact, gone = stepper.contact, body.ledger
+        if contact is not None:
+            forces[step] = (contact.pair_forces * contact.normals).sum()
+        places = stepper.interface.points.coordinates + stepper.point_displacement()
+        deepest = min(deepest, own.near(places, 0.0).gaps.min(initial=0.0))
+        scale = max(scale, body.energy)
+        lost = gone.dissipated + gone.lost_in_switching + gone.numerical
+        assert abs(body.energy - start - gone.supplied + lost) <= 1e-12 * scale
+    return forces, -deepest
+
+
+def test_a_clamp_closes_as_in_all_modes_and_nearly_so_in_thirty(tmp_path):
+    """Pressed from above and below, with friction."""
+    system = fr.assemble(fork_scene(tmp_path, cleft((10, 2, 5), 1), **CLAMPED, **RUBS, **pressed("above", "below")))
+    inputs = np.minimum(100.0 * np.arange(STEPS), 3000.0)[:, None] * np.ones(2)
+    full = FullOrderSimulator(system, 1e-3, system.scene.environment)
+    expected, deepest = press(full, full.stepper, inputs)
+    assert full.stepper.contact.touching >= 15
+    assert deepest <= 1e-3 * LONG
+    for order, bound in ((system.elastic_size, 1e-8), (30, 0.05)):
+        method = {"method": "modal"} if order > 30 else {}
+        body = fr.Simulator(fr.reduce(system, order=order, **method), 1e-3)
+        found, deep = press(body, body.integrator, inputs)
+        assert np.linalg.norm(found - expected) <= bound * np.linalg.norm(expected)
+        assert deep <= 1e-3 * LONG
+
+
+@pytest.mark.parametrize(("frame", "parts"), [("moving", {}), ("moving", LARGE)], ids=["small", "large"])
+def test_a_free_one_keeps_its_momenta(tmp_path, frame, parts):
+    """It spins while a rope closes it; of large strains to what Newton's method leaves of the forces."""
+    scene = fork_scene(tmp_path, cleft((3, 1, 3), 1), frame, supports=None, **ROPE, **RUBS, **parts)
+    body = FullOrderSimulator(fr.assemble(scene), 1e-3, scene.environment)
+    body.stepper.place(body.pose._replace(angular_velocity=np.array([3.0, -5.0, 8.0])))
+    (P_begun, L_begun), touched = body.momentum, 0
+    for _ in range(40):
+        body.step(np.array([2.0]))
+        touched = max(touched, 0 if body.stepper.contact is None else body.stepper.contact.touching)
+    (P, L), scale = body.momentum, np.abs(L_begun).max()
+    assert touched >= 2
+    np.testing.assert_allclose(P, P_begun, rtol=0, atol=1e-11 * scale / LONG)
+    np.testing.assert_allclose(L, L_begun, rtol=0, atol=(1e-10 if parts else 1e-11) * scale)
+
+
+def test_large_strains_close_their_account(tmp_path):
+    scene = fork_scene(tmp_path, cleft((3, 1, 3), 1), **CLAMPED, **ROPE, **RUBS, **LARGE)
+    body = FullOrderSimulator(fr.assemble(scene), 1e-3, scene.environment)
+    press(body, body.stepper, np.full((40, 1), 2.0))
+    assert body.stepper.contact.touching >= 2
+
+
+@pytest.mark.ranks
+@pytest.mark.slow
+def test_two_ranks_do_as_one(tmp_path):
+    """Of small and of large strains."""
+    run = 'dt = 1e-3\nduration = 0.03\nload = [{ actuator = "rope", force = [2.0] }]'
+    parts = {**CLAMPED, **ROPE, **RUBS, "outputs.tip": 'surface = "above"', "run": run}
+    for name, others in (("small", {}), ("large", LARGE)):
+        (tmp_path / f"{name}.toml").write_text(fork_text(tmp_path, cleft((3, 1, 3), 1), **parts, **others))
+    for ranks in (1, 2):
+        done = run_ranks(ranks, "-c", BOTH, str(ranks), cwd=tmp_path)
+        assert done.returncode == 0, done.stdout + done.stderr
+    for name in ("small", "large"):
+        one, other = (fr.read_trajectory(tmp_path / f"{name}-{ranks}.h5") for ranks in (1, 2))
+        assert one.contact_account["contact"][-1] > 0
+        scale = np.abs(one.outputs["tip"]).max()
+        assert np.abs(other.outputs["tip"] - one.outputs["tip"]).max() <= 1e-8 * scale
+        assert np.abs(other.energy - one.energy).max() <= 1e-8 * one.energy.max()
+        assert max(one.balance_error, other.balance_error) <= 1e-10
