@@ -42,6 +42,7 @@ def test_numbers_of_the_law_are_those_of_numpy():
     assert contact_law.WORK_ROUND_OFF == braking.WORK_ROUND_OFF
     assert shapes.SHORTEST_DIRECTION == obstacles.SHORTEST_DIRECTION
     assert linear_step.FORGOTTEN == residual_motion.FORGOTTEN
+    assert linear_step.NEGLIGIBLE == residual_motion.NEGLIGIBLE
 
 
 @given(seeds)

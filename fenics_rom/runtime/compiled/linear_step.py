@@ -16,6 +16,7 @@ from fenics_rom.mechanics.compiled.work_space import take, take_rows
 from fenics_rom.runtime.compiled.small_matrices import dot, multiply
 from fenics_rom.runtime.compiled.touching import (
     FORGOTTEN,
+    NEGLIGIBLE,
     Begun,
     Clearance,
     StepContact,
@@ -152,7 +153,7 @@ def step_in(
     elif yields:
         lost, power_beyond, stored = step_beyond(body, h, state.beyond, forces, motion[3])
         dissipated, power = dissipated + lost, power + power_beyond
-        if contact.status == NOTHING and stored < 2 * FORGOTTEN:
+        if contact.status == NOTHING and stored < max(2 * FORGOTTEN, NEGLIGIBLE * (dot(e, e) + dot(r, r))):
             fill(state.beyond, 0.0)
             stored = 0.0
     for i in range(m):

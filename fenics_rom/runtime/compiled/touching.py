@@ -15,7 +15,7 @@ from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.compiled.work_space import rows_of, take, take_rows
 
 DIAGONAL = 3**0.5  # the longest vector in space whose components are 1 at most
-FORGOTTEN = 1e-200  # J: see `steppers.residual_motion`
+FORGOTTEN, NEGLIGIBLE = 1e-200, 1e-30  # J, and of the energy of the basis: see `steppers.residual_motion`
 LOST = 3  # status of a step whose state would not be finite; see `contact_law`
 
 

@@ -357,7 +357,7 @@ class BookedKernel(Kernel):
         if contact is None and self.residual.is_at_rest:
             self.residual.remember()
             return None, 0.0
-        return self.residual.step(contact)
+        return self.residual.step(contact, float(self.state.dot(self.state)) / 2)
 
     def _pushed(self, contact: "ContactSolution") -> Array:
         """Generalized forces of contact (m,)."""

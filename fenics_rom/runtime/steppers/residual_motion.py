@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
 
 FORGOTTEN = 1e-200  # J: what is stored no more, before its numbers become too small to be fast
+NEGLIGIBLE = 1e-30  # of the energy of the basis: what is stored no more, as 1e-15 of displacements is round-off
 
 
 class Relaxation(NamedTuple):
@@ -225,14 +226,14 @@ class ResidualMotion:
         """Mid-step velocity (P, 3), m/s, that it adds to the points' under contact forces."""
         return self._after(contact)[5].reshape(-1, 3)
 
-    def step(self, contact: ContactSolution | None) -> tuple[Array, float]:
+    def step(self, contact: ContactSolution | None, energy: float) -> tuple[Array, float]:
         """Takes a step under contact forces: the mid-step velocity (P, 3), m/s, that it adds, and what is lost, J.
 
-        Where next to nothing is stored any more, all is forgotten.
+        Where next to nothing is stored any more beside the energy of the basis, J, all is forgotten.
         """
         after = self._after(contact)
         self.remember()
-        if contact is None and self.stored < FORGOTTEN:
+        if contact is None and self.stored < max(FORGOTTEN, NEGLIGIBLE * energy):
             self.resume(np.empty(0))
             return after[5].reshape(-1, 3), 0.0
         self._rows[:4] = after[:4]
