@@ -22,6 +22,10 @@ def make_contact_solver(
     `own`: the surface of the body, if that touches itself.
     """
     if own is not None:
+        if compiled() and all(each.is_convex for each in obstacles):
+            from fenics_rom.mechanics.compiled_self_contact import CompiledSelfContact  # here, as below
+
+            return CompiledSelfContact(points, obstacles, law, own)
         from fenics_rom.mechanics.self_contact import SelfContact  # here, as few bodies touch themselves
 
         return SelfContact(points, obstacles, law, own)

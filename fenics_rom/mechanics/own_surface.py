@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import compiled, in_plain
 from fenics_rom.mechanics.surface_pairs import DEEPEST, Border, Boxes, OnSurface, near_boxes, nearest_of, unit_normals
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 
@@ -89,10 +90,8 @@ class OwnSurface:
         corners = points[self.triangles.T]
         boxes, normals = Boxes.about(corners), unit_normals(corners.transpose(1, 0, 2))
         reach = DEEPEST * boxes.size
-        row, triangle = self._facing(points, boxes.wider(margin + reach), normals)
-        of_these = self.triangles[triangle], corners[:, triangle].transpose(1, 0, 2), normals[triangle]
-        border = Border(*(part[triangle] for part in self._border))
-        found = nearest_of(points, row, *of_these, boxes.size, margin, reach, border)
+        find = self._find_compiled if compiled() else self._find
+        found = find(points, boxes.wider(margin + reach), normals, boxes.size, margin, reach)
         best = found.weights.argmax(axis=1)[:, None]
         opposite = np.take_along_axis(found.nodes, best, axis=1)[:, 0]
         is_at = np.take_along_axis(found.weights, best, axis=1)[:, 0] > _OPPOSITE
@@ -105,13 +104,38 @@ class OwnSurface:
         others = np.setdiff1d(np.arange(len(found.row)), both[found.row[both] > opposite[both]])
         return OnSurface(*(part[others] for part in found))
 
-    def _facing(self, points: Array, boxes: Boxes, normals: Array) -> tuple[Array, Array]:
-        """Rows of points and of triangles with these boxes and normals that face one another, of points in boxes."""
+    def _find(self, points: Array, boxes: Boxes, normals: Array, size: float, margin: float, reach: float) -> OnSurface:
+        """What points meet, in boxes about triangles with these normals; the rest as of `nearest_of`."""
         row, triangle = self._candidates(points, boxes)
         held = ((points[row] >= boxes.low[triangle]) & (points[row] <= boxes.high[triangle])).all(axis=1)
         row, triangle = row[held], triangle[held]
         faces = np.einsum("ij,ij->i", self._outwards(normals)[row], normals[triangle]) < 0
-        return row[faces], triangle[faces]
+        row, triangle = row[faces], triangle[faces]
+        of_these = self.triangles[triangle], points[self.triangles[triangle]], normals[triangle]
+        border = Border(*(part[triangle] for part in self._border))
+        return nearest_of(points, row, *of_these, size, margin, reach, border)
+
+    def _find_compiled(
+        self, points: Array, boxes: Boxes, normals: Array, size: float, margin: float, reach: float
+    ) -> OnSurface:
+        """The same by compiled loops."""
+        from fenics_rom.mechanics.compiled.own_surface import NONE, find_facing  # here, as numba takes time to import
+
+        n, places = len(points), in_plain(points)
+        on, weights, along, gaps = np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
+        plain = (self.triangles, normals, *self._candidates(points, boxes), boxes.low, boxes.high, *self._border)
+        triangles, normals, row, triangle, low, high, sides, corners = map(in_plain, plain)
+        near = row, triangle, low, high
+        facing, limits, found = (
+            (triangles, normals, self._outwards(normals)),
+            (size, margin, reach),
+            (on, weights, along, gaps),
+        )
+        find_facing(places, *facing, *near, sides, corners, *limits, *found)
+        row = (on != NONE).nonzero()[0]
+        nodes, weights = self.triangles[on[row]], weights[row]
+        feet = (weights[:, :, None] * points[nodes]).sum(axis=1)
+        return OnSurface(row, nodes, weights, feet, along[row], gaps[row])
 
     def _candidates(self, points: Array, boxes: Boxes) -> tuple[Array, Array]:
         """Rows of points and of triangles that may touch, among which are all that are near: kept while they are.

@@ -11,7 +11,7 @@ point x, corners at x_k with the weights w_k, and d_k from their middle, J as in
 A body in a frame says where its points are in the middle of the step: so its momenta stay to round-off.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -20,17 +20,13 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity import Delassus
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, Opposite, PointMotion
-from fenics_rom.mechanics.contact_pairs import Settled
+from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs
 from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE
 from fenics_rom.mechanics.frame_geometry import crossed
 from fenics_rom.mechanics.mesh_contact import MeshContact
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.own_surface import OwnSurface
 
-NO_DERIVATIVE = (
-    "effects.contact.self_contact: steps in which a body touches itself have no derivative: allowed are those where "
-    "nothing touches, or a scene without"
-)
 _ONES, _NO_MOTION = np.ones(3), np.zeros((1, 3))
 
 
@@ -62,8 +58,8 @@ class _Itself:
         return gaps, normals
 
     def curvature(self, points: Array) -> Array:
-        """As of an Obstacle."""
-        raise StepError(NO_DERIVATIVE)
+        """As of an Obstacle; nobody asks for it, as steps that touch have no derivative."""
+        return np.zeros((len(points), 3, 3))
 
     @property
     def core(self) -> tuple[float, Array]:
@@ -85,6 +81,7 @@ class SelfContact(MeshContact):
         self.surface, self._itself, self._O, P = surface, _Itself(surface, len(points)), len(obstacles), len(points)
         super().__init__(points, (*obstacles, self._itself), law)
         self._own = slice(self._O * P, (self._O + 1) * P)
+        self._has_touched = False
         self._middle, self._maps = np.empty((0, 3)), np.empty((0, 3, 3, 3))
         self._mapped: tuple[Opposite, Array] | None = None  # of which these maps are
         self._pairs_operator: tuple[Array, Array, bytes, tuple[Array, Delassus]] | None = None
@@ -130,17 +127,37 @@ class SelfContact(MeshContact):
         is_patient: bool = True,
     ) -> ContactSolution | None:
         """As in ContactSolver."""
-        self._look(points, dt)
-        self._middle = self.points + points.displacement if points.middle is None else points.middle
+        self._look_around(points, dt)
         self.search = self.search._replace(laws=())  # no step is followed, as S is another in each
-        of_step = _beside(obstacles), quasi_static, settled, is_patient
+        of_step = beside(obstacles), quasi_static, settled, is_patient
         contact = super().solve(points, delassus, dt, *of_step)
+        return self._told_of(contact)
+
+    def _told_of(self, contact: ContactSolution | None) -> ContactSolution | None:
+        """Contact of a step, as it is told."""
+        self._has_touched = contact is not None
         self.clear = 0.0  # nobody knows how far what turns may go before it meets itself
         if contact is None:
             return None
         return contact._replace(
             obstacle_velocities=contact.obstacle_velocities[: self._O], opposite=self._opposite(contact.pairs)
         )
+
+    @property
+    def last_step(self) -> Callable[[], tuple[Pairs | None, SolvedPairs | None]]:
+        """As in ContactSolver; of a step that touched nobody can tell it so that there is a derivative."""
+        if self._has_touched:
+            raise StepError(
+                "effects.contact.self_contact: steps in which a body that may touch itself touches something have no "
+                "derivative: allowed are those where nothing touches, or a scene without"
+            )
+        return super().last_step
+
+    def _look_around(self, points: PointMotion, dt: float) -> None:
+        """Begins a step: where pairs are looked for, and where points are in its middle."""
+        self._look(points, dt)
+        self._planes = None
+        self._middle = self.points + points.displacement if points.middle is None else points.middle
 
     def _look(self, points: PointMotion, dt: float) -> None:
         """Pairs are looked for as far as points can come near one another in a step of dt, s, twice as fast."""
@@ -201,13 +218,27 @@ class SelfContact(MeshContact):
         own = own[within]
         carriers = np.concatenate([pairs % len(self.points), self._itself.opposite.nodes[own].ravel()])
         some, at = np.unique(carriers, return_inverse=True)
-        S = np.zeros((C, 3, len(some), 3))
-        S[np.arange(C), :, at[:C]] = np.eye(3)
-        for corner, maps in zip(at[C:].reshape(-1, 3).T, self._turning()[own].swapaxes(0, 1), strict=True):
-            S[within, :, corner] -= maps
-        S, rows = S.reshape(3 * C, -1), (3 * some[:, None] + np.arange(3)).ravel()
-        W: Array = S.dot(delassus.take(rows, axis=0).take(rows, axis=1)).dot(S.T)
-        return W
+        maps, rows = np.zeros((C, 3, 3, 3)), (3 * some[:, None] + np.arange(3)).ravel()
+        carrying = np.repeat(at[:C, None], 4, axis=1)
+        carrying[within, 1:], maps[within] = at[C:].reshape(-1, 3), self._turning()[own]
+        return self._operator(delassus.take(rows, axis=0).take(rows, axis=1), carrying, maps)
+
+    def _operator(self, W: Array, at: Array, maps: Array) -> Array:
+        """The same from that of some points (3 s, 3 s).
+
+        Args:
+            W: as above.
+            at: which of them pairs are at, and three that carry what each meets, (C, 4).
+            maps: by which those do, (C, 3, 3, 3); 0 of pairs with obstacles.
+        """
+        C = len(at)
+        S = np.zeros((C, 3, len(W) // 3, 3))
+        S[np.arange(C), :, at[:, 0]] = np.eye(3)
+        for corner in range(3):
+            S[np.arange(C), :, at[:, 1 + corner]] -= maps[:, corner]
+        S = S.reshape(3 * C, -1)
+        moved: Array = S.dot(W).dot(S.T)
+        return moved
 
     def _own_rows(self, pairs: Array) -> Array:
         """Which of the pairs of the body with itself pairs (C,) are, (C,); -1 of those with obstacles."""
@@ -229,7 +260,7 @@ def _maps(points: Array, corners: Array, weights: Array) -> Array:
     return maps
 
 
-def _beside(obstacles: ObstacleMotion) -> ObstacleMotion:
+def beside(obstacles: ObstacleMotion) -> ObstacleMotion:
     """How obstacles move, and the body itself, which is one that stands still."""
     start = np.concatenate([obstacles.start, _NO_MOTION])
     end = start if obstacles.end is obstacles.start else np.concatenate([obstacles.end, _NO_MOTION])

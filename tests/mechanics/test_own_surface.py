@@ -6,15 +6,16 @@ from forks import GAP, LONG, cleft, prongs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fenics_rom.compilation import numpy_alone
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.contact import ContactLaw, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_points import ContactPoints
+from fenics_rom.mechanics.make_contact_solver import make_contact_solver
 from fenics_rom.mechanics.obstacles import HalfSpace
 from fenics_rom.mechanics.own_surface import OwnSurface
 from fenics_rom.mechanics.self_contact import SelfContact
 from fenics_rom.mechanics.surface_checks import check_apart
 
+seeds = st.integers(0, 2**32 - 1)
 EPS = float(np.finfo(float).eps)
 NO_OBSTACLES = ObstacleMotion(*np.zeros((3, 0, 3)))
 
@@ -46,32 +47,31 @@ def two_patches(random, gap):
     return np.concatenate([lower, upper]), np.concatenate([triangles, triangles[:, ::-1] + 16])
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.3, 1.0]), st.booleans(), st.booleans())
-@settings(deadline=None, max_examples=40)
-def test_forces_have_no_resultant_and_no_couple_and_do_no_work(seed, friction, beside_floor, compiled):
-    """Of free masses, with friction, between wavy patches that come together aslant; also beside an obstacle."""
-    random = np.random.default_rng(seed)
+def fall_together(random, friction, beside_floor=False, touching=None):
+    """Two patches of free masses that come together aslant: what a solver is made of, and asked."""
     points, triangles = two_patches(random, 3e-3)
     obstacles = [HalfSpace((0.0, 0.0, -2e-3), (0.0, 0.0, 1.0))] if beside_floor else []
-    solver = SelfContact(points, obstacles, ContactLaw(friction=friction), own_surface(points, triangles))
+    made = points, obstacles, ContactLaw(friction=friction), own_surface(points, triangles, touching)
     h, velocity = 1e-3, random.uniform(-1, 1, (32, 3))
     velocity[:, 2] += np.repeat([2.0, -2.0], 16)
-    masses = random.uniform(0.5, 2.0, 32)
-    W = np.diag(np.repeat(h / 2 / masses, 3))
-    middle = points + h / 2 * velocity
-    motion = PointMotion(np.zeros_like(points), velocity, velocity, middle)
-    still = ObstacleMotion(*np.zeros((3, len(obstacles), 3)))
-    if compiled:
-        contact = solver.solve(motion, W, h, still)
-    else:
-        with numpy_alone():
-            contact = solver.solve(motion, W, h, still)
+    W = np.diag(np.repeat(h / 2 / random.uniform(0.5, 2.0, 32), 3))
+    motion = PointMotion(np.zeros_like(points), velocity, velocity, points + h / 2 * velocity)
+    return made, (motion, W, h, ObstacleMotion(*np.zeros((3, len(obstacles), 3))))
+
+
+@pytest.mark.parametrize("solver_of", [SelfContact, make_contact_solver], ids=["NumPy", "compiled"])
+@given(seeds, st.sampled_from([0.0, 0.3, 1.0]), st.booleans())
+@settings(deadline=None, max_examples=30)
+def test_forces_have_no_resultant_and_no_couple_and_do_no_work(solver_of, seed, friction, beside_floor):
+    """With friction, between wavy patches; also beside an obstacle."""
+    made, asked = fall_together(np.random.default_rng(seed), friction, beside_floor)
+    contact, ((_, velocity, _, middle), W, h, _) = solver_of(*made).solve(*asked), asked
     assert contact.touching >= 3
     mid = velocity + (W @ contact.forces.ravel()).reshape(-1, 3)
     size = np.abs(contact.forces).sum()
     of_floor = contact.by_obstacle.sum(axis=0)
     np.testing.assert_allclose(contact.forces.sum(axis=0), of_floor, rtol=0, atol=1e3 * EPS * size)
-    if not obstacles:
+    if not beside_floor:
         torque = np.cross(middle, contact.forces).sum(axis=0)
         np.testing.assert_allclose(torque, 0.0, rtol=0, atol=1e3 * EPS * size * 0.04)
     work = contact.work(mid, h)
@@ -82,6 +82,16 @@ def test_forces_have_no_resultant_and_no_couple_and_do_no_work(seed, friction, b
     assert contact.normal_forces.sum() == pytest.approx(
         2 * (contact.pair_forces * contact.normals).sum() - of_floor[2], rel=1e-12
     )
+
+
+@given(seeds, st.sampled_from([0.0, 0.3]))
+@settings(deadline=None, max_examples=30)
+def test_compiled_forces_are_those_of_numpy(seed, friction):
+    """Where only points of the upper patch may touch, so that W tells their forces apart."""
+    made, asked = fall_together(np.random.default_rng(seed), friction, touching=np.arange(16, 32))
+    contact, same = make_contact_solver(*made).solve(*asked), SelfContact(*made).solve(*asked)
+    np.testing.assert_array_equal(contact.pairs, same.pairs)
+    np.testing.assert_allclose(contact.forces, same.forces, rtol=0, atol=1e-9 * np.abs(same.forces).max())
 
 
 def test_a_point_stops_on_a_triangle_that_it_falls_on():

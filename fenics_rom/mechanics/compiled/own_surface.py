@@ -1,0 +1,138 @@
+"""A surface against itself, compiled: what its points meet, and how pairs of a point and a triangle move by forces."""
+
+import math
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit, jit_part
+from fenics_rom.mechanics.compiled.copying import put
+from fenics_rom.mechanics.compiled.triangles import dot, nearest_on_triangle, offset_from
+from fenics_rom.mechanics.frame_motion import Vector
+from fenics_rom.mechanics.surface_pairs import BORDER, MORE_ABOVE, ON_IT, SIDEWAYS
+
+NONE = -1
+
+
+@jit
+def find_facing(
+    points: Array,
+    triangles: Array,
+    normals: Array,
+    outwards: Array,
+    row: Array,
+    triangle: Array,
+    low: Array,
+    high: Array,
+    sides: Array,
+    corners: Array,
+    size: float,
+    margin: float,
+    reach: float,
+    on: Array,
+    weights: Array,
+    along: Array,
+    gaps: Array,
+) -> None:
+    """What points meet of their own surface, as `own_surface.OwnSurface` and `surface_pairs.nearest_of` have it.
+
+    Args:
+        points, triangles: (n, 3), m, and (t, 3) rows of them.
+        normals, outwards: of the triangles (t, 3), units, and of the points (n, 3), of any length.
+        row, triangle: points and triangles (k,) that may touch.
+        low, high: ends of boxes (t, 3), m, outside of which no point is near.
+        sides, corners: of the triangles on the border, (t, 3).
+        size, margin, reach: as of `nearest_of`.
+        on: (n,) set to triangles; NONE of points that meet nothing.
+        weights, along, gaps: (n, 3), (n, 3), (n,) set: of the corners, normals of the pairs, and m.
+    """
+    on[:] = NONE
+    best, high_above = np.full(len(points), np.inf), np.empty(len(points))
+    for k in range(len(row)):
+        p, t = row[k], triangle[k]
+        if not _holds(points[p], low[t], high[t]) or _dot(outwards[p], normals[t]) >= 0:
+            continue
+        a, b, c = _row(points, triangles[t, 0]), _row(points, triangles[t, 1]), _row(points, triangles[t, 2])
+        point = _row(points, p)
+        share = nearest_on_triangle(point, a, b, c)
+        off = offset_from(point, share, a, b, c)
+        away, above = math.sqrt(dot(off, off)), dot(off, _row(normals, t))
+        if away - MORE_ABOVE * abs(above) < best[p]:
+            best[p], high_above[p], gaps[p], on[p] = away - MORE_ABOVE * abs(above), above, away, t
+            put(weights[p], share[0], share[1], share[2])
+            put(along[p], off[0], off[1], off[2])
+    for p in range(len(points)):
+        t, above, away = on[p], high_above[p], gaps[p]
+        if t == NONE:
+            continue
+        is_on = is_flat = away <= ON_IT * size
+        for k in range(3):
+            share, is_border = weights[p, k], False
+            is_border = (share == 0.0 and sides[t, k]) or (share == 1.0 and corners[t, k])
+            is_flat = is_flat or (is_border and away * away - above * above <= (BORDER * size) ** 2)
+        inside = above < -SIDEWAYS * away and away <= reach
+        is_kept = is_on or (away <= margin if above >= 0 else inside) or (is_flat and -reach <= above <= margin)
+        if not is_kept:
+            on[p] = NONE
+        elif is_flat:
+            gaps[p] = above
+            put(along[p], normals[t, 0], normals[t, 1], normals[t, 2])
+        else:
+            gaps[p] = math.copysign(away, above)
+            put(along[p], along[p, 0] / gaps[p], along[p, 1] / gaps[p], along[p, 2] / gaps[p])
+
+
+@jit
+def operator_between(W: Array, at: Array, maps: Array, between: Array) -> None:
+    """Sets relative velocities of pairs per force of each, (3 C, 3 C), m/s/N.
+
+    Args:
+        W: of some points, (3 s, 3 s).
+        at: which of them pairs are at, and three that carry what each meets, (C, 4).
+        maps: by which those do, (C, 3, 3, 3); 0 of pairs with obstacles.
+        between: set.
+    """
+    C, n = len(at), len(W)
+    rows = np.empty((3 * C, n))
+    for c in range(C):
+        for i in range(3):
+            row, of_point = rows[3 * c + i], W[3 * at[c, 0] + i]
+            for k in range(n):
+                row[k] = of_point[k]
+            for corner in range(3):
+                for j in range(3):
+                    share, of_corner = maps[c, corner, i, j], W[3 * at[c, 1 + corner] + j]
+                    if share != 0.0:
+                        for k in range(n):
+                            row[k] -= share * of_corner[k]
+    for c in range(3 * C):
+        row = rows[c]
+        for d in range(C):
+            p = 3 * at[d, 0]
+            for i in range(3):
+                moved = row[p + i]
+                for corner in range(3):
+                    q = 3 * at[d, 1 + corner]
+                    for j in range(3):
+                        moved -= maps[d, corner, i, j] * row[q + j]
+                between[c, 3 * d + i] = moved
+
+
+@jit_part
+def _row(array: Array, k: int) -> Vector:
+    return array[k, 0], array[k, 1], array[k, 2]
+
+
+@jit_part
+def _dot(a: Array, b: Array) -> float:
+    product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
+
+
+@jit_part
+def _holds(x: Array, low: Array, high: Array) -> bool:
+    """Whether a box holds a point."""
+    holds = True
+    for k in range(3):
+        holds = holds and low[k] <= x[k] <= high[k]
+    return holds

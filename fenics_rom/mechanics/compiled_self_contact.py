@@ -1,0 +1,100 @@
+"""Contact of a body with itself by compiled loops, where numba is; forces that these do not find are `SelfContact`'s.
+
+Pairs that are near are handed to the loops as points of their own, with their relative velocities and operator.
+"""
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import or_numpy
+from fenics_rom.mechanics import braking
+from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Law, find_forces, pairs_from
+from fenics_rom.mechanics.compiled.own_surface import operator_between
+from fenics_rom.mechanics.complementarity.delassus import axes_along
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_pairs import Settled
+from fenics_rom.mechanics.contact_search import ContactSearch
+from fenics_rom.mechanics.self_contact import SelfContact, beside
+
+_UNKNOWN, _ONES = np.empty((0, 0)), np.ones(3)
+
+
+class CompiledSelfContact(SelfContact):
+    """Arguments and attributes as in SelfContact; of obstacles that are convex."""
+
+    def solve(
+        self,
+        points: PointMotion,
+        delassus: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool = False,
+        settled: Settled | None = None,
+        is_patient: bool = True,
+    ) -> ContactSolution | None:
+        """As in ContactSolver; sweeps are NumPy's."""
+        if settled is None:
+            start = self._begin(points)
+            found = self._find(points, delassus, dt, beside(obstacles), quasi_static, start)
+            if found is not None:
+                contact, self.search = found
+                self._touches = contact is not None
+                return self._told_of(contact)
+        return super().solve(points, delassus, dt, obstacles, quasi_static, settled, is_patient)
+
+    @or_numpy
+    def _find(
+        self,
+        points: PointMotion,
+        delassus: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool,
+        start: ContactSearch,
+    ) -> tuple[ContactSolution | None, ContactSearch] | None:
+        """Contact of a step, and what the next search begins with; None where loops did not find forces."""
+        self._look_around(points, dt)
+        gaps, normals = self._distances(points.displacement, obstacles.start)
+        near = (gaps <= self._farthest(points, obstacles, dt)).nonzero()[0]
+        nothing = None, start._replace(swung=None)
+        if not len(near):
+            return nothing
+        w, μ, n = obstacles.velocities(dt), self.law.friction, len(near)
+        free, relative = self._relative(points, obstacles, w)
+        approach, outwards = ((normals * each).dot(_ONES) for each in (relative, free))
+        asked = self._asked(gaps, gaps.item(gaps.argmin()), obstacles, dt, quasi_static)(approach, outwards)
+        pairs, slides = pairs_from(start.forces[near], float(μ)), μ > 0 and not quasi_static
+        pairs.axes[:] = axes_along(normals[near]).transpose(0, 2, 1)
+        pairs.free[:], pairs.relative[:] = (
+            np.einsum("cij,cj->ci", pairs.axes, each[near]) for each in (free, relative)
+        )
+        pairs.level[:], pairs.target[:, 0] = asked.level[near], asked.target[near]
+        pairs.target[:, 1:] = pairs.relative[:, 1:] / 2 if slides else 0.0
+        pairs.chosen[:], pairs.helped[:] = pairs.free[:, 0] < pairs.level, False
+        if not pairs.chosen.any():
+            return nothing
+        swung = np.zeros(n, dtype=np.int64) if start.swung is None else start.swung[near].astype(np.int64)
+        numbers = Law(dt, float(self.law.restitution), float(μ), *self.law.in_steps(dt), quasi_static, braking.SWINGS)
+        found = find_forces(numbers, self._between(delassus, near), _UNKNOWN, n, swung, pairs)
+        if found.status == OTHERWISE:
+            return None
+        if found.status == NOTHING:
+            return nothing
+        forces, swings = np.zeros(normals.shape), None
+        forces[near] = pairs.forces
+        if slides and pairs.helped.any():
+            swings = np.zeros(len(forces), dtype=int)
+            swings[near] = braking.swung_with(pairs.helped, swung)
+        active, power = near[pairs.chosen], found.normal_power if μ else None
+        told = self._at_points(forces), found.sweeps, active, normals[active], forces[active], w, power
+        return ContactSolution(*told), start._replace(forces=forces, laws=(), swung=swings)
+
+    def _farthest(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
+        """The largest gap, m, of pairs that may be due; also of springs."""
+        return self._reach(points, obstacles, dt) * max(1.0, -1 / (self.law.in_steps(dt)[0] * dt))
+
+    def _operator(self, W: Array, at: Array, maps: Array) -> Array:
+        """As in SelfContact."""
+        between = np.empty((3 * len(at), 3 * len(at)))
+        operator_between(W, at, maps, between)
+        return between
