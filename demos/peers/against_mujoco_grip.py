@@ -14,6 +14,7 @@ from environments import PeerError, ask
 from findings import Findings
 
 import fenics_rom as fr
+from fenics_rom.compilation import numpy_alone
 
 STEP = hold.DT
 SETTINGS = {
@@ -47,10 +48,14 @@ def compare(interpreter: Path | PeerError, out: Path, findings: Findings) -> Non
     scene.write_text(json.dumps(SCENE))
     rom = fr.reduce(fr.assemble(fr.read_scene(Path(hold.__file__).parent / "pad.toml")))
     seconds = hold.WHOLE
-    own = hold.shaken(rom, seconds)
+    with numpy_alone():
+        in_numpy = hold.shaken(rom, seconds)
+    own = hold.shaken(rom, seconds) if fr.compiled() else in_numpy
     means, accelerations = hold.means_of(own), (0.0, hold.GRAVITY)
     slips = [hold.share_where_it_slips(hold.loosened(rom, a), a) for a in accelerations]
-    rows = [_row("`fenics_rom`, soft pads of order 20", means, slips, own.rate)]
+    rows = [_row("`fenics_rom`, NumPy, soft pads of order 20", hold.means_of(in_numpy), slips, in_numpy.rate)]
+    if fr.compiled():
+        rows.append(_row("`fenics_rom`, compiled, soft pads of order 20", means, slips, own.rate))
     try:
         if isinstance(interpreter, PeerError):
             raise interpreter
