@@ -6,6 +6,7 @@ import numpy as np
 
 from fenics_rom.errors import StepError, exactly
 from fenics_rom.fem.mesh import Mesh
+from fenics_rom.mechanics.active_environment import known_at_start
 from fenics_rom.mechanics.hyperelastic import strain_of_excess_damping
 from fenics_rom.mechanics.obstacles import smallest_radius
 from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
@@ -76,8 +77,7 @@ def obstacles_inside(system: System) -> list[str]:
     environment = system.scene.environment
     if not environment.obstacles or (environment.run is not None and environment.run.initial is not None):
         return []
-    shapes = {name: of.shape for name, of in environment.obstacles.items()}
-    offsets = np.array([of.displacement(0.0) for of in environment.obstacles.values()])
+    shapes, offsets = known_at_start(environment.obstacles)
     skin = system.skin()
     try:
         SkinWatch(skin).check_start(skin.coordinates, displaced(shapes, offsets))

@@ -35,7 +35,8 @@ class FullOrderInterface:
         own = self.points.own_surface(touching, body.triangles)
         check_apart(body.nodes, body.triangles, body.contact_surfaces, touching)
         self.touches_itself = own is not None
-        self.solver = make_contact_solver(self.points.coordinates, list(environment.obstacles.values()), law, own)
+        obstacles, turn = list(environment.obstacles.values()), environment.environment.turns_obstacles
+        self.solver = make_contact_solver(self.points.coordinates, obstacles, law, own, turn=turn)
         self.solve, self._environment = self.solver.solve, environment
         self._watch = SkinWatch(system.skin())
         self._seen: Instant | None = None
@@ -64,8 +65,8 @@ class FullOrderInterface:
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """What went through the surface so far."""
-        return self._watch.messages
+        """What went through the surface so far, and which obstacles jumped."""
+        return (*self._watch.messages, *self._environment.messages)
 
     def at_points(self, x: Array) -> Array:
         """What a field (rows here, 1) is at the contact points, (P, 3)."""

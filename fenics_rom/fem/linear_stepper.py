@@ -211,8 +211,9 @@ class FullOrderStepper(FullOrderBody):
         h, held = self.dt, self._elastic
         if self._points is not None and obstacles is not None:
             held = held - self._points.force_before(self.contact)
-            velocities, law = self._points.velocities(v), self._points.interface.solver.law
-            ledger.book_contact(*equilibrium_work(self.contact, contact, velocities, h, obstacles, law))
+            velocities, solver = self._points.velocities(v), self._points.interface.solver
+            of_step = velocities, h, obstacles, solver.law, solver.speeds
+            ledger.book_contact(*equilibrium_work(self.contact, contact, *of_step))
         if rubbed is not None and self.actuators is not None:
             rubbed_before = self.actuators.parts(self._columns, self.reactions)[1][:, None]
             held = held - rubbed_before

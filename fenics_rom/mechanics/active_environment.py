@@ -2,24 +2,29 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, StepError, check_known
+from fenics_rom.mechanics.base_fit import misfit_message
 from fenics_rom.mechanics.base_path import BASE_PATH, BasePath, BaseState, given_base
 from fenics_rom.mechanics.contact import ObstacleMotion, is_zero
-from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.environment import Environment, MovingObstacle
+from fenics_rom.mechanics.obstacle_poses import PoseSignal, pose_row, state_of, with_turns
 from fenics_rom.mechanics.signals import CheckedSignal, SignalLike
 from fenics_rom.mechanics.step import StepInput
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.obstacles import Obstacle
 
 
 class ObstacleState(NamedTuple):
     """Where the obstacles are."""
 
-    offsets: Array  # displacements from where the scene puts them, (O, 3), m
-    velocities: Array  # in the last step, (O, 3), m/s
+    offsets: Array  # displacements from where the scene puts them, (O, 3), m; or poses, see `obstacle_poses`
+    velocities: Array  # in the last step, (O, 3), m/s; of poses with angular velocities, (O, 6)
 
 
 class ActiveEnvironment:
@@ -30,7 +35,8 @@ class ActiveEnvironment:
         columns: number of columns of each load that the model has; None: those of the environment.
         signals: for loads and obstacles by name, instead of the environment's: numbers or functions of time (s).
             Of gravity: multiples of its acceleration; of a base motion: m/s²; of a prescribed force: N (3,); of an
-            obstacle: its displacement, m (3,). Of "base_path": a BaseState, a BasePath or a function of time.
+            obstacle: its displacement, m (3,). Of an obstacle with a motion, and of "base_path": a BaseState, a
+            BasePath or a function of time.
 
     Attributes:
         environment, columns: as given.
@@ -60,22 +66,26 @@ class ActiveEnvironment:
         self._still: ObstacleMotion | None = None  # as long as obstacles stay where they are
         self.signals: dict[str, SignalLike] = dict(signals or {})
         defined: dict[str, SignalLike | None] = {name: load.signal for name, load in environment.loads.items()}
-        defined |= {name: obstacle.displacement for name, obstacle in environment.obstacles.items()}
+        defined |= {name: of.displacement for name, of in environment.obstacles.items() if of.motion is None}
+        self._motions = {name: of.motion for name, of in environment.obstacles.items() if of.motion is not None}
+        moved = {name: motion.path for name, motion in self._motions.items()}
         self._bases = (BASE_PATH,) if environment.is_moving else ()
         for name in self.signals:
-            check_known("load or obstacle", name, (*defined, *self._bases), SceneError, f"{environment.source}: ")
+            known = (*self.columns, *self.obstacles, *self._bases)
+            check_known("load or obstacle", name, known, SceneError, f"{environment.source}: ")
         base = self.signals.get(BASE_PATH, environment.base_path)
         self._base = None if base is None else given_base(base)
-        self._signals = {}
-        for name, signal in (defined | self.signals).items():
+        self._signals: dict[str, CheckedSignal | PoseSignal] = {}
+        for name, signal in (defined | moved | self.signals).items():
             if name == BASE_PATH:
                 continue
             if signal is None:
+                has = "no table" if name in moved else "neither a value nor a table"
                 raise SceneError(
-                    f"{environment.source}: {name!r} has neither a value nor a table; give a function of time in "
+                    f"{environment.source}: {name!r} has {has}; give a function of time in "
                     f"Python: signals = {{{name!r}: lambda t: ...}}"
                 )
-            self._signals[name] = CheckedSignal(name, self.columns.get(name, 3), signal)
+            self._signals[name] = self._checked(name, signal)
         self._keep_constants()
         self.reset()
 
@@ -89,9 +99,21 @@ class ActiveEnvironment:
         if name == BASE_PATH:
             self._base = given_base(signal)
         else:
-            self._signals[name] = CheckedSignal(name, self.columns.get(name, 3), signal)
+            self._signals[name] = self._checked(name, signal)
         self.signals[name] = signal
         self._keep_constants()
+
+    def _checked(self, name: str, signal: "SignalLike") -> CheckedSignal | PoseSignal:
+        """The signal of a load or an obstacle; StepError where it is none."""
+        motion = self._motions.get(name)
+        if motion is not None:
+            return PoseSignal(name, motion.origin, signal)
+        if name in self.obstacles and isinstance(signal, BaseState | BasePath):
+            raise StepError(
+                f"{name}: poses are given, but the scene gives this obstacle no motion: allowed are displacements, m "
+                f"(3,); or name effects.contact.obstacles.{name}.motion in the scene"
+            )
+        return CheckedSignal(name, self.columns.get(name, 3), signal)
 
     @property
     def is_still(self) -> bool:
@@ -103,7 +125,7 @@ class ActiveEnvironment:
     @property
     def stands_still(self) -> bool:
         """Whether obstacles stayed where they are in the last step, and will until a signal is set."""
-        return self._still is not None
+        return self._still is not None and not self.environment.turns_obstacles
 
     def stroke_names(self, actuators: Collection[str]) -> tuple[str, ...]:
         """Those of the actuators whose strokes are given."""
@@ -112,8 +134,9 @@ class ActiveEnvironment:
     def reset(self) -> None:
         """Puts the obstacles where they are at time 0, at rest."""
         offsets = self.offsets_at(0.0)
-        self.state = ObstacleState(offsets, np.zeros_like(offsets))
+        self.state = ObstacleState(offsets, np.zeros((len(offsets), 6 if self.environment.turns_obstacles else 3)))
         self.loads = np.zeros(sum(self.columns.values()))
+        self._misfits: dict[str, tuple[float, float]] = {}  # m and rad, at most in a step
 
     def loads_at(self, time: float) -> Array:
         """The values of all loads at a time (s), in the order of their columns."""
@@ -139,19 +162,26 @@ class ActiveEnvironment:
         return np.array([np.concatenate(self._base(time)) for time in times.tolist()]).reshape(-1, 13)
 
     def offsets_at(self, time: float) -> Array:
-        """Displacements of the obstacles at a time (s), (O, 3), m."""
+        """Displacements of the obstacles at a time (s), (O, 3), m; or poses, (O, 7)."""
         if self._constant_offsets is not None:
             return self._constant_offsets
-        return np.array([self._signals[name].at(time) for name in self.obstacles]).reshape(-1, 3)
+        rows = [self._signals[name].at(time) for name in self.obstacles]
+        return np.array(with_turns(rows)) if rows else np.empty((0, 3))
 
-    def frozen_at(self, time: float) -> tuple[Environment, dict[str, Array]]:
+    def resting_signal(self, name: str, row: Array) -> Any:
+        """The signal of an obstacle that stays at a displacement or a pose, which a row of `offsets_at` says."""
+        motion = self._motions.get(name)
+        return row[:3].copy() if motion is None else state_of(row, np.array(motion.origin))
+
+    def frozen_at(self, time: float) -> tuple[Environment, dict[str, Any]]:
         """What acts at a time, s, for ever, on a body without inertia: an environment, and signals for it."""
         law = self.environment.contact_law
         still = None if law is None else replace(law, restitution=0.0)
         ends = np.cumsum([0, *self.columns.values()])
         loads = zip(self.columns, np.split(self.loads_at(time), ends[1:-1]), strict=False)
-        signals = {name: values for name, values in loads if name in self._signals}
-        signals |= dict(zip(self.obstacles, self.offsets_at(time), strict=True))
+        signals: dict[str, Any] = {name: values for name, values in loads if name in self._signals}
+        for name, row in zip(self.obstacles, self.offsets_at(time), strict=True):
+            signals[name] = self.resting_signal(name, row)
         return replace(self.environment, has_inertia=False, contact_law=still), signals
 
     def step_input(self, u: Array, time: float, dt: float) -> StepInput:
@@ -168,6 +198,7 @@ class ActiveEnvironment:
         if self.environment.contact_law is not None:
             motion, (start, before) = self._still, self.state
             if motion is None or motion.start is not start or motion.velocities_before is not before:
+                self._note_misfits(time, dt)
                 motion = ObstacleMotion(start, self.offsets_at(time + dt), before)
                 is_still = self._constant_offsets is not None and motion.end is motion.start
                 self._still = motion if is_still and is_zero(motion.velocities_before) else None
@@ -176,6 +207,22 @@ class ActiveEnvironment:
         if is_constant and u.base is None and not u.flags.writeable:  # then u stays what it is
             self._unchanged = u, self.state, inputs
         return inputs
+
+    def _note_misfits(self, time: float, dt: float) -> None:
+        """How far what turns goes otherwise than its twists say, in the step of dt, s, that begins at a time, s."""
+        for name in self._motions:
+            signal, extent = self._signals[name], self.obstacles[name].extent
+            if isinstance(signal, PoseSignal) and not signal.is_constant:
+                off = signal.misfit(time, time + dt, min(extent, 1.0))
+                if any(off):
+                    before = self._misfits.get(name, (0.0, 0.0))
+                    self._misfits[name] = max(off[0], before[0]), max(off[1], before[1])
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What the user should know of the run so far: obstacles that jumped, or whose poses and twists do not fit."""
+        told = (misfit_message(*off, obstacle=f"obstacle {name!r}") for name, off in self._misfits.items())
+        return tuple(message for messages in told for message in messages)
 
     def commit(self, inputs: StepInput, dt: float) -> None:
         """Ends a step of dt, s, that was taken: the obstacles are where they were to be."""
@@ -193,3 +240,14 @@ class ActiveEnvironment:
             self._constant_loads = self.loads_at(0.0)
         if all(self._signals[name].is_constant for name in self.obstacles):
             self._constant_offsets = self.offsets_at(0.0)
+
+
+def known_at_start(obstacles: Mapping[str, MovingObstacle]) -> "tuple[dict[str, Obstacle], Array]":
+    """Obstacles of which is known where they are at time 0, by name, and rows of these."""
+    shapes: dict[str, Obstacle] = {}
+    rows = list[Array]()
+    for name, (shape, shift, motion) in ((name, vars(each).values()) for name, each in obstacles.items()):
+        if motion is None or motion.path is not None:
+            shapes[name] = shape
+            rows.append(shift(0.0) if motion is None else pose_row(motion.path(0.0), np.array(motion.origin)))
+    return shapes, np.array(with_turns(rows))

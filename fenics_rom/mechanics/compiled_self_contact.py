@@ -54,15 +54,16 @@ class CompiledSelfContact(SelfContact):
     ) -> tuple[ContactSolution | None, ContactSearch] | None:
         """Contact of a step, and what the next search begins with; None where loops did not find forces."""
         self._look_around(points, dt)
-        gaps, normals = self._distances(points.displacement, obstacles.start)
+        look = self._looked_at(points.displacement, obstacles, dt)
+        gaps, normals = look.gaps, look.normals
         near = (gaps <= self._farthest(points, obstacles, dt)).nonzero()[0]
         nothing = None, start._replace(swung=None)
         if not len(near):
             return nothing
-        w, μ, n = obstacles.velocities(dt), self.law.friction, len(near)
-        free, relative = self._relative(points, obstacles, w)
+        w, μ, n = obstacles.velocities(dt)[:, :3], self.law.friction, len(near)
+        free, relative = self._relative(points, obstacles, look)
         approach, outwards = ((normals * each).dot(_ONES) for each in (relative, free))
-        asked = self._asked(gaps, gaps.item(gaps.argmin()), obstacles, dt, quasi_static)(approach, outwards)
+        asked = self._asked(look, obstacles, dt, quasi_static)(approach, outwards)
         pairs, slides = pairs_from(start.forces[near], float(μ)), μ > 0 and not quasi_static
         pairs.axes[:] = axes_along(normals[near]).transpose(0, 2, 1)
         pairs.free[:], pairs.relative[:] = (
@@ -87,7 +88,9 @@ class CompiledSelfContact(SelfContact):
             swings[near] = braking.swung_with(pairs.helped, swung)
         active, power = near[pairs.chosen], found.normal_power if μ else None
         told = self._at_points(forces), found.sweeps, active, normals[active], forces[active], w, power
-        return ContactSolution(*told), start._replace(forces=forces, laws=(), swung=swings)
+        return ContactSolution(*told, surface_velocities=look.surface(active)), start._replace(
+            forces=forces, laws=(), swung=swings
+        )
 
     def _farthest(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
         """The largest gap, m, of pairs that may be due; also of springs."""

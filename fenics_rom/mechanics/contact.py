@@ -12,6 +12,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
+from fenics_rom.mechanics.obstacle_poses import between, mean_twists, velocities_at
 
 LEAST_TOLD = 1e-6  # of the velocities that forces stop: what they leave below is small against the error of any step
 _ONES = np.ones(3)
@@ -34,21 +35,30 @@ def moved_by(W: Array, forces: Array) -> Array:
 class ObstacleMotion(NamedTuple):
     """How O obstacles move in one step."""
 
-    start: Array  # displacements from where the scene puts them at its start, (O, 3), m
-    end: Array  # at its end, (O, 3), m
-    velocities_before: Array  # in the step before, (O, 3), m/s
+    start: Array  # displacements from where the scene puts them at its start, (O, 3), m; or poses, see `obstacle_poses`
+    end: Array  # at its end, (O, 3), m, or (O, 7)
+    velocities_before: Array  # in the step before, (O, 3), m/s; of poses with angular velocities, (O, 6)
+
+    @property
+    def turns(self) -> bool:
+        """Whether poses are given."""
+        return self.start.shape[1] > 3
 
     def velocities(self, dt: float) -> Array:
-        """In a step of dt, s, (O, 3), m/s."""
+        """In a step of dt, s, as `velocities_before`."""
         if self.end is self.start:
-            return np.zeros(self.start.shape)
-        return (self.end - self.start) / dt
+            return np.zeros(self.velocities_before.shape)
+        return mean_twists(self.start, self.end, dt) if self.turns else (self.end - self.start) / dt
+
+    def velocities_at(self, places: Array, dt: float) -> tuple[Array, Array]:
+        """Of what turns, at places (P, 3), m, in a step of dt, s, and at its start: (O, P, 3) each, m/s."""
+        return velocities_at(places, self.start, self.end, self.velocities_before, dt)
 
     def part(self, begin: float, share: float, dt: float) -> "ObstacleMotion":
         """In the part of the step of dt, s, that begins when `begin` of it is taken and is `share` of it."""
-        whole = self.end - self.start
-        before = self.velocities_before if begin == 0 else whole / dt
-        return ObstacleMotion(self.start + begin * whole, self.start + (begin + share) * whole, before)
+        before = self.velocities_before if begin == 0 else self.velocities(dt)
+        start, end = (between(self.start, self.end, of) for of in (begin, begin + share))
+        return ObstacleMotion(start, end, before)
 
 
 class PointMotion(NamedTuple):
@@ -129,6 +139,7 @@ class ContactSolution(NamedTuple):
     obstacle_velocities: Array  # (O, 3), m/s
     normal_power: float | None  # Σ λ s of the pairs, W; None where there is no friction: then it is all
     opposite: Opposite | None = None  # of a body that may touch itself
+    surface_velocities: Array | None = None  # of the obstacles at the pairs (C, 3), m/s; None where none of them turns
 
     @property
     def by_obstacle(self) -> Array:
@@ -148,7 +159,10 @@ class ContactSolution(NamedTuple):
     def relative(self, velocities: Array) -> Array:
         """Of velocities (P, 3) of the points, how pairs (C, 3) move relative to what they touch, m/s."""
         obstacle, point = np.divmod(self.pairs, len(velocities))
-        relative: Array = velocities[point] - np.concatenate([self.obstacle_velocities, np.zeros((1, 3))])[obstacle]
+        w = self.surface_velocities
+        if w is None:
+            w = np.concatenate([self.obstacle_velocities, np.zeros((1, 3))])[obstacle]
+        relative: Array = velocities[point] - w
         if self.opposite is None:
             return relative
         return relative - (self.opposite.weights[:, :, None] * velocities[self.opposite.nodes]).sum(axis=1)
@@ -168,6 +182,14 @@ class ContactSolution(NamedTuple):
             np.add.at(pressing, self.opposite.nodes, self.opposite.weights * pressure[:, None])
         return pressing
 
+    @property
+    def power_of_obstacles(self) -> float:
+        """What obstacles that move supply, W."""
+        if self.surface_velocities is not None:
+            return float(self.pair_forces.ravel().dot(self.surface_velocities.ravel()))
+        w = self.obstacle_velocities
+        return 0.0 if is_zero(w) else float(self.by_obstacle.ravel().dot(w.ravel()))
+
     def work(self, velocity: Array, dt: float) -> ContactWork:
         """Where the work went.
 
@@ -179,9 +201,7 @@ class ContactSolution(NamedTuple):
 
     def work_at(self, power: float, dt: float) -> ContactWork:
         """The same from the power Σ f·v̂ of the forces on the points, W."""
-        w, supplied = self.obstacle_velocities, 0.0
-        if not is_zero(w):
-            supplied = float(self.by_obstacle.ravel().dot(w.ravel()))
+        supplied = self.power_of_obstacles
         whole = power - supplied
         normal = whole if self.normal_power is None else self.normal_power
         return ContactWork(dt * supplied, -dt * normal, dt * (normal - whole))
@@ -195,6 +215,7 @@ def mean_contact(parts: Sequence[tuple[float, ContactSolution | None]]) -> Conta
     touched = [(share, part) for share, part in parts if part is not None]
     if not touched:
         return None
+    speeds = [part.surface_velocities for _, part in touched if part.surface_velocities is not None]
     power = [share * part.normal_power for share, part in touched if part.normal_power is not None]
     opposite = [part.opposite for _, part in touched if part.opposite is not None]
     return ContactSolution(
@@ -206,6 +227,7 @@ def mean_contact(parts: Sequence[tuple[float, ContactSolution | None]]) -> Conta
         touched[-1][1].obstacle_velocities,
         sum(power) if power else None,
         Opposite(*map(np.concatenate, zip(*opposite, strict=True))) if opposite else None,
+        np.concatenate(speeds) if speeds else None,
     )
 
 
@@ -216,6 +238,7 @@ def equilibrium_work(
     dt: float,
     obstacles: ObstacleMotion,
     law: ContactLaw,
+    surface: Array | None = None,
 ) -> ContactWork:
     """Where the work went in a step from one equilibrium to the next, on whose way all forces change linearly.
 
@@ -227,11 +250,13 @@ def equilibrium_work(
         velocity, dt: as in `ContactSolution.work`.
         obstacles: how they move.
         law: of the contact.
+        surface: velocities of the obstacles at all pairs, (O P, 3), m/s; None where none turns.
     """
     w, supplied, done, contact, friction = obstacles.velocities(dt), 0.0, 0.0, 0.0, 0.0
     for one in (before, after):
         if one is not None:
-            supplied += dt / 2 * float(one.by_obstacle.ravel().dot(w.ravel()))
+            forces, speeds = (one.by_obstacle, w) if surface is None else (one.pair_forces, surface[one.pairs])
+            supplied += dt / 2 * float(forces.ravel().dot(speeds.ravel()))
             done += dt / 2 * float(one.forces.ravel().dot(velocity.ravel()))
     if after is not None:
         springs, friction = after.work(velocity, dt)[1:3]

@@ -25,6 +25,7 @@ from fenics_rom.mechanics.complementarity.linearised import Linearisation, least
 from fenics_rom.mechanics.contact import ContactLaw, PointMotion
 from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs, target_slopes
 from fenics_rom.mechanics.contact_solver import ContactSolver
+from fenics_rom.mechanics.obstacle_poses import curvature_from
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # of x, y, z
 KINK = 1e-9  # of the velocities that forces have to stop: nearer than this to another law, a step is at a kink
@@ -70,11 +71,11 @@ class ContactAdjoint(NamedTuple):
         if found is None:
             return None
         obstacle, point = np.divmod(found.active, len(solver.points))
-        places = solver.points[point] + found.points.displacement[point] - found.offsets[obstacle]
+        places = solver.points[point] + found.points.displacement[point]
         curvature = np.empty((len(point), 3, 3))
         for number, shape in enumerate(solver.obstacles):
             of_this = obstacle == number
-            curvature[of_this] = shape.curvature(places[of_this])
+            curvature[of_this] = curvature_from(shape, places[of_this], found.offsets[number])
         moved = _of_pairs(found, found.operator)
         return ContactAdjoint(solver.law, found, curvature if curvature.any() else None, moved, Delassus(moved))
 

@@ -233,6 +233,13 @@ class NormalRule:
         return NormalLaw(level, np.minimum(target, self._zeros, target))
 
 
+def kept_out(asked: Asked, gaps: Array, dt: float, but: slice, approach: Array, outwards: Array) -> NormalLaw:
+    """What the law asks in a step of dt, s, of pairs with gaps (O P,), m, that do not go farther; but of some."""
+    law, surface = asked(approach, outwards), np.minimum(-gaps / dt, 0.0)
+    surface[but] = -np.inf
+    return law._replace(target=np.maximum(law.target, surface))
+
+
 def target_slopes(
     law: ContactLaw, gaps: Array, target: Array, approach: Array, dt: float, quasi_static: bool = False
 ) -> tuple[Array, Array]:

@@ -36,9 +36,11 @@ from fenics_rom.mechanics.braking import Braking
 from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Frames, solve
 from fenics_rom.mechanics.complementarity.solution import ADVICE, advice_of, largest
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion, moved_by
-from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled, SolvedPairs, passive_forces
+from fenics_rom.mechanics.contact_look import Look, look_at, relative_velocities
+from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled, SolvedPairs, kept_out, passive_forces
 from fenics_rom.mechanics.contact_search import ContactSearch, TangentPlanes
 from fenics_rom.mechanics.followed_contact import Followed, LawToFollow, PairsMotion, follow_contact
+from fenics_rom.mechanics.obstacle_poses import distances_from
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.reach import reach_of
 
@@ -59,8 +61,12 @@ class ContactSolver:
         search: all that it keeps of the past, to begin the next search with.
         follows: whether the last step took no search.
         clear: the smallest gap at the start of the last step, m, if that was out of reach; else 0.
+        speeds: velocities of obstacles at all pairs (O P, 3) in the last step, m/s; None where none turns.
     """
 
+    keeps_out = False  # whether no point goes on through a plane that the step before did not foresee
+    speeds: Array | None = None
+    _own = slice(0, 0)  # of all pairs those of the body with itself, where it touches itself
     _considered: Pairs | None = None
     _solved: SolvedPairs | None = None
 
@@ -101,10 +107,7 @@ class ContactSolver:
             )
 
     def within_reach(self, points: PointMotion, dt: float, obstacles: ObstacleMotion) -> Array:
-        """Those points that may need contact forces in a step, or twice as fast; none where no point does.
-
-        Arguments as in `solve`.
-        """
+        """Points that may need contact forces in a step as of `solve`, or twice as fast; none where no point does."""
         gaps = self.gaps(points.displacement, obstacles.start)
         if self.law.stiffness is not None:
             return np.arange(len(gaps))
@@ -139,13 +142,13 @@ class ContactSolver:
         """
         search = self._begin(points)
         was_steady = search.is_steady
-        gaps, normals = self._distances(points.displacement, obstacles.start)
-        gap, w = gaps.item(gaps.argmin()), obstacles.velocities(dt)
-        asked = self._asked(gaps, gap, obstacles, dt, quasi_static)
+        look = self._looked_at(points.displacement, obstacles, dt)
+        gaps, normals = look.gaps, look.normals
+        asked = self._asked(look, obstacles, dt, quasi_static)
         is_tried, slides = False, self.law.friction > 0 and not quasi_static
         if search.laws and settled is None:
             is_tried = True
-            known = free, relative = self._relative(points, obstacles, w)
+            known = free, relative = self._relative(points, obstacles, look)
             motion = PairsMotion.of(search.frames_along(normals), free, relative, asked, slides)
             of_delassus = partial(self.operator_of, delassus), partial(self._moved, delassus)
             chosen, beside = motion.outwards < motion.asked.level, search
@@ -154,15 +157,15 @@ class ContactSolver:
                 if followed is None:
                     break
                 if followed.missed is None:
-                    self.search, step = beside, (delassus, dt, obstacles, quasi_static)
+                    self.search, step = beside, (delassus, dt, obstacles, quasi_static, look)
                     return self.keep_followed(followed, motion.frames, lambda: (points, *known), *step)
                 chosen, beside = chosen | followed.missed, beside.beside(law.key, followed.solution.kept)
         is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
-        if not is_near and gap > self._reach(points, obstacles, dt):
+        if not is_near and look.gap > self._reach(points, obstacles, dt):
             self.pass_by()
-            self.clear = gap
+            self.clear = look.gap
             return None
-        pairs = self._all_pairs(*self._relative(points, obstacles, w), normals, asked, slides, settled)
+        pairs = self._all_pairs(*self._relative(points, obstacles, look), normals, asked, slides, settled)
         self._considered = pairs
         chosen = pairs.free[0] < pairs.level
         if settled is not None:
@@ -223,7 +226,9 @@ class ContactSolver:
         if self.law.friction:
             closing = velocities[0] + problem.target
             power = float(forces[0].dot(closing - pairs.compliance * forces[0] if pairs.compliance else closing))
-        return ContactSolution(point_forces, iterations, active, normals.take(active, axis=0), pair_forces, w, power)
+        normals, w = normals.take(active, axis=0), obstacles.velocities(dt)[:, :3]
+        found_so = active, normals, pair_forces, w, power, None, look.surface(active)
+        return ContactSolution(point_forces, iterations, *found_so)
 
     def _begin(self, points: PointMotion) -> ContactSearch:
         """Forgets the last step; what the search of this one begins with."""
@@ -255,6 +260,7 @@ class ContactSolver:
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
+        look: Look | None = None,
         planes: TangentPlanes | None = None,
     ) -> ContactSolution:
         """Contact of a step in which all pairs did what they did in the step before; the next search begins with it.
@@ -264,6 +270,7 @@ class ContactSolver:
             frames: of all.
             told: tells, if someone asks, what the points do, and what `_relative` says of that.
             delassus, dt, obstacles, quasi_static: as in `solve`.
+            look: of the step; None: at what does not turn.
             planes: those of round obstacles that points have not left.
         """
         key, active, operator, solution, forces, power, are_framed, _ = found
@@ -274,22 +281,23 @@ class ContactSolver:
 
         def known() -> tuple[Pairs, SolvedPairs]:
             points, free, relative = told()
-            gaps, _ = self._distances(points.displacement, obstacles.start)
-            asked = self._asked(gaps, gaps.min(), obstacles, dt, quasi_static)
+            seen = self._looked_at(points.displacement, obstacles, dt) if look is None else look
+            asked = self._asked(seen, obstacles, dt, quasi_static)
             pairs = self._all_pairs(free, relative, frames.normals, asked, law.friction > 0 and not quasi_static)
             problem = pairs.problem(active, operator, forces, False)
             own = frames.of(active)
             f, u = solution[:2]
             if not are_framed:
                 f, u = own.turned(own.from_lasting_axes(f), own.from_lasting_axes(u))
-            found_so = pairs, gaps, active, problem, f, u, False
+            found_so = pairs, seen.gaps, active, problem, f, u, False
             return pairs, SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found_so)
 
         self._told, self.follows = known, True
-        among, normals, w = forces, frames.normals, obstacles.velocities(dt)
+        among, normals, w = forces, frames.normals, obstacles.velocities(dt)[:, :3]
         if len(active) < len(forces):
             among, normals = forces.take(active, axis=0), normals.take(active, axis=0)
-        return ContactSolution(self._at_points(forces), 0, active, normals, among, w, power)
+        surface = None if look is None else look.surface(active)
+        return ContactSolution(self._at_points(forces), 0, active, normals, among, w, power, None, surface)
 
     @property
     def last_step(self) -> Callable[[], tuple[Pairs | None, SolvedPairs | None]]:
@@ -299,18 +307,16 @@ class ContactSolver:
         known = self._considered, self._solved
         return lambda: known
 
-    def _relative(self, points: PointMotion, obstacles: ObstacleMotion, w: Array) -> tuple[Array, Array]:
+    def _looked_at(self, displacement: Array, obstacles: ObstacleMotion, dt: float) -> Look:
+        """What the law looks at, of points that have moved by (P, 3), m."""
+        look = look_at(self._distances, self.points, displacement, obstacles, dt)
+        self.speeds = None if look.turning is None else look.w
+        return look
+
+    def _relative(self, points: PointMotion, obstacles: ObstacleMotion, look: Look) -> tuple[Array, Array]:
         """Velocities of all pairs (O P, 3), m/s, in the middle of the step without contact, and at its start."""
-        free, relative = self._of_pairs(points.free_velocity), self._of_pairs(points.velocity)
-        if obstacles.end is not obstacles.start:
-            motion = self._of_obstacles(w)
-            free, relative = free - motion, relative - motion
-        if w.tobytes() != obstacles.velocities_before.tobytes():
-            # What keeps touching an obstacle that accelerates has its velocity between the steps, and not yet the mean
-            # one of this step. Taken for an approach, the difference would let it sink in further in every step.
-            pushed = self._begun[1].pushed
-            relative = relative + pushed[:, None] * self._of_obstacles((w - obstacles.velocities_before) / 2)
-        return free, relative
+        of_pairs = self._of_pairs(points.free_velocity), self._of_pairs(points.velocity)
+        return relative_velocities(*of_pairs, look, obstacles, self._begun[1])
 
     def _all_pairs(
         self, free: Array, relative: Array, normals: Array, asked: Asked, slides: bool, settled: Settled | None = None
@@ -330,10 +336,12 @@ class ContactSolver:
         braking = Braking(relative[1:] / 2, self._begun[1].swung) if slides else None
         return Pairs(frames, free, relative, *asked(relative[0], outwards), braking)
 
-    def _asked(self, gaps: Array, gap: float, obstacles: ObstacleMotion, dt: float, quasi_static: bool) -> Asked:
-        """The normal law of a step, of all pairs with these gaps (O P,), m, of which one is the smallest."""
-        w = None if obstacles.end is obstacles.start else obstacles.velocities(dt)
-        return partial(self.rule(dt, quasi_static).asks, gaps, gap, w)
+    def _asked(self, look: Look, obstacles: ObstacleMotion, dt: float, quasi_static: bool) -> Asked:
+        """The normal law of a step, of all pairs."""
+        w = None if obstacles.end is obstacles.start else look.w
+        asked = partial(self.rule(dt, quasi_static).asks, look.gaps, look.gap, w)
+        keeps_out = self.law.stiffness is None and (self.keeps_out or look.turning is not None)
+        return partial(kept_out, asked, look.gaps, dt, self._own) if keeps_out else asked
 
     def rule(self, dt: float, quasi_static: bool = False) -> NormalRule:
         """The normal law in steps of dt, s."""
@@ -344,7 +352,9 @@ class ContactSolver:
     def _distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:
         """Gaps (O P,), m, and normals (O P, 3), obstacle after obstacle."""
         if offsets is not self._offsets:
-            self._offsets, self._placed = offsets, [self.points - moved for moved in offsets]
+            self._offsets, self._placed = offsets, [self.points - moved for moved in offsets[:, :3]]
+        if offsets.shape[1] > 3:
+            return distances_from(self.obstacles, self.points + displacement, offsets)
         if len(self.obstacles) == 1:
             return self.obstacles[0].distance(self._placed[0] + displacement)
         placed = zip(self.obstacles, self._placed, strict=True)
@@ -358,10 +368,6 @@ class ContactSolver:
     def _of_pairs(self, values: Array) -> Array:
         """Values of the points (P, 3), of each pair (O P, 3)."""
         return values if len(self.obstacles) == 1 else np.tile(values, (len(self.obstacles), 1))
-
-    def _of_obstacles(self, values: Array) -> Array:
-        """Values of the obstacles (O, 3), of each pair (O P, 3)."""
-        return values.repeat(len(self.points), axis=0)
 
     def _moved(self, delassus: Array, forces: Array) -> Array:
         """Velocities of all pairs (O P, 3), m/s, that forces of all pairs cause."""
@@ -387,4 +393,4 @@ class ContactSolver:
 
     def _reach(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
         """The largest gap, m, with which a pair of the rigid law can be due in a step of dt, s."""
-        return reach_of(points, obstacles, dt)
+        return reach_of(points, self.points, obstacles, dt)

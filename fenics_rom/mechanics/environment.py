@@ -46,11 +46,20 @@ class Guide:
 
 
 @dataclass(frozen=True)
+class RigidMotion:
+    """Poses and twists over time."""
+
+    path: "BasePath | None"  # None where they are to be given as a function of time
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the point whose position they say, m
+
+
+@dataclass(frozen=True)
 class MovingObstacle:
-    """An obstacle, and its displacement (3,) from where the scene puts it, m."""
+    """An obstacle, and its displacement (3,) from where the scene puts it, m; or, where it has one, its motion."""
 
     shape: "Obstacle"
     displacement: Signal
+    motion: RigidMotion | None = None
 
 
 @dataclass(frozen=True)
@@ -151,6 +160,11 @@ class Environment:
     def finds_forces(self) -> bool:
         """Whether forces of actuators are found in the step: by strokes, or friction at guides."""
         return bool(self.controls or self.guides)
+
+    @property
+    def turns_obstacles(self) -> bool:
+        """Whether an obstacle is moved by poses."""
+        return any(obstacle.motion is not None for obstacle in self.obstacles.values())
 
     @property
     def switches_itself(self) -> bool:

@@ -340,7 +340,7 @@ def _passive(contact: ContactSolution, velocities: Array) -> ContactSolution:
     Raises:
         StepError: they would do work on the body.
     """
-    whole = float((contact.forces * velocities).sum() - (contact.by_obstacle * contact.obstacle_velocities).sum())
+    whole = float((contact.forces * velocities).sum()) - contact.power_of_obstacles
     if whole > 0:
         raise StepError("contact of a turning body: no forces were found that add no energy; a smaller dt is the cure")
     if contact.normal_power is None:

@@ -23,6 +23,8 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Rotation = tuple[Vector, Vector, Vector]  # the rows of R
 ZERO: Vector = (0.0, 0.0, 0.0)
+MOST_TURNED = 2.0  # rad in a step of what moves as it is told: beyond it nobody knows which way
+LEAST_COSINE = math.cos(MOST_TURNED / 2)
 
 
 def cross_matrix(a: Numbers) -> Array:

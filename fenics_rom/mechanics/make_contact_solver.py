@@ -15,9 +15,14 @@ if TYPE_CHECKING:
 
 
 def make_contact_solver(
-    points: Array, obstacles: Sequence[Obstacle], law: ContactLaw, own: "OwnSurface | None" = None
+    points: Array,
+    obstacles: Sequence[Obstacle],
+    law: ContactLaw,
+    own: "OwnSurface | None" = None,
+    *,
+    turn: bool = False,
 ) -> ContactSolver:
-    """Of points (P, 3), m, and obstacles that meet by a law; compiled if all their shapes are.
+    """Of points (P, 3), m, and obstacles that meet by a law; compiled if all are and none may turn.
 
     `own`: the surface of the body, if that touches itself.
     """
@@ -33,7 +38,7 @@ def make_contact_solver(
         from fenics_rom.mechanics.mesh_contact import MeshContact  # here, as few scenes have meshes
 
         return MeshContact(points, obstacles, law)
-    if compiled():
+    if compiled() and not turn:
         from fenics_rom.mechanics.compiled.shapes import shape_rows  # here, as numba takes time to import
         from fenics_rom.mechanics.compiled_contact import CompiledContact
 

@@ -11,13 +11,16 @@ with the velocity that the step ends with.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion, moved_by
-from fenics_rom.mechanics.contact_pairs import Asked, NormalLaw, Settled
+from fenics_rom.mechanics.contact_look import Look
+from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_solver import ContactSolver
+from fenics_rom.mechanics.obstacle_poses import distance_from, rotated, rotated_back, seen
 from fenics_rom.mechanics.obstacles import HalfSpace, Mesh, Obstacle
 from fenics_rom.mechanics.triangle_surface import MORE_PLANES, SAME, TriangleSurface
 
@@ -32,17 +35,16 @@ class MeshContact(ContactSolver):
         obstacles: those that are given, and after them planes of the meshes that may be added in a step.
     """
 
-    _own = slice(0, 0)  # of all pairs those of the body with itself, where it touches itself
-
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
         given = tuple(obstacles)
         meshes = [number for number, each in enumerate(given) if not each.is_convex]
         added = [number for number in meshes for _ in range(MORE_PLANES)]
         super().__init__(points, (*given, *[_PLANE] * len(added)), law)
-        self._given, self._meshes = given, meshes
+        self._given, self._meshes, self.keeps_out = given, meshes, bool(meshes)
         self._owner = np.array([*range(len(given)), *added])  # which obstacle each of them is
-        self._planes: tuple[Array, tuple[Array, Array]] | None = None  # displacement, gaps and normals of a step
+        self._planes: _Planes | None = None  # of a step
         self._settled: Settled | None = None
+        self._looked: Look | None = None
 
     def solve(
         self,
@@ -55,13 +57,13 @@ class MeshContact(ContactSolver):
         is_patient: bool = True,
     ) -> ContactSolution | None:
         """As in ContactSolver."""
-        motion = ObstacleMotion(*(of.take(self._owner, axis=0) for of in obstacles))
-        if obstacles.end is obstacles.start:
-            motion = motion._replace(end=motion.start)
         if settled is None or settled is not self._settled:
             self._planes = None
+        motion = self._of_planes(obstacles)
         self._settled = settled
-        self._planes = points.displacement, self._distances(points.displacement, motion.start)
+        x, at_start = points.displacement, self._distances(points.displacement, motion.start)
+        at_end = at_start if motion.end is motion.start else self._distances(x, motion.end) if motion.turns else None
+        self._planes = _Planes(x, motion.start, at_start, motion.end, at_end)
         begun = self.search
         while True:
             self.search = begun
@@ -78,28 +80,27 @@ class MeshContact(ContactSolver):
             return None
         obstacle, point = np.divmod(contact.pairs, len(self.points))
         pairs = self._owner[obstacle] * len(self.points) + point
-        return contact._replace(pairs=pairs, obstacle_velocities=obstacles.velocities(dt))
+        return contact._replace(pairs=pairs, obstacle_velocities=obstacles.velocities(dt)[:, :3])
 
-    def _asked(self, gaps: Array, gap: float, obstacles: ObstacleMotion, dt: float, quasi_static: bool) -> Asked:
-        """As in ContactSolver; and no point goes on through a plane that the step before did not foresee."""
-        asked = super()._asked(gaps, gap, obstacles, dt, quasi_static)
-        if self.law.stiffness is not None or not self._meshes:
-            return asked
-        surface = np.minimum(-gaps / dt, 0.0)
-        surface[self._own] = -np.inf
+    def _looked_at(self, displacement: Array, obstacles: ObstacleMotion, dt: float) -> Look:
+        """As in ContactSolver."""
+        self._looked = super()._looked_at(displacement, obstacles, dt)
+        return self._looked
 
-        def kept_out(approach: Array, outwards: Array) -> NormalLaw:
-            law = asked(approach, outwards)
-            return law._replace(target=np.maximum(law.target, surface))
-
-        return kept_out
+    def _of_planes(self, obstacles: ObstacleMotion) -> ObstacleMotion:
+        """How all move of which each plane has its own; the same arrays as long as a step is solved in sweeps."""
+        known = self._planes
+        start, end, before = (of.take(self._owner, axis=0) for of in obstacles)
+        if known is not None:
+            start, end = known.start, known.end
+        return ObstacleMotion(start, start if obstacles.end is obstacles.start else end, before)
 
     def _distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:
         """As in ContactSolver; of planes that are not there gaps are infinite."""
-        if self._planes is not None and displacement is self._planes[0] and len(offsets) == len(self.obstacles):
-            return self._planes[1]
+        if self._planes is not None and (known := self._planes.known(displacement, offsets)) is not None:
+            return known
         placed = self.points + displacement
-        found = [obstacle.distance(placed - offset) for obstacle, offset in zip(self._given, offsets, strict=False)]
+        found = [distance_from(shape, placed, row) for shape, row in zip(self._given, offsets, strict=False)]
         normals = [found[number][1] for number in self._owner]
         missing = np.full(len(placed) * (len(self.obstacles) - len(self._given)), np.inf)
         return np.concatenate([*(gaps for gaps, _ in found), missing]), np.concatenate(normals)
@@ -109,29 +110,60 @@ class MeshContact(ContactSolver):
     ) -> bool:
         """Adds planes of triangles that points go through at mid-step velocities (P, 3), m/s; whether there are any."""
         assert self._planes is not None
-        displacement, (gaps, normals) = self._planes
-        gaps, normals = gaps.reshape(len(self.obstacles), -1).copy(), normals.reshape(len(self.obstacles), -1, 3).copy()
-        w, are_added = obstacles.velocities(dt), False
+        known, each, are_added = self._planes, (len(self.obstacles), len(self.points)), False
+        (gaps, normals), at_end = known.at_start, known.at_end if obstacles.turns else None
+        gaps, normals = gaps.reshape(each).copy(), normals.reshape(*each, 3).copy()
+        used, looked = (gaps, normals), self._looked  # planes that the law has been asked of, where they end
+        if at_end is not None and looked is not None:
+            later, turned = at_end[0].reshape(each).copy(), at_end[1].reshape(*each, 3).copy()
+            ends = looked.gaps - dt * (looked.w * looked.normals).dot(_ONES)
+            used = ends.reshape(each), looked.normals.reshape(*each, 3)
+        places = self.points + points.displacement
+        w = obstacles.velocities_at(places, dt)[0] if obstacles.turns else obstacles.velocities(dt)[:, None]
         for number in self._meshes:
             mesh = self._given[number]
             assert isinstance(mesh, Mesh)
-            start = self.points + displacement - obstacles.start[number]
-            end = start + dt * (middle - w[number])
-            later = end if quasi_static else end + dt * (middle - (points.velocity + w[number]) / 2)
-            point, triangle = _crossed(mesh.surface, start, end, later, gaps[number])
+            first, last = obstacles.start[number], obstacles.end[number]
+            start, end = seen(places, first), seen(places + dt * middle, last)
+            later_way = dt * (middle - (points.velocity + w[number]) / 2)
+            later_end = end if quasi_static else end + rotated_back(later_way, last)
+            point, triangle = _crossed(mesh.surface, start, end, later_end, gaps[number])
             gap, normal = mesh.surface.planes(triangle, start[point])
-            own = (self._owner == number).nonzero()[0]
-            of_point, tolerance = gaps[own][:, point], SAME * mesh.surface.size
-            are_same = (normals[own][:, point] * normal).dot(_ONES) >= 1 - SAME
-            are_same &= np.abs(of_point - gap) <= tolerance
-            free = np.isinf(of_point)
+            own, tolerance = (self._owner == number).nonzero()[0], SAME * mesh.surface.size
+            there, along = gap, rotated(normal, first)
+            if at_end is not None:
+                there, along = mesh.surface.planes(triangle, seen(places[point], last))[0], rotated(normal, last)
+            are_same = (used[1][own][:, point] * along).dot(_ONES) >= 1 - SAME
+            are_same &= np.abs(used[0][own][:, point] - there) <= tolerance
+            free = np.isinf(gaps[own][:, point])
             new = (gap >= -tolerance) & ~are_same.any(axis=0) & free.any(axis=0)
             slot, point = own[free.argmax(axis=0)[new]], point[new]
-            gaps[slot, point], normals[slot, point] = gap[new], normal[new]
+            gaps[slot, point], normals[slot, point] = gap[new], rotated(normal[new], first)
+            if at_end is not None:
+                later[slot, point], turned[slot, point] = there[new], along[new]
             are_added |= len(point) > 0
         if are_added:
-            self._planes = displacement, (gaps.ravel(), normals.reshape(-1, 3))
+            known = known._replace(at_start=(gaps.ravel(), normals.reshape(-1, 3)))
+            if at_end is not None:
+                known = known._replace(at_end=(later.ravel(), turned.reshape(-1, 3)))
+            self._planes = known
         return are_added
+
+
+class _Planes(NamedTuple):
+    """Gaps (O P,), m, and normals (O P, 3) of points that have moved by a displacement (P, 3), m."""
+
+    displacement: Array
+    start: Array  # rows of the obstacles at the start of the step
+    at_start: tuple[Array, Array]
+    end: Array  # at its end
+    at_end: tuple[Array, Array] | None  # None where none turns
+
+    def known(self, displacement: Array, offsets: Array) -> tuple[Array, Array] | None:
+        """Those of the start or the end, if these are asked for."""
+        if displacement is not self.displacement:
+            return None
+        return self.at_start if offsets is self.start else self.at_end if offsets is self.end else None
 
 
 def _crossed(surface: TriangleSurface, start: Array, end: Array, later: Array, gaps: Array) -> tuple[Array, Array]:

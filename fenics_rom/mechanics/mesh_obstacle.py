@@ -76,6 +76,13 @@ class Mesh:
         deepest = int(gaps.argmin())
         return max(-float(gaps[deepest]), SMALLEST), places[deepest][None]
 
+    @cached_property
+    def extent(self) -> float:
+        """Radius of the ball about the origin that holds it, m; infinite if it is open."""
+        if not self.surface.is_closed:
+            return math.inf
+        return float(np.sqrt(np.square(self.surface.vertices).dot(_ONES)).max())
+
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
         gaps, normals, places, along, is_flat = self.surface.foot(points)

@@ -47,6 +47,10 @@ class Obstacle(Protocol):
         """Radius, m, of the largest balls that it holds, infinite of a half-space, and centres (C, 3) of some, m."""
 
     @property
+    def extent(self) -> float:
+        """Radius of the ball about the origin of its axes that holds it, m; infinite of a half-space."""
+
+    @property
     def is_convex(self) -> bool:
         """Whether it is, so that no step enters it that ends before the plane of the nearest place."""
 
@@ -101,6 +105,11 @@ class HalfSpace:
         """Of a half-space no ball is the largest."""
         return math.inf, np.empty((0, 3))
 
+    @property
+    def extent(self) -> float:
+        """No ball holds it."""
+        return math.inf
+
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
         return np.zeros((len(points), 3, 3))
@@ -133,6 +142,11 @@ class Sphere:
     def core(self) -> tuple[float, Array]:
         """Its radius, m, and its centre (1, 3), m."""
         return self.radius, self._center[None]
+
+    @property
+    def extent(self) -> float:
+        """Radius of the ball about the origin that holds it, m."""
+        return math.hypot(*self._center) + self.radius
 
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
@@ -182,6 +196,11 @@ class Capsule:
     def core(self) -> tuple[float, Array]:
         """Its radius, m, and both ends of its axis (2, 3), m."""
         return self.radius, np.stack([self._start, self._start + self._axis])
+
+    @property
+    def extent(self) -> float:
+        """Radius of the ball about the origin that holds it, m."""
+        return max(math.hypot(*self.start), math.hypot(*self.end)) + self.radius
 
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
@@ -237,6 +256,11 @@ class Box:
         """Half of its least edge, m, and centres (9, 3) of balls in its corners and in the middle, m."""
         radius = float(self._half.min())
         return radius, self._center + (_CORNERS * (self._half - radius)) @ self._axes.T
+
+    @property
+    def extent(self) -> float:
+        """Radius of the ball about the origin that holds it, m, or a little more."""
+        return math.hypot(*self._center) + math.hypot(*self._half)
 
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""

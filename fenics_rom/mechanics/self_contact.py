@@ -24,10 +24,11 @@ from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs
 from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE
 from fenics_rom.mechanics.frame_geometry import crossed
 from fenics_rom.mechanics.mesh_contact import MeshContact
+from fenics_rom.mechanics.obstacle_poses import NO_TURN, distance_from
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.own_surface import OwnSurface
 
-_ONES, _NO_MOTION = np.ones(3), np.zeros((1, 3))
+_ONES = np.ones(3)
 
 
 class _Itself:
@@ -62,6 +63,11 @@ class _Itself:
         return np.zeros((len(points), 3, 3))
 
     @property
+    def extent(self) -> float:
+        """As of an Obstacle."""
+        return np.inf
+
+    @property
     def core(self) -> tuple[float, Array]:
         """As of an Obstacle: no ball that would go through points."""
         return np.inf, np.empty((0, 3))
@@ -89,7 +95,8 @@ class SelfContact(MeshContact):
     def gaps(self, displacement: Array, offsets: Array) -> Array:
         """As in ContactSolver: from obstacles; infinite without these."""
         placed = self.points + displacement
-        of_each = [of.distance(placed - offset)[0] for of, offset in zip(self._given[: self._O], offsets, strict=True)]
+        known = zip(self._given[: self._O], offsets, strict=True)
+        of_each = [distance_from(obstacle, placed, row)[0] for obstacle, row in known]
         return np.min([np.full(len(placed), np.inf), *of_each], axis=0)
 
     def check_start(self, displacement: Array, offsets: Array, names: Sequence[str]) -> None:
@@ -106,7 +113,7 @@ class SelfContact(MeshContact):
                 f"{-gaps[deepest]:.3g} m inside {second!r} at {places[deepest].tolist()}"
             )
         if self._O:
-            super().check_start(displacement, np.concatenate([offsets, _NO_MOTION]), names)
+            super().check_start(displacement, np.concatenate([offsets, _resting(offsets)]), names)
 
     def within_reach(self, points: PointMotion, dt: float, obstacles: ObstacleMotion) -> Array:
         """As in ContactSolver, with what these points may touch of the body."""
@@ -262,9 +269,15 @@ def _maps(points: Array, corners: Array, weights: Array) -> Array:
 
 def beside(obstacles: ObstacleMotion) -> ObstacleMotion:
     """How obstacles move, and the body itself, which is one that stands still."""
-    start = np.concatenate([obstacles.start, _NO_MOTION])
-    end = start if obstacles.end is obstacles.start else np.concatenate([obstacles.end, _NO_MOTION])
-    return ObstacleMotion(start, end, np.concatenate([obstacles.velocities_before, _NO_MOTION]))
+    rests, before = _resting(obstacles.start), obstacles.velocities_before
+    start = np.concatenate([obstacles.start, rests])
+    end = start if obstacles.end is obstacles.start else np.concatenate([obstacles.end, rests])
+    return ObstacleMotion(start, end, np.concatenate([before, np.zeros((1, before.shape[1]))]))
+
+
+def _resting(rows: Array) -> Array:
+    """What of these rows of obstacles is that of one that stays where it is, (1, any)."""
+    return np.concatenate([np.zeros(3), NO_TURN])[None, : rows.shape[1]]
 
 
 def _fastest(velocities: Array) -> float:

@@ -11,7 +11,6 @@ Both are at most the depth that there is, so that nothing is told that is not so
 the solid angle of its triangles says (van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30, 1983).
 """
 
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -19,6 +18,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact_points import covering_radius
+from fenics_rom.mechanics.obstacle_poses import between, distance_from, farthest_moved, placed
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 
 if TYPE_CHECKING:
@@ -56,28 +56,28 @@ class Intruder(Protocol):
 
 
 class MovedIntruder(NamedTuple):
-    """One that is displaced."""
+    """One that is displaced, or posed."""
 
     shape: "Obstacle"
-    offset: Array  # (3,), m
+    offset: Array  # (3,), m; or a pose (7,), see `obstacle_poses`
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """As of an Intruder."""
-        return self.shape.distance(points - self.offset)
+        return distance_from(self.shape, points, self.offset)
 
     @property
     def core(self) -> tuple[float, Array]:
         """As of an Intruder."""
         radius, centres = self.shape.core
-        return radius, centres + self.offset
+        return radius, placed(centres, self.offset)
 
     def after(self, before: "MovedIntruder", share: float) -> "MovedIntruder":
         """As of an Intruder."""
-        return MovedIntruder(self.shape, before.offset + share * (self.offset - before.offset))
+        return MovedIntruder(self.shape, between(before.offset[None], self.offset[None], share)[0])
 
     def moved(self, before: "MovedIntruder") -> float:
         """As of an Intruder."""
-        return math.dist(self.offset, before.offset)
+        return farthest_moved(self.shape, before.offset, self.offset)
 
 
 class Intrusion(NamedTuple):

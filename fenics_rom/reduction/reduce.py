@@ -13,6 +13,7 @@ from fenics_rom.arguments import check_flag, path_in
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError, check_type, exactly
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stages
+from fenics_rom.mechanics.active_environment import known_at_start
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.mechanics.load_history import check_width
@@ -227,13 +228,14 @@ def _require_start(system: System) -> None:
     if not environment.obstacles:
         return
     points = system.points_of_contact().coordinates
-    shapes, offsets = zip(*((o.shape, o.displacement(0.0)) for o in environment.obstacles.values()), strict=True)
+    shapes, offsets = known_at_start(environment.obstacles)
+    if not shapes:
+        return
     try:
-        solver = ContactSolver(points, shapes, environment.contact_law)
-        solver.check_start(np.zeros_like(points), np.array(offsets), list(environment.obstacles))
+        solver = ContactSolver(points, list(shapes.values()), environment.contact_law)
+        solver.check_start(np.zeros_like(points), offsets, list(shapes))
         skin = system.skin()
-        there = displaced({name: obstacle.shape for name, obstacle in environment.obstacles.items()}, np.array(offsets))
-        SkinWatch(skin).check_start(skin.coordinates, there)
+        SkinWatch(skin).check_start(skin.coordinates, displaced(shapes, offsets))
     except StepError as error:
         raise SceneError(f"{environment.source}: {error}") from error
 

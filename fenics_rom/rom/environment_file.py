@@ -11,6 +11,7 @@ loads/NAME/                  loads with signals of their own; columns (1,) and a
     values (w,) or (T, w)    in the unit of the input
     times (T,) s             where values change
 obstacles/NAME/              attribute `shape`; what describes it (point, normal, ..., vertices), and a signal, m
+    rigid_motion/            origin (3,) m, and a group path as base_path, if it is known; absent where it has none
 self_contact/                attributes NAME, yes, of contact modes; absent where the body does not touch itself
 viscoelasticity/             ratios (b,), times (b,) s; absent where the material is elastic
 contact_law/                 restitution, friction (1,); stiffness N/m, damping N s/m (1,); absent without contact
@@ -39,6 +40,7 @@ from fenics_rom.mechanics.environment import (
     Guide,
     Load,
     MovingObstacle,
+    RigidMotion,
     Run,
 )
 from fenics_rom.mechanics.signals import Signal
@@ -78,6 +80,7 @@ PATH = {
     "velocities": Entry("m/s", ("T", 3), optional=True),
     "angular_velocities": Entry("rad/s", ("T", 3), optional=True),
 }
+ORIGIN = {"origin": Entry("m", (3,))}
 SPAN = {"start": Entry("s", (1,)), "stop": Entry("s", (1,))}
 GUIDE = {"friction": Entry("1", (1,)), "angle": Entry("rad", (1,))}
 SERIES = {"ratios": Entry("1", ("b",)), "times": Entry("s", ("b",))}
@@ -118,6 +121,11 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
         part, shape = obstacles.create_group(name), shape_of(obstacle.shape)
         put_text(part, shape=shape)
         _put(part, _dimensions(shape), vars(obstacle.shape), obstacle.displacement, "m")
+        if obstacle.motion is not None:
+            motion = part.create_group("rigid_motion")
+            put_arrays(motion, ORIGIN, {}, vars(obstacle.motion))
+            if obstacle.motion.path is not None:
+                put_arrays(motion.create_group("path"), PATH, {}, vars(obstacle.motion.path))
     if environment.viscoelasticity is not None:
         put_arrays(group.create_group("viscoelasticity"), SERIES, {}, vars(environment.viscoelasticity))
     law, run = environment.contact_law, environment.run
@@ -230,10 +238,16 @@ def _obstacle(group: h5py.Group) -> MovingObstacle:
 
     shape = get_text(group, "shape")
     check_known("shape", shape, SHAPES, FileError, f"{group.name}: ")
-    numbers, signal = _take(group, _dimensions(shape), "m")
+    numbers, signal = _take(group, _dimensions(shape), "m", others=("rigid_motion",))
     if signal is None or signal.width != 3:
         raise FileError(f"{group.name}: its displacement has not three numbers")
-    return MovingObstacle(SHAPES[shape](**numbers), signal)
+    motion = _motion(get_group(group, "rigid_motion")) if "rigid_motion" in group else None
+    return MovingObstacle(SHAPES[shape](**numbers), signal, motion)
+
+
+def _motion(group: h5py.Group) -> RigidMotion:
+    origin = get_record(group, ORIGIN, others=("path",))["origin"]
+    return RigidMotion(_path(get_group(group, "path")) if "path" in group else None, origin)
 
 
 def _run(group: h5py.Group) -> Run:
@@ -266,11 +280,13 @@ def _put(group: h5py.Group, table: Table, numbers: dict[str, Any], signal: Signa
         put_arrays(group, _signal_table(unit, signal.times is not None), {}, vars(signal))
 
 
-def _take(group: h5py.Group, table: dict[str, Entry], unit: str) -> tuple[dict[str, Any], Signal | None]:
-    """Reads numbers, and the signal in a unit if there is one."""
+def _take(
+    group: h5py.Group, table: dict[str, Entry], unit: str, others: tuple[str, ...] = ()
+) -> tuple[dict[str, Any], Signal | None]:
+    """Reads numbers, and the signal in a unit if there is one, beside groups of other names."""
     if "values" not in group:
-        return get_record(group, table), None
-    numbers = get_record(group, table | _signal_table(unit, "times" in group))
+        return get_record(group, table, others=others), None
+    numbers = get_record(group, table | _signal_table(unit, "times" in group), others=others)
     values, times = numbers.pop("values"), numbers.pop("times", None)
     if times is not None and (len(times) < 2 or (np.diff(times) <= 0).any()):
         raise FileError(f"{group.name}/times does not increase")

@@ -169,7 +169,8 @@ def _at_shape(rom: Rom, contact: str, run: Trajectory, dt: float) -> Simulator:
     if not len(run.snapshots) or run.snapshots[-1].shape != rom.nodes.shape:
         raise StepError(f"at: the run {run.name!r} has no shape of the {len(rom.nodes)} nodes of ROM {rom.name!r}")
     for name, moved in run.obstacle_motion.items():
-        body.set_signal(name, moved[-1])
+        assert body.environment is not None
+        body.set_signal(name, body.environment.resting_signal(name, moved[-1]))
     if body.environment is not None and len(run.obstacle_motion):
         body.environment.reset()
     body.switch(contact)
@@ -225,7 +226,7 @@ def _held(body: Simulator) -> Array:
             body.set_signal(name, loads[column : column + width])
         column += width
     for name, offset in zip(environment.obstacles, offsets, strict=True):
-        body.set_signal(name, offset)
+        body.set_signal(name, environment.resting_signal(name, offset))
     return loads
 
 

@@ -338,14 +338,16 @@ class SimulatedBody:
     def warnings(self) -> tuple[str, ...]:
         """What the user should know of the run so far.
 
-        A surface that went too far, a switch that lost much, contact that was not solved, obstacles in the body.
+        A surface that went too far, a switch that lost much, contact that was not solved, obstacles in the body or
+        that jumped.
         """
         through: tuple[str, ...] = ()
         if self._skin is not None:
             self._skin.look()
             through = self._skin.watch.messages
         pushed = push_messages(self.least_tensions)
-        own = self.surface_peak.summary, self.loss.message, *self._stepper.diagnostics(), *through, *pushed
+        moved = () if self.environment is None else self.environment.messages
+        own = self.surface_peak.summary, self.loss.message, *self._stepper.diagnostics(), *through, *pushed, *moved
         return tuple(filter(None, own))
 
     @property

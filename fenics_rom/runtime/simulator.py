@@ -50,7 +50,7 @@ class Simulator(MovingBody):
         scene: whose effects act, or an Environment; None: what the ROM was made for.
         signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of time in s. Of
             gravity multiples of its acceleration; of a base motion m/s²; of a prescribed force N (3,); of an obstacle
-            its displacement, m (3,).
+            its displacement, m (3,), or, if it has a motion, a BaseState, a BasePath or a function that gives states.
         stepper: of a body with large deformation: "newton" (for large steps) or "linearly-implicit" (for small ones);
             None: the one that suits dt.
         detail: of a moving frame: "full", or "quasi-rigid", with inertia of the shape at rest; None: as the scene says.
@@ -189,7 +189,7 @@ class Simulator(MovingBody):
 
         Args:
             name: of gravity (multiples of its acceleration), a base motion (m/s²), a prescribed force (N) or an
-                obstacle (its displacement, m).
+                obstacle (its displacement, m, or with a motion a BaseState).
             signal: numbers, or a function that gives them.
 
         Raises:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.frame_motion import world_displacement
+from fenics_rom.mechanics.obstacle_poses import farthest_moved
 from fenics_rom.mechanics.skin import MovedIntruder, Skin
 from fenics_rom.mechanics.skin_path import CHECK_INTERVAL, Instant, Placement, stride_of
 from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
@@ -150,7 +151,8 @@ class SkinLooks:
         """How far the body and an obstacle went since the last look, together, at most, m."""
         moved, offsets = self.places.moved(since), self._body.environment.state.offsets
         if offsets is not self._offsets:
-            moved += math.sqrt(float(np.square(offsets - self._offsets).sum(axis=1).max(initial=0.0)))
+            shapes = self._body.environment.obstacles.values()
+            moved += max(map(farthest_moved, shapes, self._offsets, offsets), default=0.0)
         return moved
 
     def look(self) -> None:

@@ -95,8 +95,8 @@ def lean_on(state: StepState, u: Array, lean: float) -> Lean | None:
             for forces, leans in ((pressing[of_this], approaches), (rubbing[of_this], slides)):
                 size = float(np.linalg.norm(whole := forces.sum(axis=0)))
                 if leans and size > 0:
-                    moved += speed * body.dt / size * whole
-            body.set_signal(name, moved)
+                    moved[:3] += speed * body.dt / size * whole
+            body.set_signal(name, environment.resting_signal(name, moved))
         body.step(u)
         same = found.does_as(Touch.of(body))
         state.put(state.x)

@@ -9,7 +9,7 @@ from fenics_rom.mechanics.environment import AppliedLoad
 from fenics_rom.mechanics.hyperelastic import isochoric_terms
 from fenics_rom.mechanics.initial_state import SMALL_ROTATION, ZERO
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
-from fenics_rom.scene.effects import Contact, Effects, Viscoelasticity
+from fenics_rom.scene.effects import Contact, Effects, ObstacleMotion, RigidBase, Viscoelasticity
 from fenics_rom.scene.environment import guides_of, obstacle_of
 from fenics_rom.scene.file_format import LoadEntry, SceneFile
 from fenics_rom.scene.places import Patch, given_piece
@@ -233,11 +233,15 @@ def _check_frame(file: SceneFile) -> None:
         raise SceneError("effects.base_path: carries what is clamped, and nothing is; name supports, or leave it out")
 
 
-def check_base_path(file: SceneFile) -> None:
-    """Checks the path of the base, after its table was read; SceneError where no base can move so."""
-    path = None if file.effects.base_path is None else file.effects.base_path.table
-    if path is not None and (mistake := path.mistake(None if file.run is None else file.run.duration)):
-        raise SceneError(f"effects.base_path.table: {mistake}")
+def check_paths(file: SceneFile) -> None:
+    """Checks paths of the base and of obstacles, after tables were read; SceneError where nothing can move so."""
+    obstacles = {} if file.effects.contact is None else file.effects.contact.obstacles
+    moving: dict[str, RigidBase | ObstacleMotion | None] = {"effects.base_path": file.effects.base_path}
+    moving |= {f"effects.contact.obstacles.{name}.motion": each.motion for name, each in obstacles.items()}
+    for where, motion in moving.items():
+        path = None if motion is None else motion.table
+        if path is not None and (mistake := path.mistake(None if file.run is None else file.run.duration)):
+            raise SceneError(f"{where}.table: {mistake}")
 
 
 def check_meshes(file: SceneFile) -> None:

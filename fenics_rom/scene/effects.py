@@ -257,9 +257,27 @@ class TendonFriction:
 
 
 @dataclass(frozen=True)
-class RigidObstacle:
-    """A rigid obstacle, by the dimensions of its shape; it stands still, or moves by a table or a function."""
+class ObstacleMotion:
+    """Poses by which an obstacle moves and turns, as a rigid base does: its point X is at position + R (X - origin)."""
 
+    table: Annotated[
+        BasePath | None,
+        PoseTable(),
+        "times, poses and, where they are known, twists, as of effects.base_path; without a table given in Python",
+    ] = None
+    origin: Annotated[
+        Point, "the point of the scene whose position it says; unless given a pose at 0 leaves the obstacle where it is"
+    ] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class RigidObstacle:
+    """A rigid obstacle, by the dimensions of its shape; it stands still, or moves by a table, a motion or a function.
+
+    A table shifts it; a motion shifts and turns it. Its work is told in the energy account of contact.
+    """
+
+    AT_MOST_ONE: ClassVar = ("table", "motion")
     shape: Annotated[str, Text(choices=("half-space", "sphere", "capsule", "box", "mesh")), "says which keys it has"]
     point: Annotated[Point | None, "of a half-space: on its surface"] = None
     normal: Annotated[Direction | None, "of a half-space: outwards, of any length but zero"] = None
@@ -279,7 +297,8 @@ class RigidObstacle:
     open: Annotated[
         bool | None, Flag(), "of a mesh: whether it may have a border; all behind it is solid; else false"
     ] = None
-    table: Annotated[Signal | None, Table(columns=3, unit="m"), "time (s), displacement (m)"] = None
+    table: Annotated[Signal | None, Table(columns=3, unit="m"), "time (s), displacement (m); this or a motion"] = None
+    motion: Annotated[ObstacleMotion | None, "poses over time, of what turns; {} where given in Python"] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,6 +18,7 @@ from fenics_rom.mechanics.environment import (
     Guide,
     Load,
     MovingObstacle,
+    RigidMotion,
     Run,
 )
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of
@@ -29,6 +30,7 @@ from fenics_rom.scene.values import default_of
 
 MESH_KEYS = ("file", "scale", "position", "rotation", "open")
 OPTIONAL = MESH_KEYS[1:]  # and of a box its rotation
+MOVING = ("shape", "table", "motion")  # keys that describe no shape, or say which
 
 
 def environment_of(effects: Effects, frame: str, run: Run | None, source: str) -> Environment:
@@ -49,7 +51,9 @@ def environment_of(effects: Effects, frame: str, run: Run | None, source: str) -
         ),
         obstacles={
             name: MovingObstacle(
-                obstacle_of(described, f"effects.contact.obstacles.{name}"), described.table or STANDS_STILL
+                obstacle_of(described, f"effects.contact.obstacles.{name}"),
+                described.table or STANDS_STILL,
+                None if described.motion is None else RigidMotion(described.motion.table, described.motion.origin),
             )
             for name, described in obstacles.items()
         },
@@ -127,7 +131,7 @@ def obstacle_of(described: RigidObstacle, where: str) -> Obstacle:
     """The obstacle described; SceneError where something is missing, or is given that the shape does not have."""
     known = MESH_KEYS if described.shape == "mesh" else tuple(dimensions_of(described.shape))
     given = {field.name: getattr(described, field.name) for field in fields(described)}
-    dimensions = {key: value for key, value in given.items() if key not in ("shape", "table") and value is not None}
+    dimensions = {key: value for key, value in given.items() if key not in MOVING and value is not None}
     for key in dimensions:
         if key not in known:
             raise SceneError(f"{where}: a {described.shape} has {', '.join(known)}, but no {key}")

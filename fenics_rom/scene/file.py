@@ -20,7 +20,7 @@ from fenics_rom.io.units import QUANTITIES
 from fenics_rom.mechanics.environment import AppliedLoad, Run
 from fenics_rom.mechanics.initial_state import ZERO, InitialState, Instant
 from fenics_rom.mechanics.load_history import check_pull
-from fenics_rom.scene.consistency import check_base_path, check_consistency, check_load, check_meshes, check_pushes
+from fenics_rom.scene.consistency import check_consistency, check_load, check_meshes, check_paths, check_pushes
 from fenics_rom.scene.effect_table import ACTUATORS
 from fenics_rom.scene.effects import Effects
 from fenics_rom.scene.file_format import Initial, SceneFile
@@ -115,7 +115,7 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
     _run(file, None)
     tables = SignalTables(folder, given, _load_units(raw, file))
     file = _ADAPTER.validate_python(raw, context=tables)
-    check_base_path(file)
+    check_paths(file)
     check_meshes(file)
     read = [*tables.found] if given is None else []
     if file.run is not None and file.run.initial is not None and file.run.initial.trajectory is not None:

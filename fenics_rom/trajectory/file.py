@@ -16,7 +16,8 @@ shapes, N nodes, F triangles, P points of an output.
                                      every and beyond_training may be absent
     forces/NAME (S, 3) N             of each obstacle on the body; absent where there are none, with
     contact_account/NAME (S,) J      running sums: obstacles (supplied), contact and perhaps friction (dissipated)
-    obstacles/NAME/motion (s, 3) m   from where the scene puts it; attribute `shape`, and what describes that:
+    obstacles/NAME/motion (s, 3) m   from where the scene puts it; turn (s, 4), a quaternion w x y z, where it has a
+        motion: X is at motion + R X; attribute `shape`, and what describes that:
         point, normal; center, radius; start, end, radius; or center, size, rotation (3,) or (1,); m, 1, rad
     inputs/NAME (S, w)               N, Pa, m, m3, m/s2 or 1; in the step that led to each instant; absent if always 0
     readings/NAME/                   absent where nothing is read; attribute `quantity`
@@ -90,7 +91,7 @@ ALIKE = {  # groups of arrays by name, each with sizes of its own beside those o
     "reactions": Entry("N or Pa", ("S",)),
 }
 GROUPS = (*("settings", "obstacles", "profile", "inputs", "readings", "bodies"), *ALIKE)
-MOTION = {"motion": Entry("m", ("s", 3))}
+MOTION = {"motion": Entry("m", ("s", 3)), "turn": Entry("1", ("s", 4), optional=True)}
 SECONDS_PER_STEP = Entry("s", (1,))
 
 
@@ -154,7 +155,9 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
         obstacles = h5.create_group("obstacles", track_order=True)
         for name, obstacle in run.obstacles.items():
             group, table = obstacles.create_group(name, track_order=True), _dimensions(shape_of(obstacle))
-            hdf5.put_arrays(group, table | MOTION, sizes, vars(obstacle) | {"motion": run.obstacle_motion[name]})
+            motion, turn = np.split(run.obstacle_motion[name], [3], axis=1)
+            moved = {"motion": motion, "turn": turn if turn.size else None}
+            hdf5.put_arrays(group, table | MOTION, sizes, vars(obstacle) | moved)
             hdf5.put_text(group, shape=shape_of(obstacle))
     if run.profile:
         profile = h5.create_group("profile", track_order=True)
@@ -208,8 +211,8 @@ def _take_obstacle(group: h5py.Group, sizes: Sizes) -> tuple[Obstacle, Array]:
     check_known("shape", shape, SHAPES, FileError, f"{group.name}: ")
     table = _dimensions(shape)
     described = hdf5.get_record(group, table | MOTION, sizes)
-    motion = described.pop("motion")
-    return SHAPES[shape](**described), motion
+    motion, turn = described.pop("motion"), described.pop("turn")
+    return SHAPES[shape](**described), motion if turn is None else np.hstack([motion, turn])
 
 
 def _dimensions(shape: str) -> dict[str, Entry]:

@@ -57,7 +57,8 @@ class Trajectory:
         velocities: of every node beside its displacement in `snapshots`, (s, N, 3), m/s; None without inertia, and in
             files of earlier releases.
         obstacles: where the scene puts them, by name.
-        obstacle_motion: how far each was from there at `snapshot_times`, (s, 3), m.
+        obstacle_motion: how far each was from there at `snapshot_times`, (s, 3), m; of one with a motion with the unit
+            quaternion w x y z by which it is turned about the origin of the scene before, (s, 7).
         tendons: points at rest that each leads through, from its anchor to where it is pulled, (K, 3), m.
         stepping: how a step was taken and why, where there was a choice.
         cells: of the mesh, how many there are, and how good; None where nobody knows.
@@ -241,7 +242,10 @@ class TrajectoryRecorder:
         self._snapshots = np.zeros((len(self._snapshot_steps), len(self._body.nodes), 3))
         is_moving = not self._effects or "inertia" in self._effects
         self._velocities = np.zeros_like(self._snapshots) if is_moving else None
-        self._motion = {name: np.zeros((len(self._snapshot_steps), 3)) for name in self._obstacles}
+        self._motion = {
+            name: np.zeros((len(self._snapshot_steps), 3 if obstacle.motion is None else 7))
+            for name, obstacle in environment.obstacles.items()
+        }
 
     def sample(self, step: int, body: RunningBody, u: Array | None = None) -> None:
         """Keeps what is to be kept of one instant, to which a step with inputs u led; step 0 is the start."""
@@ -279,7 +283,7 @@ class TrajectoryRecorder:
                 self._velocities[row] = body.velocity()
             if self._obstacles and body.environment is not None:
                 for values, offset in zip(self._motion.values(), body.environment.state.offsets, strict=True):
-                    values[row] = offset
+                    values[row] = offset[: values.shape[1]]
 
     def _sample_numbers(self, row: int, body: RunningBody, u: Array | None) -> None:
         """Keeps all of an instant but the shape."""

@@ -8,15 +8,24 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.base_fit import NEGLIGIBLE, gap, misfit_message
+from fenics_rom.mechanics.base_fit import misfit_message, told_misfit
 from fenics_rom.mechanics.base_path import BaseState, checked_base
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_geometry import vector
-from fenics_rom.mechanics.frame_motion import added, cayley, composed, cross, rotated, rotation_matrix, rotation_of
+from fenics_rom.mechanics.frame_motion import (
+    LEAST_COSINE,
+    MOST_TURNED,
+    added,
+    cayley,
+    composed,
+    cross,
+    rotated,
+    rotation_matrix,
+    rotation_of,
+)
 from fenics_rom.world.bodies import NOTHING, Points, PointsOfRigid, arms_of, moving
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.shapes import Shape
-from fenics_rom.world.tolerances import LEAST_COSINE, MOST_TURNED
 
 NO_GAPS = 0.0, 0.0
 
@@ -96,16 +105,8 @@ class Driven(PointsOfRigid):
             turn = np.array(sines) * (2 / cosine)  # Cayley's, of the step
             self._R_end, self._middle_rotation = rotation_matrix(end.rotation), R.dot(cayley(turn / 2))
             self._mean, self._ω̂ = (R + self._R_end) / 2, R.dot(turn / h)
-        self._gaps = self._gaps_of(start, end, h, 2 * math.atan(math.hypot(*sines) / cosine))
+        self._gaps = told_misfit(start, end, h, min(self.size, 1.0))
         self._is_still = not (self._v̂.any() or self._ω̂.any())
-
-    def _gaps_of(self, start: BaseState, end: BaseState, h: float, angle: float) -> tuple[float, float]:
-        """Between where a step of h s leads, which turns by an angle, rad, and what its twists say; m and rad."""
-        fast = math.hypot(*self._ω̂.tolist())
-        turned, size = (self._ω̂ * (abs(angle) / fast if fast else 0.0)).tolist(), min(self.size, 1.0)
-        went, said = (h * self._v̂).tolist(), (h / 2 * (start.velocity + end.velocity)).tolist()
-        about = (h / 2 * (start.angular_velocity + end.angular_velocity)).tolist()
-        return gap(went, said, NEGLIGIBLE * size), gap(turned, about, NEGLIGIBLE)
 
     def placed(self) -> PlacedShape:
         """As in Body."""

@@ -1,7 +1,5 @@
 """What steps of worlds count as little: when sweeps end, what is near, and how far bodies may turn."""
 
-import math
-
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
 ROUND_OFF = 1e-13  # of them: a change that is none
 MOST_SWEEPS = 200
@@ -13,5 +11,3 @@ SWERVES = 0.005  # of a body's size: so much farther than was foreseen it may go
 NO_GAP = 1e-12  # of the smaller body: gaps that are none
 LARGEST = 1.0  # m: of a half-space, of how far it moves
 PENETRATION_TOLERANCE = 1e-9  # of the smaller body: as deep as round-off may have put it
-MOST_TURNED = 2.0  # rad in a step of a body that is driven: beyond it nobody knows which way
-LEAST_COSINE = math.cos(MOST_TURNED / 2)

@@ -55,8 +55,9 @@ def book_equilibrium(
     loads = elastic - before - after
     if points is not None and obstacles is not None:
         loads = loads - points.force_before(body.contact) - points.force(contact)
-        velocities, law = points.velocities(trial.v), points.interface.solver.law
-        body.ledger.book_contact(*equilibrium_work(body.contact, contact, velocities, h, obstacles, law))
+        velocities, solver = points.velocities(trial.v), points.interface.solver
+        of_step = velocities, h, obstacles, solver.law, solver.speeds
+        body.ledger.book_contact(*equilibrium_work(body.contact, contact, *of_step))
     done, rubbed = h / 2 * m.dot(elastic, trial.v), h / 2 * m.dot(before + after, trial.v)
     numerical = done - stored - rubbed + h * power
     body.ledger.book(supplied=h / 2 * m.dot(loads, trial.v), dissipated=-h * power, numerical=numerical)

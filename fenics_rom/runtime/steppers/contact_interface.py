@@ -63,7 +63,7 @@ class ContactInterface(NamedTuple):
         obstacles: ObstacleMotion,
     ) -> ContactWork:
         """Where the work of a step between equilibria went; see equilibrium_work."""
-        return equilibrium_work(before, after, velocity, dt, obstacles, self.solver.law)
+        return equilibrium_work(before, after, velocity, dt, obstacles, self.solver.law, self.solver.speeds)
 
     def check_start(self) -> None:
         """A StepError where at time 0 the body at rest is not outside of all obstacles."""
@@ -98,7 +98,7 @@ def contact_interface(
     given = points.coordinates, list(environment.obstacles.values()), law
     if solver_of is None:
         own = points.own_surface(environment.environment.self_contact, rom.triangles)
-        solver = make_contact_solver(*given, own)
+        solver = make_contact_solver(*given, own, turn=environment.environment.turns_obstacles)
     else:
         solver = solver_of(*given)
     rows = points.columns(lambda nodes: rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]).T).T

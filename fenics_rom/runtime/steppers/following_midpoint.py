@@ -48,7 +48,7 @@ class FollowingMidpoint(BookedKernel):
         if known is not None and known.still is obstacles:
             return known
         rests = np.array_equal(obstacles.end, obstacles.start) and is_zero(obstacles.velocities_before)
-        alone = len(solver.obstacles) == 1 and solver.law.stiffness is None
+        alone = len(solver.obstacles) == 1 and solver.law.stiffness is None and not obstacles.turns
         if residual is None or self.branches is not None or not (rests and alone):
             return None
         if known is not None and np.array_equal(known.still.start, obstacles.start):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.io.units import prefixed
+from fenics_rom.mechanics.obstacle_poses import placed
 from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.optional_dependencies import check_window, pyvista_package
@@ -62,7 +63,7 @@ class BodyRenderer:
             colour. None: the displacement.
         scale: by which displacements are multiplied before they are drawn; colours show them as they are.
         obstacles: by name, in the same frame.
-        offsets: how far the obstacles will be from there, (any, O, 3), m.
+        offsets: how far the obstacles will be from there, (any, O, 3), m; or poses (any, O, 7), as of a Trajectory.
         tendons: points at rest that each leads through, (K, 3), m; they are seen through the body.
         width: of a picture, pixels.
         dark: light on dark instead of dark on light.
@@ -107,11 +108,11 @@ class BodyRenderer:
         middle, diagonal = ends.mean(axis=0), float(np.linalg.norm(np.ptp(ends, axis=0)))
         obstacles, half_edge = obstacles or {}, FLOOR_EXTENT * diagonal
         meshes = {name: obstacle_mesh(obstacle, middle, half_edge) for name, obstacle in obstacles.items()}
-        self._obstacles = {name: self._pv.PolyData.from_regular_faces(*mesh) for name, mesh in meshes.items()}
+        self._obstacles = meshes
         moved = np.zeros((1, len(meshes), 3)) if offsets is None else offsets
         for k, (name, obstacle) in enumerate(obstacles.items()):
             if not isinstance(obstacle, HalfSpace):  # a floor goes on beyond the picture
-                visible += [meshes[name][0] + offset for offset in np.unique(moved[:, k], axis=0)]
+                visible += [placed(meshes[name][0], row) for row in np.unique(moved[:, k], axis=0)]
         camera = CAMERA_DIRECTION * [1.0, 1.0, -1.0] if below else CAMERA_DIRECTION
         self._plotter = self._open_window(visible, width, camera)
         self.height = int(self._plotter.window_size[1])  # of a picture, pixels
@@ -121,16 +122,18 @@ class BodyRenderer:
     def render(
         self, displacement: Array, offsets: Array | None = None, words: str = "", coloured: Array | None = None
     ) -> Array:
-        """One picture (height, width, 3), bytes, of a displacement (N, 3), m, and obstacles moved by offsets (O, 3), m.
+        """One picture (height, width, 3), bytes, of a displacement (N, 3), m, and obstacles as they have moved.
 
-        Colours show the length of the displacement, or of what is `coloured` (N, 3), the brightest that of the largest.
+        `offsets`: (O, 3), m, or poses (O, 7). Colours show the length of the displacement, or of what is `coloured`
+        (N, 3), the brightest that of the largest.
         """
         plotter = self._plotter
         body = self._body(self._scale * displacement)
         body["length"] = self._factor * np.linalg.norm(displacement if coloured is None else coloured, axis=1)
         self._draw(body)
-        for k, (name, solid) in enumerate(self._obstacles.items()):
-            moved = solid.translate([0.0, 0.0, 0.0] if offsets is None else offsets[k])
+        for k, (name, (vertices, faces)) in enumerate(self._obstacles.items()):
+            there = vertices if offsets is None else placed(vertices, offsets[k])
+            moved = self._pv.PolyData.from_regular_faces(there, faces)
             plotter.add_mesh(
                 moved, name=f"obstacle {name}", color=self._colours.obstacle, culling="back", render=False, **SHADING
             )

@@ -14,6 +14,7 @@ from fenics_rom.errors import FileError, exactly, shown
 from fenics_rom.io.given import object_or_file
 from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.io.progress import Report, silent
+from fenics_rom.mechanics.obstacle_poses import with_turns
 from fenics_rom.rom.file import ROM_FILE
 from fenics_rom.rom.rom import Rom
 from fenics_rom.trajectory.elastic_part import deformation
@@ -225,7 +226,8 @@ def _pictures(
         for body in run.bodies.values():
             if body.kind == "rigid":
                 strained[:, body.nodes] = np.nan
-    moved = np.array([*run.obstacle_motion.values()]).reshape(-1, len(run.snapshots), 3).swapaxes(0, 1)
+    motions = with_turns([*run.obstacle_motion.values()])
+    moved = np.array(motions).reshape(-1, len(run.snapshots), motions[0].shape[1] if motions else 3).swapaxes(0, 1)
     renderer = BodyRenderer(
         run.nodes,
         run.triangles,

@@ -113,7 +113,9 @@ class DrawnBody:
         motion: Mapping[str, Array],
         highlighted: Array | None = None,
     ) -> bool:
-        """Draws the body as displaced, (N, 3), m, as `ColouredBody` does, and obstacles that have moved, (3,), m.
+        """Draws the body as displaced, (N, 3), m, as `ColouredBody` does, and obstacles that have moved.
+
+        `motion`: displacements (3,), m, or poses (7,), as of a Trajectory.
 
         Gives whether the body is drawn anew.
         """
@@ -122,7 +124,8 @@ class DrawnBody:
         if is_new:
             self._next_picture.add(partial(self._move_tendons, displacement))
         for name, mesh in self._obstacles.items():
-            self._next_picture.place(mesh, self._scale * (self._offset + motion[name]))
+            shift, *turn = np.split(motion[name], [3]) if len(motion[name]) > 3 else (motion[name],)
+            self._next_picture.place(mesh, self._scale * (self._offset + shift), *turn)
         return is_new
 
     def _move_tendons(self, displacement: Array) -> None:
@@ -135,7 +138,7 @@ class DrawnBody:
 
 
 def _add_obstacle(scene: Any, name: str, obstacle: Obstacle, scale: float) -> Any:
-    """Its mesh, whose position is how far it has moved; the scale is that of a body of 1."""
+    """Its mesh, whose pose is how it has moved; the scale is that of a body of 1."""
     floor_centre = np.array(obstacle.point if isinstance(obstacle, HalfSpace) else ORIGIN)
     vertices, faces = obstacle_mesh(obstacle, floor_centre, FLOOR_SIZES / scale / 2)
     return scene.add_mesh_simple(

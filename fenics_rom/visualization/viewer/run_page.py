@@ -9,6 +9,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
+from fenics_rom.mechanics.obstacle_poses import placed
 from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
 from fenics_rom.trajectory.comparison import common_instants, compare
 from fenics_rom.trajectory.elastic_part import deformation
@@ -223,7 +224,8 @@ def _reach(run: Trajectory, places: Array) -> Array:
     for name, obstacle in run.obstacles.items():
         if not isinstance(obstacle, HalfSpace):
             vertices, motion = obstacle_mesh(obstacle, ORIGIN, 0.0)[0], run.obstacle_motion[name]
-            points += [vertices + motion.min(axis=0), vertices + motion.max(axis=0)]
+            moved = np.concatenate([placed(vertices, row) for row in np.unique(motion, axis=0)])
+            points += [moved.min(axis=0)[None], moved.max(axis=0)[None]]
     return np.concatenate(points)
 
 

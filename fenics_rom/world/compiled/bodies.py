@@ -8,7 +8,7 @@ from fenics_rom.compilation import jit_part, jit_shared
 from fenics_rom.mechanics import base_fit, frame_motion
 from fenics_rom.mechanics.base_fit import NEGLIGIBLE
 from fenics_rom.mechanics.base_path import UNIT_TOLERANCE
-from fenics_rom.mechanics.frame_motion import Rotation, Vector
+from fenics_rom.mechanics.frame_motion import LEAST_COSINE, Rotation, Vector
 from fenics_rom.mechanics.largest_turn import LARGEST_TURN
 from fenics_rom.runtime.compiled.frames import (
     POSITION,
@@ -30,7 +30,6 @@ from fenics_rom.runtime.compiled.frames import (
 from fenics_rom.world.compiled.rigid_bodies import RigidBodies
 from fenics_rom.world.compiled.soft_bodies import put_rows
 from fenics_rom.world.compiled.tables import ASKEW, AWAY, IN_MIDDLE, MEAN, MIDDLE, POWER, SPIN, Driven, Freedoms, V
-from fenics_rom.world.tolerances import LEAST_COSINE
 
 _gap = jit_shared(base_fit.gap)
 _composed = jit_shared(frame_motion.composed)

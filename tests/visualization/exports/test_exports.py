@@ -15,6 +15,7 @@ import pytest
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FileError, MissingPackageError, SceneError
+from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.visualization import optional_dependencies
 from fenics_rom.visualization.contact_surface import on_kept_surface
@@ -189,6 +190,20 @@ def test_an_obstacle_that_has_moved_is_seen_as_one_that_was_there(run):
     assert apart(moved, still) == 0
     home = drawn(run, shape, np.zeros((2, 3)), obstacles={"ball": ball, "block": block})
     assert home.shape != moved.shape or apart(moved, home) > 0.01
+
+
+def test_an_obstacle_that_has_turned_is_seen_as_one_that_was_turned(run):
+    """About a point of its own, as a run has it: X is at p + R X."""
+    turn, shape, block = np.array([0.2, 0.1, 0.7]), run.snapshots[0], OBSTACLES["block"]
+    rotation = quaternion_of_vector(turn)
+    centre = np.array(block.center)
+    pose = np.concatenate([centre - rotation_matrix(rotation) @ centre, rotation])
+    posed = drawn(run, shape, pose[None], obstacles={"block": replace(block, rotation=(0.0, 0.0, 0.0))})
+    there = drawn(run, shape, np.zeros((1, 3)), obstacles={"block": replace(block, rotation=tuple(turn))})
+    assert posed.shape == there.shape
+    assert apart(posed, there) < 1e-3
+    home = drawn(run, shape, np.zeros((1, 3)), obstacles={"block": replace(block, rotation=(0.0, 0.0, 0.0))})
+    assert home.shape != posed.shape or apart(posed, home) > 0.003
 
 
 def test_scale_shows_body_and_tendons_as_those_of_larger_displacements(run):
