@@ -88,9 +88,8 @@ class CompiledSelfContact(SelfContact):
             swings[near] = braking.swung_with(pairs.helped, swung)
         active, power = near[pairs.chosen], found.normal_power if μ else None
         told = self._at_points(forces), found.sweeps, active, normals[active], forces[active], w, power
-        return ContactSolution(*told, surface_velocities=look.surface(active)), start._replace(
-            forces=forces, laws=(), swung=swings
-        )
+        contact = ContactSolution(*told, surface_velocities=look.surface(active))
+        return contact, start._replace(forces=forces, laws=(), swung=swings)
 
     def _farthest(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
         """The largest gap, m, of pairs that may be due; also of springs."""
