@@ -24,6 +24,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
         "account/account",
         "weld/weld",
         "folds/folds",
+        "feed/feed",
     ],
 )
 def test_what_the_demo_claims_holds(script):
