@@ -1,4 +1,4 @@
-"""Bodies with two prongs that touch one another."""
+"""Bodies that touch themselves: with two prongs, and an oval ring."""
 
 import numpy as np
 from bodies import box_arrays, scene_text, write_arrays
@@ -36,9 +36,7 @@ def cleft(bricks, backs):
 
 def faces_of(points, cells):
     """Triangles of the whole skin, of the left end, of what faces the plane z = 0, and above and below."""
-    every = np.sort(cells[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1)
-    faces, count = np.unique(every, axis=0, return_counts=True)
-    skin = faces[count == 1]
+    skin = skin_of(cells)
     x, z = points[skin, 0], points[skin, 2]
     return {
         "skin": skin,
@@ -47,6 +45,34 @@ def faces_of(points, cells):
         "above": skin[np.isclose(z, HIGH + GAP / 2).all(axis=1)],
         "below": skin[np.isclose(z, -HIGH - GAP / 2).all(axis=1)],
     }
+
+
+LEVEL, THICK = 8e-3, 2e-3  # m, of an oval ring: how high its inside is above the middle, and how thick it is
+
+
+def oval(around):
+    """Points, tetrahedra and faces of a ring about y, of so many bricks; foot and head are of its outside."""
+    grid, cells = box_arrays((1.0, 1.0, 1.0), (around, 1, 2))
+    keys = np.round(grid * [around, 1, 2]).astype(int) % [around, 2, 3]  # its ends are one
+    _, first, row = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    grid, cells = grid[first], row.ravel()[cells]
+    turn, out = 2 * np.pi * (grid[:, 0] - 0.25), THICK * grid[:, 2]
+    points = np.stack([(0.02 + out) * np.cos(turn), WIDE * grid[:, 1], (LEVEL + out) * np.sin(turn)], axis=1)
+    a, b, c, d = np.moveaxis(points[cells], 1, 0)
+    turned = np.einsum("ci,ci->c", np.cross(b - a, c - a), d - a) < 0
+    cells[turned] = cells[turned][:, [0, 1, 3, 2]]
+    skin = skin_of(cells)
+    inside, outside = (skin[np.isclose(grid[skin, 2], side).all(axis=1)] for side in (0.0, 1.0))
+    high = points[outside, 2] / (LEVEL + THICK)
+    faces = {"foot": outside[(high < -0.9).all(axis=1)], "head": outside[(high > 0).all(axis=1)]}
+    return points, cells, {"inside": inside, **faces}
+
+
+def skin_of(cells):
+    """Triangles of tetrahedra that no other has, with ascending corners."""
+    every = np.sort(cells[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1)
+    faces, count = np.unique(every, axis=0, return_counts=True)
+    return faces[count == 1]
 
 
 def fork_scene(*given, **parts):

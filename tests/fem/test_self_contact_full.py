@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from forks import CLAMPED, LONG, ROPE, cleft, fork_scene, fork_text, pressed
+from forks import CLAMPED, LEVEL, LONG, ROPE, THICK, cleft, fork_scene, fork_text, oval, pressed
 from ranks import run_ranks
 
 import fenics_rom as fr
@@ -54,6 +54,42 @@ def test_a_clamp_closes_as_in_all_modes_and_nearly_so_in_thirty(tmp_path):
         found, deep = press(body, body.integrator, inputs)
         assert np.linalg.norm(found - expected) <= bound * np.linalg.norm(expected)
         assert deep <= 1e-3 * LONG
+
+
+@pytest.mark.parametrize("parts", [{}, LARGE], ids=["small", "large"])
+def test_a_ring_between_plates_closes(tmp_path, parts):
+    """On the lower one it is glued; the upper one comes down until the inside is on itself, and passes its force on."""
+    top = LEVEL + THICK
+    plate = f'obstacles.plate = {{ shape = "half-space", point = [0.0, 0.0, {top}], normal = [0.0, 0.0, -1.0] }}'
+    modes = {"contacts": '[contacts.inside]\nsurface = "inside"\n[contacts.head]\nsurface = "head"'}
+    contact = f'self_contact = ["inside"]\n{plate}'
+    scene = fork_scene(tmp_path, oval(24), "fixed", contact, supports='clamped = ["foot"]', **modes, **RUBS, **parts)
+    system, pushes = fr.assemble(scene), {}
+    bodies = {"full": FullOrderSimulator(system, 2e-3, scene.environment, {"plate": comes_down})}
+    if not parts:
+        bodies["reduced"] = fr.Simulator(fr.reduce(system, order=10), 2e-3, signals={"plate": comes_down})
+    for name, body in bodies.items():
+        stepper = body.stepper if name == "full" else body.integrator
+        points, found = stepper.interface.points.coordinates, []
+        for _ in range(82):
+            body.step(np.empty(0))
+            contact = stepper.contact
+            within = (contact.pair_forces * contact.normals).sum(axis=1)[contact.pairs >= len(points)].sum()
+            found.append([-contact.by_obstacle[0, 2], within])
+        pushes[name], gone = np.array(found), body.ledger
+        left = body.energy - gone.supplied + gone.dissipated + gone.lost_in_switching + gone.numerical
+        assert abs(left) <= 1e-12 * gone.supplied
+        assert stepper.interface.solver.surface.near(points + stepper.point_displacement(), 0.0).gaps.min() >= -1e-4
+        assert found[70][1] == 0.0
+        assert found[-1][0] > 10 * found[70][0]  # N on the plate, 2 mm later
+        assert found[-1][1] > 0.9 * found[-1][0]
+    if not parts:
+        off = np.linalg.norm(pushes["reduced"] - pushes["full"], axis=0) / np.linalg.norm(pushes["full"], axis=0)
+        assert (off <= 0.01).all()  # 2e-4
+
+
+def comes_down(time):
+    return np.array([0.0, 0.0, -0.1 * time])
 
 
 @pytest.mark.parametrize(("frame", "parts"), [("moving", {}), ("moving", LARGE)], ids=["small", "large"])
