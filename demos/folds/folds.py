@@ -10,6 +10,7 @@ import argparse
 import itertools
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,16 +21,14 @@ from matplotlib.collections import PolyCollection
 from numpy import ndarray as Array
 
 import fenics_rom as fr
+from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.io.markdown import markdown
-from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.scene.file import parse_scene
-from fenics_rom.world.shapes import Box
 
 HERE = Path(__file__).parent
 LEAVES, LONG, RISE, THICK, DEEP, NECK = 4, 0.03, 5e-3, 2e-3, 8e-3, 5e-3  # number, and in m, of leaves; half the neck
 SPEED, STEP, FRICTION = 0.02, 1e-3, 0.3  # m/s of the plate, s, coefficient
-PLATE = 4e-3  # m, its thickness
-LIES = fr.BaseState(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
 SCENE = """
 [mesh]
 file = "{file}"
@@ -44,9 +43,12 @@ surface = "folds"
 [effects]
 inertia = {{}}
 damping = {{ alpha = 20.0, beta = 1e-3 }}
+friction = {{ coefficient = {friction} }}
+[effects.contact]
+self_contact = ["folds"]
 [effects.contact.obstacles.plate]
 shape = "half-space"
-point = [0, 0, 1]
+point = [0, 0, {top}]
 normal = [0, 0, -1]
 """
 
@@ -54,12 +56,11 @@ normal = [0, 0, -1]
 class Pressed(NamedTuple):
     """A bellows while a plate presses it."""
 
-    rom: fr.Rom
-    order: int
+    order: str
     force: Array  # on the plate (n,), N
     within: Array  # sum of the sizes of its forces on itself (n,), N
-    places: Array  # of its nodes in the end, (N, 3), m
-    spots: tuple[Array, Array]  # where it touches itself then (k, 3), m, and forces there (k, 3), N
+    moved: Array  # its nodes in the end, (N, 3), m
+    spots: tuple[Array, Array]  # its contact points then (P, 3), m, and forces on them (P, 3), N
     balance: float  # what the energy account misses, of the work
     rate: float  # steps per second
 
@@ -72,18 +73,23 @@ def main() -> None:
     out = HERE / "out" / "quick" if quick else HERE / "out"
     out.mkdir(parents=True, exist_ok=True)
     mesh(out / "bellows.msh", 8e-3 if quick else 5e-3)
-    system = fr.assemble(parse_scene(SCENE.format(file=out / "bellows.msh")))
-    steps = 720 if quick else 850
-    whole = press(fr.reduce(system, order=system.elastic_size, method="modal"), steps)
-    models = [press(fr.reduce(system, order=order), steps) for order in ((30,) if quick else (20, 30, 40))]
-    apart = press(models[-1].rom, steps, itself=False)
+    text = SCENE.format(file=out / "bellows.msh", friction=FRICTION, top=LEAVES * RISE + 2 * THICK)
+    system = fr.assemble(parse_scene(text))
+    scene, steps = system.scene, 720 if quick else 850
+    assert scene is not None
+    acting = scene.environment
+    whole = press(FullOrderSimulator(system, STEP, acting, {"plate": plate}), steps, "full")
+    roms = [fr.reduce(system, order=order) for order in ((30,) if quick else (20, 30, 40))]
+    models = [press(fr.Simulator(rom, STEP, signals={"plate": plate}), steps, order_of(rom)) for rom in roms]
+    alone = fr.Simulator(roms[-1], STEP, scene=replace(acting, self_contact=()), signals={"plate": plate})
+    apart = press(alone, steps, order_of(roms[-1]))
 
     print(f"{system.elastic_size} unknowns, {steps} steps of {1e3 * STEP:.0f} ms\n")
     heads = ("order", "error of the force on the plate", "of forces on itself", "account", "steps per second")
     print(markdown(heads, [row_of(each, whole) for each in (*models, whole)]))
     stiffer = whole.force[-1] / apart.force[-1]
     print(f"\nIn the end {whole.force[-1]:.2f} N push the plate, and {apart.force[-1]:.2f} N where folds may pass")
-    draw(whole, apart, out / "folds.png")
+    draw(roms[-1], whole, apart, out / "folds.png")
     best = models[-1]
     claims = [
         ("closed, the folds are ten times as stiff as open ones", stiffer > 10),
@@ -103,7 +109,12 @@ def off(found: Array, expected: Array) -> float:
 def row_of(each: Pressed, whole: Pressed) -> tuple[str, ...]:
     """What the table says of a model."""
     errors = ("-", "-") if each is whole else (f"{off(a, b):.1%}" for a, b in zip(each[2:4], whole[2:4], strict=True))
-    return (f"{each.order}{', all' * (each is whole)}", *errors, f"{each.balance:.0e}", f"{each.rate:.0f}")
+    return (each.order, *errors, f"{each.balance:.0e}", f"{each.rate:.0f}")
+
+
+def order_of(rom: fr.Rom) -> str:
+    """Of its only contact mode."""
+    return str(rom.contact_models["folds"].order)
 
 
 def mesh(file: Path, size: float) -> None:
@@ -136,39 +147,43 @@ def mesh(file: Path, size: float) -> None:
         gmsh.finalize()
 
 
-def press(rom: fr.Rom, steps: int, itself: bool = True) -> Pressed:
-    """A plate comes down on the bellows at a constant speed, for some steps."""
-    start = np.array([0.0, DEEP / 2, LEAVES * RISE + 2 * THICK + PLATE / 2])
+def plate(time: float) -> Array:
+    """Where it is, from where it lies on the bellows at rest, m."""
+    return np.array([0.0, 0.0, -SPEED * time])
 
-    def plate(time: float) -> fr.BaseState:
-        return LIES._replace(position=start - [0, 0, SPEED * time], velocity=np.array([0.0, 0.0, -SPEED]))
 
-    bodies = {"plate": fr.RigidBody(Box((0.2, 0.2, PLATE)), motion=plate), "bellows": fr.SoftBody(rom)}
-    law = ContactLaw(friction=FRICTION)
-    world = fr.World(bodies, STEP, friction=FRICTION, pairs={("bellows", "bellows"): law} if itself else None)
-    begun, force, within = time.process_time(), np.zeros(steps), np.zeros(steps)
+def press(body: fr.Simulator | FullOrderSimulator, steps: int, order: str) -> Pressed:
+    """The plate comes down on the bellows at a constant speed, for some steps."""
+    stepper = body.stepper if isinstance(body, FullOrderSimulator) else body.integrator
+    assert stepper.interface is not None
+    assert body.ledger is not None
+    rest, nothing = stepper.interface.points.coordinates, np.empty(0)
+    begun, force, within, contact = time.process_time(), np.zeros(steps), np.zeros(steps), None
     for step in range(steps):
-        world.step()
-        force[step] = world.force_between("plate", "bellows")[2]
-        spots = world.contact_forces("bellows", "bellows")
-        within[step] = np.linalg.norm(spots[1], axis=1).sum()
-    rate, gone, body = steps / (time.process_time() - begun), world.ledger, world.simulator("bellows")
-    left = world.energy - gone.supplied + gone.dissipated + gone.numerical + gone.lost_in_switching
-    order = rom.contact_models["folds"].order
-    return Pressed(rom, order, force, within, body.node_places(), spots, abs(left) / gone.supplied, rate)
+        body.step(nothing)
+        contact = stepper.contact
+        if contact is not None:
+            force[step], within[step] = -contact.by_obstacle[0, 2], on_itself(contact)
+    rate, gone = steps / (time.process_time() - begun), body.ledger
+    left = body.energy - gone.supplied + gone.dissipated + gone.numerical + gone.lost_in_switching
+    spots = rest + stepper.point_displacement(), 0 * rest if contact is None else contact.forces
+    return Pressed(order, force, within, body.displacement(), spots, abs(left) / gone.supplied, rate)
 
 
-def draw(whole: Pressed, apart: Pressed, file: Path) -> None:
+def on_itself(contact: ContactSolution) -> float:
+    """Sum of the sizes of forces of the bellows on itself, N."""
+    own = contact.pairs >= len(contact.forces)
+    return float(np.linalg.norm(contact.pair_forces[own], axis=1).sum())
+
+
+def draw(rom: fr.Rom, whole: Pressed, apart: Pressed, file: Path) -> None:
     """The bellows from the side, with its forces on itself, and the force on the plate over its way."""
     figure = plt.figure(figsize=(9, 5), layout="constrained")
     left, right = figure.subfigures(1, 2)
-    views, in_front = (
-        left.subplots(3, 1, sharex=True),
-        np.isclose(whole.rom.nodes[whole.rom.triangles, 1], 0.0).all(axis=1),
-    )
-    stages = {"at rest": whole.rom.nodes, "pressed, folds that pass": apart.places, "folds that touch": whole.places}
-    for view, (title, nodes) in zip(views, stages.items(), strict=True):
-        corners = 1e3 * nodes[whole.rom.triangles[in_front]][..., [0, 2]]
+    views, in_front = (left.subplots(3, 1, sharex=True), np.isclose(rom.nodes[rom.triangles, 1], 0.0).all(axis=1))
+    moved = {"at rest": 0.0, "pressed, folds that pass": apart.moved, "folds that touch": whole.moved}
+    for view, (title, by) in zip(views, moved.items(), strict=True):
+        corners = 1e3 * (rom.nodes + by)[rom.triangles[in_front]][..., [0, 2]]
         view.add_collection(PolyCollection(corners, facecolor="#9ecae1", edgecolor="#3182bd", linewidth=0.4, alpha=0.7))
         view.set(title=title, ylabel="z (mm)", aspect="equal", ylim=(-10, 32))
         view.autoscale_view(scaley=False)
