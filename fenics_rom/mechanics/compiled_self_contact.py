@@ -9,11 +9,12 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import or_numpy
 from fenics_rom.mechanics import braking
 from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Law, find_forces, pairs_from
-from fenics_rom.mechanics.compiled.own_surface import operator_between
+from fenics_rom.mechanics.compiled.own_surface import rows_between
 from fenics_rom.mechanics.complementarity.delassus import axes_along
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_search import ContactSearch
+from fenics_rom.mechanics.reach import reach_of
 from fenics_rom.mechanics.self_contact import SelfContact, beside
 
 _UNKNOWN, _ONES = np.empty((0, 0)), np.ones(3)
@@ -56,7 +57,7 @@ class CompiledSelfContact(SelfContact):
         self._look_around(points, dt)
         look = self._looked_at(points.displacement, obstacles, dt)
         gaps, normals = look.gaps, look.normals
-        near = (gaps <= self._farthest(points, obstacles, dt)).nonzero()[0]
+        near = (gaps <= self._due(points, obstacles, dt)).nonzero()[0]
         nothing = None, start._replace(swung=None)
         if not len(near):
             return nothing
@@ -91,12 +92,15 @@ class CompiledSelfContact(SelfContact):
         contact = ContactSolution(*told, surface_velocities=look.surface(active))
         return contact, start._replace(forces=forces, laws=(), swung=swings)
 
-    def _farthest(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
+    def _due(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
         """The largest gap, m, of pairs that may be due; also of springs."""
-        return self._reach(points, obstacles, dt) * max(1.0, -1 / (self.law.in_steps(dt)[0] * dt))
+        of_obstacles = reach_of(points, self.points, obstacles, dt) * max(1.0, -1 / (self.law.in_steps(dt)[0] * dt))
+        return max(of_obstacles, self.reach)
 
     def _operator(self, W: Array, at: Array, maps: Array) -> Array:
         """As in SelfContact."""
-        between = np.empty((3 * len(at), 3 * len(at)))
-        operator_between(W, at, maps, between)
-        return between
+        for _ in range(2):  # rows, then columns
+            rows = np.empty((3 * len(at), W.shape[1]))
+            rows_between(W, at, maps, rows)
+            W = np.ascontiguousarray(rows.T)
+        return W

@@ -81,7 +81,10 @@ class SelfContact(MeshContact):
 
     Attributes:
         surface: as given.
+        reach: the largest gap, m, with which points of the body may be due to meet one another in a step.
     """
+
+    reach = 0.0
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw, surface: OwnSurface):
         self.surface, self._itself, self._O, P = surface, _Itself(surface, len(points)), len(obstacles), len(points)
@@ -170,7 +173,8 @@ class SelfContact(MeshContact):
         """Pairs are looked for as far as points can come near one another in a step of dt, s, twice as fast."""
         free, velocity = (_fastest(part - part.mean(axis=0)) for part in (points.free_velocity, points.velocity))
         longest = max(dt, -1 / self.law.in_steps(dt)[0])  # in which springs with dashpots begin to act
-        self._itself.margin = 2 * longest * (4 * free + velocity)
+        self.reach = longest * (4 * free + velocity)
+        self._itself.margin = 2 * self.reach
 
     def _reach(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
         """As in ContactSolver; of the body itself pairs are none but those that may be due."""

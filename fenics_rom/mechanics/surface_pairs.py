@@ -170,5 +170,5 @@ def _near_by_grid(points: Array, low: Array, high: Array) -> tuple[Array, Array]
     first_of = np.repeat(start - np.concatenate([[0], np.cumsum(counts)[:-1]]), counts)
     point, box = order[first_of + np.arange(counts.sum())], np.repeat(owner, counts)
     held = ((points[point] >= low[box]) & (points[point] <= high[box])).all(axis=1)
-    pairs = np.unique(np.stack([point[held], box[held]]), axis=1)
-    return pairs[0], pairs[1]
+    point, box = np.divmod(np.unique(point[held] * len(low) + box[held]), len(low))
+    return point, box

@@ -6,7 +6,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
-from fenics_rom.mechanics.compiled.copying import put
+from fenics_rom.mechanics.compiled.copying import add_row, put
 from fenics_rom.mechanics.compiled.triangles import dot, nearest_on_triangle, offset_from
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.mechanics.surface_pairs import BORDER, MORE_ABOVE, ON_IT, SIDEWAYS
@@ -83,39 +83,24 @@ def find_facing(
 
 
 @jit
-def operator_between(W: Array, at: Array, maps: Array, between: Array) -> None:
-    """Sets relative velocities of pairs per force of each, (3 C, 3 C), m/s/N.
+def rows_between(W: Array, at: Array, maps: Array, between: Array) -> None:
+    """Sets rows of pairs, (3 C, n), which move as their points do less what they meet.
 
     Args:
-        W: of some points, (3 s, 3 s).
+        W: rows of some points, (3 s, n).
         at: which of them pairs are at, and three that carry what each meets, (C, 4).
         maps: by which those do, (C, 3, 3, 3); 0 of pairs with obstacles.
         between: set.
     """
-    C, n = len(at), len(W)
-    rows = np.empty((3 * C, n))
-    for c in range(C):
+    for c in range(len(at)):
         for i in range(3):
-            row, of_point = rows[3 * c + i], W[3 * at[c, 0] + i]
-            for k in range(n):
+            row, of_point = between[3 * c + i], W[3 * at[c, 0] + i]
+            for k in range(len(row)):
                 row[k] = of_point[k]
             for corner in range(3):
                 for j in range(3):
-                    share, of_corner = maps[c, corner, i, j], W[3 * at[c, 1 + corner] + j]
-                    if share != 0.0:
-                        for k in range(n):
-                            row[k] -= share * of_corner[k]
-    for c in range(3 * C):
-        row = rows[c]
-        for d in range(C):
-            p = 3 * at[d, 0]
-            for i in range(3):
-                moved = row[p + i]
-                for corner in range(3):
-                    q = 3 * at[d, 1 + corner]
-                    for j in range(3):
-                        moved -= maps[d, corner, i, j] * row[q + j]
-                between[c, 3 * d + i] = moved
+                    if maps[c, corner, i, j] != 0.0:
+                        add_row(W[3 * at[c, 1 + corner] + j], -maps[c, corner, i, j], row)
 
 
 @jit_part
