@@ -15,7 +15,7 @@ LONGEST_BLOCK = 4096  # steps, whose shapes are held at once
 
 
 class FrameRollout:
-    """Takes steps of a linear body, and reads outputs after some of them."""
+    """Takes steps of a body, and reads outputs after some of them."""
 
     def __init__(self, body: Simulator) -> None:
         self._body = body

@@ -9,7 +9,18 @@ from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.copying import copy_rows
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.mechanics.largest_turn import LARGEST_TURN
-from fenics_rom.runtime.compiled.frame_tables import body_at, keep_step, loads_at, state_at, watch_at
+from fenics_rom.runtime.compiled.bent_frame import (
+    FOLLOWED,
+    Bending,
+    end_shape,
+    expect_carried,
+    pressed_rims,
+    remember_shape,
+    restore_shape,
+    twice_strained,
+)
+from fenics_rom.runtime.compiled.contact_points import Points
+from fenics_rom.runtime.compiled.frame_tables import bent_at, body_at, keep_step, loads_at, state_at, watch_at
 from fenics_rom.runtime.compiled.frames import (
     ASKEW,
     AWAY,
@@ -43,6 +54,7 @@ from fenics_rom.runtime.compiled.frames import (
     cross,
     dot,
     give,
+    give_without_springs,
     inertia_in,
     length,
     look,
@@ -91,16 +103,38 @@ def take_carried_step(table: Array, u: Array, base: Array) -> Step:
 
     It ends with the base (13,): position, quaternion and twist in world axes.
     """
-    body, loads, state, watch = body_at(table), loads_at(table), state_at(table), watch_at(table)
-    begun = begin_carried_step(body, loads, u, base, state)
-    if begun.status == OTHERWISE:
-        return Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
-    return end_carried_step(body, loads, begun, base, begun.rate, NOT_PUSHED, state, watch)
+    return _take(table, u, base, None)
+
+
+@jit
+def take_bent_carried_step(table: Array, u: Array, base: Array) -> Step:
+    """The same of a body that deforms largely."""
+    bent = bent_at(table)
+    remember_shape(bent)
+    step = _take(table, u, base, bent)
+    if step.status == OTHERWISE:
+        restore_shape(bent)
+    return step
 
 
 @jit_part
-def begin_carried_step(body: Body, loads: Loads, u: Array, base: Array, state: State) -> Begun:
-    """Begins a step; arguments as of `take_carried_step`. Nothing is changed but what is known of the state."""
+def _take(table: Array, u: Array, base: Array, bent: Bending | None) -> Step:
+    """The same; of a linear body it has none."""
+    body, loads, state, watch = body_at(table), loads_at(table), state_at(table), watch_at(table)
+    begun = begin_carried_step(body, loads, u, base, state, bent, None)
+    if begun.status == OTHERWISE:
+        return Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
+    return end_carried_step(body, loads, begun, base, begun.rate, NOT_PUSHED, state, watch, bent)
+
+
+@jit_part
+def begin_carried_step(
+    body: Body, loads: Loads, u: Array, base: Array, state: State, bent: Bending | None, points: Points | None
+) -> Begun:
+    """Begins a step; arguments as of `take_carried_step`. Nothing is changed but what is known of the state.
+
+    `bent`: of a body that deforms largely; `points` where obstacles can touch that. Else there are none.
+    """
     h, m, now, table = body.h, len(body.ω), state.now[0], state.table
     e, r = state.halves[0], state.halves[1]
     q, R, end = e * body.inverse_ω, rotation_of(*rotation_in(now)), rotation_of(*rotation_in(base))
@@ -111,6 +145,8 @@ def begin_carried_step(body: Body, loads: Loads, u: Array, base: Array, state: S
     v, ω = vector(now, OF_BASE), vector(now, SPIN)
     v_end, ω_end = rotated_back(end, vector(base, VELOCITY)), rotated_back(end, vector(base, TURNING))
     v̂, ω̂, acting = mean(v, v_end), mean(ω, ω_end), act(loads, u, m)
+    if bent is not None:
+        acting = pressed_rims(bent, u, q, h, acting)
     t = (h * ω̂[0], h * ω̂[1], h * ω̂[2])
     modal = acting.modal.copy()
     if not (h * length(ω) <= LARGEST_TURN and h * length(ω_end) <= LARGEST_TURN):
@@ -123,17 +159,35 @@ def begin_carried_step(body: Body, loads: Loads, u: Array, base: Array, state: S
         pushed = np.empty(m)
         push_points(loads, acting.at_points, R, end, t, q, h, np.zeros(m), pushed)
         modal += pushed
-    give(body, modal, e, r, table)
-    r̂ = _rate(body, now, table, state.kept, state.slopes, v_end, ω_end)
+    if bent is None:
+        give(body, modal, e, r, table)
+        r̂ = _rate(body, now, table, state.kept, state.slopes, v_end, ω_end)
+    else:
+        give_without_springs(body, modal, np.zeros(m), r, table)
+        right, coupled = _balance(body, now, table, v_end, ω_end)
+        A, is_same = state.slopes[:m], _is_same(coupled, state.kept)
+        combine(coupled, body.products, A.reshape(m * m))
+        expect_carried(h, u, q, R, t, A, right, is_same, bent, points)
+        state.kept[IS_COUPLED], state.kept[IS_INVERSE_KNOWN] = 1.0, 0.0
+        r̂ = np.linalg.solve(A, right)
     return Begun(TAKEN, R, end, t, v̂, ω̂, v_end, ω_end, acting, modal, r̂)
 
 
 @jit_part
 def end_carried_step(
-    body: Body, loads: Loads, begun: Begun, base: Array, r̂: Array, push: Push, state: State, watch: Watch
+    body: Body,
+    loads: Loads,
+    begun: Begun,
+    base: Array,
+    r̂: Array,
+    push: Push,
+    state: State,
+    watch: Watch,
+    bent: Bending | None,
 ) -> Step:
     """Takes a step that has begun with r̂ (m,), under contact forces that push; their work is not among what is told."""
     h, m, now = body.h, len(body.ω), state.now[0]
+    v, ω = vector(now, OF_BASE), vector(now, SPIN)
     R, t, v̂, ω̂, v_end, ω_end = begun.R, begun.t, begun.v̂, begun.ω̂, begun.v_end, begun.ω_end
     before = vector(now, MOMENTUM), vector(now, ANGULAR_MOMENTUM), vector(now, MOMENT)
     remember(state)
@@ -148,7 +202,8 @@ def end_carried_step(
     notes[AWAY], notes[ASKEW] = max(notes[AWAY], away), max(notes[ASKEW], askew)
     for k in range(len(base)):
         now[k] = base[k]
-    shape_at(body, e * body.inverse_ω, r, state.table, now)
+    after = e * body.inverse_ω
+    shape_at(body, after, r, state.table, now)
     _move(body.mass, begun.end, now)
     P, L = vector(now, MOMENTUM), vector(now, ANGULAR_MOMENTUM)
     ΔP, ΔL = added(P, -1.0, before[0]), added(L, -1.0, before[1])
@@ -160,9 +215,18 @@ def end_carried_step(
             there = turned_along(R, begun.end, of_contact)
             put(state.kept, first, added(vector(state.kept, first), -1.0, there))
     carried = dot(P, v_end) + dot(L, ω_end) + dot(vector(now, DRIFT), v_end) + dot(vector(now, MOVED), ω_end)
-    within = e.dot(e) + r.dot(r)
+    within = r.dot(r)
+    if bent is None:
+        within, heat = within + e.dot(e), h * r̂.dot(np.dot(body.D, r̂))
+    else:
+        heat, supplied = end_shape(bent, q, after, r̂), supplied + h * bent.vectors[FOLLOWED].dot(r̂)
+        within += twice_strained(bent, after)
+        a = added(cross(ω̂, v̂), 1 / h, added(v_end, -1.0, v))
+        put(bent.felt, 0, added(a, -1.0, seen(R, t, begun.acting.acceleration)))
+        put(bent.felt, 3, added((0.0, 0.0, 0.0), 1 / h, added(ω_end, -1.0, ω)))
+        put(bent.felt, 6, ω̂)
     look(watch, e, within, length(ω_end))
-    return Step(TAKEN, carried + within, within, supplied, h * r̂.dot(np.dot(body.D, r̂)))
+    return Step(TAKEN, carried + within, within, supplied, heat)
 
 
 @jit_part
@@ -191,10 +255,10 @@ def _move(mass: float, R: Rotation, now: Array) -> None:
 
 
 @jit_part
-def _rate(body: Body, now: Array, table: Array, kept: Array, slopes: Array, v_end: Vector, ω_end: Vector) -> Array:
-    """r̂ (m,), of what the table says."""
-    h, m, v, ω = body.h, len(body.ω), vector(now, OF_BASE), vector(now, SPIN)
-    right, factors = np.empty(m), np.zeros(TURNED + 3 - MOMENTS)
+def _balance(body: Body, now: Array, table: Array, v_end: Vector, ω_end: Vector) -> tuple[Array, Array]:
+    """The right-hand side (m,) of what the table says, and the factors (10,) of the products whose sum is A."""
+    h, v, ω = body.h, vector(now, OF_BASE), vector(now, SPIN)
+    right, factors, coupled = np.empty(len(body.ω)), np.zeros(TURNED + 3 - MOMENTS), np.zeros(10)
     pulled = added(cross(ω, v_end), 1.0, cross(ω_end, v))
     xx, yy, zz, yz, xz, xy = pairs(ω, ω_end)
     put(factors, 0, added(added((0.0, 0.0, 0.0), -1 / h, added(v_end, -1.0, v)), -0.5, pulled))  # c
@@ -203,22 +267,36 @@ def _rate(body: Body, now: Array, table: Array, kept: Array, slopes: Array, v_en
     factors[GIVEN - MOMENTS] = -1.0  # f0
     put(factors, TURNED - MOMENTS, added((0.0, 0.0, 0.0), -1 / h, added(ω_end, -1.0, ω)))
     combine(factors, table[MOMENTS : TURNED + 3], right)
-    kept[IS_COUPLED] = body.couples and h * (length(ω) + length(ω_end)) > NO_TURN
-    if not kept[IS_COUPLED]:
-        return np.dot(body.inverse, right)
-    coupled = np.empty(10)
-    put(coupled, 0, (-xx, -yy, -zz))
-    put(coupled, 3, (-yz, -xz, -xy))
-    put(coupled, 6, added(ω, 1.0, ω_end))
+    if body.couples and h * (length(ω) + length(ω_end)) > NO_TURN:
+        put(coupled, 0, (-xx, -yy, -zz))
+        put(coupled, 3, (-yz, -xz, -xy))
+        put(coupled, 6, added(ω, 1.0, ω_end))
     coupled[9] = 1.0
-    A, inverse = slopes[:m], slopes[m:]
+    return right, coupled
+
+
+@jit_part
+def _is_same(coupled: Array, kept: Array) -> bool:
+    """Whether these factors are those of the step before; they are kept."""
     is_same = kept[IS_COUPLING_KNOWN] != 0.0
     for k in range(9):
         is_same = is_same and coupled[k] == kept[REST + k]
         kept[REST + k] = coupled[k]
-    if not is_same:
+    kept[IS_COUPLING_KNOWN] = 1.0
+    return is_same
+
+
+@jit_part
+def _rate(body: Body, now: Array, table: Array, kept: Array, slopes: Array, v_end: Vector, ω_end: Vector) -> Array:
+    """r̂ (m,), of what the table says."""
+    m, (right, coupled) = len(body.ω), _balance(body, now, table, v_end, ω_end)
+    kept[IS_COUPLED] = coupled[:9].any()
+    if not kept[IS_COUPLED]:
+        return np.dot(body.inverse, right)
+    A, inverse = slopes[:m], slopes[m:]
+    if not _is_same(coupled, kept):
         combine(coupled, body.products, A.reshape(m * m))
-        kept[IS_COUPLING_KNOWN], kept[IS_INVERSE_KNOWN] = 1.0, 0.0
+        kept[IS_INVERSE_KNOWN] = 0.0
         return np.linalg.solve(A, right)
     if not kept[IS_INVERSE_KNOWN]:  # of a base that turns steadily
         copy_rows(np.linalg.inv(A), inverse)
@@ -264,7 +342,19 @@ def take_carried_steps(table: Array, inputs: Array, bases: Array, taken: Taken) 
     last = Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
     for count in range(len(inputs)):
         step = take_carried_step(table, inputs[count], bases[count])
-        if not keep_step(table, step, taken, count):
+        if not keep_step(table, step, taken, count, None):
+            return count, last
+        last = step
+    return len(inputs), last
+
+
+@jit
+def take_bent_carried_steps(table: Array, inputs: Array, bases: Array, taken: Taken) -> tuple[int, Step]:
+    """The same of a body that deforms largely."""
+    last = Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
+    for count in range(len(inputs)):
+        step = take_bent_carried_step(table, inputs[count], bases[count])
+        if not keep_step(table, step, taken, count, bent_at(table)):
             return count, last
         last = step
     return len(inputs), last

@@ -161,26 +161,34 @@ def add_inertia(law: Law, matrix: Array) -> None:
 
 @jit_part
 def make_tangent(law: Law, strains: Strains, q: Array) -> None:
-    """Sets T: the inverse of what a step's forces change by with v̂ of the step before, inertia included."""
-    m, middle, products, upper, matrix = len(q), strains.vectors[0], strains.products[0], strains.uppers[0], strains.K
+    """Sets T of a held body: the inverse of the slope there."""
+    set_slope(law, strains, q, strains.tangent)
+    invert(strains.K, strains.tangent)
+
+
+@jit_part
+def set_slope(law: Law, strains: Strains, q: Array, slope: Array) -> None:
+    """Sets what a step's forces change by with v̂ of the step before (m, m), inertia included; its factor is in K."""
+    m, middle, products, upper, factored = len(q), strains.vectors[0], strains.products[0], strains.uppers[0], strains.K
     for i in range(m):
         middle[i] = q[i] + law.h / 2 * strains.velocity[i]
     set_products(1.0, middle, products)
     read(law.stiffness, products, upper)
     unfold(upper[1 + m :], strains.matrix)
-    unfold(strains.stressed[1, 1 + m :], strains.tangent)
-    _set_matrix(law, strains.matrix, matrix)
-    add_inertia(law, matrix)
+    unfold(strains.stressed[1, 1 + m :], factored)
+    _set_matrix(law, strains.matrix, slope)
+    add_inertia(law, slope)
     for i in range(m):
         for j in range(m):
-            matrix[i, j] += law.h / 2 * strains.tangent[i, j]
+            slope[i, j] += law.h / 2 * factored[i, j]
     if law.points.moduli.size:
-        add_geometric(law.points, middle, law.h / 2, matrix)
-    if not factor(matrix):
-        _set_matrix(law, strains.matrix, matrix)
-        add_inertia(law, matrix)
-        factor(matrix)
-    invert(matrix, strains.tangent)
+        add_geometric(law.points, middle, law.h / 2, slope)
+    copy(slope, factored)
+    if not factor(factored):
+        _set_matrix(law, strains.matrix, slope)
+        add_inertia(law, slope)
+        copy(slope, factored)
+        factor(factored)
 
 
 @jit_part

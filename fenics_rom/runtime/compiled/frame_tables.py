@@ -6,16 +6,23 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.runtime.compiled.arrays_at import integers_at, matrix_at, vector_at
+from fenics_rom.runtime.compiled.arrays_at import cube_at, integers_at, matrix_at, vector_at
+from fenics_rom.runtime.compiled.bent_frame import Bending, Rims, note_shape, restore_shape
+from fenics_rom.runtime.compiled.following import Following
 from fenics_rom.runtime.compiled.frames import TAKEN, Body, Loads, State, Step, Taken, Watch, note, restore
+from fenics_rom.runtime.compiled.held_table import law_at, memory_at
 
 LOADS, STATE, WATCH, ROWS = 10, 15, 21, 24  # where a table has these after the body, and how many rows it has
 
 
-def arrays_of(body: Body, loads: Loads, state: State, watch: Watch) -> tuple[Array, ...]:
+def arrays_of(body: Body, loads: Loads, state: State, watch: Watch, bent: Bending | None = None) -> tuple[Array, ...]:
     """What a table has, in its order."""
     numbers = np.array([body.h, body.mass, body.couples, body.is_definite, body.size])
-    return numbers, *body[5:], *loads, *state, np.array([watch.farthest, watch.limit]), *watch[2:]
+    arrays = numbers, *body[5:], *loads, *state, np.array([watch.farthest, watch.limit]), *watch[2:]
+    if bent is None:
+        return arrays
+    law, rims = bent.law, (*bent.rims[:3], bent.rims.shapes.reshape(len(bent.rims.shapes), -1, 3))
+    return *arrays, np.array(law[:5]), *bent.loads, *law[5:-1], *law.points, *bent.memory, *rims, *bent[4:]
 
 
 @jit_part
@@ -55,11 +62,48 @@ def watch_at(table: Array) -> Watch:
 
 
 @jit_part
-def keep_step(table: Array, step: Step, taken: Taken, count: int) -> bool:
+def bent_at(table: Array) -> Bending:
+    """The same of what a body has that deforms largely."""
+    t = table[ROWS:]
+    n, following = (
+        vector_at(t[0]),
+        (integers_at(t[1]), cube_at(t[2]), integers_at(t[3]), matrix_at(t[4]), cube_at(t[5])),
+    )
+    law = law_at(n, t[6:])
+    memory, rest = memory_at(t[13:]), t[24:]
+    edges = integers_at(t[20]), integers_at(t[21]), cube_at(t[22]), cube_at(t[23])
+    of_step = matrix_at(rest[0]), vector_at(rest[1]), matrix_at(rest[2]), matrix_at(rest[3]), vector_at(rest[4])
+    before = vector_at(rest[6]), matrix_at(rest[7]), vector_at(rest[8])
+    loads = Following(following[0], following[1], following[2], following[3], following[4])
+    rims = Rims(edges[0], edges[1], edges[2], edges[3].reshape(edges[3].shape[0], 2, edges[3].shape[1] // 2, 3))
+    return Bending(
+        law,
+        loads,
+        rims,
+        memory,
+        of_step[0],
+        of_step[1],
+        of_step[2],
+        of_step[3],
+        of_step[4],
+        matrix_at(rest[5]),
+        before[0],
+        before[1],
+        before[2],
+        vector_at(rest[9]),
+    )
+
+
+@jit_part
+def keep_step(table: Array, step: Step, taken: Taken, count: int, bent: Bending | None) -> bool:
     """Notes a step of steps in a row; False where it was not taken. One whose energy is not finite is taken back."""
     if step.status == TAKEN and math.isfinite(step.square):
         note(body_at(table), state_at(table), step, taken, count)
+        if bent is not None:
+            note_shape(bent, taken.noted[count])
         return True
     if step.status == TAKEN:
         restore(state_at(table))
+        if bent is not None:
+            restore_shape(bent)
     return False

@@ -126,6 +126,7 @@ class Taken(NamedTuple):
     works: Array  # (n, 2), J: supplied and dissipated
     q: Array  # (n, m) after it
     poses: Array  # (n, 7) after it, position and quaternion
+    noted: Array  # (n, 11) of a body that deforms largely, see `bent_frame.note_shape`; else (n, 0)
 
 
 @jit_part
@@ -199,8 +200,22 @@ def give(body: Body, modal: Array, e: Array, r: Array, table: Array) -> None:
     """Sets the rows of the table that do not change within a step, under forces (m,) on the coordinates."""
     for i in range(len(e)):
         table[GIVEN, i] = body.ω[i] * e[i] - 2 / body.h * r[i] - modal[i]
+    _turn_by_rate(body, r, table)
+
+
+@jit_part
+def give_without_springs(body: Body, modal: Array, pull: Array, r: Array, table: Array) -> None:
+    """The same where a pull (m,) is what resists the shape."""
+    for i in range(len(r)):
+        table[GIVEN, i] = pull[i] - 2 / body.h * r[i] - modal[i]
+    _turn_by_rate(body, r, table)
+
+
+@jit_part
+def _turn_by_rate(body: Body, r: Array, table: Array) -> None:
+    """Sets the rows T at r (m,)."""
     if body.couples:
-        m = len(e)
+        m = len(r)
         turned_, coupled = table[TURNED:BY_RATE].reshape(3 * m), table[COUPLED:GIVEN].reshape(3 * m)
         turned_[:] = 0.0
         for i in range(m):

@@ -9,7 +9,19 @@ from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.frame_motion import Rotation
 from fenics_rom.mechanics.largest_turn import LARGEST_TURN
-from fenics_rom.runtime.compiled.frame_tables import body_at, keep_step, loads_at, state_at, watch_at
+from fenics_rom.runtime.compiled.bent_frame import (
+    FOLLOWED,
+    Bending,
+    end_shape,
+    expect_free,
+    pressed_rims,
+    remember_shape,
+    restore_shape,
+    solve_held,
+    twice_strained,
+)
+from fenics_rom.runtime.compiled.contact_points import Points
+from fenics_rom.runtime.compiled.frame_tables import bent_at, body_at, keep_step, loads_at, state_at, watch_at
 from fenics_rom.runtime.compiled.frames import (
     GIVEN,
     IS_SHAPE_KNOWN,
@@ -74,8 +86,26 @@ class Begun(NamedTuple):
 @jit
 def take_free_step(table: Array, u: Array) -> Step:
     """Takes a step of a body in a table (`frame_tables`) under u (p,)."""
+    return _take(table, u, None)
+
+
+@jit
+def take_bent_free_step(table: Array, u: Array) -> Step:
+    """The same of a body that deforms largely."""
+    bent = bent_at(table)
+    remember_shape(bent)
+    step = _take(table, u, bent)
+    if step.status == OTHERWISE:
+        restore_shape(bent)
+    return step
+
+
+@jit_part
+def _take(table: Array, u: Array, bent: Bending | None) -> Step:
+    """The same; of a linear body it has none."""
     body, loads, state, watch = body_at(table), loads_at(table), state_at(table), watch_at(table)
-    begun, now, none = begin_free_step(body, loads, u, state), state.now[0], Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
+    none = Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
+    begun, now = begin_free_step(body, loads, u, state, bent, None), state.now[0]
     if begun.status == OTHERWISE:
         return none
     acting, q, x = begun.acting, begun.q, begun.x
@@ -84,22 +114,32 @@ def take_free_step(table: Array, u: Array) -> Step:
             return none
     else:
         r̂ = x[3:]
-        copy(-np.dot(body.inverse, state.table[GIVEN]), r̂)
+        if bent is None:
+            copy(-np.dot(body.inverse, state.table[GIVEN]), r̂)
+        elif not solve_held(bent, state.table[GIVEN], r̂):
+            return none
         torque, of_top = torque_of(acting, q, body.h, r̂), inertia_in(now)
         ω̂, left = turn_of_top(of_top, vector(now, MOMENTUM), torque, vector(now, SPIN), vector(x, 0), body.h)
         if left != 0.0:
             return none
         put(x, 0, ω̂)
-    return end_free_step(body, loads, begun, x, NOT_PUSHED, state, watch)
+    return end_free_step(body, loads, begun, x, NOT_PUSHED, state, watch, bent)
 
 
 @jit_part
-def begin_free_step(body: Body, loads: Loads, u: Array, state: State) -> Begun:
-    """Begins a step under u (p,). Nothing is changed but what is known of the state."""
+def begin_free_step(
+    body: Body, loads: Loads, u: Array, state: State, bent: Bending | None, points: Points | None
+) -> Begun:
+    """Begins a step under u (p,). Nothing is changed but what is known of the state.
+
+    `bent`: of a body that deforms largely; `points` where obstacles can touch that. Else there are none.
+    """
     h, m = body.h, len(body.ω)
     e, r = state.halves[0], state.halves[1]
     q, x = e * body.inverse_ω, np.empty(3 + m)
     now, kept, table, acting = state.now[0], state.kept, state.table, act(loads, u, m)
+    if bent is not None:
+        acting = pressed_rims(bent, u, q, h, acting)
     R, is_known = rotation_of(*rotation_in(now)), True
     if not kept[IS_SHAPE_KNOWN]:
         shape_at(body, q, r, table, now)
@@ -114,12 +154,17 @@ def begin_free_step(body: Body, loads: Loads, u: Array, state: State) -> Begun:
         share = h / kept[LENGTH]
         for k in range(3 + m):
             x[k] += share * (x[k] - kept[PASSED + k])
-    give(body, acting.modal, e, r, table)
+    if bent is None:
+        give(body, acting.modal, e, r, table)
+    else:
+        expect_free(body, loads, acting, u, q, R, x, state, bent, points)
     return Begun(TAKEN, q, R, acting, x)
 
 
 @jit_part
-def end_free_step(body: Body, loads: Loads, begun: Begun, x: Array, push: Push, state: State, watch: Watch) -> Step:
+def end_free_step(
+    body: Body, loads: Loads, begun: Begun, x: Array, push: Push, state: State, watch: Watch, bent: Bending | None
+) -> Step:
     """Takes a step that has begun with ω̂ and r̂ of x, under contact forces that push; their work is not told."""
     h, m, r̂, ω̂, now, kept = body.h, len(body.ω), x[3:], vector(x, 0), state.now[0], state.kept
     q, R, acting = begun.q, begun.R, begun.acting
@@ -145,18 +190,25 @@ def end_free_step(body: Body, loads: Loads, begun: Begun, x: Array, push: Push, 
     put(now, ROTATION + 1, (x_, y_, z_))
     put(now, VELOCITY, added(velocity, h / body.mass, whole))
     put(now, TURNING, added(vector(now, TURNING), h, added(τ, 1.0, push.torque)))
-    shape_at(body, e * body.inverse_ω, r, state.table, now)
+    after = e * body.inverse_ω
+    shape_at(body, after, r, state.table, now)
     if not find_motion(body.is_definite, e, state.table, now):
         restore(state)
         return Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
     kept[IS_PASSED], kept[LENGTH] = 1.0, h
     for k in range(3 + m):
         kept[PASSED + k] = x[k]
-    ω, v, within = vector(now, SPIN), vector(now, VELOCITY), e.dot(e) + r.dot(r)
+    ω, v, within = vector(now, SPIN), vector(now, VELOCITY), r.dot(r)
+    if bent is None:
+        within, heat = within + e.dot(e), h * r̂.dot(np.dot(body.D, r̂))
+    else:
+        heat, power = end_shape(bent, q, after, r̂), power + bent.vectors[FOLLOWED].dot(r̂)
+        within += twice_strained(bent, after)
+        put(bent.felt, 6, ω)
     turning_too = dot(ω, added(vector(now, MOMENTUM), 1.0, vector(now, MOVED)))
     look(watch, e, within, length(ω))
     square = body.mass * dot(v, v) + turning_too + within
-    return Step(TAKEN, square, within, h * power, h * r̂.dot(np.dot(body.D, r̂)))
+    return Step(TAKEN, square, within, h * power, heat)
 
 
 @jit
@@ -168,7 +220,19 @@ def take_free_steps(table: Array, inputs: Array, taken: Taken) -> tuple[int, Ste
     last = Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
     for count in range(len(inputs)):
         step = take_free_step(table, inputs[count])
-        if not keep_step(table, step, taken, count):
+        if not keep_step(table, step, taken, count, None):
+            return count, last
+        last = step
+    return len(inputs), last
+
+
+@jit
+def take_bent_free_steps(table: Array, inputs: Array, taken: Taken) -> tuple[int, Step]:
+    """The same of a body that deforms largely."""
+    last = Step(OTHERWISE, 0.0, 0.0, 0.0, 0.0)
+    for count in range(len(inputs)):
+        step = take_bent_free_step(table, inputs[count])
+        if not keep_step(table, step, taken, count, bent_at(table)):
             return count, last
         last = step
     return len(inputs), last

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit
+from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.runtime.compiled.arrays_at import cube_at, integers_at, matrix_at, vector_at
@@ -48,6 +48,24 @@ def arrays_of(
     return (*body[:3], *body.loads, *law[5:-1], *law.points, *memory, *motion, pushed, *noted)
 
 
+@jit_part
+def law_at(numbers: Array, table: Array) -> Law:
+    """What seven rows have of a law, with its numbers (5,)."""
+    n, points = numbers, Points(matrix_at(table[5]), matrix_at(table[6]))
+    fixed, tables = (
+        (matrix_at(table[0]), matrix_at(table[1]), matrix_at(table[2])),
+        (matrix_at(table[3]), matrix_at(table[4])),
+    )
+    return Law(n[0], n[1], n[2], n[3], n[4], fixed[0], fixed[1], fixed[2], tables[0], tables[1], points)
+
+
+@jit_part
+def memory_at(table: Array) -> Memory:
+    """What seven rows have of a memory."""
+    kept = matrix_at(table[0]), matrix_at(table[1]), matrix_at(table[2]), vector_at(table[3]), matrix_at(table[4])
+    return Memory(kept[0], kept[1], kept[2], kept[3], kept[4], cube_at(table[5]), matrix_at(table[6]))
+
+
 @jit
 def take_step_at(table: Array, numbers: Array, u: Array, halves: Array) -> tuple[float, float, float, bool]:
     """Has e and r (2, m) be those after a step: twice the energy stored, supplied and dissipated, J, and if it is new.
@@ -58,30 +76,8 @@ def take_step_at(table: Array, numbers: Array, u: Array, halves: Array) -> tuple
     following = Following(
         integers_at(table[3]), cube_at(table[4]), integers_at(table[5]), matrix_at(table[6]), cube_at(table[7])
     )
-    points = Points(matrix_at(table[13]), matrix_at(table[14]))
-    law = Law(
-        numbers[0],
-        numbers[1],
-        numbers[2],
-        numbers[3],
-        numbers[4],
-        matrix_at(table[8]),
-        matrix_at(table[9]),
-        matrix_at(table[10]),
-        matrix_at(table[11]),
-        matrix_at(table[12]),
-        points,
-    )
+    law, memory = law_at(numbers, table[8:]), memory_at(table[15:])
     body = Body(vector_at(table[0]), vector_at(table[1]), matrix_at(table[2]), following, law)
-    memory = Memory(
-        matrix_at(table[15]),
-        matrix_at(table[16]),
-        matrix_at(table[17]),
-        vector_at(table[18]),
-        matrix_at(table[19]),
-        cube_at(table[20]),
-        matrix_at(table[21]),
-    )
     vectors, factor, pushed = matrix_at(table[22]), matrix_at(table[23]), vector_at(table[24])
     noted = Noted(
         matrix_at(table[25]),

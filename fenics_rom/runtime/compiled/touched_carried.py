@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Found
 from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.runtime.compiled.bent_frame import Bending, remember_shape, restore_shape
 from fenics_rom.runtime.compiled.carried_step import (
     OF_BASE,
     SPIN,
@@ -19,7 +20,7 @@ from fenics_rom.runtime.compiled.carried_step import (
     end_carried_step,
     inverse_of_carried,
 )
-from fenics_rom.runtime.compiled.frame_tables import body_at, loads_at, state_at, watch_at
+from fenics_rom.runtime.compiled.frame_tables import bent_at, body_at, loads_at, state_at, watch_at
 from fenics_rom.runtime.compiled.frames import POSITION, TAKEN, Body, State, dot, middle_of, rotated, vector
 from fenics_rom.runtime.compiled.touched_frame import (
     FREE,
@@ -55,8 +56,27 @@ from fenics_rom.runtime.compiled.touching import Last
 @jit
 def take_touched_carried_step(table: Array, u: Array, base: Array, among: Among) -> Touched:
     """Takes a step among obstacles; the other arguments are as of `take_carried_step`."""
+    return _take(table, u, base, among, None)
+
+
+@jit
+def take_touched_bent_carried_step(table: Array, u: Array, base: Array, among: Among) -> Touched:
+    """The same of a body that deforms largely."""
+    bent = bent_at(table)
+    remember_shape(bent)
+    touched = _take(table, u, base, among, bent)
+    if touched.step.status != TAKEN:
+        restore_shape(bent)
+    else:
+        copy(among.found.forces, bent.pressed)
+    return touched
+
+
+@jit_part
+def _take(table: Array, u: Array, base: Array, among: Among, bent: Bending | None) -> Touched:
+    """The same; of a linear body it has none."""
     body, loads, state, watch = body_at(table), loads_at(table), state_at(table), watch_at(table)
-    begun = begin_carried_step(body, loads, u, base, state)
+    begun = begin_carried_step(body, loads, u, base, state, bent, among.points)
     if begun.status != TAKEN:
         return nothing_taken()
     h, now, q, turn = body.h, state.now[0], state.halves[0] * body.inverse_ω, _turn_of(begun)
@@ -67,7 +87,7 @@ def take_touched_carried_step(table: Array, u: Array, base: Array, among: Among)
     by_obstacles = act_on_points(among, sweep, contact, turn)
     _put_moved(body, begun, turn, r̂, among, sweep, among.found.motion[MOVED])
     push = push_of(among.points, turn, sweep.arms)
-    step = end_carried_step(body, loads, begun, base, r̂, push, state, watch)
+    step = end_carried_step(body, loads, begun, base, r̂, push, state, watch, bent)
     return end_touched(among, step, contact, by_obstacles)
 
 

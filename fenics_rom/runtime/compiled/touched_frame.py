@@ -337,7 +337,7 @@ def end_touched(among: Among, step: Step, contact: Found, by_obstacles: float) -
 def keep_touched(table: Array, among: Among, touched: Touched, last: Last, taken: TouchedTaken, count: int) -> bool:
     """As `keep_step`; with what of contact the next step begins with."""
     points = among.points
-    if not keep_step(table, touched.step, taken.moved, count):
+    if not keep_step(table, touched.step, taken.moved, count, None):
         if touched.step.status == TAKEN:
             copy(points.beyond_before, points.beyond)
         return False

@@ -10,8 +10,9 @@ from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Found
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.frame_contact import FEW_SWEEPS, SLOW
 from fenics_rom.mechanics.frame_motion import Vector
+from fenics_rom.runtime.compiled.bent_frame import Bending, remember_shape, restore_shape
 from fenics_rom.runtime.compiled.contact_points import see_forces
-from fenics_rom.runtime.compiled.frame_tables import body_at, loads_at, state_at, watch_at
+from fenics_rom.runtime.compiled.frame_tables import bent_at, body_at, loads_at, state_at, watch_at
 from fenics_rom.runtime.compiled.frames import (
     POSITION,
     TAKEN,
@@ -65,8 +66,27 @@ from fenics_rom.runtime.compiled.touching import Last
 @jit
 def take_touched_free_step(table: Array, u: Array, among: Among) -> Touched:
     """Takes a step of a body in a table under u (p,) among obstacles; where it is OTHERWISE nothing is changed."""
+    return _take(table, u, among, None)
+
+
+@jit
+def take_touched_bent_free_step(table: Array, u: Array, among: Among) -> Touched:
+    """The same of a body that deforms largely."""
+    bent = bent_at(table)
+    remember_shape(bent)
+    touched = _take(table, u, among, bent)
+    if touched.step.status != TAKEN:
+        restore_shape(bent)
+    else:
+        copy(among.found.forces, bent.pressed)
+    return touched
+
+
+@jit_part
+def _take(table: Array, u: Array, among: Among, bent: Bending | None) -> Touched:
+    """The same; of a linear body it has none."""
     body, loads, state, watch = body_at(table), loads_at(table), state_at(table), watch_at(table)
-    begun = begin_free_step(body, loads, u, state)
+    begun = begin_free_step(body, loads, u, state, bent, among.points)
     h, x, points, now = body.h, begun.x, among.points, state.now[0]
     if begun.status != TAKEN:
         return nothing_taken()
@@ -81,7 +101,7 @@ def take_touched_free_step(table: Array, u: Array, among: Among) -> Touched:
     push = _push_at(among, sweep, turn, h, x, np.empty(len(x)))
     v̂, spin = _translation(body, begun, turn, now, push.force), rotated(turn.middle, vector(x, 0))
     put_velocities(turn, v̂, spin, sweep.arms, points.inside, among.found.motion[MOVED])
-    step = end_free_step(body, loads, begun, x, push, state, watch)
+    step = end_free_step(body, loads, begun, x, push, state, watch, bent)
     if step.status != TAKEN:
         return nothing_taken()
     return end_touched(among, step, contact, by_obstacles)

@@ -16,7 +16,8 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.frame_geometry import Push
 from fenics_rom.mechanics.frame_motion import ZERO, Rotation, Vector, added, cross, dot
 from fenics_rom.runtime.steppers.carried_base import Begun, Motion
-from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame, Expected
+from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame
+from fenics_rom.runtime.steppers.expected_step import Expected
 from fenics_rom.runtime.steppers.frame_state import Shape
 from fenics_rom.runtime.steppers.frame_table import MOMENTS, TURNED
 from fenics_rom.runtime.steppers.inertia import MOST_ITERATIONS, pairs

@@ -8,11 +8,15 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.frame_motion import Rotation, rotation_of
+from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
+from fenics_rom.runtime.steppers.expected_step import Expected
+from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_state import FrameState, Shape
 from fenics_rom.runtime.steppers.kernel import BOOKED_TOGETHER, ContactWorks, StepWork
 from fenics_rom.runtime.steppers.parted_kernel import PartedKernel
 
 if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.bent_in_loops import BentInLoops
     from fenics_rom.runtime.steppers.compiled_frame import CompiledFrame, FrameStep, FrameSteps
 
 
@@ -27,6 +31,10 @@ class CompilableFrame(PartedKernel):
     _motion_before: Any = None
     _touched: Array  # mid-step velocities (P, 3) of the contact points in world axes in the last step, m/s
     _twice = 0.0  # the stored energy, if a compiled step knows, J
+    _ahead: tuple[Array, ...] | None  # of an expected step what it was found of, and the inverse slopes with that
+    _forces: FrameForces  # of the step
+    _guided_by: tuple[float, Array] | None = None  # h and ω̂, r̂ of the step before, that a compiled one began with
+    expectation: Expected | None = None  # of the last step, where its law asks for one
 
     @property
     def frame(self) -> FrameState:
@@ -77,6 +85,9 @@ class CompilableFrame(PartedKernel):
         """A step that compiled functions have taken; None where they do not."""
         if self._compiled is None or not self._is_known(obstacles):
             return None
+        if self._compiled.bent is not None:
+            self._compiled.bent.begin(self.contact, self._ahead)
+            self._guided_by = self._compiled.passed()
         return self._compiled.take(u, base, self._frame_known, self.notes, obstacles)
 
     def _is_known(self, obstacles: ObstacleMotion | None) -> bool:
@@ -103,7 +114,25 @@ class CompilableFrame(PartedKernel):
         self.notes = self._compiled.notes(self.notes)
         self._motion = self._motion_before = None
         self._square, self._twice = step.within, step.square
+        if self._compiled.bent is not None:
+            self._hand_on_bent(u, self._compiled.bent, notes=owed)
         return step.square
+
+    def _hand_on_bent(self, u: Array, bent: "BentInLoops", *, notes: bool) -> None:
+        """Has NumPy know what a step under u of a body that deforms largely led to, and notes it, if it is to."""
+        law, q = self.elastic, self._e * self._inverse_ω
+        assert law is not None
+        assert self._extent is not None
+        self._ahead = bent.hand_on(q, self.contact)
+        e_before = self._state_before[: len(q)]
+        self._forces = self._forces_at(e_before * self._inverse_ω + self.h / 2 * bent.velocity_before)
+        forces = u, self._forces, bent.pressed_before
+        self.expectation = Expected(*forces, *bent.expected(), None, self._guided_by)
+        if notes:
+            self.notes = dict(self.notes)
+            law.note(self.notes)
+            self._extent.look(self.notes, u, q, self.contact, self.h)
+            self._extent.look_at_frame(self.notes, *bent.felt)
 
     @property
     def is_compiled(self) -> bool:
@@ -119,6 +148,8 @@ class CompilableFrame(PartedKernel):
             return None
         if bases is None:
             bases = np.tile((*self.frame.position, *self.frame.rotation, *np.zeros(6)), (len(inputs), 1))
+        if self._compiled.bent is not None:
+            self._compiled.bent.begin(self.contact, self._ahead)
         taken = self._compiled.take_many(inputs, bases, self._frame_known, self.notes, obstacles)
         if taken is None:
             return None
@@ -129,7 +160,13 @@ class CompilableFrame(PartedKernel):
             if taken.works.shape[1]:
                 by_obstacles, lost, friction = map(math.fsum, taken.works.T)
                 self._ledger.book_contact(by_obstacles, lost, friction, 0.0)
-        self._end_compiled(inputs[len(taken.steps.q) - 1], taken.last, owed=False)
+        steps, count = taken.steps, len(taken.steps.q)
+        self._end_compiled(inputs[count - 1], taken.last, owed=False)
+        if isinstance(self.elastic, StrainsCarried) and self._extent is not None and self._compiled.bent is not None:
+            self.notes, (strained, felt) = dict(self.notes), np.split(steps.noted, [2], axis=1)
+            self.elastic.note_all(self.notes, strained)
+            self._extent.look_along(self.notes, inputs[:count], steps.q, np.zeros((count, 0, 3)), self.h)
+            self._extent.look_at_frame(self.notes, *self._compiled.bent.motions(np.abs(felt).max(axis=0)))
         return taken
 
     @property
@@ -156,6 +193,10 @@ class CompilableFrame(PartedKernel):
     @_now_before.setter
     def _now_before(self, motion: Any) -> None:
         self._motion_before = motion
+
+    def _forces_at(self, expected: Array) -> FrameForces:
+        """What acts in the frame where the shape is expected there (m,)."""
+        raise NotImplementedError
 
     def _shape_at(self, q: Array, r: Array) -> Shape:
         """The inertia there, which the table is of from now on."""

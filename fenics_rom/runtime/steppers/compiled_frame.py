@@ -1,4 +1,4 @@
-"""Steps of a linear body in a moving frame by compiled functions: what `FreeFrame` and `CarriedFrame` try first."""
+"""Steps of a body in a moving frame by compiled functions: what `FreeFrame` and `CarriedFrame` try first."""
 
 from collections.abc import Callable
 from functools import partial
@@ -13,7 +13,12 @@ from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.compiled.arrays_at import table_of
-from fenics_rom.runtime.compiled.carried_step import take_carried_step, take_carried_steps
+from fenics_rom.runtime.compiled.carried_step import (
+    take_bent_carried_step,
+    take_bent_carried_steps,
+    take_carried_step,
+    take_carried_steps,
+)
 from fenics_rom.runtime.compiled.frame_tables import arrays_of
 from fenics_rom.runtime.compiled.frames import (
     INERTIA,
@@ -29,10 +34,25 @@ from fenics_rom.runtime.compiled.frames import (
     Taken,
     Watch,
 )
-from fenics_rom.runtime.compiled.free_step import take_free_step, take_free_steps
-from fenics_rom.runtime.compiled.touched_carried import take_touched_carried_step, take_touched_carried_steps
+from fenics_rom.runtime.compiled.free_balance import IS_PASSED, LENGTH, PASSED
+from fenics_rom.runtime.compiled.free_step import (
+    take_bent_free_step,
+    take_bent_free_steps,
+    take_free_step,
+    take_free_steps,
+)
+from fenics_rom.runtime.compiled.touched_carried import (
+    take_touched_bent_carried_step,
+    take_touched_carried_step,
+    take_touched_carried_steps,
+)
 from fenics_rom.runtime.compiled.touched_frame import Touched, TouchedTaken
-from fenics_rom.runtime.compiled.touched_free import take_touched_free_step, take_touched_free_steps
+from fenics_rom.runtime.compiled.touched_free import (
+    take_touched_bent_free_step,
+    take_touched_free_step,
+    take_touched_free_steps,
+)
+from fenics_rom.runtime.steppers.bent_in_loops import BentInLoops
 from fenics_rom.runtime.steppers.frame_loads import FrameLoads
 from fenics_rom.runtime.steppers.frame_state import FrameState, Shape
 from fenics_rom.runtime.steppers.frame_table import BENT as BENT_ROWS
@@ -41,14 +61,23 @@ from fenics_rom.runtime.steppers.frame_table import TURNED as TURNED_ROWS
 from fenics_rom.runtime.steppers.frame_touch import FrameTouch
 from fenics_rom.runtime.steppers.frame_watch import BENT, TURNED, FrameWatch
 
-# What takes a step, and steps in a row, by whether a base carries the body; and the same among obstacles.
-STEPS: dict[bool, tuple[Callable[..., Step], Callable[..., tuple[int, Step]]]] = {
-    False: (take_free_step, take_free_steps),
-    True: (take_carried_step, take_carried_steps),
+# What takes a step, and steps in a row, by whether a base carries the body and whether that deforms largely; and the
+# same among obstacles.
+STEPS: dict[tuple[bool, bool], tuple[Callable[..., Step], Callable[..., tuple[int, Step]]]] = {
+    (False, False): (take_free_step, take_free_steps),
+    (True, False): (take_carried_step, take_carried_steps),
+    (False, True): (take_bent_free_step, take_bent_free_steps),
+    (True, True): (take_bent_carried_step, take_bent_carried_steps),
 }
-TOUCHED: dict[bool, tuple[Callable[..., Touched], Callable[..., tuple[int, Touched]]]] = {
-    False: (take_touched_free_step, take_touched_free_steps),
-    True: (take_touched_carried_step, take_touched_carried_steps),
+TOUCHED: dict[tuple[bool, bool], Callable[..., Touched]] = {
+    (False, False): take_touched_free_step,
+    (True, False): take_touched_carried_step,
+    (False, True): take_touched_bent_free_step,
+    (True, True): take_touched_bent_carried_step,
+}
+TOUCHED_STEPS: dict[bool, Callable[..., tuple[int, Touched]]] = {
+    False: take_touched_free_steps,
+    True: take_touched_carried_steps,
 }
 NOTES = BENT, TURNED, "misfit", "misfit of turn"  # of a kernel, in the order of those of a watch
 
@@ -77,6 +106,7 @@ class CompiledFrame:
         body, loads, watch: what moves, what acts on it, and what looks at it.
         halves, halves_before: the state [e, r], (2, m), which steps change, and where they note it before.
         carried: by a base.
+        bent: of a body that deforms largely; else None.
 
     Attributes:
         touch: how obstacles touch it; None: that is NumPy's, or they cannot.
@@ -85,12 +115,21 @@ class CompiledFrame:
 
     touch: FrameTouch | None = None
 
-    def __init__(self, body: Body, loads: Loads, watch: Watch, halves: Array, halves_before: Array, carried: bool):
+    def __init__(
+        self,
+        body: Body,
+        loads: Loads,
+        watch: Watch,
+        halves: Array,
+        halves_before: Array,
+        carried: bool,
+        bent: BentInLoops | None = None,
+    ):
         m = len(body.ω)
         slopes = np.empty((2 * m, m) if carried else (3 + m, 3 + m))
         kept = np.zeros(REST + (9 if carried else 5 + m))
         self._state = State(halves, halves_before, np.zeros((2, NUMBERS)), body.table.copy(), kept, slopes)
-        self._loads, self._watch, self._carried = loads, watch, carried
+        self._loads, self._watch, self._carried, self.bent = loads, watch, carried, bent
         self._take_on(body)
         self._frame: FrameState | None = None  # that the state is of
         self._notes: dict[str, float] | None = None  # that those of the watch are,
@@ -99,17 +138,21 @@ class CompiledFrame:
     def forget(self) -> None:
         """Forgets what is known of steps that led elsewhere."""
         self._state.kept[:WRENCH], self._frame, self._notes = 0.0, None, None
+        if self.bent is not None:
+            self.bent.forget()
 
-    def set_body(self, body: Body, touch: FrameTouch | None) -> None:
+    def set_body(self, body: Body, touch: FrameTouch | None, bent: BentInLoops | None) -> None:
         """Goes on with a body of another step size."""
-        self.touch = touch
+        self.touch, self.bent = touch, bent
         self._take_on(body)
         self._state.kept[1 if self._carried else 2 : WRENCH] = 0.0  # but for how it moves, and did
 
     def _take_on(self, body: Body) -> None:
         """Has steps be of this body."""
         self._body = body
-        self.arrays = arrays_of(body, self._loads, self._state, self._watch)
+        self.arrays = arrays_of(
+            body, self._loads, self._state, self._watch, None if self.bent is None else self.bent.arrays
+        )
         self._table = table_of(self.arrays)
 
     @or_numpy
@@ -130,7 +173,7 @@ class CompiledFrame:
         try:
             if self.touch is not None and obstacles is not None:
                 return self._take_touched(self.touch, given, obstacles)
-            step = STEPS[self._carried][0](*given)
+            step = STEPS[self._kind][0](*given)
         except np.linalg.LinAlgError:
             self.forget()
             return None
@@ -139,7 +182,7 @@ class CompiledFrame:
     def _take_touched(self, touch: FrameTouch, given: tuple[Any, ...], obstacles: ObstacleMotion) -> FrameStep | None:
         """The same among obstacles."""
         among = touch.among(obstacles)
-        touched = TOUCHED[self._carried][0](*given, among)
+        touched = TOUCHED[self._kind](*given, among)
         if touched.step.status != TAKEN:
             return None
         works = ContactWork(touched.by_obstacles, touched.lost, touched.friction)
@@ -160,11 +203,15 @@ class CompiledFrame:
         """
         self.begin(frame, notes)
         n, m, on = len(inputs), len(self._body.ω), (in_plain(bases),) if self._carried else ()
-        taken = Taken(np.empty((n, 2)), np.empty((n, m)), np.empty((n, 7)))
+        taken = Taken(
+            np.empty((n, 2)), np.empty((n, m)), np.empty((n, 7)), np.empty((n, 0 if self.bent is None else 11))
+        )
         given = self._table, in_plain(inputs), *on
         if self.touch is not None and obstacles is not None:
+            if self.bent is not None:
+                return None  # one by one
             return self._take_many_touched(self.touch, given, obstacles, taken)
-        count, last = STEPS[self._carried][1](*given, taken)
+        count, last = STEPS[self._kind][1](*given, taken)
         return _first(count, TouchedTaken(taken, *np.empty((2, n, 0))), FrameStep(last))
 
     def _take_many_touched(
@@ -173,9 +220,14 @@ class CompiledFrame:
         """The same among obstacles."""
         n, (among, last) = len(moved.q), touch.for_many(touch.among(obstacles))
         taken = TouchedTaken(moved, np.empty((n, 3)), np.empty((n, among.points.beyond.shape[1])))
-        count, touched = TOUCHED[self._carried][1](*given, among, last, taken)
+        count, touched = TOUCHED_STEPS[self._carried](*given, among, last, taken)
         contact = touch.keep_last(touched, among, last) if count else None
         return _first(count, taken, FrameStep(touched.step, contact))
+
+    @property
+    def _kind(self) -> tuple[bool, bool]:
+        """In `STEPS`."""
+        return self._carried, self.bent is not None
 
     @property
     def h(self) -> float:
@@ -195,6 +247,13 @@ class CompiledFrame:
         if notes is not self._notes:
             self._noted, self._notes = [notes.get(name, 0.0) for name in NOTES], notes
             self._watch.notes[:LOOKED_AT] = self._noted
+
+    def passed(self) -> tuple[float, Array] | None:
+        """h and ω̂, r̂ (3 + m,) of a free body's last step; None: it is not known, or a base carries the body."""
+        kept = self._state.kept
+        if self._carried or not kept[IS_PASSED]:
+            return None
+        return kept.item(LENGTH), kept[PASSED:].copy()
 
     # What the last step led to.
 
@@ -244,7 +303,7 @@ def _first(count: int, taken: TouchedTaken, last: FrameStep) -> FrameSteps | Non
 
 
 def body_of(
-    model: ContactModel, h: float, frame: MovingFrame, products: Array, couples: bool, is_definite: float
+    model: ContactModel, h: float, frame: MovingFrame, products: Array, couples: bool, is_definite: float, bends: bool
 ) -> Body:
     """A body as compiled steps of h s take it.
 
@@ -254,8 +313,11 @@ def body_of(
         frame: with I2 as it is stiffened.
         products: h/2 I2, G and 2/h + h/2 γ + D, (10, m, m).
         couples, is_definite: as in `Body`.
+        bends: whether it deforms largely, so that a law says how its shape resists and is damped.
     """
     m, D, ω = model.order, model.damping, np.sqrt(model.eigenvalues)
+    if bends:
+        D, products = np.zeros(m), np.concatenate([products[:9], 2 / h * np.eye(m)[None]])
     by_rate = products.transpose(2, 0, 1).reshape(m, 10 * m)
     by_shape = np.concatenate([frame.inertia2, frame.coupling]).transpose(2, 0, 1).reshape(m, 9 * m)
     table = np.zeros((ROWS, m))

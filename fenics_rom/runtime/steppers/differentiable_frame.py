@@ -1,6 +1,6 @@
 """What a body in a moving frame tells of the step that it took, so that it can be gone back through."""
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -10,7 +10,7 @@ from fenics_rom.mechanics.frame_motion import rotation_of, turned
 from fenics_rom.runtime.steppers.adjoint import NONE, contact_adjoint
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.strains_adjoint import StrainsAdjoint
-from fenics_rom.runtime.steppers.frame_loads import FrameForces
+from fenics_rom.runtime.steppers.expected_step import Expected
 from fenics_rom.runtime.steppers.frame_slopes import InertiaSlopes, Moving, PointsMoved, StepTurn
 from fenics_rom.runtime.steppers.frame_state import FrameState
 from fenics_rom.runtime.steppers.taken_step import found_taken, linear_taken, residual_taken
@@ -22,28 +22,8 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.parted_adjoint import Expectation, PartedAdjoint
 
 
-class Expected(NamedTuple):
-    """How v̂ of a step was expected, from that of the step before, and under the forces that were found in it."""
-
-    u: Array  # (p,) with these forces
-    forces: FrameForces
-    pressed: Array | None  # contact forces (P, 3) among them
-    lack: Array  # of the balance of the coordinates (m,)
-    T: Array  # (m, m)
-    whole: Array  # v̂ that came of it
-    x: Array = NONE  # of a free body the ω̂ and v̂ (3 + m,) that it was found at
-    translation: Array | None = None  # v̂ (3,) of the origin, where ties feel it
-    passed: tuple[float, Array] | None = None  # h and x of the step before, if that guided it
-
-
 class DifferentiableFrame(TouchedFrame):
-    """Arguments and attributes as in FrameKernel.
-
-    Attributes:
-        expectation: of the last step, where its law asks for one.
-    """
-
-    expectation: Expected | None = None
+    """Arguments and attributes as in FrameKernel."""
 
     def _moving(self, frame: FrameState, motion: Any, e: Array, r: Array) -> Moving:
         """The body at one end of the last step."""

@@ -50,6 +50,7 @@ from fenics_rom.runtime.steppers.kept_newton import KeptNewton
 from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork
 
 if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.bent_in_loops import BentInLoops
     from fenics_rom.runtime.steppers.compiled_frame import CompiledFrame
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.frame_touch import FrameTouch
@@ -145,30 +146,51 @@ class FrameKernel(CompilableFrame):
         self.newton.inverse = self._ahead = None
         self._elastic_and_inertial = np.stack([self._ω, np.full(len(γ), -2 / h)])
         if self._compiled is not None or compiled():
-            self.take_by_loops()
+            self._by_loops()
 
     def take_by_loops(self) -> "CompiledFrame | None":
         """As in CompilableFrame."""
-        if self.elastic is not None or self._found is not None or self.ties is not None:
+        return self._by_loops() if self.elastic is None else None
+
+    def _by_loops(self) -> "CompiledFrame | None":
+        """What takes steps by compiled functions; None where these do not know the body."""
+        bent = None
+        if self._found is not None or self.ties is not None:
             return None
         if self._compiled is not None and self._compiled.h == self.h:
             return self._compiled
+        if self.elastic is not None:
+            bent = self._bent_by_loops()
+            if bent is None:
+                return None
         from fenics_rom.runtime.steppers import compiled_frame  # here, as numba takes time to import
 
         frame, of_shape = (
             replace(self._constants, inertia2=self._second, stiffening=None),
             (self._products, self._couples),
         )
-        body = compiled_frame.body_of(self._model, self.h, frame, *of_shape, self._surely_definite)
+        body = compiled_frame.body_of(self._model, self.h, frame, *of_shape, self._surely_definite, bent is not None)
         touch = self._touch_by_loops()
         if self._compiled is not None:
-            self._compiled.set_body(body, touch)
+            self._compiled.set_body(body, touch, bent)
             return self._compiled
         acting = compiled_frame.loads_of(self._loads), compiled_frame.watch_of(self._watch)
         halves = self._halves, self._state_before.reshape(2, -1)
-        self._compiled = compiled_frame.CompiledFrame(body, *acting, *halves, frame.carried)
+        self._compiled = compiled_frame.CompiledFrame(body, *acting, *halves, frame.carried, bent)
         self._compiled.touch = touch
         return self._compiled
+
+    def _bent_by_loops(self) -> "BentInLoops | None":
+        """What resists the shape, as compiled functions have it; None where they do not know it."""
+        from fenics_rom.runtime.steppers.bent_in_loops import BentInLoops  # here, as the file above
+        from fenics_rom.runtime.steppers.compiled_deformation import is_known
+        from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
+
+        extent, law, points = self._extent, self.elastic, 0 if self._interface is None else len(self.points.rest)
+        if extent is None or not isinstance(law, StrainsCarried) or not is_known(extent.body, law):
+            return None
+        frame = self._constants
+        return BentInLoops(extent.body, law, self._following, frame.origin, points, frame.carried, self.h)
 
     def _touch_by_loops(self) -> "FrameTouch | None":
         """How obstacles touch the body; None where compiled functions do not know it, or nothing can.
@@ -274,10 +296,14 @@ class FrameKernel(CompilableFrame):
 
     def _forces_as_expected(self) -> FrameForces:
         """What acts in the frame, with pressures on open surfaces where the shape is if it moves on as it did."""
-        forces, following, elastic = self._loads.at(self._acting), self._following, self.elastic
-        if following is None or not following.rims or elastic is None:
+        elastic = self.elastic
+        return self._forces_at(self._start if elastic is None else self._start + self.h / 2 * elastic.velocity)
+
+    def _forces_at(self, expected: Array) -> FrameForces:
+        """The same where the shape is expected there (m,)."""
+        forces, following = self._loads.at(self._acting), self._following
+        if following is None or not following.rims:
             return forces
-        expected = self._start + self.h / 2 * elastic.velocity
         wrench = following.wrench(self._acting, expected, self._constants.origin)
         force, torque = vector(wrench[:3]), vector(wrench[3:])
         return forces._replace(force=added(forces.force, 1.0, force), torque=added(forces.torque, 1.0, torque))

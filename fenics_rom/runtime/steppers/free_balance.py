@@ -26,7 +26,8 @@ from fenics_rom.mechanics.frame_motion import (
     rotation_of,
     turned,
 )
-from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame, Expected
+from fenics_rom.runtime.steppers.differentiable_frame import DifferentiableFrame
+from fenics_rom.runtime.steppers.expected_step import Expected
 from fenics_rom.runtime.steppers.frame_slopes import SPIN, Moving, StepTurn
 from fenics_rom.runtime.steppers.frame_state import Shape
 from fenics_rom.runtime.steppers.frame_table import BENT, BENT_BY_RATE, COUPLED, GIVEN, TURNED, TURNED_BY_RATE

@@ -45,12 +45,14 @@ class TrainingWatch:
         interface: the contact points, if there are any.
 
     Attributes:
+        body: what it looks at.
         notes: names of what it keeps of a run, numbers that begin at 0: what went beyond, how far, in its unit.
     """
 
     def __init__(self, rom: Rom, interface: "ContactInterface | None"):
         assert rom.deformation is not None
-        body, self._points = rom.deformation, MaterialPoints(rom.deformation)
+        self.body = body = rom.deformation
+        self._points = MaterialPoints(body)
         self._radius, trained = body.training_radius, body.trained or _unknown_range(rom)
         widths, units = {**rom.actuators, **rom.loads}, rom.environment.input_units
         acting = rom.environment

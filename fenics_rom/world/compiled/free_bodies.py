@@ -89,7 +89,7 @@ def begin_free(table: Array, h: float, travel: Array) -> bool:
     """Begins the step of a body; whether it could. Sets how far it goes, (4,)."""
     body, state, points, step = body_at(table), state_at(table), points_at(table), step_at(table)
     e, r = state.halves[0], state.halves[1]
-    begun = begin_free_step(body, loads_at(table), step.u, state)
+    begun = begin_free_step(body, loads_at(table), step.u, state, None, None)
     if begun.status == OTHERWISE:
         return False
     copy(begun.x, step.changed)
@@ -236,7 +236,7 @@ def end_free(table: Array, h: float) -> bool:
     push = Push(vector(turn, FORCE), vector(turn, TORQUE), vector(turn, TORQUE))
     q, R, acting = state.halves[0] * body.inverse_ω, rows_in(turn, START), act(loads, step.u, len(body.ω))
     begun = Begun(TAKEN, q, R, acting, step.changed)
-    taken = end_free_step(body, loads, begun, step.changed, push, state, watch_at(table))
+    taken = end_free_step(body, loads, begun, step.changed, push, state, watch_at(table), None)
     if taken.status == OTHERWISE:
         return False
     lost, stored = end_points(points, h)

@@ -136,7 +136,7 @@ def begin_soft(table: Array, h: float, travel: Array) -> bool:
     body, state, points, step = body_at(table), state_at(table), points_at(table), step_at(table)
     kept, now = state.kept, state.now[0]
     was_known, was_coupled = kept[IS_SHAPE_KNOWN], kept[IS_COUPLED]
-    begun = begin_carried_step(body, loads_at(table), step.u, step.base, state)
+    begun = begin_carried_step(body, loads_at(table), step.u, step.base, state, None, None)
     if begun.status == OTHERWISE:
         return False
     if not was_known or was_coupled != kept[IS_COUPLED] or (kept[IS_COUPLED] and not kept[IS_INVERSE_KNOWN]):
@@ -276,7 +276,7 @@ def end_soft(table: Array, h: float) -> None:
     )
     push = Push(force, torque, seen(R, t, torque))
     watch = watch_at(table)
-    taken = end_carried_step(body, loads, begun, step.base, step.changed, push, state, watch)
+    taken = end_carried_step(body, loads, begun, step.base, step.changed, push, state, watch, None)
     lost, stored = end_points(points, h)
     told[SQUARE], told[WITHIN] = taken.square + stored, taken.within
     told[SUPPLIED], told[DISSIPATED], told[BY_OTHERS] = taken.supplied, taken.dissipated + lost, h * power
