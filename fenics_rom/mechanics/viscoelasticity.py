@@ -132,6 +132,15 @@ class MaxwellBranches:
         c = self._step
         return (c.pull.ravel(), c.decay.ravel(), c.gain.ravel()), np.array(self._series.ratios)
 
+    @property
+    def numbers(self) -> Array:
+        """All coefficients of the steps that are taken, and the stiffness ratios g, in rows (8, N)."""
+        return np.stack([*(part.ravel() for part in self._step[:7]), np.array(self._series.ratios)])
+
+    def took(self, state: Array) -> None:
+        """Takes note of a step that led to a state."""
+        self.before, self.state = self.state, state
+
     def adjoint(self) -> "BranchesAdjoint":
         """The last step, to go back through."""
         return BranchesAdjoint(self._series, self._step, self.before, self.state, self.share)

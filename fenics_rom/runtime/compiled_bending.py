@@ -64,7 +64,7 @@ class CompiledBending(CompiledBodies):
             return None
         stepper = None if acting.contact_law is not None else "linearly-implicit"
         single = Simulator(rom, dt, signals=signals, stepper=stepper, detail=detail)
-        return cls(single, size, ledger) if single.bends_compiled else None
+        return cls(single, size, ledger) if single.bends_compiled and not single.relaxes else None
 
     def _make_modes(self) -> None:
         first, size = not self._modes, self.size

@@ -2,15 +2,18 @@
 
 import pickle
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from bodies import box_arrays, scene_text, write_arrays
+from soft_rom import in_frame, soft_rom
 from test_compiled_frames import assert_same, both, history, start, told
 
 import fenics_rom as fr
 from fenics_rom.compilation import compiled
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.viscoelasticity import PronySeries
 from fenics_rom.scene.file import parse_scene
 
 pytestmark = [
@@ -18,7 +21,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning"),
 ]
 LAWS = "st_venant_kirchhoff", "neo_hookean"
-FRAMES = "free", "carried"
+FRAMES = pytest.param("free", marks=pytest.mark.slow), "carried"  # each takes half a minute to compile
 DT, STEPS = 1e-3, 60  # s
 SCALES = {"rope": 0.05, "air": 40.0}  # N and Pa
 EFFECTS = {
@@ -106,6 +109,20 @@ def test_motion_account_and_wrench_are_those_of_numpy(made, frame, law):
         assert abs(notes[name] - value) <= 1e-8 * abs(value) + 1e-12, name
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_a_material_that_relaxes_moves_as_in_numpy(law):
+    """On a base; with what its branches carry along."""
+    rom = soft_rom(law, order=6)
+    rom = replace(rom, environment=replace(rom.environment, viscoelasticity=PronySeries((0.5, 0.3), (0.03, 2e-4))))
+    bodies = both(in_frame(rom), 2e-3, stepper="linearly-implicit")
+    for k in range(STEPS):
+        for body in bodies:
+            body.step([0.0, 0.1 * np.sin(k / 5), 0.1, 2000.0, 1.0])
+    for a, b in zip(*([*body.state, body.integrator.kernel.auxiliary] for body in bodies), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-10 * np.abs(b).max())
+    assert_account_closes(bodies[0], 0.0)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("frame", FRAMES)
 def test_rollouts_are_steps_and_a_restored_state_goes_on_to_the_bit(made, frame):
@@ -170,7 +187,7 @@ def test_among_obstacles_motion_and_forces_are_those_of_numpy(made, frame, law):
 
 
 def test_bodies_of_a_batch_are_single_ones_to_the_bit(made):
-    rom = made("free", LAWS[0])
+    rom = made("carried", LAWS[0])
     batch, bodies = fr.Batch(rom, 3, DT), [fr.Simulator(rom, DT) for _ in range(3)]
     scales = np.array([0.0, 0.0, 0.0, *(SCALES[name] for name in rom.actuators)])
     for u in np.abs(np.random.default_rng(4).standard_normal((20, 3, 5))) * scales:

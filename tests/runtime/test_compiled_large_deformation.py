@@ -10,6 +10,7 @@ from soft_rom import soft_rom
 import fenics_rom as fr
 from fenics_rom.compilation import compiled, jit, numpy_alone
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.viscoelasticity import PronySeries
 from fenics_rom.runtime.compiled import strain_tables
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off")
@@ -121,6 +122,38 @@ def test_numpy_and_loops_take_turns():
             body.step(u)
     close(np.concatenate(one.state), np.concatenate(other.state))
     assert_account_closes(one)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_a_material_that_relaxes_moves_as_in_numpy(law):
+    """By branches slower and faster than a step; also what they carry along, and after steps that are taken back."""
+    rom = random_rom(law, 1)
+    rom = replace(rom, environment=replace(rom.environment, viscoelasticity=PronySeries((0.5, 0.3), (0.03, 2e-4))))
+    one, other = both(rom)
+    for k, u in enumerate(history(7, one.inputs)):
+        for body in (one, other):
+            if k % 9 == 4:
+                body.step(5 * u)
+                body.integrator.rollback()
+            body.step(u)
+    for a, b in zip(told(one), told(other), strict=True):
+        close(a, b)
+    assert_account_closes(one)
+    assert one.integrator.kernel.branches.state.any()
+    rolled = fr.Simulator(rom, DT, stepper="linearly-implicit")
+    rolled.rollout(history(7, one.inputs)[:20])
+    again = fr.Simulator(rom, DT, stepper="linearly-implicit")
+    for u in history(7, one.inputs)[:20]:
+        again.step(u)
+    for a, b in zip(told(rolled)[:2], told(again)[:2], strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def told(body):
+    """State, what is carried along beside it, and energies."""
+    sums = [body.energy, body.ledger.supplied, body.ledger.dissipated]
+    return np.concatenate(body.state), body.integrator.kernel.auxiliary, np.array(sums)
 
 
 def test_a_step_that_overflows_is_refused_and_changes_nothing():

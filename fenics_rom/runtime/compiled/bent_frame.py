@@ -14,6 +14,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.copying import copy, copy_rows
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
+from fenics_rom.runtime.compiled.branches import stored_in
 from fenics_rom.runtime.compiled.carried_strains import (
     AHEAD,
     ENERGY,
@@ -84,8 +85,9 @@ class Bending(NamedTuple):
     guide: Array  # ω̂ and r̂ (3 + m,) of a free body from where the step was expected; else (0,)
     pressed: Array  # contact forces in the last step (P, 3), N
     velocity_before: Array  # v̂ (m,),
-    carried_before: Array  # ε and C₀ε, and
-    numbers_before: Array  # numbers of `Strains` before the last step
+    carried_before: Array  # ε and C₀ε,
+    numbers_before: Array  # numbers of `Strains`
+    relaxed_before: Array  # and strains of branches before the last step
     felt: Array  # (9,): acceleration less gravity's, angular acceleration and spin in it, in the frame's axes
 
 
@@ -234,7 +236,8 @@ def twice_strained(bent: Bending, q: Array) -> float:
     numbers, square = bent.memory.numbers, 0.0
     for i in range(len(q)):
         square += q[i] * dot(bent.law.springs[i], q)
-    return square + 2 * (numbers[ENERGY] + numbers[LEFT])
+    within = numbers[ENERGY] + numbers[LEFT] + stored_in(bent.law.branches, bent.memory.relaxed)
+    return square + 2 * within
 
 
 @jit_part
@@ -251,6 +254,7 @@ def remember_shape(bent: Bending) -> None:
     numbers = bent.memory.numbers
     copy(numbers, bent.numbers_before)
     copy(bent.memory.vectors[VELOCITY], bent.velocity_before)
+    copy(bent.memory.relaxed, bent.relaxed_before)
     if numbers[IS_CARRIED]:
         copy(bent.memory.carried, bent.carried_before)
 
@@ -264,6 +268,7 @@ def restore_shape(bent: Bending) -> None:
     numbers = bent.memory.numbers
     copy(bent.numbers_before, numbers)
     copy(bent.velocity_before, bent.memory.vectors[VELOCITY])
+    copy(bent.relaxed_before, bent.memory.relaxed)
     numbers[IS_AHEAD] = 0.0
     if numbers[IS_CARRIED]:
         copy(bent.carried_before, bent.memory.carried)

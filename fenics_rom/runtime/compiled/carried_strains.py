@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.runtime.compiled.branches import add_pull, growth, move, step_branches
 from fenics_rom.runtime.compiled.material_points import Points, add_force, add_geometric
 from fenics_rom.runtime.compiled.small_matrices import dot, factor, invert
 from fenics_rom.runtime.compiled.strain_tables import add_rates, read, set_products, set_strains, unfold
@@ -25,11 +26,13 @@ class Law(NamedTuple):
     radius: float  # largest |q| that was trained
     most: float  # largest c, J
     steepest: float  # largest slope of s, 1/s
+    relaxation: float  # by which branches resist strain rates, s
     damping: Array  # D without strains (m, m)
     springs: Array  # K_s (m, m)
     steady: Array  # D + h/2 K_s, of what f̂ changes by with v̂ (m, m)
     stiffness: Array  # folded table (N, N), see `strain_tables`
     gram: Array  # the same of strains, after a row and a column of zeros
+    branches: Array  # coefficients of those of a material that relaxes (8, N); N = 0 where it does not
     points: Points  # whose energy is not that of these strains alone; P = 0 where there are none
 
 
@@ -41,6 +44,7 @@ class Strains(NamedTuple):
     numbers: Array  # in this order:
     stressed: Array  # (2, N), after a 0: C₀ E of the shape, and of what is strained and damped in the middle of the
     force: Array  # next step, if v̂ stays; and its force (m,)
+    relaxed: Array  # strains of the branches, and C₀ times them (N, 2, n - 1)
     tangent: Array  # T (m, m) that steps are expected with
     expected: Array  # v̂ of the step (m,), no longer than what was trained
     at: Array  # q in the middle with that (m,)
@@ -63,6 +67,7 @@ class Memory(NamedTuple):
     carried: Array
     numbers: Array
     stressed: Array
+    relaxed: Array
     within: Array  # what is needed in a step alone, (3, m, m),
     products: Array  # (4, N)
 
@@ -70,13 +75,14 @@ class Memory(NamedTuple):
 @jit_part
 def strains_in(memory: Memory) -> Strains:
     """As parts of few arrays, as each that is handed to a compiled function takes time."""
-    v, T, carried, numbers, stressed, within, products = memory
+    v, T, carried, numbers, stressed, relaxed, within, products = memory
     return Strains(
         v[VELOCITY],
         carried,
         numbers,
         stressed,
         v[1],
+        relaxed,
         T,
         v[2],
         v[3],
@@ -114,7 +120,7 @@ def look_ahead(law: Law, strains: Strains, q: Array, v: Array) -> None:
     set_strains(q, y[0, 1:])
     if not law.points.moduli.size:
         set_strains(middle, y[1, 1:])
-    add_rates(middle, v, law.viscosity, y[1, 1:])
+    add_rates(middle, v, law.viscosity + law.relaxation, y[1, 1:])
     read(law.gram, y, strains.stressed)
     numbers[AHEAD], numbers[LEFT_AHEAD], numbers[IS_AHEAD] = dot(y[0], strains.stressed[0]) / 2, 0.0, 1.0
     pull_by(strains.stressed[1, 1:], middle, strains.matrices, strains.force)
@@ -135,7 +141,11 @@ def pull_by(z: Array, q: Array, geometric: Array, force: Array) -> None:
 @jit_part
 def add_force_ahead(law: Law, strains: Strains, q: Array, force: Array) -> None:
     """Adds f̂ (m,) of a step from q with v̂ of the step before."""
-    v = strains.velocity
+    v, middle = strains.velocity, strains.vectors[0]
+    if law.branches.size:
+        for i in range(len(q)):
+            middle[i] = q[i] + law.h / 2 * v[i]
+        _add_branches(law, strains, middle, force)
     for i in range(len(q)):
         force[i] += (
             strains.force[i] + dot(law.damping[i], v) + dot(law.springs[i], q) + law.h / 2 * dot(law.springs[i], v)
@@ -143,9 +153,20 @@ def add_force_ahead(law: Law, strains: Strains, q: Array, force: Array) -> None:
 
 
 @jit_part
+def _add_branches(law: Law, strains: Strains, q: Array, force: Array) -> None:
+    """Adds Aᵀ at q (m,) of what the branches add to stresses in the step."""
+    stress, added = strains.uppers[1], strains.vectors[1]
+    stress[:] = 0.0
+    add_pull(law.branches, strains.relaxed, stress[1:])
+    pull_by(stress[1:], q, strains.matrices, added)
+    for i in range(len(q)):
+        force[i] += added[i]
+
+
+@jit_part
 def _set_matrix(law: Law, K: Array, matrix: Array) -> None:
     """Sets Aᵀ (h/2 + β) C₀ A of K there, and what does not change (m, m)."""
-    size = 2 * (law.h / 2 + law.viscosity)
+    size = 2 * (law.h / 2 + law.viscosity + law.relaxation)
     for i in range(len(K)):
         row, at, steady = matrix[i], K[i], law.steady[i]
         for j in range(len(K)):
@@ -175,7 +196,9 @@ def set_slope(law: Law, strains: Strains, q: Array, slope: Array) -> None:
     set_products(1.0, middle, products)
     read(law.stiffness, products, upper)
     unfold(upper[1 + m :], strains.matrix)
-    unfold(strains.stressed[1, 1 + m :], factored)
+    copy(strains.stressed[1], strains.uppers[1])
+    add_pull(law.branches, strains.relaxed, strains.uppers[1, 1:])
+    unfold(strains.uppers[1, 1 + m :], factored)
     _set_matrix(law, strains.matrix, slope)
     add_inertia(law, slope)
     for i in range(m):
@@ -207,6 +230,8 @@ def expect(law: Law, strains: Strains, q: Array, v: Array) -> None:
     _set_matrix(law, strains.K, strains.matrix)
     z = strains.carried[1] if strains.numbers[IS_CARRIED] else strains.stressed[0, 1:]
     pull_by(z, at, strains.matrices, strains.pulled)
+    if law.branches.size:
+        _add_branches(law, strains, at, strains.pulled)
     for i in range(m):
         strains.pull[i] = strains.pulled[i] + dot(law.springs[i], q)
     if law.points.moduli.size:
@@ -251,7 +276,13 @@ def close(law: Law, strains: Strains, q: Array, after: Array, v: Array) -> float
     for i in range(m):
         square += 2 * v[i] * dot(strains.K[i], v)
         lost += v[i] * dot(law.damping[i], v)
-    heat = h * (lost + law.viscosity * square)
+    heat, y, z, size = h * (lost + law.viscosity * square), strains.products, strains.uppers, ε.shape[1]
+    relaxes = law.branches.size > 0
+    if relaxes:
+        y[0] = 0.0
+        add_rates(strains.at, v, 1.0, y[0, 1:])
+        read(law.gram, y[0], z[0])
+        heat += step_branches(law.branches, strains.relaxed, y[0, 1 : 1 + size], z[0, 1 : 1 + size])
     left, c, s, gap_s = numbers[LEFT], numbers[C], 0.0, 0.0
     if had_points:
         grown = h * dot(strains.slope, v)
@@ -263,8 +294,7 @@ def close(law: Law, strains: Strains, q: Array, after: Array, v: Array) -> float
     energy, budget, share, is_carried = numbers[AHEAD], numbers[TANK] + heat, 1.0, 0.0
     added = energy - numbers[ENERGY] - h * (power + h / 2 * square) + gap_s * (s + gap_s / 2)
     numbers[GAP] = 0.0
-    if added > budget:
-        y, z, size = strains.products, strains.uppers, ε.shape[1]
+    if relaxes or added > budget:
         if numbers[IS_CARRIED]:
             for k in range(size):
                 y[0, 1 + k] = ε[0, k]
@@ -278,10 +308,14 @@ def close(law: Law, strains: Strains, q: Array, after: Array, v: Array) -> float
             y[1, 1 + k] -= y[0, 1 + k]
         read(law.gram, y, z)
         gap_square, slope = dot(y[1], z[1]) + gap_s * gap_s, dot(y[0], z[1]) + gap_s * s
-        if slope + gap_square / 2 > budget and gap_square > 0:
-            root = math.sqrt(max(slope * slope + 2 * gap_square * budget, 0.0))
-            share = min(2 * budget / (slope + root) if slope > 0 else (root - slope) / gap_square, 1.0)
-        added = share * slope + share**2 * gap_square / 2
+        gap, stress = y[1, 1 : 1 + size], z[1, 1 : 1 + size]
+        of_branches = growth(law.branches, strains.relaxed, gap, stress)
+        slope, whole = slope + of_branches[0], gap_square + of_branches[1]
+        if slope + whole / 2 > budget and whole > 0:
+            root = math.sqrt(max(slope * slope + 2 * whole * budget, 0.0))
+            share = min(2 * budget / (slope + root) if slope > 0 else (root - slope) / whole, 1.0)
+        added = share * slope + share**2 * whole / 2
+        move(strains.relaxed, share, gap, stress)
         if share < 1:
             for k in range(size):
                 ε[0, k], ε[1, k] = y[0, 1 + k] + share * y[1, 1 + k], z[0, 1 + k] + share * z[1, 1 + k]

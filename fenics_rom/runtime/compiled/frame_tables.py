@@ -22,7 +22,7 @@ def arrays_of(body: Body, loads: Loads, state: State, watch: Watch, bent: Bendin
     if bent is None:
         return arrays
     law, rims = bent.law, (*bent.rims[:3], bent.rims.shapes.reshape(len(bent.rims.shapes), -1, 3))
-    return *arrays, np.array(law[:5]), *bent.loads, *law[5:-1], *law.points, *bent.memory, *rims, *bent[4:]
+    return *arrays, np.array(law[:6]), *bent.loads, *law[6:-1], *law.points, *bent.memory, *rims, *bent[4:]
 
 
 @jit_part
@@ -70,10 +70,10 @@ def bent_at(table: Array) -> Bending:
         (integers_at(t[1]), cube_at(t[2]), integers_at(t[3]), matrix_at(t[4]), cube_at(t[5])),
     )
     law = law_at(n, t[6:])
-    memory, rest = memory_at(t[13:]), t[24:]
-    edges = integers_at(t[20]), integers_at(t[21]), cube_at(t[22]), cube_at(t[23])
+    memory, rest = memory_at(t[14:]), t[26:]
+    edges = integers_at(t[22]), integers_at(t[23]), cube_at(t[24]), cube_at(t[25])
     of_step = matrix_at(rest[0]), vector_at(rest[1]), matrix_at(rest[2]), matrix_at(rest[3]), vector_at(rest[4])
-    before = vector_at(rest[6]), matrix_at(rest[7]), vector_at(rest[8])
+    before = vector_at(rest[6]), matrix_at(rest[7]), vector_at(rest[8]), cube_at(rest[9])
     loads = Following(following[0], following[1], following[2], following[3], following[4])
     rims = Rims(edges[0], edges[1], edges[2], edges[3].reshape(edges[3].shape[0], 2, edges[3].shape[1] // 2, 3))
     return Bending(
@@ -90,7 +90,8 @@ def bent_at(table: Array) -> Bending:
         before[0],
         before[1],
         before[2],
-        vector_at(rest[9]),
+        before[3],
+        vector_at(rest[10]),
     )
 
 

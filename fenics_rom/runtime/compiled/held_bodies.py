@@ -55,6 +55,7 @@ def step_bodies(
     """
     m, N = len(body.ω), begun.forces.shape[1]
     n, r = 3 * told.forces.shape[1], len(body.law.stiffness)
+    relaxed = np.zeros((0, 2, carried.strained.shape[2]))
     within, products, vectors, factor = np.zeros((3, m, m)), np.zeros((4, r)), np.zeros((8, m)), np.zeros((m, m))
     motion, found, spread, W = motion_in(vectors, factor), contact_of(N, n // 3), np.empty((m, n)), np.empty((n, n))
     for b in bodies:
@@ -64,6 +65,7 @@ def step_bodies(
             carried.strained[b],
             carried.numbers[b],
             carried.stressed[b],
+            relaxed,
             within,
             products,
         )

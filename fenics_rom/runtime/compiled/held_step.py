@@ -17,6 +17,7 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE,
 from fenics_rom.mechanics.compiled.contact_law import Law as ContactLaw
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.work_space import work_space
+from fenics_rom.runtime.compiled.branches import stored_in
 from fenics_rom.runtime.compiled.carried_strains import (
     ENERGY,
     HAS_TANGENT,
@@ -195,7 +196,8 @@ def end_step(body: Body, r: Array, strains: Strains, motion: Motion) -> Step:
     strains.numbers[HAS_TANGENT] = 1.0 if went_as_expected else 0.0
     for i in range(len(v)):
         square += after[i] * dot(law.springs[i], after)
-    square += dot(motion.r, motion.r) + 2 * (strains.numbers[ENERGY] + strains.numbers[LEFT])
+    within = strains.numbers[ENERGY] + strains.numbers[LEFT] + stored_in(law.branches, strains.relaxed)
+    square += dot(motion.r, motion.r) + 2 * within
     supplied, status = law.h * dot(motion.force, v), NOTHING if math.isfinite(square) else LOST
     return Step(status, 0, went_as_expected, square, supplied, heat, 0.0, 0.0, 0.0, 0.0)
 

@@ -33,7 +33,8 @@ class Noted(NamedTuple):
     halves: Array  # e and r (2, m),
     velocity: Array  # v̂ (m,),
     carried: Array  # ε and C₀ε (2, n - 1)
-    numbers: Array  # and the numbers of `Strains`, all before the last step
+    numbers: Array  # the numbers of `Strains`
+    relaxed: Array  # and strains of branches, all before the last step
     inverse_limits: Array  # of inputs (p,)
     scale: Array  # of each mode, in what is `near` (m,)
     looked_at: Array  # a shape (m,)
@@ -45,25 +46,24 @@ def arrays_of(
 ) -> tuple[Array, ...]:
     """What a table has, in its order."""
     law = body.law
-    return (*body[:3], *body.loads, *law[5:-1], *law.points, *memory, *motion, pushed, *noted)
+    return (*body[:3], *body.loads, *law[6:-1], *law.points, *memory, *motion, pushed, *noted)
 
 
 @jit_part
 def law_at(numbers: Array, table: Array) -> Law:
-    """What seven rows have of a law, with its numbers (5,)."""
-    n, points = numbers, Points(matrix_at(table[5]), matrix_at(table[6]))
-    fixed, tables = (
-        (matrix_at(table[0]), matrix_at(table[1]), matrix_at(table[2])),
-        (matrix_at(table[3]), matrix_at(table[4])),
-    )
-    return Law(n[0], n[1], n[2], n[3], n[4], fixed[0], fixed[1], fixed[2], tables[0], tables[1], points)
+    """What eight rows have of a law, with its numbers (6,)."""
+    n, points = numbers, Points(matrix_at(table[6]), matrix_at(table[7]))
+    D, K, steady = matrix_at(table[0]), matrix_at(table[1]), matrix_at(table[2])
+    stiffness, gram, branches = matrix_at(table[3]), matrix_at(table[4]), matrix_at(table[5])
+    return Law(n[0], n[1], n[2], n[3], n[4], n[5], D, K, steady, stiffness, gram, branches, points)
 
 
 @jit_part
 def memory_at(table: Array) -> Memory:
-    """What seven rows have of a memory."""
-    kept = matrix_at(table[0]), matrix_at(table[1]), matrix_at(table[2]), vector_at(table[3]), matrix_at(table[4])
-    return Memory(kept[0], kept[1], kept[2], kept[3], kept[4], cube_at(table[5]), matrix_at(table[6]))
+    """What eight rows have of a memory."""
+    vectors, T, carried, numbers = matrix_at(table[0]), matrix_at(table[1]), matrix_at(table[2]), vector_at(table[3])
+    rest = matrix_at(table[4]), cube_at(table[5]), cube_at(table[6]), matrix_at(table[7])
+    return Memory(vectors, T, carried, numbers, rest[0], rest[1], rest[2], rest[3])
 
 
 @jit
@@ -71,34 +71,38 @@ def take_step_at(table: Array, numbers: Array, u: Array, halves: Array) -> tuple
     """Has e and r (2, m) be those after a step: twice the energy stored, supplied and dissipated, J, and if it is new.
 
     It is where it goes beyond a limit, and where T or the strains that are carried along change. Where no step is taken
-    the first is NaN, and all but numbers is as it was. Numbers are those of the law, (5,).
+    the first is NaN, and all but numbers is as it was. Numbers are those of the law, (6,).
     """
     following = Following(
         integers_at(table[3]), cube_at(table[4]), integers_at(table[5]), matrix_at(table[6]), cube_at(table[7])
     )
-    law, memory = law_at(numbers, table[8:]), memory_at(table[15:])
+    law, memory = law_at(numbers, table[8:]), memory_at(table[16:])
     body = Body(vector_at(table[0]), vector_at(table[1]), matrix_at(table[2]), following, law)
-    vectors, factor, pushed = matrix_at(table[22]), matrix_at(table[23]), vector_at(table[24])
+    rest = table[24:]
+    vectors, factor, pushed = matrix_at(rest[0]), matrix_at(rest[1]), vector_at(rest[2])
     noted = Noted(
-        matrix_at(table[25]),
-        vector_at(table[26]),
-        matrix_at(table[27]),
-        vector_at(table[28]),
-        vector_at(table[29]),
-        vector_at(table[30]),
-        vector_at(table[31]),
-        vector_at(table[32]),
+        matrix_at(rest[3]),
+        vector_at(rest[4]),
+        matrix_at(rest[5]),
+        vector_at(rest[6]),
+        cube_at(rest[7]),
+        vector_at(rest[8]),
+        vector_at(rest[9]),
+        vector_at(rest[10]),
+        vector_at(rest[11]),
     )
     velocity, carried, now = memory.vectors[VELOCITY], memory.carried, memory.numbers
     copy(halves, noted.halves)
     copy(velocity, noted.velocity)
     copy(now, noted.numbers)
+    copy(memory.relaxed, noted.relaxed)
     if now[IS_CARRIED]:
         copy(carried, noted.carried)
     step = take_step(body, u, halves, pushed, memory, vectors, factor, None, None)
     if step.status >= OTHERWISE:
         copy(noted.velocity, velocity)
         copy(noted.numbers, now)
+        copy(noted.relaxed, memory.relaxed)
         if now[IS_CARRIED]:
             copy(noted.carried, carried)
         copy(halves[0], motion_in(vectors, factor).e)

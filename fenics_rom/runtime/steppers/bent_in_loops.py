@@ -45,7 +45,7 @@ class BentInLoops:
         carried: bool,
         h: float,
     ):
-        m, memory = body.order, memory_of(body.order)
+        m, memory = body.order, memory_of(body.order, 0 if law.branches is None else len(law.branches.state))
         self._law, self._h, self._strains = law, h, strains_in(memory)
         free = 0 if carried else 3 + m
         self.arrays = Bending(
@@ -62,6 +62,7 @@ class BentInLoops:
             np.zeros(m),
             np.zeros_like(memory.carried),
             np.zeros_like(memory.numbers),
+            np.zeros_like(memory.relaxed),
             np.zeros(9),
         )
         self._carried: Carried | None = None  # that loops go on from,
@@ -80,7 +81,7 @@ class BentInLoops:
         """
         law, arrays = self._law, self.arrays
         if not (law.carried is self._carried and law.tangent is self._tangent):
-            take_on(self._strains, law.carried, law.tangent)
+            take_on(self._strains, law, law.tangent)
             self._carried, self._tangent, arrays.kept[IS_INVERSE_KNOWN] = law.carried, law.tangent, 0.0
             if len(self._tangent):
                 self._strains.tangent.ravel()[:: len(self._tangent) + 1] += 2 / self._h
@@ -95,7 +96,7 @@ class BentInLoops:
         strains, arrays, numbers = self._strains, self.arrays, self._strains.numbers
         self._carried, self._contact = handed_on(strains.velocity, strains.carried, numbers), contact
         has_tangent = bool(numbers.item(HAS_TANGENT))
-        self._law.took(q, self._carried, (2 * numbers.item(AHEAD), numbers.item(GAP)), has_tangent)
+        self._law.took(q, self._carried, strains.relaxed, (2 * numbers.item(AHEAD), numbers.item(GAP)), has_tangent)
         if not has_tangent:
             self._tangent = NONE
         elif numbers.item(MADE_TANGENT) or not len(self._tangent):

@@ -23,8 +23,7 @@ LAWS = "st_venant_kirchhoff", "neo_hookean"  # that are compiled
 
 def is_known(body: ReducedDeformation, law: object) -> bool:
     """Whether loops know what resists the shape of a body."""
-    carries = isinstance(law, StrainsCarried) and isinstance(law.strains, MonomialStrains) and law.branches is None
-    return carries and body.law in LAWS
+    return isinstance(law, StrainsCarried) and isinstance(law.strains, MonomialStrains) and body.law in LAWS
 
 
 def handed_on(velocity: Array, carried: Array, numbers: Array) -> Carried:
@@ -33,9 +32,11 @@ def handed_on(velocity: Array, carried: Array, numbers: Array) -> Carried:
     return Carried(velocity.copy(), carried.copy() if is_carried else E_OF_Q, left, c, tank, energy)
 
 
-def take_on(strains: Strains, carried: Carried, tangent: Array) -> None:
-    """Has loops go on from what another step carried along."""
-    numbers = strains.numbers
+def take_on(strains: Strains, law: StrainsCarried, tangent: Array) -> None:
+    """Has loops go on from what a law carries along."""
+    numbers, carried = strains.numbers, law.carried
+    if law.branches is not None:
+        strains.relaxed[:] = law.branches.state
     strains.velocity[:] = carried.velocity
     numbers[:5] = *carried[2:], len(carried.strained) > 0
     if len(carried.strained):
@@ -45,10 +46,10 @@ def take_on(strains: Strains, carried: Carried, tangent: Array) -> None:
         strains.tangent[:] = tangent
 
 
-def memory_of(m: int) -> Memory:
-    """Of a body with m modes."""
+def memory_of(m: int, branches: int) -> Memory:
+    """Of a body with m modes, whose material has so many branches."""
     n = (m + 1) * (m + 2) // 2
-    sizes = (9, m), (m, m), (2, n - 1), (NUMBERS,), (2, padded(n)), (3, m, m), (4, padded(n))
+    sizes = (9, m), (m, m), (2, n - 1), (NUMBERS,), (2, padded(n)), (branches, 2, n - 1), (3, m, m), (4, padded(n))
     return Memory(*map(np.zeros, sizes))
 
 
@@ -76,10 +77,12 @@ def law_of(body: ReducedDeformation, law: StrainsCarried, h: float) -> Law:
         body.training_radius,
         most,
         law.steepest,
+        0.0 if law.branches is None else law.branches.stiffening_time,
         body.external_damping.copy(),
         body.springs.copy(),
         law.steady.copy(),
         *_tables_of(body, law.strains.tables),
+        np.zeros((8, 0)) if law.branches is None else law.branches.numbers,
         points,
     )
 

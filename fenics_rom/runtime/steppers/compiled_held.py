@@ -33,7 +33,7 @@ from fenics_rom.runtime.steppers.compiled_deformation import (
     segments_of,
     take_on,
 )
-from fenics_rom.runtime.steppers.deformation_maps import Carried, Expected
+from fenics_rom.runtime.steppers.deformation_maps import Expected
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.held_contact import HeldContact
 from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
@@ -96,12 +96,12 @@ class CompiledHeld:
             following_of(loads.following, m, [] if pull is None else pull.columns.tolist()),
             law_of(body, law, h),
         )
-        self._memory = memory_of(m)
+        self._memory = memory_of(m, 0 if law.branches is None else len(law.branches.state))
         self._of_motion = np.zeros((8, m)), np.zeros((m, m))
         self.motion, self._strains = motion_in(*self._of_motion), strains_in(self._memory)
         self.tangent, self._carried = NONE, law.carried
         self._met, self._pull = contact, pull
-        self._table, self._numbers = np.empty((0, 4), dtype=np.int64), np.array(self.body.law[:5], dtype=float)
+        self._table, self._numbers = np.empty((0, 4), dtype=np.int64), np.array(self.body.law[:6], dtype=float)
         self._is_ahead = False  # whether loops took steps that the law does not know of
         self.forget()
 
@@ -112,8 +112,10 @@ class CompiledHeld:
 
     def note_in(self, halves: Array, watched: tuple[Array, Array, Array]) -> None:
         """Has `take_alone` keep what was before a step, e and r in an array (2, m), and look at what is watched."""
-        v, carried, numbers = map(np.empty_like, (self._strains.velocity, self._strains.carried, self._strains.numbers))
-        self._noted = Noted(halves, v, carried, numbers, *watched, np.zeros(4))
+        strains = self._strains
+        own = strains.velocity, strains.carried, strains.numbers, strains.relaxed
+        v, carried, numbers, relaxed = map(np.empty_like, own)
+        self._noted = Noted(halves, v, carried, numbers, relaxed, *watched, np.zeros(4))
         given = arrays_of(self.body, self._memory, self._of_motion, self._pushed, self._noted)
         self._in_table = tuple(map(in_plain, given))  # kept, as the table has but their addresses
         self._table = table_of(self._in_table)
@@ -177,7 +179,7 @@ class CompiledHeld:
         if u.shape != (self.body.dead.shape[1],):
             raise ValueError(f"allowed are {self.body.dead.shape[1]} numbers, given: {u.shape}")
         if not (self._is_known and self._elastic.carried is self._carried and tangent is self.tangent):
-            self._load(self._elastic.carried, tangent)
+            self._load(tangent)
         step = take_step_at(self._table, self._numbers, in_plain(u), halves)
         self._is_known = self._is_ahead = True
         if math.isnan(step[0]):
@@ -221,7 +223,7 @@ class CompiledHeld:
     def _begin(self, start: Beginning) -> Among | None:
         """Has loops go on from what is carried; what a step is among, None: it is not known, or there is nothing."""
         if not (self._is_known and self._elastic.carried is self._carried and start.tangent is self.tangent):
-            self._load(self._elastic.carried, start.tangent)
+            self._load(start.tangent)
         if self._pull is not None:
             self._pull.forces[:] = start.reactions
         if self._met is None or start.obstacles is None:
@@ -233,7 +235,7 @@ class CompiledHeld:
         """Has the law know what the last step that was taken carries along."""
         self._is_known, strains = True, self._strains
         self._carried = handed_on(strains.velocity, strains.carried, strains.numbers)
-        self._elastic.took(self.motion.e * self.body.inverse_ω, self._carried, *self.noted)
+        self._elastic.took(self.motion.e * self.body.inverse_ω, self._carried, strains.relaxed, *self.noted)
 
     def settle(self) -> None:
         """Has the law know what steps that were taken alone carry along, the last one and that before it."""
@@ -241,7 +243,7 @@ class CompiledHeld:
             return
         self._is_ahead, before = False, self._noted
         carried = handed_on(before.velocity, before.carried, before.numbers)
-        self._elastic.took(before.halves[0] * self.body.inverse_ω, carried, *self.noted)
+        self._elastic.took(before.halves[0] * self.body.inverse_ω, carried, before.relaxed, *self.noted)
         self._hand_on()
 
     @property
@@ -285,10 +287,10 @@ class CompiledHeld:
         """Velocities (P, 3) of the contact points beyond the basis in the last step, m/s; None where they have none."""
         return None if self._met is None else self._met.beyond
 
-    def _load(self, carried: Carried, tangent: Array) -> None:
+    def _load(self, tangent: Array) -> None:
         """Goes on from what another step carried along."""
-        take_on(self._strains, carried, tangent)
-        self._carried, self.tangent = carried, tangent
+        take_on(self._strains, self._elastic, tangent)
+        self._carried, self.tangent = self._elastic.carried, tangent
 
     def expectation(self, reactions: Array, touched: bool) -> Expected:
         """What the last step was expected to be, under reactions and contact as they were; the law is told, too."""

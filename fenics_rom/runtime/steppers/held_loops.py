@@ -55,6 +55,8 @@ class HeldByLoops(HeldAdjoint):
         self._notes_before, self._expectation, self.taken = self.notes, None, ()
         if is_new:
             self._take_note(u)
+        elif self.branches is not None:
+            self._ahead.settle()  # who reads branches does not ask the law
         return square
 
     def _take_note(self, u: Array) -> None:

@@ -245,12 +245,17 @@ class StrainsCarried(ElasticLaw):
         """What steps hand on."""
         return self._carried
 
-    def took(self, after: Array, carried: Carried, noted: tuple[float, float], went_as_expected: bool) -> None:
+    def took(
+        self, after: Array, carried: Carried, relaxed: Array, noted: tuple[float, float], went_as_expected: bool
+    ) -> None:
         """Takes note of a step to q⁺ (m,) that a compiled function took, and of what that hands on.
 
+        `relaxed`: strains of branches, and C₀ times them (N, 2, size).
         `noted`: twice the energy of the strains at its end, J, and the square of what those carried along lack.
         """
         self._q_before, self._q, self._carried_before, self._carried = self._q, after, self._carried, carried
+        if self.branches is not None:
+            self.branches.took(relaxed.copy())
         self._next = self._next_before = self._tangent = None
         self._noted, self.went_as_expected = noted, went_as_expected
 
