@@ -129,15 +129,24 @@ def test_compiled_steps_are_those_of_numpy(tmp_path, law):
     np.testing.assert_allclose(body.displacement(), other.displacement(), rtol=0, atol=1e-9 * LONG)
 
 
-def test_springs_and_obstacles_beside_it_close_the_account(tmp_path):
-    """A ground comes up against a fork of which springs keep the prongs apart."""
+@pytest.mark.parametrize(("law", "turns"), [("springs", False), ("springs", True), ("rigid", True)])
+def test_springs_and_obstacles_beside_it_close_the_account(tmp_path, law, turns):
+    """A ground comes up against a fork whose prongs touch; it may turn as it does."""
     ground = 'obstacles.ground = { shape = "half-space", point = [0.0, 0.0, -0.03], normal = [0.0, 0.0, 1.0] }'
-    springs = 'self_contact = ["inside"]\nmethod = "penalty"\nstiffness = 1e3\ndamping = 0.1\n'
+    ground = ground.replace(" }", ", motion = { origin = [0.0, 0.0, -0.03] } }") if turns else ground
+    springs = 'self_contact = ["inside"]\n'
+    if law == "springs":
+        springs += 'method = "penalty"\nstiffness = 1e3\ndamping = 0.1\n'
     modes = '[contacts.inside]\nsurface = "inside"\n[contacts.below]\nsurface = "below"'
     rom = rom_of(tmp_path, cleft((3, 1, 3), 1), contact=springs + ground, contacts=modes, **CLAMPED, **ROPE, **RUBS)
 
     def rises(time):
-        return np.array([0.0, 0.0, min(0.3 * time, 0.021)])
+        shift = np.array([0.0, 0.0, min(0.3 * time, 0.021)])
+        if not turns:
+            return shift
+        turned = np.array([np.cos(time), 0.0, 0.0, np.sin(time)])
+        speed = np.array([0.0, 0.0, 0.3 * (time < 0.07)])
+        return fr.BaseState(shift - [0.0, 0.0, 0.03], turned, speed, np.array([0.0, 0.0, 2.0]))
 
     body = fr.Simulator(rom, 1e-3, signals={"ground": rises})
     scale = 0.0
