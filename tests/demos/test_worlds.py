@@ -25,6 +25,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
         "weld/weld",
         "folds/folds",
         "feed/feed",
+        "feed/drops",
     ],
 )
 def test_what_the_demo_claims_holds(script):
