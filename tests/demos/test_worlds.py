@@ -26,6 +26,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
         "folds/folds",
         "feed/feed",
         "feed/drops",
+        "squeeze/squeeze",
     ],
 )
 def test_what_the_demo_claims_holds(script):

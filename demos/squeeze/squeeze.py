@@ -1,0 +1,203 @@
+"""Two soft pads are squeezed into one another, then one slides over the other; their meshes do not match.
+
+    python demos/squeeze/squeeze.py           # two minutes
+    python demos/squeeze/squeeze.py --quick   # coarser meshes, a part of the way
+
+Everything is written to demos/squeeze/out/. The checks at the end fail if a claim does not hold.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import gmsh
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import PolyCollection
+from numpy import ndarray as Array
+
+import fenics_rom as fr
+from fenics_rom.io.markdown import markdown
+from fenics_rom.mechanics.triangles import nearest_on_triangles
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.world.shapes import Box
+
+Vector = tuple[float, float, float]
+HERE = Path(__file__).parent
+LOW, UPPER, BEGINS = (0.12, 0.10, 0.02), (0.09, 0.07, 0.02), (0.01, 0.015, 0.02)  # m: sizes, and where the upper one is
+PRESSED, DOWN = 1e-3, 0.1  # m, within s
+SPEED, RISE = 0.05, 0.05  # m/s aside, reached within s
+STEP, FRICTION, PLATE = 1e-3, 0.5, 4e-3  # s, coefficient, m: thickness of the plate that carries the upper pad
+
+SCENE = """
+frame = "{frame}"
+[mesh]
+file = "{file}"
+[material]
+young = {young}
+poisson = 0.3
+density = 300
+[supports]
+clamped = ["{held}"]
+[contacts.face]
+surface = "{face}"
+[effects]
+inertia = {{}}
+damping = {{ alpha = 30.0, beta = 3e-3 }}
+[effects.contact.obstacles.far]
+shape = "half-space"
+point = [0, 0, -10]
+normal = [0, 0, 1]
+"""
+
+
+class Squeezed(NamedTuple):
+    """Two pads that have been squeezed."""
+
+    roms: list[fr.Rom]
+    force: Array  # on the lower pad (n, 3), N
+    places: list[Array]  # of nodes in the end, (N, 3), m
+    spots: tuple[Array, Array]  # where they touch then (k, 3), m, and forces on the lower pad (k, 3), N
+    balance: float  # what the energy account misses, of what was supplied
+    rate: float  # steps per second
+
+
+def main() -> None:
+    """Runs the demo; exits with 1 where a claim fails."""
+    parser = argparse.ArgumentParser(description="Two soft pads squeezed into one another.")
+    parser.add_argument("--quick", action="store_true", help="coarser meshes, a part of the way")
+    quick = parser.parse_args().quick
+    out = HERE / "out" / "quick" if quick else HERE / "out"
+    out.mkdir(parents=True, exist_ok=True)
+    sizes, steps = ((0.02, 0.024), 200) if quick else ((0.0105, 0.008), 350)
+    low = pad(out / "low.msh", LOW, (0, 0, 0), sizes[0], ("top", "bottom"), "fixed", 5e4)
+    upper = pad(out / "upper.msh", UPPER, BEGINS, sizes[1], ("bottom", "top"), "moving", 1e5)
+    systems = low, upper
+    whole = squeeze([fr.reduce(each, order=each.elastic_size, method="modal") for each in systems], steps)
+    orders = (30,) if quick else (20, 40)
+    models = [squeeze([fr.reduce(each, order=order) for each in systems], steps) for order in orders]
+
+    points = [len(rom.contact_models["face"].contact_points) for rom in whole.roms]
+    print(f"{points[0]} and {points[1]} points; {low.elastic_size} and {upper.elastic_size} unknowns\n")
+    heads = ("order", "error of the pressing force", "of friction", "account", "points that push", "steps per second")
+    print(markdown(heads, [row_of(each, whole) for each in (*models, whole)]))
+    draw(whole, out / "squeeze.png")
+    friction, _, pressing = whole.force[-1] * [1, 1, -1]
+    print(f"\nIn the end {pressing:.1f} N press, and friction is {friction / pressing:.3f} of that")
+    wrong = max(off(each.force[:, 2], whole.force[:, 2]) for each in models)
+    claims = [
+        ("sliding, friction is its share of the pressing force to 3 %", abs(friction / pressing / FRICTION - 1) < 0.03),
+        ("reduced, the pressing force is right to 1 % over the way", wrong < 0.01),
+        ("energy accounts close to 1e-12", max(each.balance for each in (*models, whole)) < 1e-12),
+    ]
+    for claim, holds in claims:
+        print(f"  {'holds' if holds else 'FAILS'}: {claim}")
+    sys.exit(0 if all(holds for _, holds in claims) else 1)
+
+
+def off(found: Array, expected: Array) -> float:
+    """Relative error in the 2-norm."""
+    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+
+
+def row_of(each: Squeezed, whole: Squeezed) -> tuple[str, ...]:
+    """What the table says of a model."""
+    errors = ("-", "-") if each is whole else (f"{off(each.force[:, k], whole.force[:, k]):.2%}" for k in (2, 0))
+    orders = " and ".join(dict.fromkeys(str(rom.contact_models["face"].order) for rom in each.roms))
+    push = int(each.spots[1].any(axis=1).sum())
+    return (orders + ", all" * (each is whole), *errors, f"{each.balance:.0e}", f"{push}", f"{each.rate:.0f}")
+
+
+def pad(file: Path, size: Vector, at: Vector, edge: float, faces: tuple[str, str], frame: str, E: float) -> fr.System:
+    """A pad of triangles with an edge, m, that touches with the first of its faces, and is held at the other."""
+    gmsh.initialize([], readConfigFiles=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    try:
+        body = gmsh.model.occ.addBox(*at, *size)
+        gmsh.model.occ.synchronize()
+        for name, height in (("bottom", at[2]), ("top", at[2] + size[2])):
+            ends = np.array([[*at[:2], height], [at[0] + size[0], at[1] + size[1], height]])
+            ends += [[-1e-6], [1e-6]]
+            tags = gmsh.model.getEntitiesInBoundingBox(*ends.ravel(), dim=2)
+            gmsh.model.setPhysicalName(2, gmsh.model.addPhysicalGroup(2, [tag for _, tag in tags]), name)
+        gmsh.model.setPhysicalName(3, gmsh.model.addPhysicalGroup(3, [body]), "body")
+        gmsh.model.mesh.setSize(gmsh.model.getEntities(0), edge)
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(file))
+    finally:
+        gmsh.finalize()
+    given = {"face": faces[0], "held": faces[1], "frame": frame, "young": E}
+    return fr.assemble(parse_scene(SCENE.format(file=file, **given)))
+
+
+def moved(time: float) -> fr.BaseState:
+    """The plate that carries the upper pad: down, then aside, smoothly."""
+    s, aside = min(time / DOWN, 1.0), max(0.0, time - DOWN)
+    down, sinking = PRESSED * s * s * (3 - 2 * s), PRESSED * 6 * s * (1 - s) / DOWN
+    gone = SPEED * (aside**2 / (2 * RISE) if aside < RISE else aside - RISE / 2)
+    place = np.array(BEGINS) + np.array(UPPER) * [0.5, 0.5, 1.0] + np.array([gone, 0.0, PLATE / 2 - down])
+    velocity = np.array([SPEED * min(aside / RISE, 1.0), 0.0, -sinking])
+    return fr.BaseState(place, np.array([1.0, 0, 0, 0]), velocity, np.zeros(3))
+
+
+def squeeze(roms: list[fr.Rom], steps: int) -> Squeezed:
+    """The upper pad is pressed on the lower one and moved aside, for some steps."""
+    low, upper = roms
+    bodies = {
+        "plate": fr.RigidBody(Box((*UPPER[:2], PLATE)), motion=moved),
+        "low": fr.SoftBody(low),
+        "upper": fr.SoftBody(upper, on="plate", position=tuple(-moved(0.0).position)),
+    }
+    world = fr.World(bodies, STEP, friction=FRICTION, apart=[["plate", "low"]])
+    world.step()  # compiles what steps need
+    begun, force = time.process_time(), np.zeros((steps, 3))
+    for step in range(steps):
+        world.step()
+        force[step] = world.force_between("low", "upper")
+    rate, gone = steps / (time.process_time() - begun), world.ledger
+    left = world.energy - gone.supplied + gone.dissipated + gone.numerical + gone.lost_in_switching
+    places = [world.simulator(name).node_places() for name in ("low", "upper")]
+    return Squeezed(roms, force, places, world.contact_forces("low", "upper"), abs(left) / gone.supplied, rate)
+
+
+def pressures(nodes: Array, triangles: Array, spots: tuple[Array, Array]) -> Array:
+    """Of forces at places, as their share of the area of nodes: (N,), Pa."""
+    sides = nodes[triangles[:, 1:]] - nodes[triangles[:, :1]]
+    areas, forces = np.linalg.norm(np.cross(*sides.swapaxes(0, 1)), axis=1) / 2, np.zeros(len(nodes))
+    own = np.bincount(triangles.ravel(), np.repeat(areas / 3, 3), len(nodes))
+    for place, force in zip(*spots, strict=True):
+        weights, feet = nearest_on_triangles(np.broadcast_to(place, (len(triangles), 3)), nodes[triangles])
+        nearest = int(np.linalg.norm(feet - place, axis=1).argmin())
+        np.add.at(forces, triangles[nearest], weights[nearest] * abs(force[2]))
+    return np.divide(forces, own, out=np.zeros(len(nodes)), where=own > 0)
+
+
+def draw(whole: Squeezed, file: Path) -> None:
+    """The pads from the side, the pressure on the lower one, and the forces over time."""
+    figure, (side, above, forces) = plt.subplots(1, 3, figsize=(13, 3.6), layout="constrained")
+    for rom, nodes, colour in zip(whole.roms, whole.places, ("#9ecae1", "#fdae6b"), strict=True):
+        front = np.isclose(rom.nodes[rom.triangles, 1], rom.nodes[:, 1].min()).all(axis=1)
+        corners = 1e3 * nodes[rom.triangles[front]][..., [0, 2]]
+        side.add_collection(PolyCollection(corners, facecolor=colour, edgecolor="#444444", linewidth=0.4, alpha=0.8))
+    side.autoscale_view()
+    side.set(title="from the front", xlabel="x (mm)", ylabel="z (mm)", aspect="equal")
+    low, nodes = whole.roms[0], whole.places[0]
+    top = low.triangles[np.isclose(low.nodes[low.triangles, 2], LOW[2]).all(axis=1)]
+    kilopascals = 1e-3 * pressures(nodes, top, whole.spots)
+    shown = above.tripcolor(*(1e3 * nodes[:, :2].T), top, kilopascals, shading="gouraud", cmap="magma")
+    figure.colorbar(shown, ax=above, label="pressure (kPa)", shrink=0.8)
+    above.set(title="on the lower pad", xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
+    times = STEP * np.arange(1, len(whole.force) + 1)
+    forces.plot(times, -whole.force[:, 2], label="pressing")
+    forces.plot(times, whole.force[:, 0], label="friction")
+    forces.set(title="on the lower pad", xlabel="time (s)", ylabel="force (N)")
+    forces.legend()
+    forces.grid(alpha=0.3)
+    figure.savefig(file, dpi=80)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    main()
