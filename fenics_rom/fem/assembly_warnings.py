@@ -88,7 +88,7 @@ def obstacles_inside(system: System) -> list[str]:
 
 def obstacles_too_small(system: System) -> list[str]:
     """What to say of obstacles that pass between contact points, or did before there were more of them."""
-    if not system.contact_points or system.scene is None:
+    if not system.contact_points or system.scene is None or system.scene.environment.touches_faces:
         return []
     body = system.body
     if body.points_between is not None:

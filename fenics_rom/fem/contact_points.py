@@ -5,8 +5,9 @@ from numpy import ndarray as Array
 
 from fenics_rom.fem.nodes import Nodes
 from fenics_rom.fem.places import patch_nodes, patch_triangles
-from fenics_rom.mechanics.contact_points import MOST_BETWEEN, PointsBetween, covering_radius
+from fenics_rom.mechanics.contact_points import MOST_BETWEEN, PointsBetween
 from fenics_rom.mechanics.obstacles import smallest_radius
+from fenics_rom.mechanics.triangles import covering_radius
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
 
@@ -30,7 +31,7 @@ def points_between(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> PointsBetw
     Each triangle that is too wide is divided into n² alike, and touched at their corners.
     """
     radius = min((smallest_radius(o.shape) for o in scene.environment.obstacles.values()), default=np.inf)
-    if radius == np.inf or scene.effects.contact is None or scene.effects.contact.points == "nodes":
+    if radius == np.inf or scene.effects.contact is None or scene.effects.contact.points != "surface":
         return None
     patches = [patch_triangles(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()]
     triangles = np.unique(np.concatenate(patches), axis=0)

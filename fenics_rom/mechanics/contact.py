@@ -128,6 +128,13 @@ class Opposite(NamedTuple):
     weights: Array  # (C, 3) of these
 
 
+class Carriers(NamedTuple):
+    """The places of a body at which C pairs touch obstacles."""
+
+    nodes: Array  # (C, 3) contact points that carry them
+    weights: Array  # (C, 3) of these
+
+
 class ContactSolution(NamedTuple):
     """What contact does in one step."""
 
@@ -140,6 +147,7 @@ class ContactSolution(NamedTuple):
     normal_power: float | None  # Σ λ s of the pairs, W; None where there is no friction: then it is all
     opposite: Opposite | None = None  # of a body that may touch itself
     surface_velocities: Array | None = None  # of the obstacles at the pairs (C, 3), m/s; None where none of them turns
+    carriers: Carriers | None = None  # where obstacles meet faces of a body, too, and not its contact points alone
 
     @property
     def by_obstacle(self) -> Array:
@@ -152,6 +160,8 @@ class ContactSolution(NamedTuple):
     def touched_points(self) -> Array:
         """Those of the contact points that take part, (any,)."""
         points = self.pairs % len(self.forces)
+        if self.carriers is not None:
+            return np.unique(self.carriers.nodes[self.carriers.weights > 0])
         if self.opposite is None:
             return points
         return np.union1d(points, self.opposite.nodes[self.opposite.weights.any(axis=1)])
@@ -162,7 +172,10 @@ class ContactSolution(NamedTuple):
         w = self.surface_velocities
         if w is None:
             w = np.concatenate([self.obstacle_velocities, np.zeros((1, 3))])[obstacle]
-        relative: Array = velocities[point] - w
+        if self.carriers is not None:
+            relative: Array = (self.carriers.weights[:, :, None] * velocities[self.carriers.nodes]).sum(axis=1) - w
+            return relative
+        relative = velocities[point] - w
         if self.opposite is None:
             return relative
         return relative - (self.opposite.weights[:, :, None] * velocities[self.opposite.nodes]).sum(axis=1)
@@ -177,6 +190,9 @@ class ContactSolution(NamedTuple):
     def normal_forces(self) -> Array:
         """Of all that touches it together on each point, (P,), N."""
         pressure, P = (self.pair_forces * self.normals).dot(_ONES), len(self.forces)
+        if self.carriers is not None:
+            shares = self.carriers.weights * pressure[:, None]
+            return np.bincount(self.carriers.nodes.ravel(), weights=shares.ravel(), minlength=P)
         pressing = np.bincount(self.pairs % P, weights=pressure, minlength=P)
         if self.opposite is not None:
             np.add.at(pressing, self.opposite.nodes, self.opposite.weights * pressure[:, None])
@@ -218,6 +234,7 @@ def mean_contact(parts: Sequence[tuple[float, ContactSolution | None]]) -> Conta
     speeds = [part.surface_velocities for _, part in touched if part.surface_velocities is not None]
     power = [share * part.normal_power for share, part in touched if part.normal_power is not None]
     opposite = [part.opposite for _, part in touched if part.opposite is not None]
+    carriers = [part.carriers for _, part in touched if part.carriers is not None]
     return ContactSolution(
         np.sum([share * part.forces for share, part in touched], axis=0),
         sum(part.iterations for _, part in touched),
@@ -228,6 +245,7 @@ def mean_contact(parts: Sequence[tuple[float, ContactSolution | None]]) -> Conta
         sum(power) if power else None,
         Opposite(*map(np.concatenate, zip(*opposite, strict=True))) if opposite else None,
         np.concatenate(speeds) if speeds else None,
+        Carriers(*map(np.concatenate, zip(*carriers, strict=True))) if carriers else None,
     )
 
 

@@ -8,9 +8,10 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, check_known
-from fenics_rom.mechanics.triangles import triangles_among
+from fenics_rom.mechanics.triangles import covering_radius, triangles_among
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.body_faces import BodyFaces
     from fenics_rom.mechanics.own_surface import OwnSurface
 
 NEARNESS = 0.05  # of the size of the contact surfaces: an obstacle that far away begins to matter
@@ -137,6 +138,12 @@ class ContactPoints:
         among = nodes[triangles_among(self.nodes[nodes], triangles)]
         return OwnSurface(self.coordinates, among, touching, surface_of.tolist())
 
+    def faces(self, triangles: Array) -> "BodyFaces":
+        """Those between contact points, of the triangles (F, 3) of the body's surface; SceneError where none is."""
+        from fenics_rom.mechanics.body_faces import BodyFaces  # here, as few scenes have obstacles that meet them
+
+        return BodyFaces(self.coordinates, triangles_among(self.nodes, triangles))
+
     def describe_passing(self, radii: Mapping[str, float], triangles: Array, coordinates: Array) -> str:
         """What to say of obstacles that fit between the points; empty where none does.
 
@@ -157,22 +164,7 @@ class ContactPoints:
             return ""
         return (
             f"contact: obstacle {name!r} is {2 * radius:.3g} m across, and the contact points leave gaps of "
-            f"{2 * gap:.3g} m that it passes through; a mesh of {radius:.3g} m at the contact surface is the cure, "
-            f"or effects.contact.points = 'surface', where {MOST_BETWEEN} points do"
+            f"{2 * gap:.3g} m that it passes through; effects.contact.points = 'faces' is the cure, or a mesh of "
+            f"{radius:.3g} m at the contact surface; in a world, or for gradients, points = 'surface', where "
+            f"{MOST_BETWEEN} points do"
         )
-
-
-def covering_radius(corners: Array) -> Array:
-    """Largest distance from a point of triangles (F, 3, 3) to the nearest of their corners, (F,), m.
-
-    Of one without an obtuse angle the radius of the circle through its corners; of the others the farthest point is on
-    the longest side.
-    """
-    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1), axis=2)
-    a, b, c = np.sort(sides, axis=1).T
-    cosines = [(b**2 + c**2 - a**2) / (2 * b * c), (a**2 + c**2 - b**2) / (2 * a * c)]  # of the angles at the ends of c
-    on_longest = np.maximum(b / (2 * cosines[0]), a / (2 * cosines[1]))
-    sine = np.sqrt(np.maximum(1 - cosines[0] ** 2, 0.0))
-    with np.errstate(divide="ignore"):
-        circle = a / (2 * sine)
-    return np.where(a**2 + b**2 < c**2, on_longest, circle)

@@ -30,6 +30,13 @@ class TangentPlanes(NamedTuple):
     frames: Frames  # along the normals there
 
 
+class FaceSlots(NamedTuple):
+    """Which pairs were those of obstacles and faces of a body, of O obstacles with P pairs each."""
+
+    keys: Array  # (O, P) of what met what, as of `body_faces.Places`; -1 of none so far
+    at: Array  # (O, P, 3) where, m
+
+
 class ContactSearch(NamedTuple):
     """What a search for contact forces begins with: all that a solver keeps of the past; not to be changed."""
 
@@ -42,6 +49,7 @@ class ContactSearch(NamedTuple):
     planes: TangentPlanes | None = None  # where points have not moved since they were taken
     swung: Array | None = None  # (O P,) in how many steps in a row friction did not stop pairs; None: in none
     known_to_push: Array | None = None  # (O P,) which pairs pushed, where `forces` do not tell
+    slots: FaceSlots | None = None  # of a body that obstacles meet at its faces; None: nothing did
 
     @property
     def pushed(self) -> Array:

@@ -25,6 +25,8 @@ RIGID = "rigid"  # of a bar whose length stays, as that of a control
 SWITCHINGS = ("energy", "oblique")  # energy-orthogonal, of any basis; of standard balanced truncation
 FRAMES = ("fixed", "moving")  # a body stays near where it was made, or turns as far as it likes
 DETAILS = ("full", "quasi-rigid")  # all terms of a moving frame, or the inertia of the rigid shape alone
+FACES = "faces"
+CONTACT_POINTS = ("nodes", "surface", FACES)  # what obstacles touch: nodes, fixed points between, or all of the surface
 CONTACT_SWITCHINGS = ("automatic", "scene")  # the contact mode follows the obstacles, or the load history says
 
 
@@ -100,6 +102,7 @@ class Environment:
         obstacles: by name.
         contact_law: how the body meets them; None where the scene names no contact.
         self_contact: contact modes whose surfaces touch one another and themselves.
+        touches_faces: whether obstacles meet the faces between contact points, too.
         residual_compliance: whether contact points yield beyond a reduced basis, where its model knows how.
         contact_switching: "automatic" (the contact mode follows the obstacles) or "scene" (the load history says).
         guides: with friction, by the names of the loads that it is, those of each tendon from its anchor on.
@@ -127,6 +130,7 @@ class Environment:
     obstacles: Mapping[str, MovingObstacle] = field(default_factory=dict)
     contact_law: "ContactLaw | None" = None
     self_contact: tuple[str, ...] = ()
+    touches_faces: bool = False
     residual_compliance: bool = True
     contact_switching: str = "automatic"
     guides: Mapping[str, Guide] = field(default_factory=dict)

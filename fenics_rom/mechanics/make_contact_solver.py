@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled
+from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Obstacle
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.body_faces import BodyFaces
     from fenics_rom.mechanics.own_surface import OwnSurface
 
 
@@ -19,13 +21,22 @@ def make_contact_solver(
     obstacles: Sequence[Obstacle],
     law: ContactLaw,
     own: "OwnSurface | None" = None,
+    faces: "BodyFaces | None" = None,
     *,
     turn: bool = False,
 ) -> ContactSolver:
     """Of points (P, 3), m, and obstacles that meet by a law; compiled if all are and none may turn.
 
-    `own`: the surface of the body, if that touches itself.
+    `own`: the surface of the body, if that touches itself; `faces`: of the body, if obstacles meet these, too.
     """
+    if faces is not None:
+        from fenics_rom.mechanics.face_contact import FaceContact  # here, as few scenes have such obstacles
+
+        if turn:
+            raise SceneError(
+                "effects.contact.points = 'faces': an obstacle turns: allowed are those that do not, or 'nodes'"
+            )
+        return FaceContact(points, obstacles, law, faces)
     if own is not None:
         if compiled() and all(each.is_convex for each in obstacles):
             from fenics_rom.mechanics.compiled_self_contact import CompiledSelfContact  # here, as below

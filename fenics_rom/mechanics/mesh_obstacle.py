@@ -10,6 +10,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.arguments import SMALLEST
 from fenics_rom.errors import SceneError, shown
+from fenics_rom.mechanics.obstacle_outline import Outline
 from fenics_rom.mechanics.obstacle_parts import check_vector, keep, rotation_matrix_of, turning_of
 from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.mechanics.surface_checks import check_arrays, check_solid
@@ -82,6 +83,13 @@ class Mesh:
         if not self.surface.is_closed:
             return math.inf
         return float(np.sqrt(np.square(self.surface.vertices).dot(_ONES)).max())
+
+    @cached_property
+    def outline(self) -> Outline:
+        """Edges at which it bends out, and their ends."""
+        edges = self.surface.sharp_edges
+        rows, ends = np.unique(edges, return_inverse=True)
+        return Outline(self.surface.vertices[rows], ends.reshape(edges.shape), 0.0)
 
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""

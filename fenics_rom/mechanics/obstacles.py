@@ -19,6 +19,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.mesh_obstacle import Mesh
+from fenics_rom.mechanics.obstacle_outline import BLOCK_CORNERS, BLOCK_EDGES, FLAT, Outline
 from fenics_rom.mechanics.obstacle_parts import (
     SHORTEST_DIRECTION,
     check_positive,
@@ -30,7 +31,7 @@ from fenics_rom.mechanics.obstacle_parts import (
 )
 
 _ONES, _UP = np.ones(3), np.array([0.0, 0.0, 1.0])
-_CORNERS = np.array([[0, 0, 0], *([x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1))])
+_CORNERS = np.concatenate([np.zeros((1, 3), dtype=int), BLOCK_CORNERS])
 
 
 class Obstacle(Protocol):
@@ -49,6 +50,10 @@ class Obstacle(Protocol):
     @property
     def extent(self) -> float:
         """Radius of the ball about the origin of its axes that holds it, m; infinite of a half-space."""
+
+    @property
+    def outline(self) -> Outline:
+        """What of it sticks out, that faces of a body can meet between their corners."""
 
     @property
     def is_convex(self) -> bool:
@@ -110,6 +115,11 @@ class HalfSpace:
         """No ball holds it."""
         return math.inf
 
+    @property
+    def outline(self) -> Outline:
+        """Of a half-space nothing sticks out."""
+        return FLAT
+
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
         return np.zeros((len(points), 3, 3))
@@ -147,6 +157,11 @@ class Sphere:
     def extent(self) -> float:
         """Radius of the ball about the origin that holds it, m."""
         return math.hypot(*self._center) + self.radius
+
+    @property
+    def outline(self) -> Outline:
+        """Its centre and radius."""
+        return Outline(self._center[None], FLAT.edges, self.radius)
 
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
@@ -201,6 +216,11 @@ class Capsule:
     def extent(self) -> float:
         """Radius of the ball about the origin that holds it, m."""
         return max(math.hypot(*self.start), math.hypot(*self.end)) + self.radius
+
+    @property
+    def outline(self) -> Outline:
+        """Its axis and radius."""
+        return Outline(self.core[1], np.array([[0, 1]]), self.radius)
 
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
@@ -261,6 +281,11 @@ class Box:
     def extent(self) -> float:
         """Radius of the ball about the origin that holds it, m, or a little more."""
         return math.hypot(*self._center) + math.hypot(*self._half)
+
+    @property
+    def outline(self) -> Outline:
+        """Its corners and edges."""
+        return Outline(self._center + (BLOCK_CORNERS * self._half) @ self._axes.T, BLOCK_EDGES, 0.0)
 
     def curvature(self, points: Array) -> Array:
         """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""

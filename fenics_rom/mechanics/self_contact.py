@@ -24,6 +24,7 @@ from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs
 from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE
 from fenics_rom.mechanics.frame_geometry import crossed
 from fenics_rom.mechanics.mesh_contact import MeshContact
+from fenics_rom.mechanics.obstacle_outline import FLAT
 from fenics_rom.mechanics.obstacle_poses import NO_TURN, distance_from
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.own_surface import OwnSurface
@@ -45,6 +46,7 @@ class _Itself:
     """
 
     is_convex: ClassVar = True
+    outline: ClassVar = FLAT
 
     def __init__(self, surface: OwnSurface, points: int):
         self.surface, self.margin = surface, 0.0

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.contact_points import covering_radius
 from fenics_rom.mechanics.obstacle_poses import between, distance_from, farthest_moved, placed
-from fenics_rom.mechanics.triangles import nearest_on_triangles
+from fenics_rom.mechanics.triangles import covering_radius, nearest_on_triangles
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.obstacles import Obstacle

@@ -108,8 +108,8 @@ class SkinWatch:
     def _cure(self, part: str, surface: str) -> str:
         if part != UNTOUCHED:
             return (
-                f"between the contact points of {part!r}: a finer mesh there, or effects.contact.points = 'surface', "
-                "keeps it out"
+                f"between the contact points of {part!r}: effects.contact.points = 'faces' keeps it out, or a finer "
+                "mesh there; in a world 'surface' does"
             )
         there = ", ".join(self.skin.names) or "no contact surface"
         this = f"surface {surface!r}" if surface else "this surface"

@@ -116,6 +116,12 @@ class TriangleSurface:
         return sums / np.where(length > 0, length, 1.0)
 
     @property
+    def sharp_edges(self) -> Array:
+        """Edges (k, 2) that bend out, as rows of vertices."""
+        sharp: Array = self.edges[self._bend < 0]
+        return sharp
+
+    @property
     def sharp_corners(self) -> Array:
         """Vertices (k, 3), m, at edges that bend out, and at none that bends in."""
         goes_out, goes_in, _ = self._touched

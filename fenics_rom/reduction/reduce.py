@@ -16,6 +16,7 @@ from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.active_environment import known_at_start
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.environment import SWITCHINGS
+from fenics_rom.mechanics.face_contact import FaceContact
 from fenics_rom.mechanics.load_history import check_width
 from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
 from fenics_rom.mechanics.surface_checks import check_apart
@@ -227,12 +228,14 @@ def _require_start(system: System) -> None:
     check_apart(body.nodes, body.triangles, body.contact_surfaces, touching)
     if not environment.obstacles:
         return
-    points = system.points_of_contact().coordinates
+    touched, law = system.points_of_contact(), environment.contact_law
+    points, faces = touched.coordinates, touched.faces(body.triangles) if environment.touches_faces else None
     shapes, offsets = known_at_start(environment.obstacles)
     if not shapes:
         return
     try:
-        solver = ContactSolver(points, list(shapes.values()), environment.contact_law)
+        given = points, list(shapes.values()), law
+        solver = ContactSolver(*given) if faces is None else FaceContact(*given, faces)
         solver.check_start(np.zeros_like(points), offsets, list(shapes))
         skin = system.skin()
         SkinWatch(skin).check_start(skin.coordinates, displaced(shapes, offsets))

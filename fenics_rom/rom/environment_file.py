@@ -1,6 +1,7 @@
 """The environment in a ROM file: the group `environment`.
 
 attributes contact_switching, has_inertia (yes or no), source; residual_compliance (no), absent where it is used;
+                             touches_faces (yes), absent where obstacles touch contact points alone;
                              frame (moving), absent where it is fixed
 base_path/                   times (T,) s, positions (T, 3) m, rotations (T, 4) w x y z; velocities (T, 3) m/s,
                              angular_velocities (T, 3) rad/s, both or none; absent where none is given
@@ -103,6 +104,8 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
         put_arrays(group.create_group("base_path"), PATH, {}, vars(environment.base_path))
     if not environment.residual_compliance:
         put_text(group, residual_compliance=NO)
+    if environment.touches_faces:
+        put_text(group, touches_faces=YES)
     for name, texts in (("effects", environment.effects), ("built_in", environment.built_in)):
         put_text(group.create_group(name, track_order=True), **texts)
     for name, guide in environment.guides.items():
@@ -172,6 +175,7 @@ def take_environment(h5: h5py.File) -> Environment:
         obstacles={name: _obstacle(get_group(obstacles, name)) for name in obstacles},
         contact_law=_law(get_group(group, "contact_law")) if "contact_law" in group else None,
         self_contact=tuple(get_group(group, "self_contact").attrs) if "self_contact" in group else (),
+        touches_faces="touches_faces" in group.attrs,
         residual_compliance="residual_compliance" not in group.attrs,
         contact_switching=switching,
         guides=_guides(get_group(group, "guides")) if "guides" in group else {},

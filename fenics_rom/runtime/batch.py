@@ -289,6 +289,7 @@ def _why_one_by_one(rom: Rom) -> str:
         "an obstacle that is not convex": not all(each.shape.is_convex for each in acting.obstacles.values()),
         "contact of a body with itself": bool(acting.self_contact),
         "an obstacle that turns": acting.turns_obstacles,
+        "contact with the faces of a body": acting.touches_faces,
         "contact by springs": law is not None and law.stiffness is not None,
         "contact without residual compliance": law is not None and not definite,
     }

@@ -57,7 +57,8 @@ class ContactBlocks:
         known = body.contact, body.dt, environment.state.offsets.tobytes()
         if not environment.stands_still or environment.mark is not None or kernel.branches is not None:
             return ()
-        if len(solver.obstacles) > 1 or solver.law.stiffness is not None or environment.environment.self_contact:
+        acting = environment.environment
+        if len(solver.obstacles) > 1 or solver.law.stiffness is not None or acting.self_contact or acting.touches_faces:
             return ()
         if kernel.contact is None:
             return (*known, bytes(len(solver.points)), b"")

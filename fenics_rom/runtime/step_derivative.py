@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.errors import StepError
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.step_state import StepState
 from fenics_rom.runtime.steppers.adjoint import Reads
@@ -78,6 +79,10 @@ def lean_on(state: StepState, u: Array, lean: float) -> Lean | None:
     found, contact = Touch.of(body), body.integrator.contact
     if found is None or contact is None:
         return None
+    if contact.carriers is not None:
+        from fenics_rom.mechanics.face_contact import NO_DERIVATIVE  # here, as few scenes have it
+
+        raise StepError(NO_DERIVATIVE)
     environment, law = body.environment, interface.solver.law
     pressing = np.einsum("ca,ca->c", contact.pair_forces, contact.normals)[:, None] * contact.normals
     rubbing, offsets = contact.pair_forces - pressing, environment.state.offsets.copy()

@@ -5,7 +5,7 @@ from dataclasses import is_dataclass
 from typing import Any
 
 from fenics_rom.errors import SceneError, check_known, exactly, unknown
-from fenics_rom.mechanics.environment import AppliedLoad
+from fenics_rom.mechanics.environment import FACES, AppliedLoad
 from fenics_rom.mechanics.hyperelastic import isochoric_terms
 from fenics_rom.mechanics.initial_state import SMALL_ROTATION, ZERO
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
@@ -268,8 +268,20 @@ def _check_contact(contact: Contact, contacts: Collection[str], *, has_inertia: 
     for key in ("stiffness", "damping"):
         if getattr(contact, key) is not None and not penalty:
             raise SceneError(f"effects.contact.{key}: goes with method = 'penalty'; a rigid obstacle has none")
+    if contact.points == FACES:
+        _check_faces(contact)
     if contact.restitution and (penalty or not has_inertia):
         raise SceneError("effects.contact.restitution: goes with inertia and method = 'complementarity'")
+
+
+def _check_faces(contact: Contact) -> None:
+    where = "effects.contact.points = 'faces': "
+    if contact.method == "penalty":
+        raise SceneError(f"{where}allowed is method = 'complementarity', as springs belong to contact points")
+    if contact.self_contact:
+        raise SceneError(f"{where}allowed beside self_contact are 'nodes'")
+    if not contact.obstacles:
+        raise SceneError(f"{where}there is no obstacle to meet them")
 
 
 def check_load(

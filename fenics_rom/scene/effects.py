@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from fenics_rom.mechanics.base_path import BasePath
-from fenics_rom.mechanics.environment import CONTACT_SWITCHINGS
+from fenics_rom.mechanics.environment import CONTACT_POINTS, CONTACT_SWITCHINGS
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.large_deformation import LargeDeformation
 from fenics_rom.scene.law import Law
@@ -331,8 +331,8 @@ class Contact:
     ] = "automatic"
     points: Annotated[
         str,
-        Text(choices=("nodes", "surface")),
-        'what can be touched: "nodes", or "surface": also points between them, where an obstacle would pass',
+        Text(choices=CONTACT_POINTS),
+        'what is touched: "nodes"; "surface", also points between, where an obstacle would pass; or whole "faces"',
     ] = "nodes"
     residual_compliance: Annotated[
         bool,

@@ -10,6 +10,7 @@ import numpy as np
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.environment import (
+    FACES,
     GRAVITY_SIGNAL,
     NOTHING,
     STANDS_STILL,
@@ -59,6 +60,7 @@ def environment_of(effects: Effects, frame: str, run: Run | None, source: str) -
         },
         contact_law=None if contact is None else _contact_law(effects),
         self_contact=() if contact is None else contact.self_contact,
+        touches_faces=contact is not None and contact.points == FACES,
         residual_compliance=contact is None or contact.residual_compliance,
         contact_switching="automatic" if contact is None else contact.switching,
         guides=guides_of(effects),

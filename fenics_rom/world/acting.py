@@ -33,7 +33,15 @@ def acting_in_world(rom: Rom) -> tuple[Rom, Environment, tuple[str, ...]]:
             f"its scene has springs of {law.stiffness:g} N/m at its contact points (effects.contact.method = "
             "'penalty'); bodies of a world meet by the rigid law, without these"
         )
-    return rom, replace(acting, obstacles={}, self_contact=(), run=None, contact_law=ContactLaw()), tuple(said)
+    if acting.touches_faces:
+        said.append(
+            "its scene has effects.contact.points = 'faces'; what is rigid meets its contact points alone in a world"
+        )
+    return (
+        rom,
+        replace(acting, obstacles={}, self_contact=(), touches_faces=False, run=None, contact_law=ContactLaw()),
+        tuple(said),
+    )
 
 
 def _with_points(rom: Rom) -> Rom:

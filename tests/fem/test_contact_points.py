@@ -10,7 +10,7 @@ from fenics_rom.fem.contact_points import points_between
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.fem.supports import unknowns_of
-from fenics_rom.mechanics.contact_points import covering_radius
+from fenics_rom.mechanics.triangles import covering_radius
 from fenics_rom.scene.file import parse_scene
 
 LENGTHS, BRICKS, DEPTH = (0.06, 0.03, 0.02), (6, 3, 2), 1e-3  # nodes 10 mm apart
@@ -99,11 +99,12 @@ def test_rom_that_meets_a_smaller_obstacle_than_it_was_made_for_says_so(mesh):
 
 
 def test_ball_that_is_let_through_is_told(mesh):
-    """As nodes alone can be touched: with its size, the gap, and both cures."""
+    """As nodes alone can be touched: with its size, the gap, and the cures; whole faces are one."""
     system = fr.assemble(scene(mesh, 2e-3, points="nodes"))
     assert system.body.points_between is None
     (message,) = system.warnings
-    assert "a mesh of 0.002 m at the contact surface is the cure, or effects.contact.points = 'surface'" in message
+    assert "effects.contact.points = 'faces' is the cure, or a mesh of 0.002 m at the contact surface" in message
+    assert not fr.assemble(scene(mesh, 2e-3, points="faces")).warnings
     run = fr.simulate(system)
     assert not run.forces["ball"].any()
     assert message in run.warnings
@@ -112,7 +113,7 @@ def test_ball_that_is_let_through_is_told(mesh):
 def test_needle_that_wants_too_many_points_is_told(mesh):
     system = fr.assemble(scene(mesh, 1e-5))
     assert system.body.points_between is None
-    assert any("a mesh of 1e-05 m at the contact surface is the cure" in message for message in system.warnings)
+    assert any("or a mesh of 1e-05 m at the contact surface" in message for message in system.warnings)
 
 
 def test_points_are_as_close_as_they_say(mesh):

@@ -98,11 +98,13 @@ def contact_interface(
     given = points.coordinates, list(environment.obstacles.values()), law
     if solver_of is None:
         own = points.own_surface(environment.environment.self_contact, rom.triangles)
-        solver = make_contact_solver(*given, own, turn=environment.environment.turns_obstacles)
+        faces = points.faces(rom.triangles) if environment.environment.touches_faces else None
+        solver = make_contact_solver(*given, own, faces, turn=environment.environment.turns_obstacles)
     else:
         solver = solver_of(*given)
     rows = points.columns(lambda nodes: rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]).T).T
-    radii = {name: smallest_radius(obstacle) for name, obstacle in environment.obstacles.items()}
+    passes = {} if environment.environment.touches_faces else environment.obstacles
+    radii = {name: smallest_radius(obstacle) for name, obstacle in passes.items()}
     passing = points.describe_passing(radii, rom.triangles, rom.nodes)
     skin = SkinWatch(skin_of(rom)) if environment.obstacles and len(rom.triangles) else None
     return ContactInterface(points, solver, rows, environment, passing, skin)

@@ -1,0 +1,73 @@
+"""At full order a pin is kept out between nodes as in all modes, of small and large strains, on any number of ranks."""
+
+import numpy as np
+import pytest
+from pads import RUBS, UP, L, R, depth_of, pad_scene, pad_text, shape
+from ranks import run_ranks
+
+import fenics_rom as fr
+from fenics_rom.fem.simulator import FullOrderSimulator
+
+pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+LARGE = {"effects.large_deformation": 'material = "st_venant_kirchhoff"'}
+X, Y = 1.3 * L, 1.55 * L  # between nodes
+ROD = shape("rod", X, Y, 1e-4 * L)
+BOTH = """import sys
+from fenics_rom.cli.main import main
+for name in ("small", "large"):
+    try:
+        main(["simulate", name + ".toml", "-o", f"{name}-{sys.argv[1]}.h5"])
+    except SystemExit as end:
+        if end.code:
+            raise
+"""
+
+
+def press(body, stepper, steps, bound):
+    """Forces (steps, 3) on a body, N, whose account closes to a bound, and how deep a pin is in it in the end, m."""
+    forces, scale = np.zeros((steps, 3)), 0.0
+    for step in range(steps):
+        body.step(np.zeros(0))
+        contact, gone = stepper.contact, body.ledger
+        if contact is not None:
+            forces[step] = contact.by_obstacle[0]
+        scale = max(scale, gone.supplied)
+        lost = gone.dissipated + gone.lost_in_switching + gone.numerical
+        assert abs(body.energy - gone.supplied + lost) <= bound * scale
+    return forces, depth_of(stepper, np.zeros(3))
+
+
+@pytest.mark.parametrize("parts", [{}, LARGE], ids=["small", "large"])
+def test_a_rod_between_nodes_stays_outside(tmp_path, parts):
+    """Of small strains with the forces of the model of all modes; of large ones to what Newton's method leaves."""
+    scene = pad_scene(tmp_path, ROD, **UP, **RUBS, **parts)
+    system = fr.assemble(scene)
+    full = FullOrderSimulator(system, 1e-3, scene.environment)
+    expected, depth = press(full, full.stepper, 40, 1e-11 if parts else 1e-13)
+    assert expected[-1, 2] < -0.1
+    assert depth <= 1e-9 * R
+    if not parts:
+        body = fr.Simulator(fr.reduce(system, order=system.elastic_size, method="modal"), 1e-3)
+        forces = np.zeros_like(expected)
+        for step in range(40):
+            body.step()
+            forces[step] = body.contact_forces("pin")
+        assert np.linalg.norm(forces - expected) <= 1e-8 * np.linalg.norm(expected)
+
+
+@pytest.mark.ranks
+@pytest.mark.slow
+def test_two_ranks_do_as_one(tmp_path):
+    """Of small and of large strains."""
+    parts = {**UP, **RUBS, "outputs.top": 'surface = "top"', "run": "dt = 1e-3\nduration = 0.02"}
+    for name, others in (("small", {}), ("large", LARGE)):
+        (tmp_path / f"{name}.toml").write_text(pad_text(tmp_path, ROD, **parts, **others))
+    for ranks in (1, 2):
+        done = run_ranks(ranks, "-c", BOTH, str(ranks), cwd=tmp_path)
+        assert done.returncode == 0, done.stdout + done.stderr
+    for name in ("small", "large"):
+        one, other = (fr.read_trajectory(tmp_path / f"{name}-{ranks}.h5") for ranks in (1, 2))
+        assert np.abs(one.forces["pin"]).max() > 0.05
+        scale = np.abs(one.outputs["top"]).max()
+        assert np.abs(other.outputs["top"] - one.outputs["top"]).max() <= 1e-8 * scale
+        assert max(one.balance_error, other.balance_error) <= 1e-10
