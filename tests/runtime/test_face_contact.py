@@ -2,6 +2,7 @@
 
 import copy
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ import fenics_rom as fr
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.body_faces import BodyFaces
 from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.mechanics.environment import STANDS_STILL, MovingObstacle
 from fenics_rom.mechanics.make_contact_solver import make_contact_solver
-from fenics_rom.mechanics.obstacles import Box, Capsule, Sphere
+from fenics_rom.mechanics.obstacles import Box, Capsule, Mesh, Sphere
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 X, Y = 1.3 * L, 1.55 * L  # between nodes
@@ -55,6 +57,25 @@ def test_what_is_between_nodes_stays_outside(tmp_path, kind, friction):
     assert left <= 1e-13 * scale
     assert body.ledger.contact >= 0
     assert body.ledger.friction >= -1e-12 * scale
+
+
+def test_a_mesh_that_is_not_convex_stays_outside(pressed):
+    """An L that lies between nodes."""
+    outline = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)])
+    ends = [np.column_stack([outline, np.full(6, height)]) for height in (0, 1)]
+    lid = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)])
+    sides = [face for i in range(6) for face in ((i, (i + 1) % 6, (i + 1) % 6 + 6), (i, (i + 1) % 6 + 6, i + 6))]
+    triangles = np.concatenate([lid[:, ::-1], lid + 6, sides])
+    angle = Mesh(R * np.concatenate(ends), triangles, position=(X, Y, 1.0001 * L))
+    assert not angle.is_convex
+    scene = replace(pressed.environment, obstacles={"pin": MovingObstacle(angle, STANDS_STILL)})
+    body, scale, left = fr.Simulator(pressed, 1e-3, scene=scene), 0.0, 0.0
+    for _ in range(60):
+        body.step()
+        scale, left = max(scale, body.energy), max(left, left_of(body))
+    assert body.contact_forces("pin")[2] < -0.1
+    assert depth_of(body.integrator, np.zeros(3)) <= OUT
+    assert left <= 1e-13 * scale
 
 
 def test_a_place_between_nodes_carries_what_a_node_there_does(tmp_path):
