@@ -9,6 +9,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import or_numpy
 from fenics_rom.mechanics import braking
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, Pairs, ask, find_forces, pairs_from
+from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.complementarity import Frames
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion
@@ -19,7 +20,7 @@ from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Obstacle
 
 Known = Callable[[], tuple[AskedPairs | None, SolvedPairs | None]]
-_UNKNOWN = np.empty((0, 0))  # inverse of an operator
+_UNKNOWN = in_one_piece(np.empty((0, 0)))  # inverse of an operator
 _NO_OUTWARDS = np.empty(0)
 
 

@@ -9,6 +9,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import or_numpy
 from fenics_rom.mechanics import braking
 from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Law, find_forces, pairs_from
+from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.own_surface import rows_between
 from fenics_rom.mechanics.complementarity.delassus import axes_along
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
@@ -17,7 +18,7 @@ from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.reach import reach_of
 from fenics_rom.mechanics.self_contact import SelfContact, beside
 
-_UNKNOWN, _ONES = np.empty((0, 0)), np.ones(3)
+_UNKNOWN, _ONES = in_one_piece(np.empty((0, 0))), np.ones(3)
 
 
 class CompiledSelfContact(SelfContact):

@@ -11,35 +11,40 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import or_numpy
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import FLOAT, CheckedMotion, base_in
-from fenics_rom.mechanics.braking import SWINGS
-from fenics_rom.mechanics.compiled.contact_law import Law
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.mechanics.surface_pairs import PlacedSurface
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, Spots
-from fenics_rom.world.compiled.forces import find_forces
-from fenics_rom.world.compiled.near import find_near, look_at_margins
 from fenics_rom.world.compiled.tables import GIVEN, SWUNG, GivenContacts
-from fenics_rom.world.compiled.world_step import are_deep, begin_step, count_pushing, end_step, force_on, is_to_be_taken
+from fenics_rom.world.compiled.world_step import NEEDS_CONTACTS, OTHERWISE, count_pushing, force_on, take_step
 from fenics_rom.world.contact_step import Found
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.free_soft import FreeSoft
+from fenics_rom.world.handed_forces import handed_in
+from fenics_rom.world.joints import JointPoints
 from fenics_rom.world.meetings import Meeting, is_still
 from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.soft_tables import SoftTable, soft_table
 from fenics_rom.world.tolerances import LARGEST
-from fenics_rom.world.world_arrays import BOOKED_TOGETHER, given_contacts, table_of_world, world_arrays
+from fenics_rom.world.world_arrays import BOOKED_TOGETHER, are_known, given_contacts, table_of_world, world_arrays
 
 if TYPE_CHECKING:
     from fenics_rom.world.make_bodies import AnyBody
     from fenics_rom.world.step_pairs import StepPairs
 
-OTHERWISE = -1  # where a step is NumPy's
-BASE_SHAPES = [(3,), (4,), (3,), (3,)]
 LONGEST_PAUSE = 64  # steps, in which what compiled functions did not take again and again is not asked of them
+
+
+class _SoftOne:
+    """A soft body, and its arrays in steps."""
+
+    def __init__(self, number: int, name: str, body: Soft, table: SoftTable):
+        self.number, self.body, self.kernel, step = number, body, table.kernel, table.step
+        self.u, self.told, self.contact = step.u, step.told, partial(handed_in, table.points.forces)
+        self.begun = name, body, None if isinstance(table.kernel, ContactMidpoint) else table.kernel, step.u
 
 
 class CompiledWorld:
@@ -48,7 +53,8 @@ class CompiledWorld:
     Args:
         bodies: all of them, by name.
         meetings: those that may touch.
-        tables: of the soft ones, by number.
+        joints: that hold.
+        tables: of the soft bodies, by number.
         pairs: contacts of NumPy's steps.
         met: the account of what contacts dissipate.
         h: s.
@@ -63,6 +69,7 @@ class CompiledWorld:
         self,
         bodies: Mapping[str, "AnyBody"],
         meetings: Sequence[Meeting],
+        joints: Sequence[JointPoints],
         tables: Mapping[int, SoftTable],
         pairs: "StepPairs",
         met: EnergyLedger,
@@ -75,22 +82,24 @@ class CompiledWorld:
         self._pause = self._waits = self.misfits = 0
         self._rigid = [(n, body) for n, body in enumerate(self._bodies) if isinstance(body, Rigid)]
         self._driven = [(n, body) for n, body in enumerate(self._bodies) if isinstance(body, Driven)]
-        self._soft = [(n, body, tables[n]) for n, body in enumerate(self._bodies) if isinstance(body, Soft)]
+        soft = [(n, name, body) for n, (name, body) in enumerate(bodies.items()) if isinstance(body, Soft)]
+        self._soft = [_SoftOne(n, name, body, tables[n]) for n, name, body in soft]
         self._free = 1 if any(isinstance(body, FreeSoft) for body in self._bodies) else None
-        self._switching = [each for each in self._soft if len(each[1].rom.contact_models) > 1]
+        self._switching = [each for each in self._soft if len(each.body.rom.contact_models) > 1]
         self._unmoved = {number for number, _ in self._driven}
         self._placed = dict[int, Placed]()  # where what lies still was seen first
-        self._arrays = world_arrays(self._bodies, meetings, tables, pairs.dissipated)
+        self._arrays = world_arrays(self._bodies, meetings, joints, tables, pairs.dissipated)
         self._table, self._none = table_of_world(self._arrays), given_contacts([])
         self._no_contacts = table_of(self._none)
-        friction = max((meeting.law.friction for meeting in meetings), default=0.0)
-        self._law = Law(h, 0.0, friction, 0.0, 0.0, False, SWINGS)
         self._hooks: list[tuple[EnergyLedger, Callable[[], None]]] = []
         for ledger in [met, *(body.account for body in self._bodies)]:
             self._hooks.append((ledger, ledger.flush))
             ledger.flush = partial(_both, self.book, ledger.flush)
         self._soft_ones = [isinstance(body, Soft) for body in self._bodies]
         self._are_told = self._soft_ones.copy()
+        self._begun = [each.begun for each in self._soft]
+        moved = zip(self._driven, self._arrays.driven.end, strict=True)
+        self._moved = [(body, row) for (_, body), row in moved if body.shape is not None]  # others stand still
         self._load()
 
     # From objects, and back.
@@ -104,6 +113,7 @@ class CompiledWorld:
                 force,
                 swung,
             )
+        self._arrays.joined.forces[:] = self._pairs.joint_forces
         rigid, freedoms, driven = self._arrays.rigid, self._arrays.freedoms, self._arrays.driven
         for b, (_, body) in enumerate(self._rigid):
             rigid.rotation[b], rigid.motion[b], _ = body.begun
@@ -141,7 +151,7 @@ class CompiledWorld:
             none = np.zeros((len(rows), 0), dtype=int)
             spots = Spots(near.places[rows], none, none, near.features[rows])
             contacts.append((m, Contacts(spots, spots, near.normals[rows], near.gaps[rows])))
-        self._pairs.go_on(contacts, near.forces[:C].copy(), near.numbers[:C, SWUNG].astype(int))
+        self._pairs.go_on(contacts, self.found.forces, near.numbers[:C, SWUNG].astype(int))
         self.is_ahead = False
 
     def leave(self) -> None:
@@ -160,7 +170,7 @@ class CompiledWorld:
         if self._waits:
             self._waits -= 1
             return None
-        if not all(body.stays_in(table.kernel) for _, body, table in self._switching):
+        if not all(each.body.stays_in(each.kernel) for each in self._switching):
             self.misfits += 1
             return None
         self.misfits = 0
@@ -169,10 +179,14 @@ class CompiledWorld:
         if not (self._set_inputs(inputs, time) and self._set_bases()):
             return None
         try:
-            C, sweeps = self._find(self._table, self._h)
+            C, sweeps = take_step(self._table, self._no_contacts, self._h, self._row, False, self._free)
+            if C == NEEDS_CONTACTS:
+                given = table_of(found := self._find_contacts())
+                C, sweeps = take_step(self._table, given, self._h, self._row, True, self._free)
+                del found  # whose arrays the table is of
         except np.linalg.LinAlgError:
             C, sweeps = OTHERWISE, 0
-        if C == OTHERWISE or not end_step(self._table, C, self._h, SWINGS, self._row, self._free):
+        if C == OTHERWISE:
             self._forget()
             self._pause = min(2 * self._pause + 1, LONGEST_PAUSE)
             self._waits = self._pause
@@ -183,28 +197,17 @@ class CompiledWorld:
             self.book()
         for _, moved in self._driven:
             moved.time += self._h
-        for _, soft, table in self._soft:
-            soft.end_compiled(table.kernel, table.points.forces, table.step.told, table.step.u)
-        for number, soft, _ in self._switching:
-            soft.note_near(*self._nearest_to(number))
+        for each in self._soft:
+            each.body.end_compiled(each.kernel, each.contact, each.told, each.u)
+        for each in self._switching:
+            each.body.note_near(*self._nearest_to(each.number))
         return True
-
-    def _find(self, table: Array, h: float) -> tuple[int, int]:
-        """Begins a step, and finds its forces: how many contacts, or OTHERWISE, and how many sweeps that took."""
-        if not begin_step(table, h, self._free):
-            return OTHERWISE, 0
-        given = table_of(self._find_contacts()) if look_at_margins(table) else self._no_contacts
-        C = find_near(table, given, h)
-        if C < 0 or are_deep(table, C):
-            return OTHERWISE, 0
-        found = find_forces(table, C, self._law, self._free)
-        return (C, found.sweeps) if is_to_be_taken(table, C, found, h) else (OTHERWISE, 0)
 
     def _nearest_to(self, number: int) -> tuple[Array, Array]:
         """Contact points (k,) of a soft body that others are near to, and the gaps when the step began, m."""
         C, near = self._count, self._arrays.near
         c, side = (near.ends[:C] == number).nonzero()
-        nodes, gaps = near.nodes[c, side], np.repeat(near.gaps[c, None], 3, axis=1)
+        nodes, gaps = near.nodes[c, side], np.repeat(near.gaps[c, None], near.nodes.shape[2], axis=1)
         there = near.weights[c, side] != 0
         return nodes[there], gaps[there]
 
@@ -213,49 +216,49 @@ class CompiledWorld:
         for name in inputs:
             if name not in self._number_of or self._number_of[name] in self._unmoved:
                 return False
-        for number, soft, table in self._soft:
-            if not isinstance(table.kernel, ContactMidpoint):
-                table.kernel.begin_in_world()
-            u = table.step.u
-            u[:] = 0.0
-            given = inputs.get(self._names[number])
-            if given and not _fill(u, soft.input_slices(), given):
+        for name, body, kernel, u in self._begun:
+            if kernel is not None:
+                kernel.begin_in_world()
+            u.fill(0.0)
+            given = inputs.get(name)
+            if given and not _fill(u, body.input_slices(), given):
                 return False
-            environment = soft.environment
+            environment = body.environment
             assert environment is not None
             loads = environment.loads_at(time + self._h / 2)
             if len(loads):
                 u[len(u) - len(loads) :] = environment.loads = loads
-            soft.tensions.note(u)
+            body.tensions.note(u)
         given_to_rigid = self._arrays.freedoms.given
-        given_to_rigid[:] = 0.0
-        for b, (number, body) in enumerate(self._rigid):
+        given_to_rigid.fill(0.0)
+        for b, (number, rigid) in enumerate(self._rigid if inputs else ()):
             if self._names[number] in inputs:
                 try:
-                    body.take(inputs[self._names[number]])
+                    rigid.take(inputs[self._names[number]])
                 except (AttributeError, StepError):
                     return False
-                given_to_rigid[b] = body.given
+                given_to_rigid[b] = rigid.given
         return True
 
     def _set_bases(self) -> bool:
         """Sets where bodies that are driven go to; whether that is told in arrays."""
-        for (_, body), row in zip(self._driven, self._arrays.driven.end, strict=True):
-            if body.shape is None:  # what stands still
-                continue
+        for body, row in self._moved:
             motion = body.motion.unchecked if isinstance(body.motion, CheckedMotion) else body.motion
             state = motion(body.time + self._h)
-            if any(type(part) is not Array or part.dtype is not FLOAT for part in state):
-                return False
-            if [part.shape for part in state] != BASE_SHAPES:
+            try:
+                p, q, v, ω = state
+                are_floats = p.dtype is q.dtype is v.dtype is ω.dtype is FLOAT
+                if not (are_floats and p.shape == v.shape == ω.shape == (3,) and q.shape == (4,)):
+                    return False
+            except (AttributeError, TypeError, ValueError):
                 return False
             row[:3], row[3:7], row[7:10], row[10:] = state
         return True
 
     def _forget(self) -> None:
         """Forgets what was begun of a step."""
-        for _, _, table in self._soft:
-            table.frame.forget()
+        for each in self._soft:
+            self._tables[each.number].frame.forget()
 
     def _find_contacts(self) -> GivenContacts:
         """Contacts of the meetings that compiled functions do not look at."""
@@ -305,13 +308,14 @@ class CompiledWorld:
             supplied, dissipated, by_others = map(math.fsum, of_body)
             body.account.book(supplied=supplied, dissipated=dissipated)
             body.account.book_contact(by_others, 0.0, 0.0, 0.0)
-        by_impacts, by_friction = map(math.fsum, self._arrays.owed.met[:rows].T.tolist())
+        by_impacts, by_friction, by_joints, numerical = map(math.fsum, self._arrays.owed.met[:rows].T.tolist())
         self._met.book_contact(0.0, by_impacts, by_friction, 0.0)
+        self._met.book(dissipated=by_joints, numerical=numerical)
 
     def force_between(self, first: int, second: int) -> Array:
         """Of the last step on the first of two bodies, (3,), N."""
         near = self._arrays.near
-        return force_on(near.ends[: self._count], near.forces, first, second)
+        return force_on(near.ends[: self._pairs_found], near.forces, first, second)
 
     def contact_forces(self, first: int, second: int) -> tuple[Array, Array]:
         """Where two bodies touched in the last step (k, 3), m, and forces on the first there (k, 3), N."""
@@ -329,8 +333,14 @@ class CompiledWorld:
     @property
     def found(self) -> Found:
         """Forces of the last step."""
-        C, near = self._count, self._arrays.near
-        return Found(near.forces[:C].copy(), near.u[:C].copy(), self.sweeps, 0.0)
+        near = self._arrays.near
+        forces, velocities = (of[: self._pairs_found].copy() for of in (near.forces, near.u))
+        return Found(forces, velocities, self.sweeps, 0.0)
+
+    @property
+    def _pairs_found(self) -> int:
+        """How many contacts and points of joints the last step had."""
+        return self._count + len(self._arrays.joined.ends)
 
 
 def _both(first: Callable[[], None], second: Callable[[], None]) -> None:
@@ -352,9 +362,16 @@ def _fill(u: Array, starts: Mapping[str, slice], given: Mapping[str, Any]) -> bo
 
 
 def compiled_world(
-    bodies: Mapping[str, "AnyBody"], meetings: Sequence[Meeting], pairs: "StepPairs", met: EnergyLedger, h: float
+    bodies: Mapping[str, "AnyBody"],
+    meetings: Sequence[Meeting],
+    joints: Sequence[JointPoints],
+    pairs: "StepPairs",
+    met: EnergyLedger,
+    h: float,
 ) -> CompiledWorld | None:
-    """What takes whole steps of h s of bodies that no joint holds; None where one of them is none that it knows."""
+    """What takes whole steps of h s of bodies; None where one of them, or of the joints, is none that it knows."""
+    if not are_known(joints):
+        return None
     tables = dict[int, SoftTable]()
     for number, body in enumerate(bodies.values()):
         if isinstance(body, Soft):
@@ -362,4 +379,4 @@ def compiled_world(
             if table is None:
                 return None
             tables[number] = table
-    return CompiledWorld(bodies, meetings, tables, pairs, met, h)
+    return CompiledWorld(bodies, meetings, joints, tables, pairs, met, h)

@@ -133,7 +133,11 @@ class ReadWorld:
         `which`: its name, or its number in the order in which they were named.
         """
         points = self._joints.points.get(self._joints.name_of(which))
-        return np.empty((0, 3)) if points is None else self._step_pairs.of_joint(points, self._found.forces)
+        if points is None:
+            return np.empty((0, 3))
+        is_ahead = self._loops is not None and self._loops.is_ahead
+        found = self._loops.found if self._loops is not None and is_ahead else self._found
+        return self._step_pairs.of_joint(points, found.forces)
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -25,6 +25,8 @@ from fenics_rom.world.soft import Soft
 _Way = tuple[Array, float]  # of a body as a whole, (3,), and how far its points went beside that, m
 
 QUICK = 4  # times as many compiled steps pass between two looks: bodies are looked at on their way between these
+CALM = 4  # times as many again, while none goes far relative to another one, and
+NOT_FAR = 1 / 8  # of how far it could go before it is looked at
 
 
 class _Watched(NamedTuple):
@@ -67,7 +69,7 @@ class WorldSkins:
                 self._into[one, other], self._rigid[other] = meeting, body
         self._joined = {pair for pair, meeting in self._meetings if not meeting.is_on}
         self._next_look = min((each.watch.next_look for each in self._watched.values()), default=0)
-        self._since, self._looked, self._slowness = self._now(), 0, 1
+        self._since, self._looked, self._slowness, self._are_calm = self._now(), 0, 1, False
         self._soft_room = 0.0  # how far soft bodies may move before they are looked at, m
         self._check_start()
 
@@ -82,7 +84,7 @@ class WorldSkins:
 
     def asks(self, steps: int, are_quick: bool) -> bool:
         """Whether `is_due` is to be asked, when so many steps were taken: more rarely where they are quick."""
-        self._slowness = QUICK if are_quick else 1
+        self._slowness = (CALM if self._are_calm else 1) * QUICK if are_quick else 1
         return bool(self._watched) and (self._is_time(steps) or steps % (self._slowness * CHECK_INTERVAL) == 0)
 
     def _is_time(self, steps: int) -> bool:
@@ -94,9 +96,11 @@ class WorldSkins:
             return True
         ways = {name: _way(_placed(body), self._since.rigid[name]) for name, body in self._rigid.items()}
         ways |= {name: each.places.way(self._since.soft[name]) for name, each in self._watched.items()}
-        if any(_apart(ways[one], ways[other]) > self._watched[one].watch.room for one, other in self._into):
-            return True
-        return any(_apart(ways[one], ways[other]) > self._soft_room for one, other in self._between)
+        rooms = {pair: self._watched[pair[0]].watch.room for pair in self._into}
+        rooms |= dict.fromkeys(self._between, self._soft_room)
+        went = [(_apart(ways[one], ways[other]), room) for (one, other), room in rooms.items()]
+        self._are_calm = not any(apart > NOT_FAR * room for apart, room in went)
+        return any(apart > room for apart, room in went)
 
     def look(self, steps: int, time: float) -> None:
         """Looks where bodies are when so many steps were taken, at a time, s."""

@@ -35,7 +35,7 @@ from fenics_rom.world.acting import acting_in_world
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Body, Points
 from fenics_rom.world.carriers import Carriers
 from fenics_rom.world.driven import Driven, mounted
-from fenics_rom.world.handed_forces import Handed, HandedForces, handed, handed_in
+from fenics_rom.world.handed_forces import Handed, HandedForces, handed
 from fenics_rom.world.surfaces import nearest_carriers, soft_points
 
 if TYPE_CHECKING:
@@ -368,10 +368,10 @@ class Soft(Simulator, Body):
         self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
         np.minimum.at(self._handed.point_gaps, nodes, gaps)
 
-    def end_compiled(self, kernel: BookedKernel, forces: Array, told: Array, u: Array) -> None:
-        """Ends a compiled step under u, with forces on points; told: twice the energy, and that within the shape, J."""
+    def end_compiled(self, kernel: BookedKernel, contact: Callable[[], Handed | None], told: Array, u: Array) -> None:
+        """Ends a compiled step under u and contact; told: twice the energy, and that within the shape, J."""
         self._twice, within = told[:2].tolist()
-        kernel.contact = partial(handed_in, forces)
+        kernel.contact = contact
         if isinstance(kernel, CompilableFrame):
             kernel.end_in_world(self._twice, within)
         if self._twice <= self._monitor_threshold:

@@ -30,6 +30,9 @@ class StepPairs:
     Args:
         bodies: all of them.
         meetings: those that may touch.
+
+    Attributes:
+        joint_forces: at all points of joints in the last step, (J, 3), N.
     """
 
     def __init__(self, bodies: Sequence[Body], meetings: Sequence[Meeting]):
@@ -43,7 +46,7 @@ class StepPairs:
         self._joints = dict[JointPoints, slice]()  # and their rows among all points of joints
         self._joint_ends: list[list[_End]] = [[] for _ in bodies]  # of them on each body
         self._held = list[Part]()  # the bodies with these
-        self._joint_forces = np.empty((0, 3))
+        self.joint_forces = np.empty((0, 3))
         self._guide: tuple[Guide, float, list[Array | tuple[Array, Array]]] | None = None
         self._fewest = 0  # sweeps, with the guide
         self._lie = list[Array | tuple[Array, Array]]()  # the bodies in the step, as `_where`
@@ -61,15 +64,15 @@ class StepPairs:
     def join(self, joints: Sequence[JointPoints]) -> None:
         """Goes on with other joints; those that stay keep their forces."""
         known, forces = self._joints, [np.empty((0, 3))]
-        self._start = self._start[: len(self._start) - len(self._joint_forces)]
+        self._start = self._start[: len(self._start) - len(self.joint_forces)]
         self._joints, self._joint_ends, count = {}, [[] for _ in self._bodies], 0
         for joint in joints:
             rows = np.arange(count, count := count + len(joint.points))
             self._joints[joint] = slice(count - len(rows), count)
             self._joint_ends[joint.first].append((rows, 1.0, joint.on_first))
             self._joint_ends[joint.second].append((rows, -1.0, joint.on_second))
-            forces.append(self._joint_forces[known[joint]] if joint in known else np.zeros((len(rows), 3)))
-        self._joint_forces = np.concatenate(forces)
+            forces.append(self.joint_forces[known[joint]] if joint in known else np.zeros((len(rows), 3)))
+        self.joint_forces = np.concatenate(forces)
         self._held = [_part(*each) for each in zip(self._bodies, self._joint_ends, strict=True) if each[1]]
         self._pairs = self._guide = None
 
@@ -90,8 +93,9 @@ class StepPairs:
                 row += 1
 
     def go_on(self, contacts: list[tuple[int, Contacts]], forces: Array, swung: Array) -> None:
-        """Goes on from contacts and forces (C, 3) of a step that compiled functions took."""
+        """Goes on from contacts and forces (C + J, 3) of a step that compiled functions took."""
         self._contacts, self._start, self._swung = contacts, forces, swung
+        self.joint_forces = forces[len(swung) :]
         self._pairs = self._guide = None
 
     def of_step(self, h: float, far: bool = False) -> tuple[Pairs, Array, Guide | None]:
@@ -220,7 +224,7 @@ class StepPairs:
             *(e, self._are_rigid[self._meeting_of], self._yield_at_once[self._meeting_of]),
             *(np.zeros(C), (μ > 0)[:, None] / 2),
         )
-        self._start = np.concatenate([np.array([force for force, _ in start]).reshape(-1, 3), self._joint_forces])
+        self._start = np.concatenate([np.array([force for force, _ in start]).reshape(-1, 3), self.joint_forces])
         self._swung = np.array([swung for _, swung in start], dtype=int)
 
     def _refresh(self, contacts: list[tuple[int, Contacts]]) -> None:
@@ -260,8 +264,8 @@ class StepPairs:
 
     def keep(self, found: Found, guide: Guide, h: float) -> None:
         """Takes note of the forces of a step of h s that was taken, and of what guided them."""
-        C = len(found.forces) - len(self._joint_forces)
-        self._start, self._joint_forces = found.forces, found.forces[C:]
+        C = len(found.forces) - len(self.joint_forces)
+        self._start, self.joint_forces = found.forces, found.forces[C:]
         self._swung = np.zeros(C, int) if found.swung is None else found.swung
         if C:
             self._dissipated += self._dissipation(found, h)
@@ -275,7 +279,7 @@ class StepPairs:
 
         Joints of a body that takes none go on as they move.
         """
-        u, left = np.zeros((2, *self._joint_forces.shape))
+        u, left = np.zeros((2, *self.joint_forces.shape))
         W, stopped, parts = np.zeros((u.size, u.size)), np.ones(u.shape, dtype=bool), list[Part]()
         for part in self._held:
             own = part.body.inverse_mass(part.points)
@@ -315,7 +319,7 @@ class StepPairs:
 
     def of_joint(self, joint: JointPoints, values: Array) -> Array:
         """Of values (C + J, 3) of all pairs those of the points of a joint that holds, (k, 3)."""
-        return values[len(values) - len(self._joint_forces) :][self._joints[joint]].copy()
+        return values[len(values) - len(self.joint_forces) :][self._joints[joint]].copy()
 
     def touching(self, forces: Array) -> int:
         """How many pairs of points push, by more than round-off."""

@@ -134,12 +134,13 @@ class World(ReadWorld):
     def _make_loops(self) -> None:
         """Has whole steps taken by compiled functions from now on, if they know all that there is."""
         self._leave_loops()
-        plan, everyone = self._joints, all(meeting.is_on and meeting.own is None for meeting in self._meetings)
-        if not compiled() or self._lone is not None or plan.points or math.isfinite(plan.next_change) or not everyone:
+        touches_itself = any(meeting.own is not None for meeting in self._meetings)
+        if not compiled() or self._lone is not None or touches_itself or self._joints.next_change == -math.inf:
             return
         from fenics_rom.world.compiled_world import compiled_world  # here, as numba takes time to import
 
-        self._loops = compiled_world(self._bodies, self._meetings, self._step_pairs, self._met, self._dt)
+        joints = list(self._joints.points.values())
+        self._loops = compiled_world(self._bodies, self._meetings, joints, self._step_pairs, self._met, self._dt)
 
     def _go_on_with_joints(self, made: Sequence[str]) -> None:
         """Goes on with the joints that hold now, some of which were made now, and stops what moves there."""

@@ -16,6 +16,7 @@ from fenics_rom.world.compiled.soft_bodies import ROWS, TURNS
 from fenics_rom.world.compiled.tables import (
     FREE,
     GIVEN,
+    JOINED,
     SOFT_BOTH,
     SOFT_FIRST,
     SOFT_SECOND,
@@ -23,6 +24,7 @@ from fenics_rom.world.compiled.tables import (
     Driven,
     Freedoms,
     GivenContacts,
+    Joined,
     Kept,
     Meetings,
     Near,
@@ -32,6 +34,7 @@ from fenics_rom.world.compiled.tables import (
 )
 from fenics_rom.world.driven import Driven as DrivenBody
 from fenics_rom.world.free_soft import FreeSoft
+from fenics_rom.world.joints import JointPoints
 from fenics_rom.world.make_bodies import AnyBody
 from fenics_rom.world.meetings import Meeting
 from fenics_rom.world.rigid import Rigid
@@ -41,23 +44,31 @@ from fenics_rom.world.tolerances import NO_GAP
 KNOWN_SHAPES = shapes.HalfSpace, shapes.Sphere, shapes.Capsule, shapes.Box
 MOST_GIVEN = 64  # contacts of two rigid bodies
 BOOKED_TOGETHER = 64  # steps
+FEWEST_NODES = 3  # of a soft body, that carry a point: corners of a triangle
 
 
 def world_arrays(
-    bodies: Sequence[AnyBody], meetings: Sequence[Meeting], tables: Mapping[int, SoftTable], dissipated: Array
+    bodies: Sequence[AnyBody],
+    meetings: Sequence[Meeting],
+    joints: Sequence[JointPoints],
+    tables: Mapping[int, SoftTable],
+    dissipated: Array,
 ) -> World:
     """Those of bodies by their numbers.
 
     Args:
         bodies, meetings: all of them.
-        tables: of the soft ones, by number.
+        joints: that hold.
+        tables: of the soft bodies, by number.
         dissipated: by each meeting, J, which steps add to.
     """
     rigid = [n for n, body in enumerate(bodies) if isinstance(body, Rigid)]
     driven = [n for n, body in enumerate(bodies) if isinstance(body, DrivenBody)]
     of_meetings = _meetings(bodies, meetings, tables)
     F, B, S = int(of_meetings.slots[-1]), len(bodies), len(tables)
-    most = min(MOST, F)
+    joined = _joined(bodies, joints)
+    J = len(joined.ends)
+    most = min(MOST, F + J)
     return World(
         np.array([table.table for table in tables.values()], dtype=np.int64).reshape(S, ROWS, 4),
         _bodies(bodies, rigid, driven, tables),
@@ -65,9 +76,10 @@ def world_arrays(
         _driven([bodies[n] for n in driven]),  # type: ignore[misc]
         of_meetings,
         Kept(np.full(F, -1), np.zeros((F, 3)), np.zeros(F, dtype=np.int64), dissipated),
-        _near(F),
-        Operators(np.zeros(4), np.zeros(most, dtype=np.int64), np.zeros((S, TURNS)), *np.zeros((3, 9 * most * most))),
-        Owed(np.zeros((BOOKED_TOGETHER, B, 3)), np.zeros((BOOKED_TOGETHER, 2))),
+        _near(F + J, joined.nodes.shape[2]),
+        Operators(np.zeros(3), np.zeros(most, dtype=np.int64), np.zeros((S, TURNS)), *np.zeros((3, 9 * most * most))),
+        Owed(np.zeros((BOOKED_TOGETHER, B, 3)), np.zeros((BOOKED_TOGETHER, 4))),
+        joined,
     )
 
 
@@ -128,6 +140,10 @@ def _meetings(bodies: Sequence[AnyBody], meetings: Sequence[Meeting], tables: Ma
         none = 0.0 if soft else NO_GAP * meeting.size
         numbers[m] = meeting.size, law.restitution, law.friction, none, not soft
         rigid = [bodies[n].shape for n in both if n not in tables]  # type: ignore[union-attr]
+        if not meeting.is_on:
+            kind[m] = JOINED
+            counts.append(0)
+            continue
         planes = 1 + MORE_PLANES if any(isinstance(shape, shapes.Mesh) for shape in rigid) else 1
         counts.append(planes * max(MOST_GIVEN, sum(len(tables[n].points.rest) for n in soft)))
         if len(soft) == 2:
@@ -140,12 +156,35 @@ def _meetings(bodies: Sequence[AnyBody], meetings: Sequence[Meeting], tables: Ma
     return Meetings(pairs, kind, numbers, slots, np.zeros(M), np.zeros(M))
 
 
-def _near(F: int) -> Near:
+def are_known(joints: Sequence[JointPoints]) -> bool:
+    """Whether compiled steps know these joints: none of their points stands for how a body turns."""
+    sides = [side for joint in joints for side in (joint.on_first, joint.on_second)]
+    return not any(len(side.couples) for side in sides)
+
+
+def _joined(bodies: Sequence[AnyBody], joints: Sequence[JointPoints]) -> Joined:
+    J = sum(len(joint.points) for joint in joints)
+    sides = [side for joint in joints for side in (joint.on_first, joint.on_second)]
+    c = max([FEWEST_NODES, *(side.nodes.shape[1] for side in sides)])
+    ends, nodes = np.zeros((J, 2), dtype=np.int64), np.zeros((J, 2, c), dtype=np.int64)
+    weights, arms, row = np.zeros((J, 2, c)), np.zeros((J, 2, 3)), 0
+    for joint in joints:
+        rows = slice(row, row := row + len(joint.points))
+        ends[rows] = joint.first, joint.second
+        for side, points in enumerate((joint.on_first, joint.on_second)):
+            wide = points.nodes.shape[1]
+            nodes[rows, side, :wide], weights[rows, side, :wide] = points.nodes, points.weights
+            arms[rows, side] = points.arms
+    free = [n for n, body in enumerate(bodies) if isinstance(body, FreeSoft)]
+    return Joined(ends, nodes, weights, arms, np.zeros((J, 3)), 1.0 - np.isin(ends, free).any(axis=1))
+
+
+def _near(F: int, wide: int) -> Near:
     def whole(*shape: int) -> Array:
         return np.zeros((F, *shape), dtype=np.int64)
 
     def real(*shape: int) -> Array:
         return np.zeros((F, *shape))
 
-    ends = whole(), whole(), whole(), whole(2), whole(2), whole(2, 3)
-    return Near(*ends, real(2, 3), real(3), real(3), real(), real(3), real(4), real(), real(3), real(3))
+    ends = whole(), whole(), whole(), whole(2), whole(2), whole(2, wide)
+    return Near(*ends, real(2, wide), real(3), real(3), real(), real(3), real(4), real(), real(3), real(3), real(2, 3))

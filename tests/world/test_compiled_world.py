@@ -15,6 +15,7 @@ from fenics_rom.mechanics.braking import SWINGS, Braking
 from fenics_rom.mechanics.compiled import contact_law
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, pairs_from
 from fenics_rom.mechanics.compiled.coulomb import frame_along
+from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.mechanics.surface_pairs import PlacedSurface
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Points
@@ -32,7 +33,8 @@ pytestmark = [
 ]
 H, EPS = 2e-3, float(np.finfo(float).eps)
 attempt, look_at_answers = map(jit, (rigid_bodies.attempt, rigid_bodies.look_at_answers))
-add_answers, set_inverse = map(jit, (rigid_bodies.add_answers, rigid_bodies.set_inverse))
+add_answers, inverse_with = map(jit, (rigid_bodies.add_answers, rigid_bodies.inverse_with))
+take_back = jit(rigid_bodies.take_back)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -71,7 +73,8 @@ def test_the_law_of_pairs_is_that_of_numpy(seed):
     pairs.chosen[:] = pairs.free[:, 0] < level
     law = Law(H, 0.0, float(friction.max()), 0.0, 0.0, False, SWINGS)
     inverse = np.linalg.inv(W.T) if random.random() < 0.5 else np.empty((0, 0))
-    status = contact_law.find_forces(law, np.ascontiguousarray(W.T), inverse, C, swung, pairs).status
+    known = in_one_piece(inverse)
+    status = contact_law.find_forces(law, np.ascontiguousarray(W.T), known, C, swung, pairs).status
     if status == OTHERWISE:
         assert asked.braking.swinging is not None
         return
@@ -101,28 +104,28 @@ def random_bodies(random, count):
 @settings(deadline=None, max_examples=50)
 def test_rigid_bodies_answer_as_in_numpy(seed):
     random = np.random.default_rng(seed)
-    bodies, C = random_bodies(random, 3), 7
-    ends = np.array([random.choice([-1, 0, 1, 2], 2, replace=False) for _ in range(C)])
-    places = np.array([bodies[max(end)]._p for end in ends]) + random.uniform(-0.1, 0.1, (C, 3))
-    forces = random.normal(size=(C, 3))
+    bodies, C, n = random_bodies(random, 3), 7, 9  # contacts, then joints
+    ends = np.array([random.choice([-1, 0, 1, 2], 2, replace=False) for _ in range(n)])
+    places = np.array([bodies[max(end)]._p for end in ends]) + random.uniform(-0.1, 0.1, (n, 3))
+    forces, arms = random.normal(size=(n, 3)), random.uniform(-0.1, 0.1, (n, 2, 3))
     stacked = rigid_bodies.RigidBodies(
         np.array([body.mass for body in bodies]),
         np.array([body.inertia for body in bodies]),
         np.array([body.begun[0] for body in bodies]),
         *(np.array([body.begun[k] for body in bodies]) for k in (1, 2)),
     )
-    tries, u, W = np.empty((3, 4, 3)), np.zeros((C, 3)), np.zeros((3 * C, 3 * C))
-    fastest = attempt(stacked, H, ends, places, forces, tries, u)
-    maps, answers = np.empty((3, 6, 3 * C)), np.empty((3, 6, 6))
-    look_at_answers(stacked, H, ends, places, tries, maps, answers)
-    add_answers(maps, answers, W)
-    expected, expected_W, speeds = np.zeros((C, 3)), np.zeros(W.shape), []
+    pushed = rigid_bodies.Pushed(C, ends, places, arms, np.linalg.inv(stacked.inertia))
+    tries, u, W = np.empty((3, 4, 3)), np.zeros((n, 3)), np.zeros((3 * n, 3 * n))
+    fastest = attempt(stacked, H, pushed, forces, tries, u)
+    maps, answers = np.empty((3, 6, 3 * n)), np.empty((3, 6, 6))
+    look_at_answers(stacked, H, pushed, tries, maps, answers)
+    add_answers(maps, answers, C, np.zeros(W.shape), W)
+    expected, expected_W, speeds = np.zeros((n, 3)), np.zeros(W.shape), []
     for number, body in enumerate(bodies):
         rows, sides = np.nonzero(ends == number)
         signs = np.where(sides == 0, 1.0, -1.0)[:, None]
-        points = Points(
-            np.empty((len(rows), 0), int), np.empty((len(rows), 0)), np.empty((0, 3)), NO_POINTS.follows, NO_ROWS
-        )
+        held = arms[rows, sides][rows >= C]
+        points = Points(np.empty((len(rows), 0), int), np.empty((len(rows), 0)), held, NO_POINTS.follows, NO_ROWS)
         velocities = body.attempt(points, places[rows], signs * forces[rows])
         expected[rows] += signs * velocities
         speeds.append(np.abs(velocities).max(initial=0.0))
@@ -132,11 +135,16 @@ def test_rigid_bodies_answer_as_in_numpy(seed):
             np.testing.assert_allclose(of, known, atol=1e4 * EPS * max(1.0, np.abs(known).max()))
     np.testing.assert_allclose(u, expected, atol=1e3 * EPS * max(speeds))
     np.testing.assert_allclose(fastest, max(speeds), rtol=1e3 * EPS)
-    A, inverse = random.normal(size=W.shape), np.empty(W.shape)
-    own = 1e-2 * (A @ A.T + np.eye(3 * C))
-    assert set_inverse(np.linalg.inv(own), maps, answers, inverse)
-    condition = np.linalg.cond(own + W) * np.linalg.cond(own)
-    np.testing.assert_allclose(inverse @ (own + W), np.eye(3 * C), atol=1e3 * EPS * condition)
+    of_contacts, k = W[: 3 * C, : 3 * C], 3 * C
+    A = random.normal(size=of_contacts.shape)
+    own = 1e-2 * (A @ A.T + np.eye(k))
+    inverse = inverse_with(np.linalg.inv(own), maps[:, :, :k].copy(), answers)
+    condition = np.linalg.cond(own + of_contacts) * np.linalg.cond(own)
+    whole = inverse.whole - inverse.left.T @ inverse.right
+    np.testing.assert_allclose(whole @ (own + of_contacts), np.eye(k), atol=1e3 * EPS * condition)
+    moved, back = (W.T @ forces.ravel()).reshape(-1, 3), np.zeros((n, 3))
+    take_back(maps, answers, C, forces, back)
+    np.testing.assert_allclose(-back, moved, atol=1e3 * EPS * np.abs(moved).max())
     np.testing.assert_allclose(W.T, expected_W, atol=1e3 * EPS * np.abs(expected_W).max())
 
 
@@ -437,7 +445,7 @@ def test_bodies_that_are_joined_and_let_go_are_those_of_numpy(held, taken):
                 world.release("rope")
             world.step()
         np.testing.assert_allclose(told(worlds[0]), told(worlds[1]), atol=1e-8)
-    assert len(taken) == 50
+    assert len(taken) == 60
 
 
 def test_another_step_and_inputs_are_those_of_numpy(held):

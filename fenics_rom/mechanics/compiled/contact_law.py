@@ -16,7 +16,7 @@ from fenics_rom.mechanics.braking import MOST_LOOKS, NEARLY_NONE
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.coulomb import ACCURATE, add_motion, frame_along, look_at, yielding_of
 from fenics_rom.mechanics.compiled.linearised import find_by_steps
-from fenics_rom.mechanics.compiled.newton import find_with_operator
+from fenics_rom.mechanics.compiled.newton import Inverse, find_with_operator
 from fenics_rom.mechanics.compiled.sweeps import MOST_SWEEPS, find_by_sweeps
 from fenics_rom.mechanics.compiled.swinging import next_share, share_of
 from fenics_rom.mechanics.compiled.work_space import release, take, take_frames, take_integers, take_rows, work_space
@@ -28,6 +28,7 @@ WORK_ROUND_OFF, BACK = 1e-12, 1 + 1e-9  # see `mechanics.braking` and `mechanics
 # Of the velocities that forces stop; and unknown velocities, as a share of unknown forces: with more of them, forces as
 # near to the law take fewer sweeps than solves.
 NEAR, FEW = 1e-3, 2 / 3
+CLOSE = 0.1  # of them: from there steps of Newton's method are tried at once
 FEW_SWEEPS = 8  # before steps of Newton's method are tried
 MOST_ROUNDS = 60  # of forces for a set of pairs, and what it asks of them
 # Numbers of the work space for each pair: 22, and of what swings 21 and the 45 of `add_change`, more than methods take
@@ -141,13 +142,13 @@ def ask(
 
 
 @jit
-def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs: Pairs) -> Found:
+def find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pairs: Pairs) -> Found:
     """Contact forces of a step of which `ask`, or who knows it, has said what the law asks.
 
     Args:
         law: the law.
         W: the Delassus operator (3P, 3P), m/s/N; where it is not symmetric, its transpose.
-        inverse: of it as it is given, or of what is nearly so; (0, 0) where it is not known.
+        inverse: of it as it is given, or of what is nearly so.
         P: number of points; of pairs of two bodies each is a point.
         swung: (N,) in how many steps in a row friction did not stop a pair.
         pairs: what takes part, what is asked and forces are set; unless the status is OTHERWISE these are what came.
@@ -157,7 +158,7 @@ def find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs:
 
 
 @jit_part
-def _find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs: Pairs, space: Array) -> Found:
+def _find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pairs: Pairs, space: Array) -> Found:
     """The same, with a work space."""
     N, sweeps, any_helped = len(pairs.level), 0, False
     for c in range(N):
@@ -165,7 +166,7 @@ def _find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs
     slides = law.friction > 0 and not law.is_at_rest
     share = share_of(pairs.helped, pairs.relative, pairs.target)
     below, above, looks = 0.0, 1.0, MOST_LOOKS  # bounds of the share, σ of `mechanics.braking`
-    has_newton = len(inverse) > 0 and slides and law.compliance == 0
+    has_newton = len(inverse.whole) > 0 and slides and law.compliance == 0
     for _ in range(MOST_ROUNDS):
         release(space, 1.0)
         active = _chosen_among(pairs, space)
@@ -200,7 +201,7 @@ def _find_forces(law: Law, W: Array, inverse: Array, P: int, swung: Array, pairs
             if is_fit and _velocities(P, friction, yielding, f, u) <= most:
                 count, is_found, error = find_with_operator(inverse, *given, yielding, f, u, moved, error, space)
                 sweeps += count
-            if not is_found and is_part:
+            if not is_found and (is_part or error <= CLOSE * speed):
                 count, is_found = find_by_steps(*given, yielding, f, u, moved, space)
                 sweeps += count
                 error = look_at(*given, yielding, f, u, moved)

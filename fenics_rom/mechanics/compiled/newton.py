@@ -13,12 +13,13 @@ to the law. Two to five solves follow.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
+from fenics_rom.mechanics.compiled.copying import add_row, copy, fill, largest_of
 from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, look_at
 from fenics_rom.mechanics.compiled.work_space import release, take, take_frames, take_integers, take_rows, taken
 
@@ -27,9 +28,23 @@ MOST_SEARCHES = 6  # where W is not quite what the inverse is of
 MOST_SOLVES = 12  # where they suffice they are rarely more than six
 
 
+class Inverse(NamedTuple):
+    """W⁻¹ as `whole` - `left`ᵀ `right`, N s/m; where it is not symmetric, its transpose."""
+
+    whole: Array  # (3P, 3P); (0, 0) where it is not known
+    left: Array  # (k, 3P)
+    right: Array  # (k, 3P)
+
+
+@jit_part
+def in_one_piece(inverse: Array) -> Inverse:
+    """W⁻¹ (3P, 3P), or (0, 0) where it is not known."""
+    return Inverse(inverse, inverse[:0], inverse[:0])
+
+
 @jit_part
 def find_by_newton(
-    inverse: Array,
+    inverse: Inverse,
     points: Array,
     axes: Array,
     q: Array,
@@ -43,7 +58,7 @@ def find_by_newton(
     """Forces of C pairs: how many solves they took, and whether they are found.
 
     Args:
-        inverse: W⁻¹ (3P, 3P), N s/m; where it is not symmetric, its transpose.
+        inverse: W⁻¹ of P points.
         points: (C,) that of each pair, all different; those of none are open.
         axes: (C, 3, 3) frames, rows n, t1 and t2.
         q: (C, 3) free velocities less targets, in these, m/s.
@@ -54,7 +69,7 @@ def find_by_newton(
         missed: how far these are from the law, m/s.
         space: with room for 35 numbers of each point and 9 more; not given back.
     """
-    P, C, speed = len(inverse) // 3, len(points), largest_of(q)
+    P, C, speed = len(inverse.whole) // 3, len(points), largest_of(q)
     kinds, frames, ρ, μ = take_integers(space, P), take_frames(space, P), take(space, P), take(space, P)
     v, z, as_if_stuck = take_rows(space, P, 3), take_rows(space, P, 3), take_rows(space, P, 3)
     stuck, forces, right = take_rows(space, P, 3), take_rows(space, P, 3), take(space, 3 * P)
@@ -77,7 +92,7 @@ def find_by_newton(
         for k in range(3):
             v[p, k] = -q[c, k]
             z[p, k] = f[c, k] - ρ[p] * u[c, k]
-    _map(inverse, frames, v, stuck, moved)  # the forces that all need to stick
+    _answer(inverse, frames, v, stuck, moved)  # the forces that all need to stick
     fill(v, 0.0)
     if _look(kinds, ρ, μ, stuck, v, as_if_stuck) < missed:
         copy(as_if_stuck, z)
@@ -103,7 +118,7 @@ def find_by_newton(
             for a in range(1 if kinds[p] == SLIPS else 0, 3):
                 v[p, a] = right[k]
                 k += 1
-        _map(inverse, frames, v, forces, moved)
+        _answer(inverse, frames, v, forces, moved)
         for p in range(P):
             is_open = kinds[p] == OPEN or kinds[p] == NO_PAIR
             for a in range(3):
@@ -127,7 +142,7 @@ def find_by_newton(
 
 @jit_part
 def find_with_operator(
-    inverse: Array,
+    inverse: Inverse,
     W: Array,
     points: Array,
     axes: Array,
@@ -170,12 +185,20 @@ def find_with_operator(
 
 
 @jit_part
-def _map(operator: Array, frames: Array, x: Array, y: Array, moved: Array) -> None:
-    """Sets y (P, 3) to what an operator, of which the transpose is given, makes of x (P, 3), both in frames.
+def _answer(inverse: Inverse, frames: Array, x: Array, y: Array, moved: Array) -> None:
+    """Sets y (P, 3) to the forces that velocities x (P, 3) ask for, both in frames.
 
     moved: (3P,) to work in.
     """
+    operator, left = inverse.whole, inverse.left
     fill(moved, 0.0)
+    for a in range(len(left)):
+        share = 0.0
+        for p in range(len(x)):
+            frame, u, v, w = frames[p], x[p, 0], x[p, 1], x[p, 2]
+            for k in range(3):
+                share += left[a, 3 * p + k] * (frame[0, k] * u + frame[1, k] * v + frame[2, k] * w)
+        add_row(inverse.right[a], -share, moved)
     for p in range(len(x)):
         frame, a, b, c = frames[p], x[p, 0], x[p, 1], x[p, 2]
         if a == 0.0 and b == 0.0 and c == 0.0:
@@ -211,11 +234,12 @@ def _look(kinds: Array, ρ: Array, μ: Array, forces: Array, v: Array, z: Array)
 
 
 @jit_part
-def _blocks_of(inverse: Array, frames: Array, places: Array, known: Array, blocks: Array, half: Array) -> None:
+def _blocks_of(inverse: Inverse, frames: Array, places: Array, known: Array, blocks: Array, half: Array) -> None:
     """Sets those blocks (3, 3) of W⁻¹ between the points at places, in their frames, that are not known yet.
 
     half: (3, 3) to work in.
     """
+    whole, less = inverse.whole, inverse.left
     for p in places:
         for q in places:
             if known[p, q]:
@@ -223,7 +247,10 @@ def _blocks_of(inverse: Array, frames: Array, places: Array, known: Array, block
             known[p, q] = True
             left, right, block = frames[p], frames[q], blocks[p, q]
             for a in range(3):
-                x, y, z = inverse[3 * q, 3 * p + a], inverse[3 * q + 1, 3 * p + a], inverse[3 * q + 2, 3 * p + a]
+                x, y, z = whole[3 * q, 3 * p + a], whole[3 * q + 1, 3 * p + a], whole[3 * q + 2, 3 * p + a]
+                for b in range(len(less)):
+                    by = inverse.right[b, 3 * p + a]
+                    x, y, z = x - less[b, 3 * q] * by, y - less[b, 3 * q + 1] * by, z - less[b, 3 * q + 2] * by
                 for k in range(3):
                     half[a, k] = x * right[k, 0] + y * right[k, 1] + z * right[k, 2]
             for a in range(3):

@@ -140,7 +140,7 @@ def begin_carried_step(
     q, R, end = e * body.inverse_ω, rotation_of(*rotation_in(now)), rotation_of(*rotation_in(base))
     if not state.kept[IS_SHAPE_KNOWN]:
         shape_at(body, q, r, table, now)
-        _move(body.mass, R, now)
+        move_with(body.mass, R, now)
         state.kept[IS_SHAPE_KNOWN] = 1.0
     v, ω = vector(now, OF_BASE), vector(now, SPIN)
     v_end, ω_end = rotated_back(end, vector(base, VELOCITY)), rotated_back(end, vector(base, TURNING))
@@ -204,7 +204,7 @@ def end_carried_step(
         now[k] = base[k]
     after = e * body.inverse_ω
     shape_at(body, after, r, state.table, now)
-    _move(body.mass, begun.end, now)
+    move_with(body.mass, begun.end, now)
     P, L = vector(now, MOMENTUM), vector(now, ANGULAR_MOMENTUM)
     ΔP, ΔL = added(P, -1.0, before[0]), added(L, -1.0, before[1])
     pushed = seen(R, t, push.force)
@@ -243,7 +243,7 @@ def inverse_of_carried(body: Body, state: State) -> Array:
 
 
 @jit_part
-def _move(mass: float, R: Rotation, now: Array) -> None:
+def move_with(mass: float, R: Rotation, now: Array) -> None:
     """Sets twist and momenta in the frame's axes, of the shape that is known."""
     v, ω = rotated_back(R, vector(now, VELOCITY)), rotated_back(R, vector(now, TURNING))
     shape = vector(now, MOVED), vector(now, MOMENT), vector(now, DRIFT)

@@ -11,9 +11,10 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
+from fenics_rom.compiled_arrays import flat
 from fenics_rom.mechanics.compiled.copying import copy_rows
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
-from fenics_rom.runtime.compiled.frames import added, cross, mean, put, rotated, seen, vector
+from fenics_rom.runtime.compiled.frames import added, combine, cross, mean, put, rotated, seen, vector
 from fenics_rom.runtime.compiled.touching import FORGOTTEN, step_beyond
 
 INERTIA, WHOLE, LOST, TAU = range(4)  # in `Points.times`, s: 2τ²/h, a, β + (θ - ½) h and τ
@@ -53,13 +54,11 @@ class Beyond(NamedTuple):
 def begin_points(points: Points, q: Array, rate: Array) -> None:
     """Sets where points are, and how they move without contact, at q and r̂ (m,)."""
     n = 3 * len(points.rest)
-    start, free = points.start.reshape(n), points.free.reshape(n)
-    start[:], free[:] = points.rest.reshape(n), 0.0
-    for i in range(len(q)):
-        row, qi, ri = points.rows[i], q[i], rate[i]
-        for k in range(n):
-            start[k] += row[k] * qi
-            free[k] += row[k] * ri
+    start, free, rest = flat(points.start), flat(points.free), flat(points.rest)
+    combine(q, points.rows, start)
+    combine(rate, points.rows, free)
+    for k in range(n):
+        start[k] += rest[k]
     if len(points.R):
         inertia, whole, y, y_rate = points.times[INERTIA], points.times[WHOLE], points.beyond[1], points.beyond[3]
         for k in range(n):
@@ -81,11 +80,8 @@ def place_points(
         places, velocities: set.
     """
     n = 3 * len(points.rest)
-    moving = np.zeros(n)
-    for i in range(len(r)):
-        row, ri = points.rows[i], r[i]
-        for k in range(n):
-            moving[k] += row[k] * ri
+    moving = np.empty(n)
+    combine(r, points.rows, moving)
     if len(points.R):
         moving += points.beyond[3]
     for p in range(len(places)):
@@ -103,7 +99,7 @@ def see_forces(points: Points, R: Rotation, t: Vector) -> None:
         if points.pushed[p]:
             put(points.seen[p], 0, seen(R, t, vector(f, 0)))
         else:
-            points.seen[p] = 0.0
+            put(points.seen[p], 0, (0.0, 0.0, 0.0))
 
 
 @jit_part
@@ -135,9 +131,8 @@ def spread_one(points: Points, inverse: Array, p: int, m: int) -> None:
 def answer(points: Points, rate: Array, changed: Array) -> None:
     """Sets r̂ (m,) under the forces, from that without, and `inside` of all points; `spread` is to be known."""
     n, P = 3 * len(points.rest), len(points.rest)
-    inside, free, m = points.inside.reshape(n), points.free.reshape(n), len(rate)
+    inside, free, m = flat(points.inside), flat(points.free), len(rate)
     change = np.zeros(m)
-    inside[:] = free
     for p in range(P):
         if points.pushed[p]:
             x, y, z = points.seen[p, 0], points.seen[p, 1], points.seen[p, 2]
@@ -146,10 +141,9 @@ def answer(points: Points, rate: Array, changed: Array) -> None:
                 change[i] += row[3 * p] * x + row[3 * p + 1] * y + row[3 * p + 2] * z
     for i in range(m):
         changed[i] = rate[i] + change[i]
-        row, by = points.rows[i], change[i]
-        if by != 0.0:
-            for k in range(n):
-                inside[k] += row[k] * by
+    combine(change, points.rows, inside)
+    for k in range(n):
+        inside[k] += free[k]
     add_yielding(points, inside)
 
 

@@ -16,6 +16,7 @@ from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, find_forces
 from fenics_rom.mechanics.compiled.contact_law import Law as ContactLaw
 from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.work_space import work_space
 from fenics_rom.runtime.compiled.branches import stored_in
 from fenics_rom.runtime.compiled.carried_strains import (
@@ -213,7 +214,8 @@ def _find_contact(r: Array, motion: Motion, among: Among, w: Array, pull: Pull |
         _set_delassus(touch, motion.factor, among.spread, among.W)
         if pull is not None and holds:
             hold_back(pull, touch.points, among.W)
-    contact = find_forces(among.law, among.W, np.empty((0, 0)), len(touch.places), among.begun.swung, found.pairs)
+    unknown, P = in_one_piece(np.empty((0, 0))), len(touch.places)
+    contact = find_forces(among.law, among.W, unknown, P, among.begun.swung, found.pairs)
     add_up_forces(contact, w, found)
     for i in range(len(motion.pushed)):
         motion.pushed[i] = dot(touch.points[i], found.forces) if contact.status == FOUND else 0.0

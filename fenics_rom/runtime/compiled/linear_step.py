@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, Law, find_forces
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
+from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.work_space import take, take_rows
 from fenics_rom.runtime.compiled.small_matrices import dot, multiply
 from fenics_rom.runtime.compiled.touching import (
@@ -131,7 +132,7 @@ def step_in(
     else:
         copy(begun.forces, pairs.forces)
         ask_points(body, law, w, w_before, begun, r, v, state.beyond, found, space)
-        contact = find_forces(law, body.W, body.inverse, P, begun.swung, pairs)
+        contact = find_forces(law, body.W, in_one_piece(body.inverse), P, begun.swung, pairs)
     if contact.status == OTHERWISE:
         return Step(OTHERWISE, contact.sweeps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     _remember(state, is_settled(clearance.still))

@@ -15,6 +15,7 @@ from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, Found, Law, ask, find_forces
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE as UNKNOWN
 from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.contact_pairs import FIRST
 from fenics_rom.mechanics.frame_contact import PATIENCE, ROUND_OFF, TOLERANCE
@@ -218,7 +219,8 @@ def find_in_sweep(among: Among, sweep: Sweep, count: int) -> Found:
             pairs.helped[c] = True
             pairs.target[c, 1] *= settled[SHARES, c]
             pairs.target[c, 2] *= settled[SHARES, c]
-    found = find_forces(among.law, among.W, np.empty((0, 0)), P, among.begun.swung, pairs)
+    unknown = in_one_piece(np.empty((0, 0)))
+    found = find_forces(among.law, among.W, unknown, P, among.begun.swung, pairs)
     if found.status == UNKNOWN:
         return found
     for c in range(len(pairs.chosen)):

@@ -115,6 +115,13 @@ def start_velocity_of_rigid(bodies: RigidBodies, b: int, place: Vector, middle: 
 
 
 @jit_part
+def start_velocity_at(motion: Array, rotation: Array, arm: Array) -> Vector:
+    """Between two steps of a point of a rigid body, at an arm in its axes; p, v and ω (3, 3), and R (3, 3)."""
+    R = vector(rotation[0], 0), vector(rotation[1], 0), vector(rotation[2], 0)
+    return added(vector(motion[1], 0), 1.0, rotated(R, cross(vector(motion[2], 0), vector(arm, 0))))
+
+
+@jit_part
 def start_velocity_of_driven(bodies: Driven, d: int, place: Vector) -> Vector:
     """The same."""
     start = bodies.start[d]
@@ -127,6 +134,14 @@ def velocity_of_driven(bodies: Driven, d: int, place: Vector) -> Vector:
     """In the middle of the step."""
     step = bodies.step[d]
     return added(vector(step, V), 1.0, cross(vector(step, SPIN), added(place, -1.0, vector(step, MIDDLE))))
+
+
+@jit_part
+def velocity_of_driven_at(bodies: Driven, d: int, arm: Vector) -> Vector:
+    """The same at an arm in its axes."""
+    step = bodies.step[d]
+    R = vector(step, MEAN), vector(step, MEAN + 3), vector(step, MEAN + 6)
+    return added(vector(step, V), 1.0, cross(vector(step, SPIN), rotated(R, arm)))
 
 
 @jit_part

@@ -9,48 +9,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_part, jit_shared
+from fenics_rom.compilation import jit_part, jit_shared
+from fenics_rom.compiled_arrays import flat
 from fenics_rom.mechanics.compiled import contact_law
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, Pairs
+from fenics_rom.mechanics.compiled.copying import add_row, copy, fill
 from fenics_rom.mechanics.compiled.coulomb import add_motion, frame_along
-from fenics_rom.runtime.compiled.contact_points import arm_of
-from fenics_rom.runtime.compiled.frames import added, cross, dot, put, vector
+from fenics_rom.runtime.compiled.frames import dot, vector
 from fenics_rom.world import normal_law
-from fenics_rom.world.compiled.bodies import velocity_of_driven
-from fenics_rom.world.compiled.free_bodies import try_free
-from fenics_rom.world.compiled.operators import inverse_among, pushes_on, set_operator
-from fenics_rom.world.compiled.rigid_bodies import attempt
-from fenics_rom.world.compiled.soft_bodies import (
-    CENTRE,
-    END,
-    POWER,
-    SPUN,
-    START,
-    points_at,
-    rows_in,
-    try_soft,
-    turn_at,
-    velocity_of,
-)
-from fenics_rom.world.compiled.tables import (
-    DRIVEN,
-    FREE,
-    HELPED,
-    OF_FRICTION,
-    OF_RESTITUTION,
-    SWUNG,
-    bodies_at,
-    driven_at,
-    freedoms_at,
-    is_followed,
-    is_soft,
-    near_at,
-    rigid_at,
-    softs_at,
-)
+from fenics_rom.world.compiled.joints import Held, hold, join, without_contact
+from fenics_rom.world.compiled.operators import Operator, operator_among
+from fenics_rom.world.compiled.rigid_bodies import take_back
+from fenics_rom.world.compiled.tables import HELPED, OF_FRICTION, OF_RESTITUTION, SWUNG, joined_at, near_at
+from fenics_rom.world.compiled.tries import try_forces, try_others, try_rigid
 from fenics_rom.world.tolerances import MOST_SWEEPS, ROUND_OFF, SLOW, TOLERANCE
 
 _normal_law = jit_shared(normal_law.normal_law)
+STAGNATION = 1e-11  # of velocities: as near as round-off of large forces of joints lets it come
+REDUNDANT = 1e-9  # of the largest pivot: what joints hold twice
+FEW_SWEEPS = 5  # after which W is found anew, where they are slow and bodies are joined
 MOST_ROUNDS = 10  # in which more contacts take part
 
 
@@ -62,29 +39,42 @@ class Found(NamedTuple):
     scale: float  # of the velocities, m/s
 
 
-@jit
+@jit_part
 def find_forces(world: Array, C: int, law: Law, free: int | None) -> Found:
-    """Forces of the C contacts of a step, and velocities under them, which bodies have tried last; both are set.
+    """Forces of the C contacts and all joints of a step, and velocities under them, which bodies have tried last.
+
+    Both are set.
 
     Args:
-        world: whose bodies have begun the step; its contacts have forces to begin with.
-        C: how many these are.
+        world: whose bodies have begun the step; its pairs have forces to begin with.
+        C: how many contacts these are.
         law: h, friction at most, and what swings; nothing else is asked of it.
         free: None where no soft body is free: then nothing of such is compiled.
     """
-    near = near_at(world)
-    h, f, u, before = law.h, near.forces[:C], near.u[:C], near.before[:C]
-    fastest = try_forces(world, C, h, np.zeros((C, 3)), free)
+    near, J = near_at(world), len(joined_at(world).ends)
+    n, h, none = C + J, law.h, np.zeros((C + J, 3))
+    f, u, before = near.forces[:n], near.u[:n], near.before[:n]
+    fastest, fixed = try_others(world, C, h, none, free), u.copy()
+    fastest = max(fastest, try_rigid(world, C, h, none)) if np.isfinite(fastest) else fastest
     if not np.isfinite(fastest):
         return Found(OTHERWISE, 0, 0.0)
     scale = max(fastest, _largest(before), _largest(u))
+    if J and C:  # who would close is seen where joints hold
+        alone, nobody = np.zeros((n, 3)), np.empty(0, dtype=np.int64)
+        for j in range(C, n):
+            copy(f[j], alone[j])
+        asked = np.empty(0), np.empty(0)
+        once = 1 + 0 * n  # no constant, of which numba would compile what takes it by itself
+        found = _find_among(world, C, law, asked[0], asked[1], nobody, alone, fixed, scale, once, free)
+        if found.status == OTHERWISE:
+            return found
     level, target, chosen = _ask(world, C, h)
     sweeps = 0
     for _ in range(MOST_ROUNDS):
-        among = _taking_part(chosen, f)
-        if len(among) == 0:
+        among = _taking_part(chosen, f[:C])
+        if len(among) + J == 0:
             return Found(FOUND, 1, scale)
-        found = _find_among(world, C, law, level, target, among, scale, free)
+        found = _find_among(world, C, law, level, target, among, f, fixed, scale, MOST_SWEEPS + 0 * n, free)
         sweeps, scale = sweeps + found.sweeps, found.scale
         if found.status == OTHERWISE:
             return found
@@ -96,88 +86,6 @@ def find_forces(world: Array, C: int, law: Law, free: int | None) -> Found:
         if not missed:
             return Found(FOUND, sweeps, scale)
     return Found(OTHERWISE, sweeps, scale)
-
-
-@jit_part
-def try_forces(world: Array, C: int, h: float, f: Array, free: int | None) -> float:
-    """Sets velocities of the contacts under forces (C, 3); the fastest of a body, m/s, no number without a step."""
-    bodies, near, fastest = bodies_at(world), near_at(world), 0.0
-    u = near.u[:C]
-    u[:] = 0.0
-    for b in range(len(bodies.kinds)):  # free ones say where their points are, which others go by
-        if is_soft(bodies.kinds[b]):
-            moving = _try_soft_body(world, C, h, b, f, free)
-            fastest = max(fastest, moving) if np.isfinite(moving) else moving
-    fastest = max(fastest, _look_at_driven(world, C)) if np.isfinite(fastest) else fastest
-    rigid = rigid_at(world)
-    if len(rigid.mass):
-        moving = attempt(rigid, h, near.rigid[:C], near.places[:C], f, freedoms_at(world).tries, u)
-        fastest = max(fastest, moving) if np.isfinite(moving) else moving
-    return fastest
-
-
-@jit_part
-def _look_at_driven(world: Array, C: int) -> float:
-    """Adds what bodies that are driven do at the contacts; the fastest, m/s."""
-    bodies, near, driven, fastest = bodies_at(world), near_at(world), driven_at(world), 0.0
-    for c in range(C):
-        for side in range(2):
-            body = near.ends[c, side]
-            if bodies.kinds[body] == DRIVEN:
-                v = velocity_of_driven(driven, bodies.numbers[body], vector(near.places[c], 0))
-                put(near.u[c], 0, added(vector(near.u[c], 0), 1.0 - 2 * side, v))
-                fastest = max(fastest, abs(v[0]), abs(v[1]), abs(v[2]))
-    return fastest
-
-
-@jit_part
-def _try_soft_body(world: Array, C: int, h: float, b: int, f: Array, free: int | None) -> float:
-    """The same of a soft body."""
-    bodies, near, table = bodies_at(world), near_at(world), softs_at(world)[bodies_at(world).numbers[b]]
-    points, turn, fastest, power = points_at(table), turn_at(table), 0.0, 0.0
-    points.forces[:] = 0.0
-    for c in range(C):
-        for side in range(2):
-            if near.ends[c, side] == b:
-                for k in range(3):
-                    share = (1.0 - 2 * side) * near.weights[c, side, k]
-                    if share != 0.0:
-                        to = points.forces[near.nodes[c, side, k]]
-                        put(to, 0, added(vector(to, 0), share, vector(f[c], 0)))
-    if free is not None and bodies.kinds[b] == FREE:
-        points.pushed[:] = 0.0
-        pushes = pushes_on(world, np.arange(C), f, b)
-        for i in range(len(pushes.nodes)):
-            for k in range(3):
-                is_pushed = pushes.weights[i, k] != 0.0 and vector(pushes.forces[i], 0) != (0.0, 0.0, 0.0)
-                if is_pushed:
-                    points.pushed[pushes.nodes[i, k]] = 1.0
-        if not try_free(table, h, pushes):
-            return np.nan
-    else:
-        try_soft(table)
-    for c in range(C):
-        for side in range(2):
-            if near.ends[c, side] == b:
-                v, sign, arm = (0.0, 0.0, 0.0), 1.0 - 2 * side, (0.0, 0.0, 0.0)
-                for k in range(3):
-                    share, p = near.weights[c, side, k], near.nodes[c, side, k]
-                    if share != 0.0:
-                        v = added(v, share, velocity_of(points, turn, h, p))
-                        if free is not None and bodies.kinds[b] == FREE:
-                            arm = added(arm, share, arm_of(points, p, rows_in(turn, START), rows_in(turn, END), h))
-                if free is not None and bodies.kinds[b] == FREE:
-                    place = added(vector(turn, CENTRE), 1.0, arm)
-                    if is_followed(bodies, near, c, side):
-                        v = added(v, 1.0, cross(vector(turn, SPUN), added(vector(near.places[c], 0), -1.0, place)))
-                    else:
-                        put(near.places[c], 0, place)
-                    power += sign * dot(vector(f[c], 0), v)
-                put(near.u[c], 0, added(vector(near.u[c], 0), sign, v))
-                fastest = max(fastest, abs(v[0]), abs(v[1]), abs(v[2]))
-    if free is not None and bodies.kinds[b] == FREE:
-        turn[POWER] = power
-    return fastest
 
 
 @jit_part
@@ -222,58 +130,125 @@ def _pairs_among(world: Array, among: Array, level: Array, target: Array) -> Pai
 
 @jit_part
 def _find_among(
-    world: Array, C: int, law: Law, level: Array, target: Array, among: Array, scale: float, free: int | None
+    world: Array,
+    C: int,
+    law: Law,
+    level: Array,
+    target: Array,
+    among: Array,
+    f: Array,
+    fixed: Array,
+    scale: float,
+    most: int,
+    free: int | None,
 ) -> Found:
-    """Forces where no other contacts take part than some (K,); others are as in `find_forces` and `_ask`."""
-    near, h, K = near_at(world), law.h, len(among)
-    f, pairs, size_before = near.forces[:C], _pairs_among(world, among, level, target), 0.0
-    fastest = try_forces(world, C, h, f, free) if f.any() else 0.0
-    Wᵀ, whole = np.zeros((3 * K, 3 * K)), np.empty((0, 0))
-    known, swung = near.u[among], np.empty(K, dtype=np.int64)
-    tried, without, moved = f[among], np.empty((K, 3)), np.empty((K, 3))
+    """Forces where no other contacts take part than some (K,); others are as in `find_forces` and `_ask`.
+
+    Args:
+        f: of all pairs, (n, 3), N: those that the search begins with, of contacts that take no part none. Set.
+        fixed: velocities of soft and driven bodies without forces, (n, 3), m/s. Where no soft body is free they answer
+            forces by W exactly, and rigid ones alone try those that the search begins with.
+        scale: of velocities, m/s.
+        most: sweeps; after the last one forces may be what came.
+    """
+    near, h, K, J = near_at(world), law.h, len(among), len(f) - C
+    rows, pairs = np.concatenate((among, np.arange(C, C + J))), _pairs_among(world, among, level, target)
+    if free is None:
+        copy(fixed, near.u[: len(f)])
+        fastest = try_rigid(world, C, h, f)
+    else:
+        fastest = try_forces(world, C, h, f, free) if f.any() else 0.0
+    known, swung = near.u[rows], np.empty(K, dtype=np.int64)
+    tried, without, moved = f[rows], known.copy(), np.empty((K + J, 3))
+    forces, by_joints, without_joints = np.empty((K + J, 3)), np.empty((J, 3)), np.empty((K + J, 3))
+    size_before = 0.0
+    if not np.isfinite(fastest):
+        return Found(OTHERWISE, 0, scale)
+    operator = operator_among(world, h, rows, K, free)
+    Wᵀ, held = operator.Wᵀ, _hold(operator, K, J)
+    if free is None:
+        take_back(operator.maps, operator.answers, K, tried, without)
+        for i in range(K):
+            for k in range(3):
+                without[i, k] -= operator.slack[i] * tried[i, k]
+    else:
+        _move(Wᵀ, -tried, without)
     for i in range(K):
         swung[i] = int(near.numbers[among[i], SWUNG])
-    for sweep in range(1, MOST_SWEEPS + 1):
-        if not np.isfinite(fastest):
-            break
-        if sweep == 1:
-            set_operator(world, h, among, Wᵀ, free)
-            whole = inverse_among(world)
-        _move(Wᵀ, tried, known, -1.0, without)
+    for sweep in range(1, most + 1):
         scale = max(scale, fastest, _largest(without))
-        for i in range(K):
-            _set_in_frame(pairs.axes[i], without[i], pairs.free[i])
-            pairs.chosen[i] = pairs.chosen[i] or pairs.free[i, 0] < pairs.level[i]
-        status = contact_law.find_forces(law, Wᵀ, whole, K, swung, pairs).status
-        if status == OTHERWISE:
+        copy(without, without_joints)
+        if J:
+            without_contact(held, Wᵀ, without_joints, by_joints)
+        if not np.isfinite(_largest(without_joints)):
             break
-        if status == NOTHING:
-            pairs.forces[:] = 0.0
-        for i in range(K):
-            near.numbers[among[i], HELPED] = 1.0 if pairs.helped[i] else 0.0
-            for k in range(3):
-                tried[i, k] -= pairs.forces[i, k]
-        moved[:] = 0.0
-        _move(Wᵀ, tried, moved, -1.0, moved)
-        size = _largest(moved)
-        if not np.isfinite(size):
-            break
-        if size <= ROUND_OFF * scale:
-            return Found(FOUND, sweep, scale)  # those that were tried
-        for i in range(K):
-            for k in range(3):
-                moved[i, k] += known[i, k]  # as is expected
-                tried[i, k] = f[among[i], k] = pairs.forces[i, k]
+        if K:
+            for i in range(K):
+                _set_in_frame(pairs.axes[i], without_joints[i], pairs.free[i])
+                pairs.chosen[i] = pairs.chosen[i] or pairs.free[i, 0] < pairs.level[i]
+            of_contacts = held.contactsᵀ if J else Wᵀ
+            status = contact_law.find_forces(law, of_contacts, operator.inverse, K, swung, pairs).status
+            if status == OTHERWISE:
+                break
+            if status == NOTHING:
+                fill(pairs.forces, 0.0)
+            for i in range(K):
+                near.numbers[among[i], HELPED] = 1.0 if pairs.helped[i] else 0.0
+                copy(pairs.forces[i], forces[i])
+        if J:
+            join(held, pairs.forces, by_joints, forces[K:])
+        size, are_tried = 0.0, free is not None or sweep > 1
+        if are_tried:
+            size = _changed(Wᵀ, forces, tried, moved)
+            if not np.isfinite(size):
+                break
+            stays = K == 0 and size <= STAGNATION * scale and size > size_before / 4 > 0
+            if size <= ROUND_OFF * scale or stays:
+                return Found(FOUND, sweep, scale)  # those that were tried
+            add_row(flat(known), 1.0, flat(moved))  # as is expected
+        else:
+            copy(without, moved)
+            _move(Wᵀ, forces, moved)
+        for i in range(K + J):
+            copy(forces[i], f[rows[i]])
         fastest = try_forces(world, C, h, f, free)
-        known[:] = near.u[among]
-        moved -= known
+        known = near.u[rows]
+        for i in range(K + J):
+            for k in range(3):
+                moved[i, k] = known[i, k] - moved[i, k]  # as was not
         missed = _largest(moved)
-        if size * size <= TOLERANCE * scale * size_before or missed <= ROUND_OFF * scale:
-            return Found(FOUND, sweep, scale)
-        if size > SLOW * size_before > 0:
+        if not (np.isfinite(fastest) and np.isfinite(missed)):
             break
+        if size * size < TOLERANCE * scale * size_before or missed <= ROUND_OFF * scale or sweep == most:
+            return Found(FOUND, sweep, scale)
+        add_row(flat(moved), 1.0, flat(without))
+        if not are_tried:
+            size = _changed(Wᵀ, forces, tried, moved)
+        copy(forces, tried)
+        if size > SLOW * size_before > 0:  # what bodies answer has changed since then
+            if J == 0:
+                break
+            if sweep >= FEW_SWEEPS:
+                operator = operator_among(world, h, rows, K, free)
+                Wᵀ, held = operator.Wᵀ, _hold(operator, K, J)
+                copy(known, without)
+                _move(Wᵀ, -tried, without)
         size_before = size
     return Found(OTHERWISE, 0, scale)
+
+
+@jit_part
+def _hold(operator: Operator, C: int, J: int) -> Held:
+    """What J points of joints make of C contacts; nothing where there are none."""
+    return hold(operator.Wᵀ, C, REDUNDANT) if J else hold(np.empty((0, 0)), J, REDUNDANT)
+
+
+@jit_part
+def _changed(Wᵀ: Array, f: Array, before: Array, moved: Array) -> float:
+    """By how much velocities change with forces (K, 3), at most, m/s; moved: by how much each does, set."""
+    fill(moved, 0.0)
+    _move(Wᵀ, f - before, moved)
+    return _largest(moved)
 
 
 @jit_part
@@ -283,16 +258,12 @@ def _set_in_frame(axes: Array, vector: Array, turned: Array) -> None:
 
 
 @jit_part
-def _move(Wᵀ: Array, f: Array, free: Array, sign: float, u: Array) -> None:
-    """Sets u (C, 3) to free ± W f; it may be free itself."""
-    C = len(f)
-    whole = np.zeros(3 * C)
-    for c in range(C):
+def _move(Wᵀ: Array, f: Array, u: Array) -> None:
+    """Adds W f to velocities u (C, 3)."""
+    whole = flat(u)
+    for c in range(len(f)):
         if f[c, 0] != 0.0 or f[c, 1] != 0.0 or f[c, 2] != 0.0:
-            add_motion(Wᵀ, c, sign * f[c, 0], sign * f[c, 1], sign * f[c, 2], whole)
-    for c in range(C):
-        for k in range(3):
-            u[c, k] = free[c, k] + whole[3 * c + k]
+            add_motion(Wᵀ, c, f[c, 0], f[c, 1], f[c, 2], whole)
 
 
 @jit_part

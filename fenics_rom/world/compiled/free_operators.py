@@ -31,8 +31,8 @@ _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 class Pushes(NamedTuple):
     """Forces on k points of a body, which its nodes carry."""
 
-    nodes: Array  # (k, 3)
-    weights: Array  # (k, 3) of these
+    nodes: Array  # (k, c)
+    weights: Array  # (k, c) of these
     forces: Array  # (k, 3) N
     places: Array  # (k, 3) of other bodies' points, m, and
     follows: Array  # (k,) whether it is pushed there
@@ -44,7 +44,7 @@ class Pushes(NamedTuple):
 def mean_arm(points: Points, pushes: Pushes, i: int, R: Rotation, end: Rotation, h: float) -> Vector:
     """Of a point that is pushed, from the frame's origin in the middle of a step, in world axes, m."""
     arm = (0.0, 0.0, 0.0)
-    for k in range(3):
+    for k in range(pushes.weights.shape[1]):
         if pushes.weights[i, k] != 0.0:
             arm = added(arm, pushes.weights[i, k], arm_of(points, pushes.nodes[i, k], R, end, h))
     return arm
@@ -85,7 +85,7 @@ def operator_of_free(table: Array, h: float, pushes: Pushes) -> Array:
     for i in range(k):
         f, follows = vector(pushes.forces[i], 0), pushes.follows[i] != 0.0
         outward, u, y, arm = end, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), mean_arm(points, pushes, i, R, end, h)
-        for c in range(3):
+        for c in range(pushes.weights.shape[1]):
             share, p = pushes.weights[i, c], pushes.nodes[i, c]
             if share != 0.0:
                 u, y = added(u, share, vector(points.inside[p], 0)), added(y, share, vector(points.start[p], 0))
@@ -143,7 +143,7 @@ def _mean_rows(points: Points, pushes: Pushes) -> tuple[Array, Array]:
     size = 3 * k if len(points.R) else 0
     rows, C = np.zeros((m, 3 * k)), np.zeros((size, size))
     for i in range(k):
-        for a in range(3):
+        for a in range(pushes.weights.shape[1]):
             share, at = pushes.weights[i, a], 3 * pushes.nodes[i, a]
             if share == 0.0:
                 continue
@@ -151,7 +151,7 @@ def _mean_rows(points: Points, pushes: Pushes) -> tuple[Array, Array]:
                 for c in range(3):
                     rows[j, 3 * i + c] += share * points.rows[j, at + c]
             for j in range(k if size else 0):
-                for b in range(3):
+                for b in range(pushes.weights.shape[1]):
                     both, to = share * pushes.weights[j, b] / points.times[WHOLE], 3 * pushes.nodes[j, b]
                     for c in range(3 if both != 0.0 else 0):
                         for d in range(3):

@@ -5,20 +5,36 @@ import math
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_part
+from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.compiled.copying import copy_rows, fill
 from fenics_rom.mechanics.compiled.shapes import distance
 from fenics_rom.mechanics.frame_motion import Vector
-from fenics_rom.runtime.compiled.frames import added, cross, dot, put, rotated, rotated_back, vector
-from fenics_rom.world.compiled.bodies import start_velocity_of_driven, start_velocity_of_rigid
+from fenics_rom.runtime.compiled.frames import (
+    TURNING,
+    VELOCITY,
+    added,
+    cross,
+    dot,
+    put,
+    rotated,
+    rotated_back,
+    rotation_in,
+    rotation_of,
+    vector,
+)
+from fenics_rom.world.compiled.bodies import start_velocity_at, start_velocity_of_driven, start_velocity_of_rigid
 from fenics_rom.world.compiled.soft_bodies import SPUN, rows_in, step_at
 from fenics_rom.world.compiled.soft_collision import NONE, find_nearest
 from fenics_rom.world.compiled.tables import (
     DRIVEN,
+    FREE,
     FRICTION,
     GIVEN,
     HELPED,
+    JOINED,
     NO_GAP,
     OF_FRICTION,
+    OF_JOINT,
     OF_RESTITUTION,
     OF_RIGID,
     RESTITUTION,
@@ -27,14 +43,13 @@ from fenics_rom.world.compiled.tables import (
     SOFT_BOTH,
     SOFT_FIRST,
     SWUNG,
-    Kept,
-    Near,
     bodies_at,
     driven_at,
     freedoms_at,
     given_at,
     is_followed,
     is_soft,
+    joined_at,
     kept_at,
     meetings_at,
     near_at,
@@ -44,7 +59,7 @@ from fenics_rom.world.compiled.tables import (
 from fenics_rom.world.tolerances import NEAR
 
 
-@jit
+@jit_part
 def look_at_margins(world: Array) -> bool:
     """Sets up to where contacts are looked for; whether some are to be given."""
     bodies, meetings, some = bodies_at(world), meetings_at(world), False
@@ -75,13 +90,13 @@ def _height(placed: Array, between: Vector) -> float:
     return placed[5] * between[0] + placed[8] * between[1] + placed[11] * between[2]
 
 
-@jit
+@jit_part
 def find_near(world: Array, table: Array, h: float) -> int:
     """Sets the contacts of a step that all bodies have begun, with those of a table; how many, -1: too many."""
     meetings, given, kept, near = meetings_at(world), given_at(table), kept_at(world), near_at(world)
     C, g = int(0 * h), 0  # a 0 that is no constant, of which numba would compile what takes it by itself
     for m in range(len(meetings.bodies)):
-        kind = meetings.kinds[m]
+        kind, begun = meetings.kinds[m], C
         if kind == GIVEN:
             first = meetings.slots[m]
             while g < len(given.meetings) and given.meetings[g] == m:
@@ -89,18 +104,20 @@ def find_near(world: Array, table: Array, h: float) -> int:
                     return -1
                 near.features[C], near.slots[C] = given.features[g], first
                 near.places[C], near.normals[C], near.gaps[C] = given.places[g], given.normals[g], given.gaps[g]
-                near.nodes[C], near.weights[C] = given.nodes[g], given.weights[g]
+                copy_rows(given.nodes[g], near.nodes[C])
+                fill(near.weights[C], 0.0)
+                copy_rows(given.weights[g], near.weights[C])
                 near.forces[C], near.numbers[C, SWUNG] = 0.0, 0.0
                 for slot in range(meetings.slots[m], meetings.slots[m + 1]):
                     if kept.features[slot] == given.features[g]:
                         near.forces[C], near.numbers[C, SWUNG] = kept.forces[slot], kept.swung[slot]
-                _set_meeting(world, m, C)
                 C, g, first = C + 1, g + 1, first + 1
         elif kind == SOFT_BOTH:
             C = _points_on_surface(world, m, h, 1, _points_on_surface(world, m, h, 0, C))
-        else:
+        elif kind != JOINED:
             C = _points_on_shape(world, m, h, C)
-    look_at_start(world, C, h)
+        _set_meeting(world, m, begun, C)
+    look_at_start(world, C, set_joints(world, C), h)
     for c in range(C):
         if abs(near.gaps[c]) < meetings.numbers[near.meetings[c], NO_GAP]:
             near.gaps[c] = 0.0
@@ -108,23 +125,33 @@ def find_near(world: Array, table: Array, h: float) -> int:
 
 
 @jit_part
-def _set_meeting(world: Array, m: int, c: int) -> None:
-    """Sets what all contacts of a meeting have."""
-    bodies, meetings, near = bodies_at(world), meetings_at(world), near_at(world)
-    near.meetings[c] = m
-    near.numbers[c, OF_RESTITUTION] = meetings.numbers[m, RESTITUTION]
-    near.numbers[c, OF_FRICTION], near.numbers[c, HELPED] = meetings.numbers[m, FRICTION], 0.0
-    near.are_rigid[c] = meetings.numbers[m, OF_RIGID]
-    for side in range(2):
-        body = meetings.bodies[m, side]
-        near.ends[c, side] = body
-        near.rigid[c, side] = bodies.numbers[body] if bodies.kinds[body] == RIGID else -1
+def _set_meeting(world: Array, m: int, first: int, C: int) -> None:
+    """Sets what all contacts of a meeting have, from the first on, and the forces that they begin with.
+
+    These are those of the step before; contacts that are given have theirs.
+    """
+    bodies, meetings, near, kept = bodies_at(world), meetings_at(world), near_at(world), kept_at(world)
+    one, other = meetings.bodies[m]
+    first_rigid = bodies.numbers[one] if bodies.kinds[one] == RIGID else -1
+    second_rigid = bodies.numbers[other] if bodies.kinds[other] == RIGID else -1
+    for c in range(first, C):
+        near.meetings[c] = m
+        near.numbers[c, OF_RESTITUTION] = meetings.numbers[m, RESTITUTION]
+        near.numbers[c, OF_FRICTION], near.numbers[c, HELPED] = meetings.numbers[m, FRICTION], 0.0
+        near.are_rigid[c] = meetings.numbers[m, OF_RIGID]
+        near.ends[c, 0], near.ends[c, 1] = one, other
+        near.rigid[c, 0], near.rigid[c, 1] = first_rigid, second_rigid
+        if meetings.kinds[m] != GIVEN:
+            slot = near.slots[c]
+            is_known = kept.features[slot] == near.features[c]
+            near.numbers[c, SWUNG] = kept.swung[slot] if is_known else 0.0
+            put(near.forces[c], 0, vector(kept.forces[slot], 0) if is_known else (0.0, 0.0, 0.0))
 
 
 @jit_part
 def _points_on_shape(world: Array, m: int, h: float, C: int) -> int:
     """Adds the points of a soft body that are near to a rigid shape; how many contacts there are then."""
-    bodies, meetings, kept, near = bodies_at(world), meetings_at(world), kept_at(world), near_at(world)
+    bodies, meetings, near = bodies_at(world), meetings_at(world), near_at(world)
     side = 0 if meetings.kinds[m] == SOFT_FIRST else 1
     soft, rigid = meetings.bodies[m, side], meetings.bodies[m, 1 - side]
     step, placed, first = step_at(softs_at(world)[bodies.numbers[soft]]), bodies.placed[rigid], meetings.slots[m]
@@ -148,10 +175,7 @@ def _points_on_shape(world: Array, m: int, h: float, C: int) -> int:
         near.features[C], near.slots[C], near.gaps[C] = p, first + p, gap
         put(near.places[C], 0, place)
         put(near.normals[C], 0, (sign * x, sign * y, sign * z))
-        near.nodes[C], near.weights[C] = 0, 0.0
-        near.nodes[C, side, 0], near.weights[C, side, 0] = p, 1.0
-        _begin_with_kept(kept, near, C)
-        _set_meeting(world, m, C)
+        _set_node(near.nodes[C], near.weights[C], side, p)
         C += 1
     return C
 
@@ -159,7 +183,7 @@ def _points_on_shape(world: Array, m: int, h: float, C: int) -> int:
 @jit_part
 def _points_on_surface(world: Array, m: int, h: float, side: int, C: int) -> int:
     """Adds the points of one of two soft bodies that are near to the other; how many contacts there are then."""
-    bodies, meetings, kept, near = bodies_at(world), meetings_at(world), kept_at(world), near_at(world)
+    bodies, meetings, near = bodies_at(world), meetings_at(world), near_at(world)
     softs, one, other = softs_at(world), meetings.bodies[m, side], meetings.bodies[m, 1 - side]
     step, surface = step_at(softs[bodies.numbers[one]]), step_at(softs[bodies.numbers[other]])
     points, corners = step.places + h / 2 * step.velocities, surface.places + h / 2 * surface.velocities
@@ -176,8 +200,7 @@ def _points_on_surface(world: Array, m: int, h: float, side: int, C: int) -> int
         near.features[C], near.slots[C] = before + p, meetings.slots[m] + before + p
         near.gaps[C], place = gaps[p], vector(points[p], 0)
         put(near.normals[C], 0, (sign * normals[p, 0], sign * normals[p, 1], sign * normals[p, 2]))
-        near.nodes[C], near.weights[C] = 0, 0.0
-        near.nodes[C, side, 0], near.weights[C, side, 0] = p, 1.0
+        _set_node(near.nodes[C], near.weights[C], side, p)
         if side == 1:
             place = (0.0, 0.0, 0.0)  # that of the first body
         for k in range(3):
@@ -186,39 +209,60 @@ def _points_on_surface(world: Array, m: int, h: float, side: int, C: int) -> int
             if side == 1:
                 place = added(place, share, vector(corners[corner], 0))
         put(near.places[C], 0, place)
-        _begin_with_kept(kept, near, C)
-        _set_meeting(world, m, C)
         C += 1
     return C
 
 
 @jit_part
-def _begin_with_kept(kept: Kept, near: Near, c: int) -> None:
-    """Sets the force that a contact begins with: that which it had in the step before."""
-    slot = near.slots[c]
-    near.forces[c], near.numbers[c, SWUNG] = 0.0, 0.0
-    if kept.features[slot] == near.features[c]:
-        near.forces[c], near.numbers[c, SWUNG] = kept.forces[slot], kept.swung[slot]
+def _set_node(nodes: Array, weights: Array, side: int, p: int) -> None:
+    """Sets which point of a soft body a contact is at, on one of its sides, (2, c) each."""
+    fill(weights, 0.0)
+    nodes[side, 0], weights[side, 0] = p, 1.0
 
 
 @jit_part
-def look_at_start(world: Array, C: int, h: float) -> None:
-    """Sets relative velocities and gaps when the step begins, of gaps in its middle."""
+def set_joints(world: Array, C: int) -> int:
+    """Adds points of joints to C contacts: how many pairs there are then."""
+    bodies, near, joined, first = bodies_at(world), near_at(world), joined_at(world), len(kept_at(world).features)
+    for j in range(len(joined.ends)):
+        c = C + j
+        near.meetings[c], near.slots[c] = OF_JOINT, first + j
+        for side in range(2):
+            body = joined.ends[j, side]
+            near.ends[c, side] = body
+            near.rigid[c, side] = bodies.numbers[body] if bodies.kinds[body] == RIGID else -1
+        copy_rows(joined.nodes[j], near.nodes[c])
+        copy_rows(joined.weights[j], near.weights[c])
+        copy_rows(joined.arms[j], near.arms[c])
+        put(near.forces[c], 0, vector(joined.forces[j], 0))
+    return C + len(joined.ends)
+
+
+@jit_part
+def look_at_start(world: Array, C: int, n: int, h: float) -> None:
+    """Sets relative velocities of n pairs and gaps of C contacts when the step begins, of gaps in its middle."""
     bodies, near, softs = bodies_at(world), near_at(world), softs_at(world)
     rigid, freedoms, driven = rigid_at(world), freedoms_at(world), driven_at(world)
-    for c in range(C):
+    for c in range(n):
         u, gone, place = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), vector(near.places[c], 0)
         for side in range(2):
             body, sign = near.ends[c, side], 1.0 - 2 * side
             kind, index = bodies.kinds[body], bodies.numbers[body]
-            if kind == RIGID:
+            if kind == RIGID and c >= C:
+                u = added(u, sign, start_velocity_at(rigid.motion[index], rigid.rotation[index], near.arms[c, side]))
+            elif kind == DRIVEN and c >= C:
+                start = driven.start[index]
+                arm = rotated(rotation_of(*rotation_in(start)), vector(near.arms[c, side], 0))
+                v = added(vector(start, VELOCITY), 1.0, cross(vector(start, TURNING), arm))
+                u = added(u, sign, v)
+            elif kind == RIGID:
                 u = added(u, sign, start_velocity_of_rigid(rigid, index, place, vector(bodies.placed[body], 0)))
                 gone = added(gone, sign * h * h / 4, vector(freedoms.acceleration[index], 0))
             elif kind == DRIVEN:
                 u = added(u, sign, start_velocity_of_driven(driven, index, place))
             else:
                 step, off = step_at(softs[index]), place
-                for k in range(3):
+                for k in range(near.weights.shape[2]):
                     share, p = near.weights[c, side, k], near.nodes[c, side, k]
                     if share != 0.0:
                         v = vector(step.velocities[p], 0)
@@ -226,7 +270,8 @@ def look_at_start(world: Array, C: int, h: float) -> None:
                             added(u, sign * share, v),
                             added(added(off, -share, vector(step.places[p], 0)), -h / 2 * share, v),
                         )
-                if is_followed(bodies, near, c, side):
+                if kind == FREE and is_followed(bodies, near, c, side):
                     u = added(u, sign, cross(vector(step.turn, SPUN), off))
         put(near.before[c], 0, u)
-        near.gaps[c] -= dot(vector(near.normals[c], 0), added(gone, h / 2, u))
+        if c < C:
+            near.gaps[c] -= dot(vector(near.normals[c], 0), added(gone, h / 2, u))

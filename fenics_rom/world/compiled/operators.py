@@ -4,19 +4,22 @@ The part of soft bodies is kept with the contacts that it is of. Where the step 
 turns, so is its inverse: Newton's method then has that of the whole, with six freedoms of each rigid body beside it.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.compiled.copying import fill
+from fenics_rom.mechanics.compiled.newton import Inverse, in_one_piece
 from fenics_rom.mechanics.frame_motion import Rotation
 from fenics_rom.runtime.compiled.frames import rotated, vector
 from fenics_rom.world.compiled.free_operators import Pushes, operator_of_free
-from fenics_rom.world.compiled.rigid_bodies import add_answers, look_at_answers, set_inverse
+from fenics_rom.world.compiled.rigid_bodies import Pushed, add_answers, inverse_with, look_at_answers
 from fenics_rom.world.compiled.soft_bodies import MIDDLE, has_residual, operator_of, outward_of, rows_in, turn_at
 from fenics_rom.world.compiled.tables import (
     COUNT,
     FREE,
-    HAS_INVERSE,
     IS_INVERSE_KNOWN,
     SOFT,
     YIELDS,
@@ -31,7 +34,7 @@ from fenics_rom.world.compiled.tables import (
 )
 from fenics_rom.world.tolerances import PROXIMAL
 
-MOST = 100  # contacts of which operators are kept
+MOST = 100  # pairs of which operators are kept
 
 
 @jit_part
@@ -40,46 +43,53 @@ def square_in(numbers: Array, n: int) -> Array:
     return numbers[: n * n].reshape(n, n)
 
 
+class Operator(NamedTuple):
+    """Of n pairs that take part: K contacts, then points of joints."""
+
+    Wᵀ: Array  # (3n, 3n)
+    inverse: Inverse  # of it, if it is known
+    maps: Array  # (B, 6, 3n) of rigid bodies, and
+    answers: Array  # (B, 6, 6), as of `rigid_bodies.look_at_answers`
+    slack: Array  # (K,) what is added to the compliance of each contact, m/s/N
+
+
 @jit_part
-def set_operator(world: Array, h: float, among: Array, Wᵀ: Array, free: int | None) -> None:
-    """Sets Wᵀ (3K, 3K) of some contacts (K,), at the forces that bodies tried last, and its inverse if it is kept."""
-    bodies, near, operators, rigid = bodies_at(world), near_at(world), operators_at(world), rigid_at(world)
+def pushed_among(world: Array, C: int, among: Array) -> Pushed:
+    """Where rigid bodies are pushed by some pairs (n,), of which C are contacts."""
+    near = near_at(world)
+    return Pushed(C, near.rigid[among], near.places[among], near.arms[among], freedoms_at(world).inverse)
+
+
+@jit_part
+def operator_among(world: Array, h: float, among: Array, C: int, free: int | None) -> Operator:
+    """That of some pairs (n,), of which C are contacts, at the forces that bodies tried last."""
+    bodies, operators, rigid = bodies_at(world), operators_at(world), rigid_at(world)
     K, known = len(among), operators.known
     n, is_kept = 3 * K, len(among) <= MOST
     same = free is None and is_kept and _are_same(world, among)  # what free ones answer changes in each try
-    known[HAS_INVERSE] = 0.0
-    if same:
-        Wᵀ[:] = square_in(operators.soft, n)
-    else:
-        Wᵀ[:] = 0.0
+    of_soft = square_in(operators.soft, n) if is_kept else np.empty((n, n))
+    Wᵀ, inverse = square_in(operators.whole, n) if is_kept else np.empty((n, n)), in_one_piece(np.empty((0, 0)))
+    if not same:
+        fill(of_soft, 0.0)
         yields = np.zeros(K, dtype=np.bool_)
         for b in range(len(bodies.kinds)):
             if bodies.kinds[b] == SOFT:
-                _add_soft(world, h, among, b, Wᵀ, yields)
+                _add_soft(world, h, among, b, of_soft, yields)
             elif free is not None and bodies.kinds[b] == FREE:
-                _add_free(world, h, among, b, Wᵀ, yields)
-        known[IS_INVERSE_KNOWN], known[YIELDS] = 0.0, yields.all()
-        _keep(world, among, is_kept, Wᵀ)
-    if same and known[YIELDS] and not known[IS_INVERSE_KNOWN]:
-        known[IS_INVERSE_KNOWN] = 1.0 if _invert_definite(Wᵀ, square_in(operators.inverse, n)) else -1.0
+                _add_free(world, h, among, b, of_soft, yields)
+        known[IS_INVERSE_KNOWN], known[YIELDS] = 0.0, yields[:C].all()
+        _keep(world, among, is_kept)
+    if same and C == K and known[YIELDS] and not known[IS_INVERSE_KNOWN]:
+        known[IS_INVERSE_KNOWN] = 1.0 if _invert_definite(of_soft, square_in(operators.inverse, n)) else -1.0
     B = len(rigid.mass)
-    maps, answers = np.empty((B, 6, n)), np.empty((B, 6, 6))
-    if B:
-        ends, places = near.rigid[among], near.places[among]
-        look_at_answers(rigid, h, ends, places, freedoms_at(world).tries, maps, answers)
-        add_answers(maps, answers, Wᵀ)
-    if same and known[IS_INVERSE_KNOWN] > 0:
-        known[HAS_INVERSE] = set_inverse(square_in(operators.inverse, n), maps, answers, square_in(operators.whole, n))
+    maps, answers, slack = np.empty((B, 6, n)), np.empty((B, 6, 6)), np.zeros(C)
+    look_at_answers(rigid, h, pushed_among(world, C, among), freedoms_at(world).tries, maps, answers)
+    add_answers(maps, answers, C, of_soft, Wᵀ)
+    if same and C == K and known[IS_INVERSE_KNOWN] > 0:
+        inverse = inverse_with(square_in(operators.inverse, n), maps, answers)
     if not known[YIELDS]:
-        _make_regular(world, among, Wᵀ)
-
-
-@jit_part
-def inverse_among(world: Array) -> Array:
-    """That of the operator that was set last, (0, 0) where it is not known."""
-    operators = operators_at(world)
-    n = 3 * int(operators.known[COUNT])
-    return square_in(operators.whole, n if operators.known[HAS_INVERSE] else 0)
+        _make_regular(world, among[:C], Wᵀ, slack)
+    return Operator(Wᵀ, inverse, maps, answers, slack)
 
 
 @jit_part
@@ -100,7 +110,7 @@ def _are_same(world: Array, among: Array) -> bool:
 
 
 @jit_part
-def _keep(world: Array, among: Array, is_kept: bool, Wᵀ: Array) -> None:
+def _keep(world: Array, among: Array, is_kept: bool) -> None:
     near, operators, softs = near_at(world), operators_at(world), softs_at(world)
     operators.known[COUNT] = len(among) if is_kept else 0
     if not is_kept:
@@ -111,7 +121,6 @@ def _keep(world: Array, among: Array, is_kept: bool, Wᵀ: Array) -> None:
         turn = turn_at(softs[s])
         for k in range(30):
             operators.frames[s, k] = turn[k]
-    square_in(operators.soft, len(Wᵀ))[:] = Wᵀ
 
 
 @jit_part
@@ -119,7 +128,8 @@ def _add_soft(world: Array, h: float, among: Array, b: int, Wᵀ: Array, yields:
     """Adds the part of a soft body that is not free, and notes which contacts yield by it."""
     near, table, K = near_at(world), softs_at(world)[bodies_at(world).numbers[b]], len(among)
     rows, signs, count = np.empty(2 * K, dtype=np.int64), np.empty(2 * K), 0
-    nodes, weights = np.zeros((2 * K, 3), dtype=np.int64), np.zeros((2 * K, 3))
+    wide = near.weights.shape[2]
+    nodes, weights = np.zeros((2 * K, wide), dtype=np.int64), np.zeros((2 * K, wide))
     yields_itself = has_residual(table)
     for i in range(K):
         for side in range(2):
@@ -159,7 +169,8 @@ def pushes_on(world: Array, among: Array, f: Array, b: int) -> Pushes:
     """What some contacts (K,) do to a free body by forces f (C, 3)."""
     bodies, near, K, count = bodies_at(world), near_at(world), len(among), 0
     rows, signs, follows = np.empty(2 * K, dtype=np.int64), np.empty(2 * K), np.zeros(2 * K)
-    nodes, weights = np.zeros((2 * K, 3), dtype=np.int64), np.zeros((2 * K, 3))
+    wide = near.weights.shape[2]
+    nodes, weights = np.zeros((2 * K, wide), dtype=np.int64), np.zeros((2 * K, wide))
     forces, places = np.empty((2 * K, 3)), np.empty((2 * K, 3))
     for i in range(K):
         c = among[i]
@@ -225,8 +236,8 @@ def _invert_definite(Wᵀ: Array, inverse: Array) -> bool:
 
 
 @jit_part
-def _make_regular(world: Array, among: Array, W: Array) -> None:
-    """Adds a compliance to each pair whose points do not yield by themselves, as a Guide does."""
+def _make_regular(world: Array, among: Array, W: Array, slack: Array) -> None:
+    """Adds a compliance, which is set, to each pair whose points do not yield by themselves, as a Guide does."""
     bodies, near, softs = bodies_at(world), near_at(world), softs_at(world)
     K = len(among)
     own, least = np.zeros(K), 0.0
@@ -240,5 +251,6 @@ def _make_regular(world: Array, among: Array, W: Array) -> None:
             if is_soft(bodies.kinds[body]) and has_residual(softs[bodies.numbers[body]]):
                 yields = True
         if not yields:
+            slack[i] = PROXIMAL * max(own[i], least)
             for k in range(3 * i, 3 * i + 3):
-                W[k, k] += PROXIMAL * max(own[i], least)
+                W[k, k] += slack[i]

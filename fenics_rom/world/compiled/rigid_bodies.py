@@ -1,4 +1,4 @@
-"""How rigid bodies answer forces of contact, all at once: `world.rigid`, where no joint holds them."""
+"""How rigid bodies answer forces of contacts and joints, all at once: `world.rigid`."""
 
 from typing import NamedTuple
 
@@ -6,12 +6,15 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part, jit_shared
-from fenics_rom.mechanics.compiled.newton import solve
+from fenics_rom.mechanics.compiled.copying import add_row, fill, largest_of
+from fenics_rom.mechanics.compiled.newton import Inverse, in_one_piece
 from fenics_rom.mechanics.frame_motion import added, cross, rotated
 from fenics_rom.world import turning
 
 _find_turning, _answers_to = jit_shared(turning.find_turning), jit_shared(turning.answers_to)
+_mean_rotation = jit_shared(turning.mean_rotation)
 _added, _cross, _rotated = map(jit_shared, (added, cross, rotated))
+NO_SHARE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 class RigidBodies(NamedTuple):
@@ -34,32 +37,42 @@ def _rows(matrix: Array) -> tuple[tuple[float, float, float], tuple[float, float
     return _row(matrix[0]), _row(matrix[1]), _row(matrix[2])
 
 
+class Pushed(NamedTuple):
+    """Where these bodies are pushed: at C contacts, then at points of joints, n in all."""
+
+    C: int
+    ends: Array  # (n, 2) numbers of the first and second body of a pair; -1 of others
+    places: Array  # (n, 3) in the middle of the step, m; of contacts
+    arms: Array  # (n, 2, 3) of points of joints on either body, in its axes from its centre of mass, m
+    inverse: Array  # of inertias (B, 3, 3), 1/(kg m²)
+
+
 @jit_part
-def attempt(bodies: RigidBodies, h: float, ends: Array, places: Array, f: Array, tries: Array, u: Array) -> float:
+def attempt(bodies: RigidBodies, h: float, pushed: Pushed, f: Array, tries: Array, u: Array) -> float:
     """Tries forces: the fastest that a point of a pair moves, m/s; not a number where no step is found.
 
     Args:
         bodies: those.
         h: s.
-        ends: (C, 2) numbers of the first and second body of a pair; -1 of others.
-        places: of pairs in the middle of the step, (C, 3), m.
-        f: forces on the first bodies, (C, 3), N.
-        tries: (B, 4, 3) set to the force of contact, N, the whole torque, N m, v̂, m/s, and ω̂, rad/s, of each.
-        u: (C, 3), to which velocities of these bodies are added, m/s.
+        pushed: where.
+        f: forces on the first bodies, (n, 3), N.
+        tries: (B, 4, 3) set to the force of all pairs, N, the whole torque, N m, v̂, m/s, and ω̂, rad/s, of each.
+        u: (n, 3), to which velocities of these bodies are added, m/s.
     """
-    tries[:] = 0.0
-    fastest = 0.0
-    for c in range(len(f)):
+    fill(tries, 0.0)
+    C, ends, places, arms = pushed.C, pushed.ends, pushed.places, pushed.arms
+    fastest, B, n = 0.0, len(tries), len(f)
+    for c in range(n):
         for side in range(2):
             if ends[c, side] >= 0:
                 for k in range(3):
                     tries[ends[c, side], 0, k] += f[c, k] if side == 0 else -f[c, k]
-    for b in range(len(tries)):
+    for b in range(B):
         for k in range(3):
             by_force = tries[b, 0, k] / bodies.mass[b] + bodies.loads[b, 0, k]
             tries[b, 2, k] = bodies.motion[b, 1, k] + h / 2 * by_force
             tries[b, 1, k] = bodies.loads[b, 1, k]
-    for c in range(len(f)):
+    for c in range(C):
         for side in range(2):
             b = ends[c, side]
             if b >= 0:
@@ -67,25 +80,42 @@ def attempt(bodies: RigidBodies, h: float, ends: Array, places: Array, f: Array,
                 moment = _cross(arm, _row(f[c]))
                 for k in range(3):
                     tries[b, 1, k] += moment[k] if side == 0 else -moment[k]
-    spins = np.empty((len(tries), 3))
-    for b in range(len(tries)):
-        R = _rows(bodies.rotation[b])
-        given = _rows(bodies.inertia[b]), R, _row(bodies.motion[b, 2]), _row(tries[b, 1]), turning.NONE, 0.0
-        ω̂, _, _, left = _find_turning(h, *given)
+    held, spins, means = np.zeros((B, 3, 3)), np.empty((B, 3)), np.empty((B if n > C else 0, 3, 3))
+    for c in range(C, n):
+        for side in range(2):
+            if ends[c, side] >= 0:
+                moment, arm = held[ends[c, side]], arms[c, side]
+                for i in range(3):
+                    for k in range(3):
+                        moment[i, k] += (1.0 - 2 * side) * arm[i] * f[c, k]
+    for b in range(B):
+        R, forced = _rows(bodies.rotation[b]), 0.0
+        if n > C:
+            forced = h * largest_of(pushed.inverse[b]) * largest_of(held[b])
+        given = _rows(bodies.inertia[b]), R, _row(bodies.motion[b, 2]), _row(tries[b, 1]), _rows(held[b]), forced
+        ω̂, whole, middle, left = _find_turning(h, *given)
         if left != 0.0:
             return np.nan
+        if n > C:
+            _set(means[b], middle if forced != 0.0 else _mean_rotation(R, h, ω̂))
         spin = _rotated(R, ω̂)
         for k in range(3):
-            tries[b, 3, k], spins[b, k] = ω̂[k], spin[k]
-    for c in range(len(f)):
+            tries[b, 1, k], tries[b, 3, k], spins[b, k] = whole[k], ω̂[k], spin[k]
+    for c in range(n):
         for side in range(2):
             b = ends[c, side]
             if b >= 0:
-                moving = _added(_row(tries[b, 2]), 1.0, _cross(_row(spins[b]), _arm(bodies, h, tries, b, places[c])))
+                arm = _turned(means, b, arms[c, side]) if c >= C else _arm(bodies, h, tries, b, places[c])
+                moving = _added(_row(tries[b, 2]), 1.0, _cross(_row(spins[b]), arm))
                 for k in range(3):
                     u[c, k] += moving[k] if side == 0 else -moving[k]
                     fastest = max(fastest, abs(moving[k]))
     return fastest
+
+
+@jit_part
+def _turned(rotations: Array, b: int, arm: Array) -> tuple[float, float, float]:
+    return _rotated(_rows(rotations[b]), _row(arm))
 
 
 @jit_part
@@ -95,16 +125,16 @@ def _arm(bodies: RigidBodies, h: float, tries: Array, b: int, place: Array) -> t
 
 
 @jit_part
-def look_at_answers(
-    bodies: RigidBodies, h: float, ends: Array, places: Array, tries: Array, maps: Array, answers: Array
-) -> None:
+def look_at_answers(bodies: RigidBodies, h: float, pushed: Pushed, tries: Array, maps: Array, answers: Array) -> None:
     """Sets how these bodies answer more forces: (v̂, R ω̂) per force and torque; other arguments as in `attempt`.
 
     Args:
-        maps: (B, 6, 3C): what v̂ and R ω̂ move pairs by.
-        answers: (B, 6, 6).
+        maps: (B, 6, 3n): what v̂ and R ω̂ move pairs by.
+        answers: (B, 6, 6). Forces of joints go with the body: they have no part of what those turn it by that stay.
     """
-    maps[:] = answers[:] = 0.0
+    fill(maps, 0.0)
+    fill(answers, 0.0)
+    ends, C = pushed.ends, pushed.C
     for b in range(len(tries)):
         given = bodies.mass[b], _rows(bodies.inertia[b]), _rows(bodies.rotation[b])
         found, of_body = _answers_to(h, *given, _row(tries[b, 0]), _row(tries[b, 1]), _row(tries[b, 3])), maps[b]
@@ -112,64 +142,132 @@ def look_at_answers(
         _set(answers[b, 3:, 3:], found.turning)
         _set(answers[b, 3:, :3], found.levered)
         for c in range(len(ends)):
-            if ends[c, 0] == b or ends[c, 1] == b:
-                sign, (x, y, z), at = 1.0 if ends[c, 0] == b else -1.0, _arm(bodies, h, tries, b, places[c]), 3 * c
-                of_body[0, at] = of_body[1, at + 1] = of_body[2, at + 2] = sign
-                of_body[4, at], of_body[5, at], of_body[5, at + 1] = sign * z, -sign * y, sign * x
-                of_body[3, at + 1], of_body[3, at + 2], of_body[4, at + 2] = -sign * z, sign * y, -sign * x
+            for side in range(2):
+                if ends[c, side] == b:
+                    of_joint = _turned(bodies.rotation, b, pushed.arms[c, side])
+                    arm = of_joint if c >= C else _arm(bodies, h, tries, b, pushed.places[c])
+                    set_map(of_body, 3 * c, 1.0 - 2 * side, arm)
 
 
 @jit_part
-def add_answers(maps: Array, answers: Array, Wᵀ: Array) -> None:
-    """Adds these to the operator of all pairs (3C, 3C), transposed: W + Σ M A Mᵀ with maps Mᵀ."""
-    for b in range(len(maps)):
-        of_body = np.dot(np.ascontiguousarray(maps[b].T), np.dot(np.ascontiguousarray(answers[b].T), maps[b]))
-        for row in range(len(Wᵀ)):
-            to, of = Wᵀ[row], of_body[row]
-            for j in range(len(to)):
-                to[j] += of[j]
+def set_map(of_body: Array, at: int, sign: float, arm: tuple[float, float, float]) -> None:
+    """Sets what a body's velocity and turning (6,) move a pair at an arm by."""
+    x, y, z = arm
+    of_body[0, at] = of_body[1, at + 1] = of_body[2, at + 2] = sign
+    of_body[4, at], of_body[5, at], of_body[5, at + 1] = sign * z, -sign * y, sign * x
+    of_body[3, at + 1], of_body[3, at + 2], of_body[4, at + 2] = -sign * z, sign * y, -sign * x
 
 
 @jit_part
-def set_inverse(inverse: Array, maps: Array, answers: Array, whole: Array) -> bool:
-    """Sets the inverse of (W + Σ M A Mᵀ)ᵀ, from that of a symmetric W (Woodbury); whether there is one.
+def add_answers(maps: Array, answers: Array, C: int, of_others: Array, Wᵀ: Array) -> None:
+    """Sets the operator of all pairs (3n, 3n), transposed, to that of others and that of these bodies, Σ M A Mᵀ.
 
-    W⁻¹ - W⁻¹ M (A⁻ᵀ + Mᵀ W⁻¹ M)⁻¹ Mᵀ W⁻¹
+    maps: Mᵀ; the first C pairs are contacts.
     """
-    n = 6 * len(maps)
-    of_all, small = maps.reshape(n, len(inverse)), np.zeros((n, n))
+    for row in range(len(Wᵀ)):
+        to, of = Wᵀ[row], of_others[row]
+        for j in range(len(to)):
+            to[j] = of[j]
+        for b in range(len(maps)):
+            of_body, share = maps[b], _share_of(maps[b], answers[b], row, row < 3 * C)
+            if share != NO_SHARE:
+                for k in range(2):
+                    first, second, third = of_body[3 * k], of_body[3 * k + 1], of_body[3 * k + 2]
+                    x, y, z = share[k]
+                    for j in range(len(to)):
+                        to[j] += x * first[j] + y * second[j] + z * third[j]
+
+
+@jit_part
+def _share_of(
+    of_body: Array, answer: Array, row: int, stays: bool
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """What a body answers the force of a row with: (v̂, R ω̂) of maps; whether the force stays where it is."""
+    if of_body[0, row] == 0.0 and of_body[1, row] == 0.0 and of_body[2, row] == 0.0:
+        return NO_SHARE
+    a, b, c, u, v, w = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(6):
+        by = of_body[k, row]
+        a, b, c = a + answer[0, k] * by, b + answer[1, k] * by, c + answer[2, k] * by
+        if stays or k >= 3:
+            u, v, w = u + answer[3, k] * by, v + answer[4, k] * by, w + answer[5, k] * by
+    return (a, b, c), (u, v, w)
+
+
+@jit_part
+def take_back(maps: Array, answers: Array, C: int, f: Array, u: Array) -> None:
+    """Takes from velocities (n, 3) what these bodies answer forces (n, 3) with by `answers`; C as of `add_answers`."""
+    for b in range(len(maps)):
+        of_body, answer = maps[b], answers[b]
+        pushed, moving = np.zeros((2, 6)), np.zeros(6)
+        for k in range(6):
+            row = of_body[k]
+            for c in range(len(f)):
+                by = row[3 * c] * f[c, 0] + row[3 * c + 1] * f[c, 1] + row[3 * c + 2] * f[c, 2]
+                pushed[0 if c < C else 1, k] += by
+        for k in range(6):
+            for m in range(6):
+                moving[k] += answer[k, m] * (pushed[0, m] + (pushed[1, m] if k < 3 or m >= 3 else 0.0))
+        for k in range(6):
+            row = of_body[k]
+            for c in range(len(f)):
+                for n in range(3):
+                    u[c, n] -= row[3 * c + n] * moving[k]
+
+
+@jit_part
+def inverse_with(inverse: Array, maps: Array, answers: Array) -> Inverse:
+    """The inverse of (W + Σ M A Mᵀ)ᵀ, from that of a symmetric W (Woodbury); (0, 0) where there is none.
+
+    W⁻¹ - W⁻¹ M (1 + Aᵀ Mᵀ W⁻¹ M)⁻¹ Aᵀ Mᵀ W⁻¹
+    """
+    n, k = len(inverse), 6 * len(maps)
+    of_all = maps.reshape(k, n)
+    moved = np.dot(of_all, inverse)
+    within, right, small = np.dot(moved, of_all.T), np.zeros((k, n)), np.zeros((k, k))
     for b in range(len(maps)):
         for m in range(6):
-            for k in range(6):
-                small[6 * b + m, 6 * b + k] = answers[b, k, m]
-    if not _invert(small):
-        return False
-    moved = np.dot(of_all, inverse)
-    small += np.dot(moved, np.ascontiguousarray(of_all.T))
-    if not _invert(small):
-        return False
-    gone = np.dot(np.ascontiguousarray(moved.T), np.dot(small, moved))
-    for row in range(len(inverse)):
-        to, of, less = whole[row], inverse[row], gone[row]
-        for k in range(len(to)):
-            to[k] = of[k] - less[k]
+            for i in range(6):
+                share, of = answers[b, i, m], 6 * b + i
+                add_row(moved[of], share, right[6 * b + m])
+                add_row(within[of], share, small[6 * b + m])
+            small[6 * b + m, 6 * b + m] += 1.0
+    if not _solve_rows(small, right):
+        return in_one_piece(np.empty((0, 0)))
+    return Inverse(inverse, moved, right)
+
+
+@jit_part
+def _solve_rows(matrix: Array, rows: Array) -> bool:
+    """Solves equations (k, k) of rows (k, n) by elimination with pivots, in place; False where they are singular."""
+    k = len(matrix)
+    for i in range(k):
+        pivot = i
+        for j in range(i + 1, k):
+            if abs(matrix[j, i]) > abs(matrix[pivot, i]):
+                pivot = j
+        if matrix[pivot, i] == 0.0:
+            return False
+        if pivot != i:
+            _swap(matrix[i], matrix[pivot])
+            _swap(rows[i], rows[pivot])
+        for j in range(i + 1, k):
+            share = -matrix[j, i] / matrix[i, i]
+            add_row(matrix[i], share, matrix[j])
+            add_row(rows[i], share, rows[j])
+    for i in range(k - 1, -1, -1):
+        for j in range(i + 1, k):
+            add_row(rows[j], -matrix[i, j], rows[i])
+        whole, row = 1 / matrix[i, i], rows[i]
+        for j in range(len(row)):
+            row[j] *= whole
     return True
 
 
 @jit_part
-def _invert(matrix: Array) -> bool:
-    """Inverts a small matrix (n, n) in place; whether it has an inverse."""
-    n = len(matrix)
-    inverse = np.empty((n, n))
-    for k in range(n):
-        inverse[k] = 0.0
-        inverse[k, k] = 1.0
-        if not solve(matrix.copy(), inverse[k], n):
-            return False
-    for i in range(n):
-        for k in range(n):
-            matrix[i, k] = inverse[k, i]
-    return True
+def _swap(one: Array, other: Array) -> None:
+    for k in range(len(one)):
+        one[k], other[k] = other[k], one[k]
 
 
 @jit_part

@@ -13,20 +13,22 @@ from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.runtime.compiled.arrays_at import integer_rows_at, matrix_at, vector_at
 from fenics_rom.runtime.compiled.carried_step import (
+    ANGULAR_MOMENTUM,
     IS_COUPLED,
     IS_INVERSE_KNOWN,
+    MOMENTUM,
     OF_BASE,
     SPIN,
     Begun,
     begin_carried_step,
     end_carried_step,
     inverse_of_carried,
+    move_with,
 )
 from fenics_rom.runtime.compiled.contact_points import (
     WHOLE,
     Points,
     answer,
-    arm_of,
     begin_points,
     end_points,
     place_points,
@@ -36,23 +38,30 @@ from fenics_rom.runtime.compiled.contact_points import (
 from fenics_rom.runtime.compiled.frame_tables import ROWS as FRAME_ROWS
 from fenics_rom.runtime.compiled.frame_tables import body_at, loads_at, state_at, watch_at
 from fenics_rom.runtime.compiled.frames import (
+    DRIFT,
     IS_SHAPE_KNOWN,
+    MOVED,
     OTHERWISE,
     POSITION,
     TAKEN,
     TURNING,
     VELOCITY,
+    Body,
     Push,
+    State,
     act,
     added,
     cross,
     dot,
+    mean,
     middle_of,
     put,
     rotated,
+    rotated_back,
     rotation_in,
     rotation_of,
     seen,
+    shape_at,
     vector,
 )
 
@@ -194,12 +203,34 @@ def try_soft(table: Array) -> None:
         points.inside[:] = points.free
 
 
+class Moving(NamedTuple):
+    """How the frame of a body moves points in a step: v = origin + turned y + outward û, of y when it begins."""
+
+    origin: Vector
+    turned: Rotation
+    outward: Rotation
+
+
 @jit_part
-def velocity_of(points: Points, turn: Array, h: float, p: int) -> Vector:
+def moving_of(turn: Array, h: float) -> Moving:
+    """In world axes: with R* v̂ + (R* ω̂) × (R y + R⁺ (y + h û))/2 + R* û."""
+    a, b, c = rows_in(turn, START)
+    d, e, f = rows_in(turn, END)
+    x, y, z = vector(turn, SPUN)
+    first, second, third = mean(a, d), mean(b, e), mean(c, f)
+    none = (0.0, 0.0, 0.0)
+    turned = (
+        added(added(none, -z, second), y, third),
+        added(added(none, z, first), -x, third),
+        added(added(none, -y, first), x, second),
+    )
+    return Moving(vector(turn, ORIGIN), turned, outward_of(turn, h))
+
+
+@jit_part
+def velocity_at(moving: Moving, y: Vector, û: Vector) -> Vector:
     """Of a point in the middle of the step, in world axes, m/s."""
-    arm = arm_of(points, p, rows_in(turn, START), rows_in(turn, END), h)
-    moving = added(vector(turn, ORIGIN), 1.0, cross(vector(turn, SPUN), arm))
-    return added(moving, 1.0, rotated(rows_in(turn, MIDDLE), vector(points.inside[p], 0)))
+    return added(added(moving.origin, 1.0, rotated(moving.turned, y)), 1.0, rotated(moving.outward, û))
 
 
 @jit_part
@@ -208,18 +239,18 @@ def operator_of(table: Array, nodes: Array, weights: Array) -> Array:
 
     Args:
         table: of the body.
-        nodes, weights: (s, 3).
+        nodes, weights: (s, c).
     """
     body, state, points = body_at(table), state_at(table), points_at(table)
-    s, m = len(nodes), len(body.ω)
+    (s, wide), m = weights.shape, len(body.ω)
     for i in range(s):
-        for a in range(3):
+        for a in range(wide):
             if weights[i, a] != 0.0:
                 points.pushed[nodes[i, a]] = 1.0
     spread_some(points, inverse_of_carried(body, state))
     rows, spread = np.zeros((3 * s, m)), np.zeros((m, 3 * s))
     for i in range(s):
-        for a in range(3):
+        for a in range(wide):
             share, at = weights[i, a], 3 * nodes[i, a]
             if share != 0.0:
                 for j in range(m):
@@ -230,8 +261,8 @@ def operator_of(table: Array, nodes: Array, weights: Array) -> Array:
     if len(points.R):
         for i in range(s):
             for j in range(s):
-                for a in range(3):
-                    for b in range(3):
+                for a in range(wide):
+                    for b in range(wide):
                         share = weights[i, a] * weights[j, b] / points.times[WHOLE]
                         if share != 0.0:
                             at, to = 3 * nodes[i, a], 3 * nodes[j, b]
@@ -262,13 +293,13 @@ def end_soft(table: Array, h: float) -> None:
     turn, told = step.turn, step.told
     force = torque = (0.0, 0.0, 0.0)
     power = 0.0
-    R, t = rows_in(turn, START), vector(turn, TURN)
+    R, t, end, moving = rows_in(turn, START), vector(turn, TURN), rows_in(turn, END), moving_of(turn, h)
     for p in range(len(points.rest)):
         if points.pushed[p]:
-            f = vector(points.forces[p], 0)
+            f, y, û = vector(points.forces[p], 0), vector(points.start[p], 0), vector(points.inside[p], 0)
             force = added(force, 1.0, f)
-            torque = added(torque, 1.0, cross(arm_of(points, p, R, rows_in(turn, END), h), f))
-            power += dot(f, velocity_of(points, turn, h, p))
+            torque = added(torque, 1.0, cross(mean(rotated(R, y), rotated(end, added(y, h, û))), f))
+            power += dot(f, velocity_at(moving, y, û))
     acting = act(loads, step.u, len(body.ω))
     twist = vector(turn, V), vector(turn, Ω), vector(turn, V_END), vector(turn, Ω_END)
     begun = Begun(
@@ -296,3 +327,48 @@ def mount_on(carrier: Array, table: Array) -> None:
     base[3], base[4], base[5], base[6] = a / size, b / size, c / size, d / size
     put(base, VELOCITY, added(vector(carrier, VELOCITY), 1.0, cross(ω, arm)))
     put(base, TURNING, ω)
+
+
+@jit_part
+def velocities_between(table: Array, p: int) -> Vector:
+    """Of a point between two steps within the basis, in world axes, m/s: beyond it there is next to no mass."""
+    body, state, points = body_at(table), state_at(table), points_at(table)
+    now, e, r = state.now[0], state.halves[0], state.halves[1]
+    y, û = vector(points.rest[p], 0), (0.0, 0.0, 0.0)
+    for i in range(len(r)):
+        row = vector(points.rows[i], 3 * p)
+        y, û = added(y, e[i] * body.inverse_ω[i], row), added(û, r[i], row)
+    if len(points.R):
+        y = added(y, 1.0, vector(points.beyond[1], 3 * p))
+    R = rotation_of(*rotation_in(now))
+    moving = added(vector(now, VELOCITY), 1.0, cross(vector(now, TURNING), rotated(R, y)))
+    return added(moving, 1.0, rotated(R, û))
+
+
+@jit_part
+def kick_soft(table: Array, impulses: Array) -> float:
+    """Adds impulses (P, 3) in world axes on points between two steps; by how much that changes its energy, J.
+
+    The base stays as it moves.
+    """
+    body, state, points, told = body_at(table), state_at(table), points_at(table), step_at(table).told
+    now, e, r, R = state.now[0], state.halves[0], state.halves[1], rotation_of(*rotation_in(state.now[0]))
+    inside, before = np.empty(3 * len(impulses)), told[SQUARE]
+    for p in range(len(impulses)):
+        put(inside, 3 * p, rotated_back(R, vector(impulses[p], 0)))
+    square, within = _square_of(body, state), told[WITHIN]
+    r += np.dot(points.rows, inside)
+    shape_at(body, e * body.inverse_ω, r, state.table, now)
+    move_with(body.mass, R, now)
+    told[WITHIN] = e.dot(e) + r.dot(r)
+    told[SQUARE] += _square_of(body, state) - square + told[WITHIN] - within
+    return (told[SQUARE] - before) / 2
+
+
+@jit_part
+def _square_of(body: Body, state: State) -> float:
+    """Twice the kinetic energy of a body but for that of its shape within the frame, J."""
+    now = state.now[0]
+    v, ω = vector(now, OF_BASE), vector(now, SPIN)
+    square = dot(vector(now, MOMENTUM), v) + dot(vector(now, ANGULAR_MOMENTUM), ω)
+    return square + dot(vector(now, DRIFT), v) + dot(vector(now, MOVED), ω)

@@ -15,13 +15,17 @@ from fenics_rom.runtime.compiled.arrays_at import (
 )
 from fenics_rom.world.compiled.rigid_bodies import RigidBodies
 
-# Kinds of meetings: of a soft body and a rigid shape, of two soft ones; contacts of others are given.
-GIVEN, SOFT_FIRST, SOFT_SECOND, SOFT_BOTH = range(4)
+# Kinds of meetings: of a soft body and a rigid shape, of two soft ones; contacts of others are given, and where bodies
+# are joined there are none.
+GIVEN, SOFT_FIRST, SOFT_SECOND, SOFT_BOTH, JOINED = range(5)
 RIGID, DRIVEN, SOFT, FREE = range(4)  # kinds of bodies; soft are those that are held or carried, and free ones
 SIZE, RESTITUTION, FRICTION, NO_GAP, OF_RIGID = range(5)  # in `Meetings.numbers`
 OF_RESTITUTION, OF_FRICTION, SWUNG, HELPED = range(4)  # in `Near.numbers`
 MIDDLE, IN_MIDDLE, MEAN, V, SPIN, POWER, AWAY, ASKEW = 0, 3, 12, 21, 24, 27, 28, 29  # in `Driven.step`
-COUNT, IS_INVERSE_KNOWN, HAS_INVERSE, YIELDS = range(4)  # in `Operators.known`
+COUNT, IS_INVERSE_KNOWN, YIELDS = range(3)  # in `Operators.known`
+SUPPLIED, DISSIPATED, BY_OTHERS = range(3)  # in `Owed.bodies`
+BY_IMPACTS, BY_FRICTION, BY_JOINTS, NUMERICAL = range(4)  # in `Owed.met`
+OF_JOINT = -1  # in place of a meeting
 
 
 class Bodies(NamedTuple):
@@ -80,15 +84,15 @@ class Kept(NamedTuple):
 
 
 class Near(NamedTuple):
-    """The contacts of a step, F at most."""
+    """The pairs of a step, F at most: contacts, then points of joints, of which normals and laws mean nothing."""
 
     meetings: Array  # (F,)
     features: Array  # (F,)
     slots: Array  # (F,)
     ends: Array  # (F, 2) numbers of the bodies
     rigid: Array  # (F, 2) those among rigid ones that move freely; -1: others
-    nodes: Array  # (F, 2, 3) of soft bodies
-    weights: Array  # (F, 2, 3) of these
+    nodes: Array  # (F, 2, c) of soft bodies, as many as carry a point at most
+    weights: Array  # (F, 2, c) of these
     places: Array  # (F, 3) in the middle of the step, m
     normals: Array  # (F, 3)
     gaps: Array  # (F,) when it begins, m
@@ -97,24 +101,36 @@ class Near(NamedTuple):
     are_rigid: Array  # (F,)
     u: Array  # (F, 3) in its middle, m/s
     forces: Array  # (F, 3) N
+    arms: Array  # (F, 2, 3) of rigid bodies at points of joints, in their axes from their centre of mass, m
+
+
+class Joined(NamedTuple):
+    """Points of joints that hold, J of them; as of Near."""
+
+    ends: Array  # (J, 2)
+    nodes: Array  # (J, 2, c)
+    weights: Array  # (J, 2, c)
+    arms: Array  # (J, 2, 3)
+    forces: Array  # (J, 3) in the step before, N
+    are_stopped: Array  # (J,) whether an impulse takes what velocity is left after a step
 
 
 class Operators(NamedTuple):
     """What is kept of the contacts that took part last, K at most."""
 
-    known: Array  # (4,): how many, whether the inverse is known, whether there is that of the whole, whether all yield
+    known: Array  # (3,): how many, whether the inverse is known, whether all yield
     slots: Array  # (K,) of these contacts
     frames: Array  # (S, 58) of soft bodies, as they turned in that step: `soft_bodies.Step.turn`
     soft: Array  # (9 K²,) Wᵀ of soft bodies, as rows of (3k, 3k)
     inverse: Array  # (9 K²,) of it
-    whole: Array  # (9 K²,) of that of all bodies
+    whole: Array  # (9 K²,) Wᵀ of all bodies
 
 
 class Owed(NamedTuple):
     """What steps are to be booked for, J: N of them at most."""
 
     bodies: Array  # (N, B, 3) of each: supplied, dissipated, and by other bodies
-    met: Array  # (N, 2) dissipated by impacts and by friction
+    met: Array  # (N, 4): dissipated by impacts, friction and impulses of joints, and what these miss
 
 
 class GivenContacts(NamedTuple):
@@ -142,6 +158,7 @@ class World(NamedTuple):
     near: Near
     operators: Operators
     owed: Owed
+    joined: Joined
 
 
 @jit_part
@@ -153,7 +170,12 @@ def is_soft(kind: int) -> bool:
 @jit_part
 def is_followed(bodies: Bodies, near: Near, c: int, side: int) -> bool:
     """Whether a body is pushed at the point of another one: both are free, so that momenta stay to the last bit."""
-    return side == 1 and bodies.kinds[near.ends[c, 0]] == FREE and bodies.kinds[near.ends[c, 1]] == FREE
+    return (
+        side == 1
+        and near.meetings[c] != OF_JOINT
+        and bodies.kinds[near.ends[c, 0]] == FREE
+        and bodies.kinds[near.ends[c, 1]] == FREE
+    )
 
 
 @jit_part
@@ -216,14 +238,15 @@ def near_at(world: Array) -> Near:
     ends, rigid, nodes, weights = integer_rows_at(t[3]), integer_rows_at(t[4]), integer_cube_at(t[5]), cube_at(t[6])
     places, normals, gaps, before = matrix_at(t[7]), matrix_at(t[8]), vector_at(t[9]), matrix_at(t[10])
     numbers, are_rigid, u, forces = matrix_at(t[11]), vector_at(t[12]), matrix_at(t[13]), matrix_at(t[14])
+    arms = cube_at(t[15])
     found = meetings, features, slots, ends, rigid, nodes, weights
-    return Near(*found, places, normals, gaps, before, numbers, are_rigid, u, forces)
+    return Near(*found, places, normals, gaps, before, numbers, are_rigid, u, forces, arms)
 
 
 @jit_part
 def operators_at(world: Array) -> Operators:
     """Of a table."""
-    t = world[51:]
+    t = world[52:]
     known, slots, frames = vector_at(t[0]), integers_at(t[1]), matrix_at(t[2])
     return Operators(known, slots, frames, vector_at(t[3]), vector_at(t[4]), vector_at(t[5]))
 
@@ -231,8 +254,16 @@ def operators_at(world: Array) -> Operators:
 @jit_part
 def owed_at(world: Array) -> Owed:
     """Of a table."""
-    t = world[57:]
+    t = world[58:]
     return Owed(cube_at(t[0]), matrix_at(t[1]))
+
+
+@jit_part
+def joined_at(world: Array) -> Joined:
+    """Of a table."""
+    t = world[60:]
+    ends, nodes, weights, arms = integer_rows_at(t[0]), integer_cube_at(t[1]), cube_at(t[2]), cube_at(t[3])
+    return Joined(ends, nodes, weights, arms, matrix_at(t[4]), vector_at(t[5]))
 
 
 @jit_part

@@ -4,11 +4,22 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
-from fenics_rom.mechanics.compiled.contact_law import FOUND
-from fenics_rom.runtime.compiled.frames import added, cross, dot, length, put, vector
-from fenics_rom.world.compiled.bodies import begin_driven, begin_rigid, end_driven, end_rigid
-from fenics_rom.world.compiled.forces import Found
+from fenics_rom.mechanics.braking import SWINGS
+from fenics_rom.mechanics.compiled.contact_law import FOUND, Law
+from fenics_rom.mechanics.compiled.copying import fill
+from fenics_rom.runtime.compiled.frames import added, dot, length, put, vector
+from fenics_rom.world.compiled.bodies import (
+    begin_driven,
+    begin_rigid,
+    end_driven,
+    end_rigid,
+    velocity_of_driven,
+    velocity_of_driven_at,
+)
+from fenics_rom.world.compiled.forces import Found, find_forces
 from fenics_rom.world.compiled.free_bodies import begin_free, end_free, undo_free
+from fenics_rom.world.compiled.joint_impulses import stop_joints
+from fenics_rom.world.compiled.near import find_near, look_at_margins
 from fenics_rom.world.compiled.soft_bodies import (
     BY_OTHERS,
     DISSIPATED,
@@ -19,18 +30,22 @@ from fenics_rom.world.compiled.soft_bodies import (
     step_at,
 )
 from fenics_rom.world.compiled.tables import (
+    BY_FRICTION,
+    BY_IMPACTS,
     DRIVEN,
     FREE,
+    FRICTION,
     HELPED,
+    NUMERICAL,
     POWER,
     RIGID,
     SIZE,
     SOFT,
     SWUNG,
-    V,
     bodies_at,
     driven_at,
     freedoms_at,
+    joined_at,
     kept_at,
     meetings_at,
     near_at,
@@ -41,10 +56,50 @@ from fenics_rom.world.compiled.tables import (
 from fenics_rom.world.tolerances import LARGEST, PENETRATION_TOLERANCE, SWERVES
 
 LARGEST_SPEED = 1e100  # m/s: beyond it works overflow
+OTHERWISE, NEEDS_CONTACTS = -1, -2  # in place of how many contacts there are
 
 
 @jit
-def begin_step(world: Array, h: float, free: int | None) -> bool:
+def take_step(world: Array, given: Array, h: float, row: int, goes_on: bool, free: int | None) -> tuple[int, int]:
+    """Takes a step of h s: how many contacts it has, and the sweeps that found their forces.
+
+    Args:
+        world: whose inputs and bases are set.
+        given: table of contacts that are found elsewhere.
+        h: s.
+        row: of what is booked, for its works.
+        goes_on: whether it has begun, and these contacts are known; the others, too, where none are needed.
+        free: as of `find_forces`.
+
+    Returns:
+        OTHERWISE: the step is to be taken otherwise, and nothing is changed but what was begun. NEEDS_CONTACTS: it has
+        begun, and goes on with these.
+    """
+    if not goes_on:
+        if not _begin_step(world, h, free):
+            return OTHERWISE, 0
+        if look_at_margins(world):
+            return NEEDS_CONTACTS, 0
+    C = find_near(world, given, h)
+    if C < 0 or _are_deep(world, C):
+        return OTHERWISE, 0
+    found = find_forces(world, C, _law_of(world, h), free)
+    if not (_is_to_be_taken(world, C, found, h) and _end_step(world, C, h, row, free)):
+        return OTHERWISE, 0
+    stop_joints(world, owed_at(world).bodies[row], owed_at(world).met[row])
+    return C, found.sweeps
+
+
+@jit_part
+def _law_of(world: Array, h: float) -> Law:
+    meetings, friction = meetings_at(world), 0.0
+    for m in range(len(meetings.numbers)):
+        friction = max(friction, meetings.numbers[m, FRICTION])
+    return Law(h, 0.0, friction, 0.0, 0.0, False, SWINGS)
+
+
+@jit_part
+def _begin_step(world: Array, h: float, free: int | None) -> bool:
     """Begins the step of all bodies, whose inputs and bases are set; whether they could.
 
     free: as of `find_forces`.
@@ -72,14 +127,14 @@ def begin_step(world: Array, h: float, free: int | None) -> bool:
     return True
 
 
-@jit
-def is_to_be_taken(world: Array, C: int, found: Found, h: float) -> bool:
+@jit_part
+def _is_to_be_taken(world: Array, C: int, found: Found, h: float) -> bool:
     """Whether bodies may end the step under the forces that were found."""
     return found.status == FOUND and found.scale <= LARGEST_SPEED and not _lacks_contacts(world, C, h)
 
 
-@jit
-def are_deep(world: Array, C: int) -> bool:
+@jit_part
+def _are_deep(world: Array, C: int) -> bool:
     """Whether two rigid bodies are to be let out of one another."""
     near, meetings = near_at(world), meetings_at(world)
     for c in range(C):
@@ -95,7 +150,7 @@ def _lacks_contacts(world: Array, C: int, h: float) -> bool:
     bodies, near, meetings = bodies_at(world), near_at(world), meetings_at(world)
     rigid, freedoms = rigid_at(world), freedoms_at(world)
     fastest, least = 0.0, np.inf
-    for c in range(C):
+    for c in range(C + len(joined_at(world).ends)):
         for k in range(3):
             fastest = max(fastest, abs(near.u[c, k] - near.before[c, k]))
     for m in range(len(meetings.numbers)):
@@ -113,15 +168,15 @@ def _lacks_contacts(world: Array, C: int, h: float) -> bool:
     return False
 
 
-@jit
-def end_step(world: Array, C: int, h: float, swings: int, row: int, free: int | None) -> bool:
+@jit_part
+def _end_step(world: Array, C: int, h: float, row: int, free: int | None) -> bool:
     """Ends the step of all bodies under the forces that were found of C contacts; tells works in a row.
 
     Whether they could; if not, nothing is changed.
     """
     if free is not None and not _end_free_bodies(world, h):
         return False
-    _keep(world, C, h, swings, row)
+    _keep(world, C, h, row)
     bodies, works, driven, softs = bodies_at(world), owed_at(world).bodies[row], driven_at(world), softs_at(world)
     _look_at_power(world, C)
     for b in range(len(bodies.kinds)):
@@ -161,15 +216,17 @@ def _end_free_bodies(world: Array, h: float) -> bool:
 def _look_at_power(world: Array, C: int) -> None:
     """Sets that of forces on bodies that are driven."""
     bodies, near, driven = bodies_at(world), near_at(world), driven_at(world)
-    for c in range(C):
+    for c in range(C + len(joined_at(world).ends)):
         f = vector(near.forces[c], 0)
         for side in range(2):
             body = near.ends[c, side]
             if bodies.kinds[body] == DRIVEN and dot(f, f) > 0:
-                step = driven.step[bodies.numbers[body]]
-                arm = added(vector(near.places[c], 0), -1.0, vector(step, 0))
-                v = added(vector(step, V), 1.0, cross(vector(step, V + 3), arm))
-                step[POWER] += (1.0 - 2 * side) * dot(f, v)
+                d = bodies.numbers[body]
+                if c < C:
+                    v = velocity_of_driven(driven, d, vector(near.places[c], 0))
+                else:
+                    v = velocity_of_driven_at(driven, d, vector(near.arms[c, side], 0))
+                driven.step[d, POWER] += (1.0 - 2 * side) * dot(f, v)
 
 
 @jit
@@ -196,21 +253,25 @@ def count_pushing(forces: Array, normals: Array) -> int:
 
 
 @jit_part
-def _keep(world: Array, C: int, h: float, swings: int, row: int) -> None:
+def _keep(world: Array, C: int, h: float, row: int) -> None:
     """Keeps what the next step begins with; tells what impacts and friction dissipated in a row, J."""
-    kept, near, met = kept_at(world), near_at(world), owed_at(world).met[row]
+    kept, near, joined, met = kept_at(world), near_at(world), joined_at(world), owed_at(world).met[row]
     for slot in range(len(kept.features)):
         kept.features[slot] = -1
-    met[0] = met[1] = 0.0
+    fill(met, 0.0)
+    for j in range(len(joined.forces)):
+        f = vector(near.forces[C + j], 0)
+        put(joined.forces[j], 0, f)
+        met[NUMERICAL] -= h * dot(f, vector(near.u[C + j], 0))
     for c in range(C):
         slot, f, u = near.slots[c], vector(near.forces[c], 0), vector(near.u[c], 0)
         kept.features[slot] = near.features[c]
         put(kept.forces[slot], 0, f)
         is_helped = near.numbers[c, HELPED] != 0.0
-        near.numbers[c, SWUNG] = min(near.numbers[c, SWUNG], swings) + 1 if is_helped else 0.0
+        near.numbers[c, SWUNG] = min(near.numbers[c, SWUNG], SWINGS) + 1 if is_helped else 0.0
         kept.swung[slot] = near.numbers[c, SWUNG]
         n = vector(near.normals[c], 0)
         whole, normal = dot(f, u), dot(n, f) * dot(n, u)
-        met[0] -= h * normal
-        met[1] += h * (normal - whole)
+        met[BY_IMPACTS] -= h * normal
+        met[BY_FRICTION] += h * (normal - whole)
         kept.dissipated[near.meetings[c]] -= h * whole

@@ -1,0 +1,144 @@
+"""How all bodies move under forces that are tried, and pairs with them: `contact_step._attempt`."""
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.compiled.copying import fill
+from fenics_rom.runtime.compiled.contact_points import arm_of
+from fenics_rom.runtime.compiled.frames import added, cross, dot, put, vector
+from fenics_rom.world.compiled.bodies import velocity_of_driven, velocity_of_driven_at
+from fenics_rom.world.compiled.free_bodies import try_free
+from fenics_rom.world.compiled.operators import pushes_on
+from fenics_rom.world.compiled.rigid_bodies import Pushed, attempt
+from fenics_rom.world.compiled.soft_bodies import (
+    CENTRE,
+    END,
+    POWER,
+    SPUN,
+    START,
+    moving_of,
+    points_at,
+    rows_in,
+    try_soft,
+    turn_at,
+    velocity_at,
+)
+from fenics_rom.world.compiled.tables import (
+    DRIVEN,
+    FREE,
+    bodies_at,
+    driven_at,
+    freedoms_at,
+    is_followed,
+    is_soft,
+    near_at,
+    rigid_at,
+    softs_at,
+)
+
+NONE = (0.0, 0.0, 0.0)
+
+
+@jit_part
+def try_forces(world: Array, C: int, h: float, f: Array, free: int | None) -> float:
+    """Sets velocities of C contacts and all joints under forces (n, 3); the fastest of a body, m/s.
+
+    It is no number where no step is found.
+    """
+    fastest = try_others(world, C, h, f, free)
+    return max(fastest, try_rigid(world, C, h, f)) if np.isfinite(fastest) else fastest
+
+
+@jit_part
+def try_others(world: Array, C: int, h: float, f: Array, free: int | None) -> float:
+    """The same of bodies that are soft or driven alone."""
+    bodies, near, fastest = bodies_at(world), near_at(world), 0.0
+    fill(near.u[: len(f)], 0.0)
+    for b in range(len(bodies.kinds)):  # free ones say where their points are, which others go by
+        if is_soft(bodies.kinds[b]):
+            moving = _try_soft_body(world, h, b, f, free)
+            fastest = max(fastest, moving) if np.isfinite(moving) else moving
+    return max(fastest, _look_at_driven(world, C, len(f))) if np.isfinite(fastest) else fastest
+
+
+@jit_part
+def try_rigid(world: Array, C: int, h: float, f: Array) -> float:
+    """Adds what rigid bodies do under forces (n, 3); the fastest, m/s, no number without a step."""
+    near, rigid, freedoms, n = near_at(world), rigid_at(world), freedoms_at(world), len(f)
+    if not len(rigid.mass):
+        return 0.0
+    pushed = Pushed(C, near.rigid[:n], near.places[:n], near.arms[:n], freedoms.inverse)
+    return attempt(rigid, h, pushed, f, freedoms.tries, near.u[:n])
+
+
+@jit_part
+def _look_at_driven(world: Array, C: int, n: int) -> float:
+    """Adds what bodies that are driven do at C contacts and joints, n in all; the fastest, m/s."""
+    bodies, near, driven, fastest = bodies_at(world), near_at(world), driven_at(world), 0.0
+    for c in range(n):
+        for side in range(2):
+            body = near.ends[c, side]
+            if bodies.kinds[body] == DRIVEN:
+                d, place = bodies.numbers[body], vector(near.places[c], 0)
+                if c < C:
+                    v = velocity_of_driven(driven, d, place)
+                else:
+                    v = velocity_of_driven_at(driven, d, vector(near.arms[c, side], 0))
+                put(near.u[c], 0, added(vector(near.u[c], 0), 1.0 - 2 * side, v))
+                fastest = max(fastest, abs(v[0]), abs(v[1]), abs(v[2]))
+    return fastest
+
+
+@jit_part
+def _try_soft_body(world: Array, h: float, b: int, f: Array, free: int | None) -> float:
+    """The same of a soft body."""
+    bodies, near, table = bodies_at(world), near_at(world), softs_at(world)[bodies_at(world).numbers[b]]
+    points, turn, fastest, power = points_at(table), turn_at(table), 0.0, 0.0
+    fill(points.forces, 0.0)
+    for c in range(len(f)):
+        pushed = vector(f[c], 0)
+        if pushed == NONE:
+            continue
+        for side in range(2):
+            if near.ends[c, side] == b:
+                for k in range(near.weights.shape[2]):
+                    share = (1.0 - 2 * side) * near.weights[c, side, k]
+                    if share != 0.0:
+                        to = points.forces[near.nodes[c, side, k]]
+                        put(to, 0, added(vector(to, 0), share, pushed))
+    if free is not None and bodies.kinds[b] == FREE:
+        points.pushed[:] = 0.0
+        pushes = pushes_on(world, np.arange(len(f)), f, b)
+        for i in range(len(pushes.nodes)):
+            for k in range(pushes.weights.shape[1]):
+                is_pushed = pushes.weights[i, k] != 0.0 and vector(pushes.forces[i], 0) != (0.0, 0.0, 0.0)
+                if is_pushed:
+                    points.pushed[pushes.nodes[i, k]] = 1.0
+        if not try_free(table, h, pushes):
+            return np.nan
+    else:
+        try_soft(table)
+    moving, start, inside, ends = moving_of(turn, h), points.start, points.inside, near.ends
+    for c in range(len(f)):
+        for side in range(2):
+            if ends[c, side] == b:
+                v, sign, arm, nodes, weights = NONE, 1.0 - 2 * side, NONE, near.nodes[c, side], near.weights[c, side]
+                for k in range(near.weights.shape[2]):
+                    share, p = weights[k], nodes[k]
+                    if share != 0.0:
+                        v = added(v, share, velocity_at(moving, vector(start[p], 0), vector(inside[p], 0)))
+                        if free is not None and bodies.kinds[b] == FREE:
+                            arm = added(arm, share, arm_of(points, p, rows_in(turn, START), rows_in(turn, END), h))
+                if free is not None and bodies.kinds[b] == FREE:
+                    place = added(vector(turn, CENTRE), 1.0, arm)
+                    if is_followed(bodies, near, c, side):
+                        v = added(v, 1.0, cross(vector(turn, SPUN), added(vector(near.places[c], 0), -1.0, place)))
+                    else:
+                        put(near.places[c], 0, place)
+                    power += sign * dot(vector(f[c], 0), v)
+                put(near.u[c], 0, added(vector(near.u[c], 0), sign, v))
+                fastest = max(fastest, abs(v[0]), abs(v[1]), abs(v[2]))
+    if free is not None and bodies.kinds[b] == FREE:
+        turn[POWER] = power
+    return fastest
