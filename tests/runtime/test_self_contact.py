@@ -8,7 +8,6 @@ import pytest
 from forks import CLAMPED, GAP, HIGH, LONG, ROPE, cleft, fork_scene, pressed, prongs
 
 import fenics_rom as fr
-from fenics_rom.compilation import compiled, numpy_alone
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.world.shapes import Sphere
 
@@ -105,28 +104,6 @@ def test_accounts_close_and_momenta_stay(tmp_path, frame, held, parts, bound):
         (P, L), (P_begun, L_begun) = body.momentum, begun
         np.testing.assert_allclose(P, P_begun, rtol=0, atol=1e-12 * rom.moving_frame.mass * 8.0 * LONG)
         np.testing.assert_allclose(L, L_begun, rtol=0, atol=1e-12 * np.abs(L_begun).max())
-
-
-@pytest.mark.skipif(not compiled(), reason="numba is not installed")
-@pytest.mark.parametrize("law", ["", "restitution = 0.5", 'method = "penalty"\nstiffness = 1e3\ndamping = 0.1'])
-def test_compiled_steps_are_those_of_numpy(tmp_path, law):
-    """Pushed from where the other one is, step after step."""
-    contact = f'self_contact = ["inside"]\n{law}'
-    rom = rom_of(tmp_path, cleft((6, 1, 3), 1), order=12, contact=contact, **CLAMPED, **ROPE, **RUBS)
-    body = fr.Simulator(rom, 1e-3)
-    with numpy_alone():
-        other = fr.Simulator(rom, 1e-3)
-    assert type(body.integrator.interface.solver) is not type(other.integrator.interface.solver)
-    largest, touched = 1e-3, 0
-    for _ in range(60):
-        body.step(rope=3.0)
-        with numpy_alone():
-            other.step(rope=3.0)
-        largest = max(largest, np.abs(other.contact_forces()).max())
-        np.testing.assert_allclose(body.contact_forces(), other.contact_forces(), rtol=0, atol=1e-8 * largest)
-        touched += other.integrator.contact is not None
-    assert touched >= 30
-    np.testing.assert_allclose(body.displacement(), other.displacement(), rtol=0, atol=1e-9 * LONG)
 
 
 @pytest.mark.parametrize(("law", "turns"), [("springs", False), ("springs", True), ("rigid", True)])
