@@ -248,7 +248,7 @@ SCENES = {  # by kind: what is there, what stands there instead, and what is sai
     "empty table, no obstacles": (
         "inertia = {}",
         "inertia = {}\ncontact = {}",
-        "effects.contact: obstacles is missing",
+        "effects.contact.obstacles: at least one is needed",
     ),
     "missing, mesh": ('[mesh]\nfile = "block.msh"\n', "", "mesh is missing"),
     "missing, density": ("density = 1000.0\n", "", "material: density is missing"),
