@@ -1,6 +1,6 @@
 """Soft bodies fall on rough meshes that turn and shake: none ends inside, and none gains energy but by their work.
 
-    python demos/feed/drops.py --drops 10000   # half a day
+    python demos/feed/drops.py --drops 10000   # a day
     python demos/feed/drops.py                 # a hundred, ten minutes
 
 Each drop has a mesh, a block, a place, an attitude, spins, a friction and a step of 1 to 10 ms by chance. The checks at

@@ -133,32 +133,34 @@ class CompiledStep:
         self._size, self._after = size_of_record(self._pairs, self._points), after_in_record(self._pairs, self._points)
         self._friction = np.empty(self._pairs)
         self._arrays = arrays_of(body, state, solver.shapes, self._friction)  # kept, as the table has but addresses
-        self._table = table_of(self._arrays)
-        self._enter(solver.law_in_steps(h))
+        self._table, self._law = table_of(self._arrays), solver.law_in_steps(h)
+        self._know_law()
 
-    def _enter(self, law: Law) -> None:
-        """Goes on with a law."""
-        self._law, self._numbers = law, numbers_of(law, self.body)
-        self._friction[:] = law.friction
+    def _know_law(self) -> None:
+        """Has the numbers and the friction of the table be those of the law."""
+        self._numbers = numbers_of(self._law, self.body)
+        self._friction[:] = self._law.friction
+
+    def _begin(self) -> ContactSearch:
+        """The search that steps begin with, by the law as it now is."""
+        law = self._solver.law_in_steps(self._h)
+        if law is not self._law:
+            self._law = law
+            self._know_law()
+        return self._solver.search
 
     @or_numpy
     def take(self, u: Array, obstacles: ObstacleMotion) -> StepTaken | None:
         """Takes a step under u (p,); None where the loops do not find its forces, and nothing is changed."""
-        solver, record = self._solver, np.empty(self._size)
-        law, search = solver.law_in_steps(self._h), solver.search
-        if law is not self._law:
-            self._enter(law)
-        begun = search.forces, solver.swung(search)
+        search, record = self._begin(), np.empty(self._size)
+        begun = search.forces, self._solver.swung(search)
         take_step_at(self._table, self._numbers, in_plain(u), *obstacles, *begun, record)
         return None if record.item(1) == OTHERWISE else self._note(record, search, obstacles)
 
     @or_numpy
     def take_many(self, inputs: Array, obstacles: ObstacleMotion) -> StepsTaken | None:
         """Takes steps under inputs (n, p) among obstacles that stand still, as many as the loops find; None: none."""
-        solver, records, n = self._solver, np.empty((3, self._size)), len(inputs)
-        law, search = solver.law_in_steps(self._h), solver.search
-        if law is not self._law:
-            self._enter(law)
+        search, solver, records, n = self._begin(), self._solver, np.empty((3, self._size)), len(inputs)
         first = self._in(records[2]).after
         first.forces[:], first.swung[:] = search.forces, solver.swung(search)
         taken = Taken(np.empty((n, 5)), np.empty((n, len(self.body.ω))), np.empty((n, len(self.body.R))))
