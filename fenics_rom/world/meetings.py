@@ -109,13 +109,12 @@ def make_meetings(
     return meetings + [
         Meeting(k, k, (name, name), laws.get(frozenset([name]), law), body.size, own=_own_surface(name, body))
         for k, (name, body) in enumerate(bodies.items())
-        if frozenset([name]) in laws
-        or (len(bodies) > 1 and isinstance(body, Soft) and body.rom.environment.self_contact)
+        if frozenset([name]) in laws or (len(bodies) > 1 and _scene_says_so(body))
     ]
 
 
 def _scene_says_so(body: Body) -> bool:
-    """Whether a body touches itself by its scene; one without others is a Simulator, and does it by itself."""
+    """Whether a body touches itself by its scene; alone it is a Simulator, and does it by itself."""
     return isinstance(body, Soft) and bool(body.rom.environment.self_contact)
 
 

@@ -135,8 +135,7 @@ class ReadWorld:
         points = self._joints.points.get(self._joints.name_of(which))
         if points is None:
             return np.empty((0, 3))
-        is_ahead = self._loops is not None and self._loops.is_ahead
-        found = self._loops.found if self._loops is not None and is_ahead else self._found
+        found = self._found if self._loops is None or not self._loops.is_ahead else self._loops.found
         return self._step_pairs.of_joint(points, found.forces)
 
     @property
