@@ -27,7 +27,7 @@ from fenics_rom.runtime.compiled.frames import (
     turned,
     vector,
 )
-from fenics_rom.world.compiled.rigid_bodies import RigidBodies
+from fenics_rom.world.compiled.rigid_bodies import RigidBodies, rows_of
 from fenics_rom.world.compiled.soft_bodies import put_rows
 from fenics_rom.world.compiled.tables import ASKEW, AWAY, IN_MIDDLE, MEAN, MIDDLE, POWER, SPIN, Driven, Freedoms, V
 
@@ -53,7 +53,7 @@ def begin_rigid(bodies: RigidBodies, freedoms: Freedoms, h: float, b: int, place
     put(bodies.loads[b, 0], 0, added(gravity, 1 / bodies.mass[b], vector(freedoms.given[b, 0], 0)))
     put(bodies.loads[b, 1], 0, vector(freedoms.given[b, 1], 0))
     put(placed, 0, added(added(p, h / 2, v), h * h / 4, pulled))
-    R = vector(bodies.rotation[b, 0], 0), vector(bodies.rotation[b, 1], 0), vector(bodies.rotation[b, 2], 0)
+    R = rows_of(bodies.rotation[b])
     half = (h / 2 * ω[0], h / 2 * ω[1], h / 2 * ω[2])
     put_rows(placed, 3, times(R, rotation_of(*turned((1.0, 0.0, 0.0, 0.0), half))))
     put(travel, 0, (h * v[0], h * v[1], h * v[2]))
@@ -109,7 +109,7 @@ def begin_driven(bodies: Driven, h: float, d: int, placed: Array, travel: Array)
 @jit_part
 def start_velocity_of_rigid(bodies: RigidBodies, b: int, place: Vector, middle: Vector) -> Vector:
     """Of a place on a body when the step begins."""
-    R = vector(bodies.rotation[b, 0], 0), vector(bodies.rotation[b, 1], 0), vector(bodies.rotation[b, 2], 0)
+    R = rows_of(bodies.rotation[b])
     spin = rotated(R, vector(bodies.motion[b, 2], 0))
     return added(vector(bodies.motion[b, 1], 0), 1.0, cross(spin, added(place, -1.0, middle)))
 
@@ -117,8 +117,7 @@ def start_velocity_of_rigid(bodies: RigidBodies, b: int, place: Vector, middle: 
 @jit_part
 def start_velocity_at(motion: Array, rotation: Array, arm: Array) -> Vector:
     """Between two steps of a point of a rigid body, at an arm in its axes; p, v and ω (3, 3), and R (3, 3)."""
-    R = vector(rotation[0], 0), vector(rotation[1], 0), vector(rotation[2], 0)
-    return added(vector(motion[1], 0), 1.0, rotated(R, cross(vector(motion[2], 0), vector(arm, 0))))
+    return added(vector(motion[1], 0), 1.0, rotated(rows_of(rotation), cross(vector(motion[2], 0), vector(arm, 0))))
 
 
 @jit_part
@@ -127,6 +126,14 @@ def start_velocity_of_driven(bodies: Driven, d: int, place: Vector) -> Vector:
     start = bodies.start[d]
     arm = added(place, -1.0, vector(bodies.step[d], MIDDLE))
     return added(vector(start, VELOCITY), 1.0, cross(vector(start, TURNING), arm))
+
+
+@jit_part
+def start_velocity_of_driven_at(bodies: Driven, d: int, arm: Vector) -> Vector:
+    """Between two steps of a point at an arm in its axes, m/s."""
+    start = bodies.start[d]
+    turned_arm = rotated(rotation_of(*rotation_in(start)), arm)
+    return added(vector(start, VELOCITY), 1.0, cross(vector(start, TURNING), turned_arm))
 
 
 @jit_part
@@ -152,7 +159,7 @@ def end_rigid(bodies: RigidBodies, freedoms: Freedoms, h: float, b: int, works: 
     mass, (x, y, z) = bodies.mass[b], vector(freedoms.gravity[b], 0)
     given = added((mass * x, mass * y, mass * z), 1.0, vector(freedoms.given[b, 0], 0))
     loaded = vector(freedoms.given[b, 1], 0)
-    R = vector(bodies.rotation[b, 0], 0), vector(bodies.rotation[b, 1], 0), vector(bodies.rotation[b, 2], 0)
+    R = rows_of(bodies.rotation[b])
     turning = rotated(R, ω̂)
     works[0] = h * (dot(given, v̂) + dot(loaded, turning))
     works[1] = h * (dot(force, v̂) + dot(added(torque, -1.0, loaded), turning))
@@ -169,9 +176,7 @@ def end_rigid(bodies: RigidBodies, freedoms: Freedoms, h: float, b: int, works: 
     R = rotation_of(w, i, j, k)
     for n in range(3):
         put(bodies.rotation[b, n], 0, R[n])
-    inverse, L = freedoms.inverse[b], rotated_back(R, momentum)
-    rows = vector(inverse[0], 0), vector(inverse[1], 0), vector(inverse[2], 0)
-    put(bodies.motion[b, 2], 0, rotated(rows, L))
+    put(bodies.motion[b, 2], 0, rotated(rows_of(freedoms.inverse[b]), rotated_back(R, momentum)))
 
 
 @jit_part

@@ -8,8 +8,6 @@ from fenics_rom.mechanics.compiled.copying import add_row
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.runtime.compiled.frame_tables import state_at
 from fenics_rom.runtime.compiled.frames import (
-    TURNING,
-    VELOCITY,
     added,
     cross,
     dot,
@@ -21,10 +19,10 @@ from fenics_rom.runtime.compiled.frames import (
     vector,
 )
 from fenics_rom.world import turning
-from fenics_rom.world.compiled.bodies import start_velocity_at, times
+from fenics_rom.world.compiled.bodies import start_velocity_at, start_velocity_of_driven_at, times
 from fenics_rom.world.compiled.joints import factor_of, solve_held
-from fenics_rom.world.compiled.rigid_bodies import set_map
-from fenics_rom.world.compiled.soft_bodies import kick_soft, points_at, rows_in, velocities_between
+from fenics_rom.world.compiled.rigid_bodies import rows_of, set_map
+from fenics_rom.world.compiled.soft_bodies import kick_soft, points_at, velocities_between
 from fenics_rom.world.compiled.tables import (
     BY_JOINTS,
     BY_OTHERS,
@@ -101,9 +99,7 @@ def _velocity_of(world: Array, b: int, j: int, side: int) -> Vector:
                 v = added(v, joined.weights[j, side, k], velocities_between(table, joined.nodes[j, side, k]))
         return v
     if kind == DRIVEN:
-        start = driven_at(world).start[index]
-        turned_arm = rotated(rotation_of(*rotation_in(start)), vector(joined.arms[j, side], 0))
-        return added(vector(start, VELOCITY), 1.0, cross(vector(start, TURNING), turned_arm))
+        return start_velocity_of_driven_at(driven_at(world), index, vector(joined.arms[j, side], 0))
     rigid = rigid_at(world)
     return start_velocity_at(rigid.motion[index], rigid.rotation[index], joined.arms[j, side])
 
@@ -112,12 +108,12 @@ def _velocity_of(world: Array, b: int, j: int, side: int) -> Vector:
 def _add_rigid(world: Array, b: int, W: Array) -> None:
     """Adds the velocities (3J, 3J) per impulse of a rigid body, 1/kg."""
     joined, rigid, index = joined_at(world), rigid_at(world), bodies_at(world).numbers[b]
-    R, maps = rows_in(rigid.rotation[index].reshape(9), 0), np.zeros((6, len(W)))
+    R, maps = rows_of(rigid.rotation[index]), np.zeros((6, len(W)))
     for j in range(len(joined.ends)):
         for side in range(2):
             if joined.ends[j, side] == b and joined.are_stopped[j]:
                 set_map(maps, 3 * j, 1.0 - 2 * side, rotated(R, vector(joined.arms[j, side], 0)))
-    by_torque = times(R, _transposed(times(R, rows_in(freedoms_at(world).inverse[index].reshape(9), 0))))
+    by_torque = times(R, _transposed(times(R, rows_of(freedoms_at(world).inverse[index]))))
     for row in range(len(W)):
         for k in range(3):
             add_row(maps[k], maps[k, row] / rigid.mass[index], W[row])
@@ -184,8 +180,8 @@ def _kick(world: Array, b: int, impulses: Array, works: Array) -> None:
 def _kick_rigid(world: Array, b: int, impulses: Array) -> float:
     """By how much that changes the energy of a rigid body, J."""
     joined, rigid, freedoms, index = joined_at(world), rigid_at(world), freedoms_at(world), bodies_at(world).numbers[b]
-    motion, inverse = rigid.motion[index], rows_in(freedoms.inverse[index].reshape(9), 0)
-    R, inertia = rows_in(rigid.rotation[index].reshape(9), 0), rows_in(rigid.inertia[index].reshape(9), 0)
+    motion, inverse = rigid.motion[index], rows_of(freedoms.inverse[index])
+    R, inertia = rows_of(rigid.rotation[index]), rows_of(rigid.inertia[index])
     v, ω, L = vector(motion[1], 0), vector(motion[2], 0), vector(freedoms.momentum[index], 0)
     before = rigid.mass[index] * dot(v, v) + dot(ω, rotated(inertia, ω))
     for j in range(len(joined.ends)):

@@ -9,20 +9,13 @@ from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.copying import copy_rows, fill
 from fenics_rom.mechanics.compiled.shapes import distance
 from fenics_rom.mechanics.frame_motion import Vector
-from fenics_rom.runtime.compiled.frames import (
-    TURNING,
-    VELOCITY,
-    added,
-    cross,
-    dot,
-    put,
-    rotated,
-    rotated_back,
-    rotation_in,
-    rotation_of,
-    vector,
+from fenics_rom.runtime.compiled.frames import added, cross, dot, put, rotated, rotated_back, vector
+from fenics_rom.world.compiled.bodies import (
+    start_velocity_at,
+    start_velocity_of_driven,
+    start_velocity_of_driven_at,
+    start_velocity_of_rigid,
 )
-from fenics_rom.world.compiled.bodies import start_velocity_at, start_velocity_of_driven, start_velocity_of_rigid
 from fenics_rom.world.compiled.soft_bodies import SPUN, rows_in, step_at
 from fenics_rom.world.compiled.soft_collision import NONE, find_nearest
 from fenics_rom.world.compiled.tables import (
@@ -251,10 +244,7 @@ def look_at_start(world: Array, C: int, n: int, h: float) -> None:
             if kind == RIGID and c >= C:
                 u = added(u, sign, start_velocity_at(rigid.motion[index], rigid.rotation[index], near.arms[c, side]))
             elif kind == DRIVEN and c >= C:
-                start = driven.start[index]
-                arm = rotated(rotation_of(*rotation_in(start)), vector(near.arms[c, side], 0))
-                v = added(vector(start, VELOCITY), 1.0, cross(vector(start, TURNING), arm))
-                u = added(u, sign, v)
+                u = added(u, sign, start_velocity_of_driven_at(driven, index, vector(near.arms[c, side], 0)))
             elif kind == RIGID:
                 u = added(u, sign, start_velocity_of_rigid(rigid, index, place, vector(bodies.placed[body], 0)))
                 gone = added(gone, sign * h * h / 4, vector(freedoms.acceleration[index], 0))

@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part, jit_shared
 from fenics_rom.mechanics.compiled.copying import add_row, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import Inverse, in_one_piece
-from fenics_rom.mechanics.frame_motion import added, cross, rotated
+from fenics_rom.mechanics.frame_motion import Rotation, Vector, added, cross, rotated
 from fenics_rom.world import turning
 
 _find_turning, _answers_to = jit_shared(turning.find_turning), jit_shared(turning.answers_to)
@@ -28,12 +28,13 @@ class RigidBodies(NamedTuple):
 
 
 @jit_part
-def _row(values: Array) -> tuple[float, float, float]:
+def _row(values: Array) -> Vector:
     return values[0], values[1], values[2]
 
 
 @jit_part
-def _rows(matrix: Array) -> tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]:
+def rows_of(matrix: Array) -> Rotation:
+    """Rows of a matrix (3, 3)."""
     return _row(matrix[0]), _row(matrix[1]), _row(matrix[2])
 
 
@@ -89,10 +90,10 @@ def attempt(bodies: RigidBodies, h: float, pushed: Pushed, f: Array, tries: Arra
                     for k in range(3):
                         moment[i, k] += (1.0 - 2 * side) * arm[i] * f[c, k]
     for b in range(B):
-        R, forced = _rows(bodies.rotation[b]), 0.0
+        R, forced = rows_of(bodies.rotation[b]), 0.0
         if n > C:
             forced = h * largest_of(pushed.inverse[b]) * largest_of(held[b])
-        given = _rows(bodies.inertia[b]), R, _row(bodies.motion[b, 2]), _row(tries[b, 1]), _rows(held[b]), forced
+        given = rows_of(bodies.inertia[b]), R, _row(bodies.motion[b, 2]), _row(tries[b, 1]), rows_of(held[b]), forced
         ω̂, whole, middle, left = _find_turning(h, *given)
         if left != 0.0:
             return np.nan
@@ -115,7 +116,7 @@ def attempt(bodies: RigidBodies, h: float, pushed: Pushed, f: Array, tries: Arra
 
 @jit_part
 def _turned(rotations: Array, b: int, arm: Array) -> tuple[float, float, float]:
-    return _rotated(_rows(rotations[b]), _row(arm))
+    return _rotated(rows_of(rotations[b]), _row(arm))
 
 
 @jit_part
@@ -136,7 +137,7 @@ def look_at_answers(bodies: RigidBodies, h: float, pushed: Pushed, tries: Array,
     fill(answers, 0.0)
     ends, C = pushed.ends, pushed.C
     for b in range(len(tries)):
-        given = bodies.mass[b], _rows(bodies.inertia[b]), _rows(bodies.rotation[b])
+        given = bodies.mass[b], rows_of(bodies.inertia[b]), rows_of(bodies.rotation[b])
         found, of_body = _answers_to(h, *given, _row(tries[b, 0]), _row(tries[b, 1]), _row(tries[b, 3])), maps[b]
         _set(answers[b, :3, :3], found.moving)
         _set(answers[b, 3:, 3:], found.turning)

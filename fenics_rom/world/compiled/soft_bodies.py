@@ -46,7 +46,6 @@ from fenics_rom.runtime.compiled.frames import (
     TAKEN,
     TURNING,
     VELOCITY,
-    Body,
     Push,
     State,
     act,
@@ -356,17 +355,17 @@ def kick_soft(table: Array, impulses: Array) -> float:
     inside, before = np.empty(3 * len(impulses)), told[SQUARE]
     for p in range(len(impulses)):
         put(inside, 3 * p, rotated_back(R, vector(impulses[p], 0)))
-    square, within = _square_of(body, state), told[WITHIN]
+    square, within = _square_of(state), told[WITHIN]
     r += np.dot(points.rows, inside)
     shape_at(body, e * body.inverse_ω, r, state.table, now)
     move_with(body.mass, R, now)
     told[WITHIN] = e.dot(e) + r.dot(r)
-    told[SQUARE] += _square_of(body, state) - square + told[WITHIN] - within
+    told[SQUARE] += _square_of(state) - square + told[WITHIN] - within
     return (told[SQUARE] - before) / 2
 
 
 @jit_part
-def _square_of(body: Body, state: State) -> float:
+def _square_of(state: State) -> float:
     """Twice the kinetic energy of a body but for that of its shape within the frame, J."""
     now = state.now[0]
     v, ω = vector(now, OF_BASE), vector(now, SPIN)

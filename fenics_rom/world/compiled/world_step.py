@@ -195,7 +195,6 @@ def _end_step(world: Array, C: int, h: float, row: int, free: int | None) -> boo
                 end_soft(table, h)
             told = step_at(table).told
             works[b, 0], works[b, 1], works[b, 2] = told[SUPPLIED], told[DISSIPATED], told[BY_OTHERS]
-
     return True
 
 
