@@ -46,7 +46,7 @@ def soft_table(body: Soft) -> SoftTable | None:
         return None
     if frame is None or (kernel.residual is not None and kernel.residual.relaxes):
         return None
-    of_body, loads, _, _ = frame.parts
+    of_body, loads = frame.parts
     m, P, p = len(of_body.ω), len(rest), loads.push.shape[0]
     points = points_of(FramePoints(rest, rows), kernel.residual)
     mount = np.concatenate(body.mount)

@@ -235,9 +235,9 @@ class CompiledFrame:
         return self._body.h
 
     @property
-    def parts(self) -> tuple[Body, Loads, State, Watch]:
-        """What compiled functions know of the body."""
-        return self._body, self._loads, self._state, self._watch
+    def parts(self) -> tuple[Body, Loads]:
+        """What compiled functions know of the body and of what acts on it."""
+        return self._body, self._loads
 
     def begin(self, frame: FrameState | None, notes: dict[str, float]) -> None:
         """Takes over where the frame is, unless that is None, and notes of the run, as far as they are not known."""
