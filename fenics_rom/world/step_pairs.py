@@ -98,7 +98,7 @@ class StepPairs:
         self.joint_forces = forces[len(swung) :]
         self._pairs = self._guide = None
 
-    def of_step(self, h: float, far: bool = False) -> tuple[Pairs, Array, Guide | None]:
+    def of_step(self, h: float, far: bool) -> tuple[Pairs, Array, Guide | None]:
         """The pairs of a step of h s that all bodies have begun, forces to begin with, and what may guide.
 
         `far`: as the bodies go as they were tried last.

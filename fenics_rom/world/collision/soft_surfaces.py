@@ -66,7 +66,7 @@ def _found_on(first: PlacedSurface, second: PlacedSurface, margin: float) -> OnS
     return OnSurface(first.touching[found], nodes, weights, feet, normals[found], gaps[found])
 
 
-def _vertices(surface: PlacedSurface, row: Array, numbers: int | Array = 0) -> Spots:
+def _vertices(surface: PlacedSurface, row: Array, numbers: int | Array) -> Spots:
     """Spots at points of a surface; numbers: what is added to their features."""
     weights = np.zeros((len(row), 3))
     weights[:, 0] = 1.0
