@@ -20,7 +20,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.body_faces import DEEPEST, BodyFaces, Places
-from fenics_rom.mechanics.complementarity import Delassus
+from fenics_rom.mechanics.complementarity.delassus import Delassus, operator_among, operator_between
 from fenics_rom.mechanics.contact import Carriers, ContactLaw, ContactSolution, ObstacleMotion, PointMotion, moved_by
 from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_search import FaceSlots
@@ -36,7 +36,7 @@ NO_DERIVATIVE = (
 MOST_SWEEPS = 12
 ROUND_OFF = 1e-13  # of the size of a triangle: as well a gap at the end of a step is foreseen
 MOST_BENT = 0.1  # what a row may have beside weights: more is of corners that go past an edge
-_ONES = np.ones(3)
+_ONES, _FIRST = np.ones(3), np.array([1.0, 0.0, 0.0])
 
 
 class _Faces:
@@ -100,8 +100,8 @@ class FaceContact(MeshContact):
 
     def gaps(self, displacement: Array, offsets: Array) -> Array:
         """As in ContactSolver: of the points alone."""
-        placed = zip(self._given[: self._O], offsets, strict=True)
-        gaps: Array = np.min([o.distance(self.points + displacement - by)[0] for o, by in placed], axis=0)
+        seen = zip(self._given[: self._O], self._seen(displacement, offsets), strict=True)
+        gaps: Array = np.min([obstacle.distance(points)[0] for obstacle, points in seen], axis=0)
         return gaps
 
     def near(self, displacement: Array, offsets: Array, margin: float = 0.0) -> list[Places]:
@@ -167,10 +167,7 @@ class FaceContact(MeshContact):
                 break
         if contact is None:
             return None
-        at_points, between = contact.pairs % len(self.points), self._between
-        nodes, weights = np.tile(at_points[:, None], 3), np.tile([1.0, 0.0, 0.0], (len(at_points), 1))
-        _, own, of = np.intersect1d(contact.pairs, between.pair, return_indices=True)
-        nodes[own], weights[own] = between.nodes[of], between.weights[of]
+        nodes, weights = self._carried(contact.pairs, _FIRST, self._between.weights)
         nearest = np.take_along_axis(nodes, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
         return contact._replace(
             iterations=iterations,
@@ -275,13 +272,17 @@ class FaceContact(MeshContact):
         known, between = self._pairs_operator, self._between
         if known is None or known[0] is not delassus or known[1] is not between or known[2] != key:
             active = chosen.nonzero()[0]
-            _, own, of = np.intersect1d(active, between.pair, return_indices=True)
-            plain = np.setdiff1d(np.arange(len(active)), own)
-            pair, point = np.concatenate([plain, np.repeat(own, 3)]), active[plain] % len(self.points)
-            maps = np.concatenate([np.tile(np.eye(3), (len(plain), 1, 1)), between.maps[of].reshape(-1, 3, 3)])
-            moved = _moved_between(delassus, pair, np.concatenate([point, between.nodes[of].ravel()]), maps)
+            nodes, maps = self._carried(active, _FIRST[:, None, None] * np.eye(3), between.maps)
+            moved = operator_between(*operator_among(delassus, nodes), maps)
             self._pairs_operator = known = delassus, between, key, (active, Delassus(moved))
         return known[3]
+
+    def _carried(self, pairs: Array, at_points: Array, at_faces: Array) -> tuple[Array, Array]:
+        """Points (C, 3) that carry pairs (C,), and a value of each pair: that of all at points, or of each at faces."""
+        nodes, values = np.tile(pairs[:, None] % len(self.points), 3), np.repeat(at_points[None], len(pairs), axis=0)
+        _, own, of = np.intersect1d(pairs, self._between.pair, return_indices=True)
+        nodes[own], values[own] = self._between.nodes[of], at_faces[of]
+        return nodes, values
 
     def _wedges(self, active: Array) -> bool:
         """As in ContactSolver."""
@@ -307,19 +308,3 @@ def _slots_of(places: Places, keys: Array, at: Array, parts: int) -> Array:
             slot = np.where(free, keys, keys.max() + 1).argmin()  # one that had none, if there is one
         slots[row], free[slot] = slot, False
     return slots
-
-
-def _moved_between(W: Array, pair: Array, point: Array, maps: Array) -> Array:
-    """How pairs move by forces of one another, (3C, 3C), m/s/N, where each moves with several points.
-
-    Args:
-        W: of all points (3P, 3P), m/s/N.
-        pair, point: (k,) which pair moves with which point; every pair is named.
-        maps: (k, 3, 3) velocities of a pair per those of a point.
-    """
-    some, at = np.unique(point, return_inverse=True)
-    S = np.zeros((pair.max() + 1, len(some), 3, 3))
-    np.add.at(S, (pair, at.ravel()), maps)
-    S, rows = S.transpose(0, 2, 1, 3).reshape(-1, 3 * len(some)), (3 * some[:, None] + np.arange(3)).ravel()
-    moved: Array = S.dot(W.take(rows, axis=0).take(rows, axis=1)).dot(S.T)
-    return moved

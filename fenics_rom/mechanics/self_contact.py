@@ -18,7 +18,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.complementarity import Delassus
+from fenics_rom.mechanics.complementarity.delassus import Delassus, operator_among, operator_between
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, Opposite, PointMotion
 from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs
 from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE
@@ -229,12 +229,9 @@ class SelfContact(MeshContact):
         own, C = self._own_rows(pairs), len(pairs)
         within = (own >= 0).nonzero()[0]
         own = own[within]
-        carriers = np.concatenate([pairs % len(self.points), self._itself.opposite.nodes[own].ravel()])
-        some, at = np.unique(carriers, return_inverse=True)
-        maps, rows = np.zeros((C, 3, 3, 3)), (3 * some[:, None] + np.arange(3)).ravel()
-        carrying = np.repeat(at[:C, None], 4, axis=1)
-        carrying[within, 1:], maps[within] = at[C:].reshape(-1, 3), self._turning()[own]
-        return self._operator(delassus.take(rows, axis=0).take(rows, axis=1), carrying, maps)
+        carrying, maps = np.repeat(pairs[:, None] % len(self.points), 4, axis=1), np.zeros((C, 3, 3, 3))
+        carrying[within, 1:], maps[within] = self._itself.opposite.nodes[own], self._turning()[own]
+        return self._operator(*operator_among(delassus, carrying), maps)
 
     def _operator(self, W: Array, at: Array, maps: Array) -> Array:
         """The same from that of some points (3 s, 3 s).
@@ -244,14 +241,8 @@ class SelfContact(MeshContact):
             at: which of them pairs are at, and three that carry what each meets, (C, 4).
             maps: by which those do, (C, 3, 3, 3); 0 of pairs with obstacles.
         """
-        C = len(at)
-        S = np.zeros((C, 3, len(W) // 3, 3))
-        S[np.arange(C), :, at[:, 0]] = np.eye(3)
-        for corner in range(3):
-            S[np.arange(C), :, at[:, 1 + corner]] -= maps[:, corner]
-        S = S.reshape(3 * C, -1)
-        moved: Array = S.dot(W).dot(S.T)
-        return moved
+        of_points = np.tile(np.eye(3), (len(at), 1, 1, 1))
+        return operator_between(W, at, np.concatenate([of_points, -maps], axis=1))
 
     def _own_rows(self, pairs: Array) -> Array:
         """Which of the pairs of the body with itself pairs (C,) are, (C,); -1 of those with obstacles."""

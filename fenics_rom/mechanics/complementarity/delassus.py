@@ -290,3 +290,26 @@ class FramedDelassus:
         if self.added:
             moved[0] += self.added * forces[0]
         return moved
+
+
+def operator_among(W: Array, points: Array) -> tuple[Array, Array]:
+    """Of an operator (3P, 3P) the part (3s, 3s) of the points that some numbers are, and which of these each is."""
+    some, at = np.unique(points, return_inverse=True)
+    rows = (3 * some[:, None] + np.arange(3)).ravel()
+    return W.take(rows, axis=0).take(rows, axis=1), at.reshape(points.shape)
+
+
+def operator_between(W: Array, at: Array, maps: Array) -> Array:
+    """How pairs move by forces of one another, (3C, 3C), m/s/N, where each moves with several points.
+
+    Args:
+        W: of s points (3s, 3s), m/s/N.
+        at: (C, m) which of them each pair moves with.
+        maps: (C, m, 3, 3) its velocity per theirs.
+    """
+    each, S = np.arange(len(at)), np.zeros((len(at), 3, len(W) // 3, 3))
+    for k in range(at.shape[1]):
+        S[each, :, at[:, k]] += maps[:, k]
+    S = S.reshape(3 * len(at), -1)
+    moved: Array = S.dot(W).dot(S.T)
+    return moved
