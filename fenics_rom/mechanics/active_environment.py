@@ -246,8 +246,13 @@ def known_at_start(obstacles: Mapping[str, MovingObstacle]) -> "tuple[dict[str, 
     """Obstacles of which is known where they are at time 0, by name, and rows of these."""
     shapes: dict[str, Obstacle] = {}
     rows = list[Array]()
-    for name, (shape, shift, motion) in ((name, vars(each).values()) for name, each in obstacles.items()):
-        if motion is None or motion.path is not None:
-            shapes[name] = shape
-            rows.append(shift(0.0) if motion is None else pose_row(motion.path(0.0), np.array(motion.origin)))
+    for name, each in obstacles.items():
+        motion = each.motion
+        if motion is None:
+            rows.append(each.displacement(0.0))
+        elif motion.path is not None:
+            rows.append(pose_row(motion.path(0.0), np.array(motion.origin)))
+        else:
+            continue
+        shapes[name] = each.shape
     return shapes, np.array(with_turns(rows))

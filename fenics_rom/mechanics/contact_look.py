@@ -1,12 +1,14 @@
 """What the contact law looks at in a step: gaps, normals, and how fast obstacles move where points are.
 
 An obstacle that moves by translation has the normals and the velocity that it had at the start. One that turns is seen
-as it is at the end: with g₀ and g₁ the gaps that the points would have at the start and at the end if they stayed where
-they are, and n the normals at the end, its velocity w is that of its material along the surface, and (g₀ - g₁)/h along
-n. So g₀ + h n·(v̂ - w) = g₁ + h n·v̂: what keeps this positive is not inside a convex obstacle at the end, however far it
-turns; what sticks moves with the material; and a round one that spins about its axis pushes nothing aside. Where the
-nearest place at the end is on another side of the obstacle, which passes a point in a step, n is the normal at the
-start, turned with it, and w that of the material: then g₀ + h n·(v̂ - w) is how far the point is before that plane.
+as it is at the end. There g₀ and g₁ are the gaps that points would have at the start and at the end if they stayed
+where they are, and n the normals at the end. Its velocity w is that of its material along the surface, and (g₀ - g₁)/h
+along n. So g₀ + h n·(v̂ - w) = g₁ + h n·v̂: what keeps this positive is not inside a convex obstacle at the end, however
+far it turns; what sticks moves with the material; and a round one that spins about its axis pushes nothing aside.
+
+An obstacle may pass a point in a step: the nearest place at the end is then on another side of it. There n is the
+normal at the start, turned with the obstacle, and w the velocity of the material. So g₀ + h n·(v̂ - w) is how far the
+point is before that plane.
 """
 
 from collections.abc import Callable

@@ -67,7 +67,7 @@ def find_facing(
             continue
         is_on = is_flat = away <= ON_IT * size
         for k in range(3):
-            share, is_border = weights[p, k], False
+            share = weights[p, k]
             is_border = (share == 0.0 and sides[t, k]) or (share == 1.0 and corners[t, k])
             is_flat = is_flat or (is_border and away * away - above * above <= (BORDER * size) ** 2)
         inside = above < -SIDEWAYS * away and away <= reach
