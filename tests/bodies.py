@@ -55,12 +55,17 @@ def box_arrays(
     return moved * np.array(lengths) / count, np.concatenate([first[:, None] + step for step in steps])
 
 
+def skin_of(cells: np.ndarray) -> np.ndarray:
+    """Triangles of tetrahedra that no other has, with ascending corners."""
+    every = np.sort(cells[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1)
+    faces, count = np.unique(every, axis=0, return_counts=True)
+    skin: np.ndarray = faces[count == 1]
+    return skin
+
+
 def box_surfaces(points: np.ndarray, cells: np.ndarray) -> dict[str, np.ndarray]:
     """Triangles of the six faces of a box."""
-    faces = np.sort(cells[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1)
-    unique, count = np.unique(faces, axis=0, return_counts=True)
-    outer = unique[count == 1]
-    on = {}
+    outer, on = skin_of(cells), {}
     for axis, names in enumerate((("left", "right"), ("front", "back"), ("bottom", "top"))):
         for name, end in zip(names, (points[:, axis].min(), points[:, axis].max()), strict=True):
             on[name] = outer[np.isclose(points[outer, axis], end).all(axis=1)]

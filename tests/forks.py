@@ -1,7 +1,7 @@
 """Bodies that touch themselves: with two prongs, and an oval ring."""
 
 import numpy as np
-from bodies import box_arrays, scene_text, write_arrays
+from bodies import box_arrays, scene_text, skin_of, write_arrays
 
 from fenics_rom.scene.file import parse_scene
 
@@ -66,13 +66,6 @@ def oval(around):
     high = points[outside, 2] / (LEVEL + THICK)
     faces = {"foot": outside[(high < -0.9).all(axis=1)], "head": outside[(high > 0).all(axis=1)]}
     return points, cells, {"inside": inside, **faces}
-
-
-def skin_of(cells):
-    """Triangles of tetrahedra that no other has, with ascending corners."""
-    every = np.sort(cells[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1)
-    faces, count = np.unique(every, axis=0, return_counts=True)
-    return faces[count == 1]
 
 
 def fork_scene(*given, **parts):

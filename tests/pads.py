@@ -1,7 +1,7 @@
 """A pad whose top meets obstacles that are smaller than its mesh."""
 
 import numpy as np
-from bodies import box_arrays, scene_text, write_arrays
+from bodies import box_arrays, scene_text, skin_of, write_arrays
 
 from fenics_rom.scene.file import parse_scene
 
@@ -18,9 +18,7 @@ def pad(bricks=(4, 4, 1), moved=None):
     if moved is not None:
         top = np.isclose(points[:, 2], height).nonzero()[0]
         points[top[np.linalg.norm(points[top, :2] - moved, axis=1).argmin()], :2] = moved
-    every = np.sort(cells[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1)
-    faces, count = np.unique(every, axis=0, return_counts=True)
-    skin = faces[count == 1]
+    skin = skin_of(cells)
     x, z = points[skin, 0], points[skin, 2]
     ends = {"top": np.isclose(z, height), "bottom": np.isclose(z, 0), "left": np.isclose(x, 0)}
     return points, cells, {"skin": skin} | {name: skin[at.all(axis=1)] for name, at in ends.items()}

@@ -22,6 +22,5 @@ class Outline(NamedTuple):
 
 
 FLAT = Outline(np.empty((0, 3)), np.empty((0, 2), dtype=int), 0.0)  # of what has neither
-_SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-BLOCK_CORNERS = _SIGNS  # of a block, in half edges
-BLOCK_EDGES = np.array([(i, j) for i in range(8) for j in range(i) if np.abs(_SIGNS[i] - _SIGNS[j]).sum() == 2])
+BLOCK_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])  # of a block, in half edges
+BLOCK_EDGES = np.array([(i, j) for i in range(8) for j in range(i) if (i ^ j) in (1, 2, 4)])  # along one axis each
