@@ -9,6 +9,15 @@ from pathlib import Path
 import pytest
 
 PATIENCE = 900  # s; many times what any of them takes, for machines that do other work as well
+_SIMULATE = """import sys
+from fenics_rom.cli.main import main
+for name in sys.argv[2:]:
+    try:
+        main(["simulate", name + ".toml", "-o", f"{name}-{sys.argv[1]}.h5"])
+    except SystemExit as end:
+        if end.code:
+            raise
+"""
 
 
 def children(launcher: int) -> list[int]:
@@ -33,3 +42,10 @@ def run_ranks(ranks, *words, cwd=None, path=None, patience=PATIENCE):
             out, err = run.communicate(timeout=PATIENCE)
             pytest.fail(f"{' '.join(command)}: not at its end after {patience} s\n{out}{err}")
         return subprocess.CompletedProcess(command, run.returncode, out, err)
+
+
+def simulate_on_ranks(folder, *names):
+    """Runs the scenes NAME.toml of a folder on one rank and on two: NAME-1.h5 and NAME-2.h5."""
+    for ranks in (1, 2):
+        done = run_ranks(ranks, "-c", _SIMULATE, ranks, *names, cwd=folder)
+        assert done.returncode == 0, done.stdout + done.stderr

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from pads import RUBS, UP, L, R, depth_of, pad_scene, pad_text, shape
-from ranks import run_ranks
+from ranks import simulate_on_ranks
 
 import fenics_rom as fr
 from fenics_rom.fem.simulator import FullOrderSimulator
@@ -12,15 +12,6 @@ pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarn
 LARGE = {"effects.large_deformation": 'material = "st_venant_kirchhoff"'}
 X, Y = 1.3 * L, 1.55 * L  # between nodes
 ROD = shape("rod", X, Y, 1e-4 * L)
-BOTH = """import sys
-from fenics_rom.cli.main import main
-for name in ("small", "large"):
-    try:
-        main(["simulate", name + ".toml", "-o", f"{name}-{sys.argv[1]}.h5"])
-    except SystemExit as end:
-        if end.code:
-            raise
-"""
 
 
 def press(body, stepper, steps, bound):
@@ -62,9 +53,7 @@ def test_two_ranks_do_as_one(tmp_path):
     parts = {**UP, **RUBS, "outputs.top": 'surface = "top"', "run": "dt = 1e-3\nduration = 0.02"}
     for name, others in (("small", {}), ("large", LARGE)):
         (tmp_path / f"{name}.toml").write_text(pad_text(tmp_path, ROD, **parts, **others))
-    for ranks in (1, 2):
-        done = run_ranks(ranks, "-c", BOTH, str(ranks), cwd=tmp_path)
-        assert done.returncode == 0, done.stdout + done.stderr
+    simulate_on_ranks(tmp_path, "small", "large")
     for name in ("small", "large"):
         one, other = (fr.read_trajectory(tmp_path / f"{name}-{ranks}.h5") for ranks in (1, 2))
         assert np.abs(one.forces["pin"]).max() > 0.05

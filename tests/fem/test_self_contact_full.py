@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from forks import CLAMPED, LEVEL, LONG, ROPE, THICK, cleft, fork_scene, fork_text, oval, pressed
-from ranks import run_ranks
+from ranks import simulate_on_ranks
 
 import fenics_rom as fr
 from fenics_rom.fem.simulator import FullOrderSimulator
@@ -12,15 +12,6 @@ pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarn
 RUBS = {"effects.friction": "coefficient = 0.3"}
 LARGE = {"effects.large_deformation": 'material = "st_venant_kirchhoff"'}
 STEPS = 80
-BOTH = """import sys
-from fenics_rom.cli.main import main
-for name in ("small", "large"):
-    try:
-        main(["simulate", name + ".toml", "-o", f"{name}-{sys.argv[1]}.h5"])
-    except SystemExit as end:
-        if end.code:
-            raise
-"""
 
 
 def press(body, stepper, inputs):
@@ -123,9 +114,7 @@ def test_two_ranks_do_as_one(tmp_path):
     parts = {**CLAMPED, **ROPE, **RUBS, "outputs.tip": 'surface = "above"', "run": run}
     for name, others in (("small", {}), ("large", LARGE)):
         (tmp_path / f"{name}.toml").write_text(fork_text(tmp_path, cleft((3, 1, 3), 1), **parts, **others))
-    for ranks in (1, 2):
-        done = run_ranks(ranks, "-c", BOTH, str(ranks), cwd=tmp_path)
-        assert done.returncode == 0, done.stdout + done.stderr
+    simulate_on_ranks(tmp_path, "small", "large")
     for name in ("small", "large"):
         one, other = (fr.read_trajectory(tmp_path / f"{name}-{ranks}.h5") for ranks in (1, 2))
         assert one.contact_account["contact"][-1] > 0
