@@ -57,8 +57,8 @@ def shape(kind, x, y, above, height=L):
 
 
 def depth_of(stepper, offset):
-    """How deep an obstacle that is displaced by (3,) is in faces and contact points, m."""
-    solver, offsets = stepper.interface.solver, np.reshape(offset, (1, 3))
+    """How deep an obstacle that is displaced by (3,), or posed, is in faces and contact points, m."""
+    solver, offsets = stepper.interface.solver, np.reshape(offset, (1, -1))
     moved = stepper.point_displacement()
     places = solver.near(moved, offsets)[0]
     return -min(places.gaps.min(initial=0.0), solver.gaps(moved, offsets).min())

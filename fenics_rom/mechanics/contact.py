@@ -161,7 +161,7 @@ class ContactSolution(NamedTuple):
         """Those of the contact points that take part, (any,)."""
         points = self.pairs % len(self.forces)
         if self.carriers is not None:
-            return np.unique(self.carriers.nodes[self.carriers.weights > 0])
+            points = np.unique(self.carriers.nodes[self.carriers.weights > 0])
         if self.opposite is None:
             return points
         return np.union1d(points, self.opposite.nodes[self.opposite.weights.any(axis=1)])
@@ -172,13 +172,16 @@ class ContactSolution(NamedTuple):
         w = self.surface_velocities
         if w is None:
             w = np.concatenate([self.obstacle_velocities, np.zeros((1, 3))])[obstacle]
-        if self.carriers is not None:
-            relative: Array = (self.carriers.weights[:, :, None] * velocities[self.carriers.nodes]).sum(axis=1) - w
-            return relative
-        relative = velocities[point] - w
-        if self.opposite is None:
-            return relative
-        return relative - (self.opposite.weights[:, :, None] * velocities[self.opposite.nodes]).sum(axis=1)
+        relative = (velocities[point] if self.carriers is None else _mean_at(velocities, self.carriers)) - w
+        return relative if self.opposite is None else relative - _mean_at(velocities, self.opposite)
+
+    def of_surface(self, velocities: Array) -> Array:
+        """Of velocities of obstacles at all pairs of points (O P, 3), those at the pairs that took part, (C, 3)."""
+        if self.carriers is None:
+            return velocities[self.pairs]
+        P = len(self.forces)
+        of_pairs = (self.pairs // P * P)[:, None] + self.carriers.nodes
+        return _mean_at(velocities, Carriers(of_pairs, self.carriers.weights))
 
     @property
     def touching(self) -> int:
@@ -190,12 +193,12 @@ class ContactSolution(NamedTuple):
     def normal_forces(self) -> Array:
         """Of all that touches it together on each point, (P,), N."""
         pressure, P = (self.pair_forces * self.normals).dot(_ONES), len(self.forces)
-        if self.carriers is not None:
-            shares = self.carriers.weights * pressure[:, None]
-            return np.bincount(self.carriers.nodes.ravel(), weights=shares.ravel(), minlength=P)
-        pressing = np.bincount(self.pairs % P, weights=pressure, minlength=P)
-        if self.opposite is not None:
-            np.add.at(pressing, self.opposite.nodes, self.opposite.weights * pressure[:, None])
+        pressing = np.zeros(P)
+        if self.carriers is None:
+            np.add.at(pressing, self.pairs % P, pressure)
+        for places in (self.carriers, self.opposite):
+            if places is not None:
+                np.add.at(pressing, places.nodes, places.weights * pressure[:, None])
         return pressing
 
     @property
@@ -221,6 +224,12 @@ class ContactSolution(NamedTuple):
         whole = power - supplied
         normal = whole if self.normal_power is None else self.normal_power
         return ContactWork(dt * supplied, -dt * normal, dt * (normal - whole))
+
+
+def _mean_at(values: Array, places: "Opposite | Carriers") -> Array:
+    """Of values of points (P, any) those at places, (C, any)."""
+    mean: Array = (places.weights[:, :, None] * values[places.nodes]).sum(axis=1)
+    return mean
 
 
 def mean_contact(parts: Sequence[tuple[float, ContactSolution | None]]) -> ContactSolution | None:
@@ -273,7 +282,7 @@ def equilibrium_work(
     w, supplied, done, contact, friction = obstacles.velocities(dt), 0.0, 0.0, 0.0, 0.0
     for one in (before, after):
         if one is not None:
-            forces, speeds = (one.by_obstacle, w) if surface is None else (one.pair_forces, surface[one.pairs])
+            forces, speeds = (one.by_obstacle, w) if surface is None else (one.pair_forces, one.of_surface(surface))
             supplied += dt / 2 * float(forces.ravel().dot(speeds.ravel()))
             done += dt / 2 * float(one.forces.ravel().dot(velocity.ravel()))
     if after is not None:

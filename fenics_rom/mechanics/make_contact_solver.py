@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled
-from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Obstacle
@@ -30,12 +29,10 @@ def make_contact_solver(
     `own`: the surface of the body, if that touches itself; `faces`: of the body, if obstacles meet these, too.
     """
     if faces is not None:
-        from fenics_rom.mechanics.face_contact import FaceContact  # here, as few scenes have such obstacles
+        from fenics_rom.mechanics.face_contact import FaceAndSelfContact, FaceContact  # here, as few scenes have these
 
-        if turn:
-            raise SceneError(
-                "effects.contact.points = 'faces': an obstacle turns: allowed are those that do not, or 'nodes'"
-            )
+        if own is not None:
+            return FaceAndSelfContact(points, obstacles, law, faces, own)
         return FaceContact(points, obstacles, law, faces)
     if own is not None:
         if compiled() and all(each.is_convex for each in obstacles):

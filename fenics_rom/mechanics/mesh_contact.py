@@ -105,6 +105,10 @@ class MeshContact(ContactSolver):
         missing = np.full(len(placed) * (len(self.obstacles) - len(self._given)), np.inf)
         return np.concatenate([*(gaps for gaps, _ in found), missing]), np.concatenate(normals)
 
+    def _moved_by(self, pairs: Array) -> tuple[Array, Array]:
+        """Points (C, k) that pairs (C,) move with, and what the velocity of each adds to theirs, (C, k, 3, 3)."""
+        return pairs[:, None] % len(self.points), np.tile(np.eye(3), (len(pairs), 1, 1, 1))
+
     def _add_planes(
         self, middle: Array, points: PointMotion, dt: float, obstacles: ObstacleMotion, quasi_static: bool
     ) -> bool:

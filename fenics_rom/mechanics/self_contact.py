@@ -226,23 +226,22 @@ class SelfContact(MeshContact):
 
     def _between(self, delassus: Array, pairs: Array) -> Array:
         """Relative velocities of pairs (C,) per force of each, (3C, 3C)."""
+        nodes, maps = self._moved_by(pairs)
+        return self._operator(*operator_among(delassus, nodes), maps)
+
+    def _operator(self, W: Array, at: Array, maps: Array) -> Array:
+        """As `operator_between`."""
+        return operator_between(W, at, maps)
+
+    def _moved_by(self, pairs: Array) -> tuple[Array, Array]:
+        """As in MeshContact: with its point, and with three that carry what it meets."""
         own, C = self._own_rows(pairs), len(pairs)
         within = (own >= 0).nonzero()[0]
         own = own[within]
-        carrying, maps = np.repeat(pairs[:, None] % len(self.points), 4, axis=1), np.zeros((C, 3, 3, 3))
-        carrying[within, 1:], maps[within] = self._itself.opposite.nodes[own], self._turning()[own]
-        return self._operator(*operator_among(delassus, carrying), maps)
-
-    def _operator(self, W: Array, at: Array, maps: Array) -> Array:
-        """The same from that of some points (3 s, 3 s).
-
-        Args:
-            W: as above.
-            at: which of them pairs are at, and three that carry what each meets, (C, 4).
-            maps: by which those do, (C, 3, 3, 3); 0 of pairs with obstacles.
-        """
-        of_points = np.tile(np.eye(3), (len(at), 1, 1, 1))
-        return operator_between(W, at, np.concatenate([of_points, -maps], axis=1))
+        nodes, maps = np.repeat(pairs[:, None] % len(self.points), 4, axis=1), np.zeros((C, 4, 3, 3))
+        maps[:, 0] = np.eye(3)
+        nodes[within, 1:], maps[within, 1:] = self._itself.opposite.nodes[own], -self._turning()[own]
+        return nodes, maps
 
     def _own_rows(self, pairs: Array) -> Array:
         """Which of the pairs of the body with itself pairs (C,) are, (C,); -1 of those with obstacles."""

@@ -80,7 +80,7 @@ def lean_on(state: StepState, u: Array, lean: float) -> Lean | None:
     if found is None or contact is None:
         return None
     if contact.carriers is not None:
-        from fenics_rom.mechanics.face_contact import NO_DERIVATIVE  # here, as few scenes have it
+        from fenics_rom.mechanics.met_faces import NO_DERIVATIVE  # here, as few scenes have it
 
         raise StepError(NO_DERIVATIVE)
     environment, law = body.environment, interface.solver.law

@@ -278,8 +278,6 @@ def _check_faces(contact: Contact) -> None:
     where = "effects.contact.points = 'faces': "
     if contact.method == "penalty":
         raise SceneError(f"{where}allowed is method = 'complementarity', as springs belong to contact points")
-    if contact.self_contact:
-        raise SceneError(f"{where}allowed beside self_contact are 'nodes'")
     if not contact.obstacles:
         raise SceneError(f"{where}there is no obstacle to meet them")
 

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from forks import CLAMPED
 from pads import RUBS, UP, L, R, depth_of, pad_scene, pad_text, shape
+from pinned_clamp import clamp_scene, clamp_text, left_of, rises
 from ranks import simulate_on_ranks
 
 import fenics_rom as fr
@@ -46,15 +48,39 @@ def test_a_rod_between_nodes_stays_outside(tmp_path, parts):
         assert np.linalg.norm(forces - expected) <= 1e-8 * np.linalg.norm(expected)
 
 
+def test_a_pin_turns_below_a_clamp_that_closes_as_in_all_modes(tmp_path):
+    """At full order its forces are those of the model of all modes; both accounts close."""
+    scene = clamp_scene(tmp_path, **CLAMPED)
+    system = fr.assemble(scene)
+    full = FullOrderSimulator(system, 1e-3, scene.environment, signals={"pin": rises})
+    body = fr.Simulator(fr.reduce(system, order=system.elastic_size, method="modal"), 1e-3, signals={"pin": rises})
+    forces = np.zeros((2, 70, 3))
+    for step in range(70):
+        body.step(rope=2.0)
+        full.step(np.array([2.0]))
+        forces[0, step] = body.contact_forces("pin")
+        if full.stepper.contact is not None:
+            forces[1, step] = full.stepper.contact.by_obstacle[0]
+    assert set(full.stepper.contact.pairs // len(full.stepper.interface.points.coordinates)) == {0, 1}
+    assert forces[1, -1, 2] > 0.1
+    assert np.linalg.norm(forces[0] - forces[1]) <= 1e-8 * np.linalg.norm(forces[1])
+    for each in (body, full):
+        assert left_of(each) <= 1e-12 * each.ledger.supplied
+
+
 @pytest.mark.ranks
 @pytest.mark.slow
 def test_two_ranks_do_as_one(tmp_path):
-    """Of small and of large strains."""
+    """Of small and of large strains, and of a clamp that closes beside a pin that turns."""
     parts = {**UP, **RUBS, "outputs.top": 'surface = "top"', "run": "dt = 1e-3\nduration = 0.02"}
     for name, others in (("small", {}), ("large", LARGE)):
         (tmp_path / f"{name}.toml").write_text(pad_text(tmp_path, ROD, **parts, **others))
-    simulate_on_ranks(tmp_path, "small", "large")
-    for name in ("small", "large"):
+    run = 'dt = 1e-3\nduration = 0.06\n[[run.load]]\nactuator = "rope"\nforce = [2.0]'
+    inside = {"outputs.top": 'surface = "inside"', "run": run}
+    (tmp_path / "clamp.toml").write_text(clamp_text(tmp_path, **CLAMPED, **inside))
+    names = "small", "large", "clamp"
+    simulate_on_ranks(tmp_path, *names)
+    for name in names:
         one, other = (fr.read_trajectory(tmp_path / f"{name}-{ranks}.h5") for ranks in (1, 2))
         assert np.abs(one.forces["pin"]).max() > 0.05
         scale = np.abs(one.outputs["top"]).max()

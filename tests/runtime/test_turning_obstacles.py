@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from bodies import box_arrays, write_arrays
 from triangle_meshes import groove, write_stl
+from turns import NOTHING, csv_of, path_of, spin
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError, StepError
@@ -39,35 +40,7 @@ HELD = FREE.replace('frame = "moving"', "").replace("[contacts", '[supports]\ncl
 TABLE = 'shape = "box"\ncenter = [0, 0, -0.01]\nsize = [0.5, 0.5, 0.02]\n'
 CAM = 'shape = "box"\ncenter = [0.04, 0.01, 0.01]\nsize = [0.03, 0.01, 0.04]\n'
 AXIS = np.array([-0.06, 0.0, 0.0])
-NOTHING = np.zeros(3)
 pytestmark = pytest.mark.filterwarnings("ignore:.*surface is|the time step is long")
-
-
-def spin(origin, axis, rate, ramp=0.3):
-    """About an axis through a point that stays, from rest: its rate, rad/s, grows evenly for some time, s."""
-    axis = np.array(axis, dtype=float)
-
-    def motion(time):
-        angle = rate * time**2 / 2 / ramp if time < ramp else rate * (time - ramp / 2)
-        return fr.BaseState(
-            np.array(origin), quaternion_of_vector(angle * axis), NOTHING, rate * min(time / ramp, 1) * axis
-        )
-
-    return motion
-
-
-def path_of(motion, duration, rows=41):
-    states = [motion(time) for time in np.linspace(0, duration, rows)]
-    return fr.BasePath(np.linspace(0, duration, rows), *(np.array(part) for part in zip(*states, strict=True)))
-
-
-def csv_of(path):
-    """Its poses and twists."""
-    heading = "time (s),position.x,position.y,position.z,rotation.w,rotation.x,rotation.y,rotation.z"
-    heading += ",velocity.x,velocity.y,velocity.z,angular_velocity.x,angular_velocity.y,angular_velocity.z"
-    columns = (path.positions, path.rotations, path.velocities, path.angular_velocities)
-    rows = np.column_stack([path.times, *columns]).tolist()
-    return "\n".join([heading, *(",".join(map(repr, row)) for row in rows)])
 
 
 @pytest.fixture(scope="module")

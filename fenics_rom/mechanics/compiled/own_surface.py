@@ -84,23 +84,21 @@ def find_facing(
 
 @jit
 def rows_between(W: Array, at: Array, maps: Array, between: Array) -> None:
-    """Sets rows of pairs, (3 C, n), which move as their points do less what they meet.
+    """Sets rows of pairs, (3 C, n).
 
     Args:
         W: rows of some points, (3 s, n).
-        at: which of them pairs are at, and three that carry what each meets, (C, 4).
-        maps: by which those do, (C, 3, 3, 3); 0 of pairs with obstacles.
+        at: which of them pairs move with, (C, m).
+        maps: the velocity of pairs per theirs, (C, m, 3, 3).
         between: set.
     """
+    between[:] = 0.0
     for c in range(len(at)):
         for i in range(3):
-            row, of_point = between[3 * c + i], W[3 * at[c, 0] + i]
-            for k in range(len(row)):
-                row[k] = of_point[k]
-            for corner in range(3):
+            for point in range(at.shape[1]):
                 for j in range(3):
-                    if maps[c, corner, i, j] != 0.0:
-                        add_row(W[3 * at[c, 1 + corner] + j], -maps[c, corner, i, j], row)
+                    if maps[c, point, i, j] != 0.0:
+                        add_row(W[3 * at[c, point] + j], maps[c, point, i, j], between[3 * c + i])
 
 
 @jit_part
