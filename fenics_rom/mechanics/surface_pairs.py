@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.smooth_surface import Bent, bends_of, corner_normals, smoothed, unit_normals
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 
 DEEPEST = 0.5  # of the longest side of a triangle's box: points that are deeper inside have passed it
@@ -29,6 +30,12 @@ class PlacedSurface(NamedTuple):
     points: Array  # (n, 3) in world axes, m
     triangles: Array  # (t, 3) rows of points, counterclockwise from outside
     touching: Array  # rows of the points that may touch
+    bends: Array | None = None  # (t, 9) of `bends_of`, by how it is at rest; None: it is as flat as its triangles
+
+
+def surface_at_rest(points: Array, triangles: Array) -> PlacedSurface:
+    """That of a body whose points (n, 3), m, may all touch, smooth but for its creases."""
+    return PlacedSurface(points, triangles, np.arange(len(points)), bends_of(points, triangles))
 
 
 class OnSurface(NamedTuple):
@@ -69,8 +76,10 @@ def points_near(first: PlacedSurface, second: PlacedSurface, margin: float) -> O
     row, triangle = near_boxes(first.points[first.touching], boxes.wider(reach))
     row = first.touching[row]
     near = corners[:, triangle].transpose(1, 0, 2)
-    normals = unit_normals(near)
-    return nearest_of(first.points, row, second.triangles[triangle], near, normals, boxes.size, margin, reach)
+    normals, bent = unit_normals(near), None
+    if second.bends is not None and len(row):
+        bent = Bent(second.bends[triangle], corner_normals(corners.transpose(1, 0, 2), second.bends[:, :3]))
+    return nearest_of(first.points, row, second.triangles[triangle], near, normals, boxes.size, margin, reach, bent)
 
 
 class Border(NamedTuple):
@@ -89,6 +98,7 @@ def nearest_of(
     size: float,
     margin: float,
     reach: float,
+    bent: Bent | None = None,
     border: Border | None = None,
 ) -> OnSurface:
     """Of points and triangles (k,) that may be near one another, those that are: of each point the nearest triangle.
@@ -100,6 +110,7 @@ def nearest_of(
         size: of the longest side of a triangle's box, m.
         margin: m, at most, of points outside.
         reach: m, at most, of points inside.
+        bent: how the triangles are joined to others; None: they are flat.
         border: of a surface that goes on a little beyond; None: it does not.
     """
     points = points[row]
@@ -119,17 +130,12 @@ def nearest_of(
         is_flat = is_on | (is_beside & (away * away - above * above <= (BORDER * size) ** 2))
         kept |= is_flat & (above <= margin) & (above >= -reach)
     best, away, above, clear = best[kept], away[kept], above[kept], ~is_flat[kept]
-    normals, gaps = normals[best], np.where(clear, np.copysign(away, above), above)
-    normals[clear] = (1 / gaps[clear])[:, None] * offsets[best][clear]
-    return OnSurface(row[best], nodes[best], weights[best], feet[best], normals, gaps)
-
-
-def unit_normals(corners: Array) -> Array:
-    """Units (k, 3) of triangles (k, 3, 3)."""
-    (a, b, c), (x, y, z) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
-    normals = np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
-    normals /= np.sqrt(_dot(normals, normals))[:, None]
-    return normals
+    flat, offsets, corners, weights = normals[best], offsets[best], corners[best], weights[best]
+    normals, gaps = flat.copy(), np.where(clear, np.copysign(away, above), above)
+    normals[clear] = (1 / gaps[clear])[:, None] * offsets[clear]
+    if bent is not None:
+        normals, gaps = smoothed(bent.of(best), weights, corners, offsets, flat, clear, normals, gaps)
+    return OnSurface(row[best], nodes[best], weights, feet[best], normals, gaps)
 
 
 def near_boxes(points: Array, boxes: Boxes) -> tuple[Array, Array]:

@@ -13,7 +13,6 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import FLOAT, CheckedMotion, base_in
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.signals import real_numbers
-from fenics_rom.mechanics.surface_pairs import PlacedSurface
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, Spots
@@ -291,7 +290,7 @@ class CompiledWorld:
         if isinstance(body, Soft):
             step = self._tables[number].step
             places = step.places + self._h / 2 * step.velocities
-            return PlacedSurface(places, body.contact_triangles, np.arange(len(places)))
+            return body.surface._replace(points=places)
         placed = self._arrays.bodies.placed[number]
         assert body.shape is not None
         return PlacedShape(body.shape, placed[:3].copy(), placed[3:].reshape(3, 3).copy())

@@ -22,7 +22,7 @@ from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.frame_geometry import turned_operator
 from fenics_rom.mechanics.frame_motion import rotation_matrix
-from fenics_rom.mechanics.surface_pairs import PlacedSurface
+from fenics_rom.mechanics.surface_pairs import PlacedSurface, surface_at_rest
 from fenics_rom.mechanics.triangles import triangles_among
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
@@ -115,7 +115,7 @@ class Soft(Simulator, Body):
         self._supplied = 0.0  # by others when the step began, J
         self._went = np.zeros_like(self._handed.points)  # how points moved in the step before, that others touched
         self.contact_triangles = triangles_among(self._stepper.interface.points.nodes, rom.triangles)
-        self._everywhere = np.arange(len(self.contact_coordinates))
+        self.surface = surface_at_rest(self.contact_coordinates, self.contact_triangles)
 
     @property
     def pose(self) -> BaseState:
@@ -184,7 +184,7 @@ class Soft(Simulator, Body):
         self.tensions.note(u)
         inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
         self._inputs = inputs._replace(obstacles=OTHERS)
-        self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
+        self._handed.point_gaps = np.full(len(self.surface.points), np.inf)
         self._open()
 
     def _open(self) -> None:
@@ -216,7 +216,7 @@ class Soft(Simulator, Body):
 
     def placed(self) -> PlacedSurface:
         """As in Body."""
-        return PlacedSurface(self._start + self._h / 2 * self._velocity, self.contact_triangles, self._everywhere)
+        return self.surface._replace(points=self._start + self._h / 2 * self._velocity)
 
     def travel(self) -> tuple[Array, float]:
         """As in Body."""
@@ -365,7 +365,7 @@ class Soft(Simulator, Body):
 
     def note_near(self, nodes: Array, gaps: Array) -> None:
         """Notes all contact points (k,) that others were near to when a step began, and how far they were, m."""
-        self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
+        self._handed.point_gaps = np.full(len(self.surface.points), np.inf)
         np.minimum.at(self._handed.point_gaps, nodes, gaps)
 
     def end_compiled(self, kernel: BookedKernel, contact: Callable[[], Handed | None], told: Array, u: Array) -> None:
