@@ -37,6 +37,7 @@ class ReadWorld:
     _passing: list[str]
     _skins: WorldSkins
     _steps: int
+    _compiled_steps: int
     _time: float
     _residuals: tuple[int, float]
     _loops: "CompiledWorld | None"
@@ -149,6 +150,11 @@ class ReadWorld:
         if self._loops is not None and self._loops.is_ahead:
             return self._loops.touching
         return self._step_pairs.touching(self._found.forces)
+
+    @property
+    def compiled_steps(self) -> int:
+        """Number of steps that compiled functions took whole; NumPy took the others, and all of one soft body alone."""
+        return self._compiled_steps
 
     @property
     def sweeps(self) -> int:

@@ -12,11 +12,11 @@ from fenics_rom.world.collision.contacts import Contacts, Placed, Spots, no_cont
 from fenics_rom.world.contact_step import Found, Guide, Pairs, Part, add_operator
 from fenics_rom.world.joints import JointPoints
 from fenics_rom.world.meetings import Meeting, is_still
+from fenics_rom.world.normal_law import speeds_out
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.tolerances import LARGEST, NEAR, NO_GAP, PENETRATION_TOLERANCE, SWERVES
 
 GUIDES = 1e-9  # of arms, and rad: by so much bodies may have moved since W was found
-RESTS = 2.5  # times as deep as two bodies are in one another: so far points may move in a step of what rests there
 _ONES = np.ones(3)
 MORE_SWEEPS = 1  # than at first: if there are more W is found anew
 _NONE = no_contacts()
@@ -133,22 +133,15 @@ class StepPairs:
         return are_deep if are_deep.any() else None
 
     def let_out(self, pairs: Pairs, found: Found, guide: Guide, h: float) -> Pairs:
-        """The same pairs, or with speeds of those that are to be let out of one another, as they rest there.
-
-        Rests is what the forces of the step press without an impact. They leave no faster than these could stop.
-        """
+        """The same pairs, or with speeds of those that are to be let out of one another: see `speeds_out`."""
         is_deep = self.are_deep(pairs)
         if is_deep is None:
             return pairs
-        C, n, depths = len(pairs.gaps), pairs.normals, -pairs.gaps
+        C, n = len(pairs.gaps), pairs.normals
         a, pressure = (n * pairs.before[:C]).dot(_ONES), (n * found.forces[:C]).dot(_ONES)
-        of_meetings = np.zeros((2, len(self._meetings)))
-        np.maximum.at(of_meetings[0], self._meeting_of, h * np.abs(a) * (is_deep | (pressure > 0)))
-        np.maximum.at(of_meetings[1], self._meeting_of, depths)
-        rests = (of_meetings[0] <= RESTS * of_meetings[1]) & (self._dissipated > 0)
         own = np.einsum("ci,cicj,cj->c", n, guide.W[: 3 * C, : 3 * C].reshape(C, 3, C, 3), n)
-        out = np.minimum(depths / h, np.maximum(a, 2 * own * pressure))
-        return pairs._replace(out=np.where(is_deep & rests[self._meeting_of], np.maximum(out, 0.0), 0.0))
+        out = speeds_out(h, pairs.gaps, a, pressure, own, is_deep, self._meeting_of, self._dissipated)
+        return pairs._replace(out=out) if out.any() else pairs
 
     def overdraws(self, found: Found, h: float) -> bool:
         """Whether contact of two bodies would have done more work in a step of h s than it has dissipated before."""

@@ -92,7 +92,7 @@ class World(ReadWorld):
             "pairs": pairs,
             "apart": apart,
         }
-        self._steps, self._time = 0, 0.0
+        self._steps, self._compiled_steps, self._time = 0, 0, 0.0
         joined = any(FIXED in (joint.first, joint.second) for joint in joints)
         self._bodies = make_bodies(self.bodies, self._dt, gravity, joined or bool(pairs))
         if not joined and all(isinstance(body, SoftBody) for body in self.bodies.values()) and len(self.bodies) == 1:
@@ -248,8 +248,8 @@ class World(ReadWorld):
             self._go_on_with_joints(self._joints.change(self._time + h / 2))
         if self._loops is not None:
             if self._loops.take(inputs or {}, self._time):
-                self._look_at_skins()
-                return
+                self._compiled_steps += 1
+                return self._look_at_skins()
             if self._loops.is_ahead:
                 self._found = self._loops.found
                 self._loops.tell_all()

@@ -187,4 +187,4 @@ def _near(F: int, wide: int) -> Near:
         return np.zeros((F, *shape))
 
     ends = whole(), whole(), whole(), whole(2), whole(2), whole(2, wide)
-    return Near(*ends, real(2, wide), real(3), real(3), real(), real(3), real(4), real(), real(3), real(3), real(2, 3))
+    return Near(*ends, real(2, wide), real(3), real(3), real(), real(3), real(6), real(), real(3), real(3), real(2, 3))

@@ -20,7 +20,7 @@ from fenics_rom.world import normal_law
 from fenics_rom.world.compiled.joints import Held, hold, join, without_contact
 from fenics_rom.world.compiled.operators import Operator, operator_among
 from fenics_rom.world.compiled.rigid_bodies import take_back
-from fenics_rom.world.compiled.tables import HELPED, OF_FRICTION, OF_RESTITUTION, SWUNG, joined_at, near_at
+from fenics_rom.world.compiled.tables import HELPED, OF_FRICTION, OF_RESTITUTION, OUT, OWN, SWUNG, joined_at, near_at
 from fenics_rom.world.compiled.tries import try_forces, try_others, try_rigid
 from fenics_rom.world.tolerances import MOST_SWEEPS, ROUND_OFF, SLOW, TOLERANCE
 
@@ -96,8 +96,10 @@ def _ask(world: Array, C: int, h: float) -> tuple[Array, Array, Array]:
     for c in range(C):
         n = vector(near.normals[c], 0)
         approach[c], leaving[c] = dot(n, vector(near.before[c], 0)), dot(n, vector(near.u[c], 0))
+        near.numbers[c, HELPED] = near.numbers[c, OWN] = 0.0
     given = near.numbers[:C, OF_RESTITUTION], near.are_rigid[:C] != 0
-    level, target = _normal_law(h, near.gaps[:C], approach, leaving, given[0], given[1], none > 0, none)
+    out = near.numbers[:C, OUT]
+    level, target = _normal_law(h, near.gaps[:C], approach, leaving, given[0], given[1], none > 0, out)
     return level, target, leaving < level
 
 
@@ -175,6 +177,7 @@ def _find_among(
         _move(Wᵀ, -tried, without)
     for i in range(K):
         swung[i] = int(near.numbers[among[i], SWUNG])
+        near.numbers[among[i], OWN] = _along(Wᵀ, i, pairs.axes[i, 0])
     for sweep in range(1, most + 1):
         scale = max(scale, fastest, _largest(without))
         copy(without, without_joints)
@@ -235,6 +238,16 @@ def _find_among(
                 _move(Wᵀ, -tried, without)
         size_before = size
     return Found(OTHERWISE, 0, scale)
+
+
+@jit_part
+def _along(Wᵀ: Array, i: int, n: Array) -> float:
+    """How a pair moves along a normal under a force along it, m/s/N."""
+    total = 0.0
+    for k in range(3):
+        for j in range(3):
+            total += n[k] * Wᵀ[3 * i + k, 3 * i + j] * n[j]
+    return total
 
 
 @jit_part

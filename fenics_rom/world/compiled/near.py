@@ -23,13 +23,13 @@ from fenics_rom.world.compiled.tables import (
     FREE,
     FRICTION,
     GIVEN,
-    HELPED,
     JOINED,
     NO_GAP,
     OF_FRICTION,
     OF_JOINT,
     OF_RESTITUTION,
     OF_RIGID,
+    OUT,
     RESTITUTION,
     RIGID,
     SIZE,
@@ -130,7 +130,7 @@ def _set_meeting(world: Array, m: int, first: int, C: int) -> None:
     for c in range(first, C):
         near.meetings[c] = m
         near.numbers[c, OF_RESTITUTION] = meetings.numbers[m, RESTITUTION]
-        near.numbers[c, OF_FRICTION], near.numbers[c, HELPED] = meetings.numbers[m, FRICTION], 0.0
+        near.numbers[c, OF_FRICTION], near.numbers[c, OUT] = meetings.numbers[m, FRICTION], 0.0
         near.are_rigid[c] = meetings.numbers[m, OF_RIGID]
         near.ends[c, 0], near.ends[c, 1] = one, other
         near.rigid[c, 0], near.rigid[c, 1] = first_rigid, second_rigid

@@ -20,7 +20,7 @@ from fenics_rom.world.compiled.rigid_bodies import RigidBodies
 GIVEN, SOFT_FIRST, SOFT_SECOND, SOFT_BOTH, JOINED = range(5)
 RIGID, DRIVEN, SOFT, FREE = range(4)  # kinds of bodies; soft are those that are held or carried, and free ones
 SIZE, RESTITUTION, FRICTION, NO_GAP, OF_RIGID = range(5)  # in `Meetings.numbers`
-OF_RESTITUTION, OF_FRICTION, SWUNG, HELPED = range(4)  # in `Near.numbers`
+OF_RESTITUTION, OF_FRICTION, SWUNG, HELPED, OWN, OUT = range(6)  # in `Near.numbers`
 MIDDLE, IN_MIDDLE, MEAN, V, SPIN, POWER, AWAY, ASKEW = 0, 3, 12, 21, 24, 27, 28, 29  # in `Driven.step`
 COUNT, IS_INVERSE_KNOWN, YIELDS = range(3)  # in `Operators.known`
 SUPPLIED, DISSIPATED, BY_OTHERS = range(3)  # in `Owed.bodies`
@@ -97,7 +97,9 @@ class Near(NamedTuple):
     normals: Array  # (F, 3)
     gaps: Array  # (F,) when it begins, m
     before: Array  # u (F, 3) when it begins, m/s
-    numbers: Array  # (F, 4): restitution, friction, in how many steps friction did not stop it, if now it is not to
+    # (F, 6): restitution, friction, in how many steps friction did not stop it, if now it is not to; n·W n, m/s/N, and
+    # speeds, m/s, of `speeds_out`
+    numbers: Array
     are_rigid: Array  # (F,)
     u: Array  # (F, 3) in its middle, m/s
     forces: Array  # (F, 3) N

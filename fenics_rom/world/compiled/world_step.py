@@ -6,7 +6,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.braking import SWINGS
 from fenics_rom.mechanics.compiled.contact_law import FOUND, Law
-from fenics_rom.mechanics.compiled.copying import fill
+from fenics_rom.mechanics.compiled.copying import copy_rows, fill
 from fenics_rom.runtime.compiled.frames import added, dot, length, put, vector
 from fenics_rom.world.compiled.bodies import (
     begin_driven,
@@ -19,6 +19,7 @@ from fenics_rom.world.compiled.bodies import (
 from fenics_rom.world.compiled.forces import Found, find_forces
 from fenics_rom.world.compiled.free_bodies import begin_free, end_free, undo_free
 from fenics_rom.world.compiled.joint_impulses import stop_joints
+from fenics_rom.world.compiled.letting_out import leave_in, overdraws, set_speeds_out
 from fenics_rom.world.compiled.near import find_near, look_at_margins
 from fenics_rom.world.compiled.soft_bodies import (
     BY_OTHERS,
@@ -53,7 +54,7 @@ from fenics_rom.world.compiled.tables import (
     rigid_at,
     softs_at,
 )
-from fenics_rom.world.tolerances import LARGEST, PENETRATION_TOLERANCE, SWERVES
+from fenics_rom.world.tolerances import LARGEST, SWERVES
 
 LARGEST_SPEED = 1e100  # m/s: beyond it works overflow
 OTHERWISE, NEEDS_CONTACTS = -1, -2  # in place of how many contacts there are
@@ -81,10 +82,19 @@ def take_step(world: Array, given: Array, h: float, row: int, goes_on: bool, fre
         if look_at_margins(world):
             return NEEDS_CONTACTS, 0
     C = find_near(world, given, h)
-    if C < 0 or _are_deep(world, C):
+    if C < 0:
         return OTHERWISE, 0
-    found = find_forces(world, C, _law_of(world, h), free)
-    if not (_is_to_be_taken(world, C, found, h) and _end_step(world, C, h, row, free)):
+    law, start = _law_of(world, h), near_at(world).forces[: C + len(joined_at(world).ends)].copy()
+    found = find_forces(world, C, law, free)
+    if not _is_to_be_taken(world, C, found, h):
+        return OTHERWISE, 0
+    if set_speeds_out(world, C, h):
+        found = find_forces(world, C, law, free)
+        if found.status == FOUND and overdraws(world, C, h):
+            copy_rows(start, near_at(world).forces)
+            leave_in(world, C)
+            found = find_forces(world, C, law, free)
+    if not (found.status == FOUND and _end_step(world, C, h, row, free)):
         return OTHERWISE, 0
     stop_joints(world, owed_at(world).bodies[row], owed_at(world).met[row])
     return C, found.sweeps
@@ -131,17 +141,6 @@ def _begin_step(world: Array, h: float, free: int | None) -> bool:
 def _is_to_be_taken(world: Array, C: int, found: Found, h: float) -> bool:
     """Whether bodies may end the step under the forces that were found."""
     return found.status == FOUND and found.scale <= LARGEST_SPEED and not _lacks_contacts(world, C, h)
-
-
-@jit_part
-def _are_deep(world: Array, C: int) -> bool:
-    """Whether two rigid bodies are to be let out of one another."""
-    near, meetings = near_at(world), meetings_at(world)
-    for c in range(C):
-        deep = PENETRATION_TOLERANCE * meetings.numbers[near.meetings[c], SIZE]
-        if near.are_rigid[c] != 0.0 and near.gaps[c] < -deep:
-            return True
-    return False
 
 
 @jit_part
