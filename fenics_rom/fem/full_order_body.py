@@ -160,9 +160,9 @@ class FullOrderBody:
 
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""
-        residual = "" if self.interface is None else self.interface.solver.search.residual.message
+        of_contact = () if self.interface is None else self.interface.solver.search.messages
         through = () if self.interface is None else self.interface.messages
-        return tuple(filter(None, [residual, self.time_step_monitor.message, *through]))
+        return tuple(filter(None, [*of_contact, self.time_step_monitor.message, *through]))
 
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3)."""

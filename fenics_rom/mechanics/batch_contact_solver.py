@@ -78,6 +78,7 @@ class BatchContactSolver:
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
         self._points, self._obstacles, self._law = points.T[:, :, None].copy(), tuple(obstacles), law
+        self._radii = np.array([obstacle.core[0] for obstacle in obstacles])  # what goes deeper goes through, m
         flat = [obstacle.height for obstacle in obstacles if isinstance(obstacle, HalfSpace)]
         self._heights = None  # (P, 1) of the points above flat ground, m, if that is all there is
         if len(flat) == len(obstacles) == 1 and flat[0] is not None:
@@ -135,7 +136,7 @@ class BatchContactSolver:
             forces, u, swung = (taken(part, touching) for part in (forces, u, swung))
         forces, u = np.ascontiguousarray(forces), np.ascontiguousarray(u)
         chosen = _Chosen.of_pairs(pairs, friction)
-        alone, settled = np.zeros(len(touching), bool), np.ones(len(touching), bool)
+        alone, settled = (pairs.due & pairs.too_far).any(axis=(0, 1)), np.ones(len(touching), bool)
         settled[operator.look(chosen.problems, forces, u)] = False
         several = len(self._obstacles) > 1
         if several:
@@ -193,9 +194,11 @@ class BatchContactSolver:
             target[-gaps / dt > np.abs(approach) + np.abs(normal_velocity) + speed] = 0.0
         # What is far, and due by nothing but forces on others, would tell of velocities that there are not.
         missed, target = target, np.maximum(target, -np.abs(normal_velocity).max(axis=(0, 1)))
-        due, tangential = normal_velocity < level, relative / 2
+        due, tangential, too_far = normal_velocity < level, relative / 2, np.zeros(target.shape, dtype=bool)
+        if np.isfinite(self._radii).any():
+            too_far = gaps + dt * target < -self._radii[:, None, None]
         subtract_along(tangential, approach / 2, normals)
-        return _Pairs(normals, free, normal_velocity, level, target, missed, tangential, due)
+        return _Pairs(normals, free, normal_velocity, level, target, missed, tangential, due, too_far)
 
 
 class _Pairs(NamedTuple):
@@ -209,6 +212,7 @@ class _Pairs(NamedTuple):
     missed: Array  # the same if forces on others make it due, (O, P, B)
     tangential_target: Array  # c_t, (O, 3, P, B)
     due: Array  # whether it takes part without contact forces, (O, P, B)
+    too_far: Array  # whether the law lets it through an obstacle, which the solver of one body does not, (O, P, B)
 
     def of(self, bodies: Array) -> "_Pairs":
         """Those of some of the bodies."""

@@ -117,7 +117,8 @@ class CompiledContact(ContactSolver):
         law, asked = self.law, (self.law, dt, quasi_static)
         if self._in_steps is None or self._in_steps[0] != asked:
             restitution, friction = float(law.restitution), float(law.friction)  # whole ones would be compiled anew
-            numbers = Law(dt, restitution, friction, *law.in_steps(dt), quasi_static, braking.SWINGS)
+            radius = min((float(obstacle.core[0]) for obstacle in self.obstacles), default=np.inf)
+            numbers = Law(dt, restitution, friction, *law.in_steps(dt), quasi_static, braking.SWINGS, radius)
             self._in_steps = asked, numbers
         return self._in_steps[1]
 

@@ -76,8 +76,12 @@ class CompiledSelfContact(SelfContact):
         pairs.chosen[:], pairs.helped[:] = pairs.free[:, 0] < pairs.level, False
         if not pairs.chosen.any():
             return nothing
+        far = self.rule(dt, quasi_static).too_far
+        if far is not None and (far[near] > 1)[pairs.chosen].any():
+            return None  # NumPy's step tells of it
         swung = np.zeros(n, dtype=np.int64) if start.swung is None else start.swung[near].astype(np.int64)
-        numbers = Law(dt, float(self.law.restitution), float(μ), *self.law.in_steps(dt), quasi_static, braking.SWINGS)
+        given = *self.law.in_steps(dt), quasi_static, braking.SWINGS, np.inf
+        numbers = Law(dt, float(self.law.restitution), float(μ), *given)
         found = find_forces(numbers, self._between(delassus, near), _UNKNOWN, n, swung, pairs)
         if found.status == OTHERWISE:
             return None

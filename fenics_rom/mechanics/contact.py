@@ -291,6 +291,27 @@ def equilibrium_work(
     return ContactWork(supplied, contact, friction, supplied - contact - friction - done)
 
 
+class HeldBack(NamedTuple):
+    """Steps in which points would have gone through obstacles: they were held before these, and thrown back."""
+
+    steps: int = 0  # how many
+    dt: float = math.inf  # s, in which none would have gone so far, about
+
+    @property
+    def message(self) -> str:
+        """What to say of a run; empty where there was no such step."""
+        if not self.steps:
+            return ""
+        return (
+            f"in {self.steps} steps points would have gone through an obstacle, as they moved by more than half of its "
+            f"thickness: they were held before it, and left as fast as they came; a dt of {self.dt:.1g} s would do"
+        )
+
+    def with_step(self, dt: float) -> "HeldBack":
+        """With one more step, for which this dt would have done, s."""
+        return HeldBack(self.steps + 1, min(self.dt, dt))
+
+
 class ContactResidual(NamedTuple):
     """Steps whose forces solve the contact problem but for a residual."""
 

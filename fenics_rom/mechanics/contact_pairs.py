@@ -1,6 +1,6 @@
 """Pairs of a point and an obstacle in one step, and what the contact law asks of each; see `contact_solver`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -168,6 +168,7 @@ class NormalLaw(NamedTuple):
 Asked = Callable[[Array, Array], NormalLaw]
 
 
+_LOWEST = -1e300
 BACK = 1 + 1e-9  # beside 1 + e: points alike, whose speeds differ by round-off, all bounce, or none of them
 
 
@@ -178,14 +179,20 @@ class NormalRule:
         law: rigid, with restitution, or a spring and a dashpot.
         pairs: O P, their number.
         dt, quasi_static: as in ContactSolver.solve.
+        radii: (O,) of the largest ball that each obstacle holds, m: what goes deeper in a step goes through.
 
     Attributes:
         key: law, dt and quasi_static.
         is_elastic: whether impacts of the rigid law lose nothing.
+        too_far: (O P,) how many times as deep as it may the law last let each pair go; None where none was held back.
     """
 
-    def __init__(self, law: ContactLaw, pairs: int, dt: float, quasi_static: bool):
+    too_far: Array | None = None
+
+    def __init__(self, law: ContactLaw, pairs: int, dt: float, quasi_static: bool, radii: Sequence[float]):
         self.key = law, dt, quasi_static
+        self._thinnest = min(radii, default=np.inf) / dt  # as a velocity
+        self._thin = np.repeat(radii, pairs // max(len(radii), 1)) / dt
         self._spring, self._quasi_static = law.stiffness is not None, quasi_static
         e, (rate, self._compliance) = law.restitution, law.in_steps(dt)
         self.is_elastic, self._bounces = e == 1.0, e > 0.0
@@ -230,7 +237,14 @@ class NormalRule:
             if w is not None:
                 deepest += np.sqrt((w * w).sum(axis=1)).repeat(len(closing) // len(w))
             np.copyto(target, 0.0, where=closing > deepest)
-        return NormalLaw(level, np.minimum(target, self._zeros, target))
+        np.minimum(target, self._zeros, target)
+        self.too_far = None
+        if np.isfinite(self._thinnest):
+            deep = closing - np.maximum(target, _LOWEST)  # of planes that are not there gaps are infinite
+            if deep.item(deep.argmax()) > self._thinnest:  # else nothing goes so far
+                self.too_far = deep / self._thin
+                np.copyto(target, np.minimum(closing, 0.0), where=self.too_far > 1)
+        return NormalLaw(level, target)
 
 
 def kept_out(asked: Asked, gaps: Array, dt: float, but: slice, approach: Array, outwards: Array) -> NormalLaw:
@@ -248,12 +262,14 @@ def target_slopes(
         return np.full(len(target), law.in_steps(dt)[0]), np.zeros(len(target))
     if quasi_static:
         return np.where(target < 0, -1 / dt, 0.0), np.zeros(len(target))
-    half, bounced = approach / 2, (1 - law.restitution) / 2 * approach
-    later = (half - gaps / dt) / 2
+    half, bounced, held = approach / 2, (1 - law.restitution) / 2 * approach, -gaps / dt
+    later = (half + held) / 2
     off_half, off_bounced, off_later = (np.abs(target - each) for each in (half, bounced, later))  # one is round-off
     closes = (later < half) & (off_later <= np.minimum(off_half, off_bounced))  # its gap, in two steps
     shares = np.where(off_half <= off_bounced, 0.5, (1 - law.restitution) / 2)
     by_gap, by_approach = np.where(closes, -1 / (2 * dt), 0.0), np.where(closes, 0.25, shares)
+    is_held = np.abs(target - held) < np.minimum(np.minimum(off_half, off_bounced), off_later)  # before what is thin
+    by_gap, by_approach = np.where(is_held, -1 / dt, by_gap), np.where(is_held, 0.0, by_approach)
     return by_gap * (target < 0), by_approach * (target < 0)
 
 

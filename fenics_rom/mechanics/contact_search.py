@@ -9,7 +9,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Frames, KeptLaw
-from fenics_rom.mechanics.contact import ContactResidual
+from fenics_rom.mechanics.contact import ContactResidual, HeldBack
 
 _MOST_SETS = 3  # of pairs that took part, of which laws are kept: points that slide on what is round hop
 
@@ -50,11 +50,17 @@ class ContactSearch(NamedTuple):
     swung: Array | None = None  # (O P,) in how many steps in a row friction did not stop pairs; None: in none
     known_to_push: Array | None = None  # (O P,) which pairs pushed, where `forces` do not tell
     slots: FaceSlots | None = None  # of a body that obstacles meet at its faces; None: nothing did
+    held: HeldBack = HeldBack()  # steps in which points were held before obstacles
 
     @property
     def pushed(self) -> Array:
         """Which pairs (O P,) pushed one another in the last step."""
         return pushing(np.abs(self.forces).max(axis=1)) if self.known_to_push is None else self.known_to_push
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What the user should know of the run so far; empty ones say nothing."""
+        return self.residual.message, self.held.message
 
     def law_of(self, key: bytes) -> KeptLaw | None:
         """The law of those pairs of which the key tells that they take part, as booleans."""

@@ -15,9 +15,10 @@ it: all there is with e = 0, and with 0 < e < 1 what would be back within the st
 takes part if without it the body would come closer than it needs to be stopped by the next step, whether it leaves or
 not: g + h s + h/2 min(2 s - a, 0) < 0. So an impact with e > 0 is up to 1 + e/2 times a step's motion before the
 surface, and what is pressed back while it leaves has room to be stopped. In steps of one length nothing enters an
-obstacle that moves at a constant speed, but where a point that moves freely is thrown back within one step: then by at
-most half a step's motion. What keeps touching an obstacle that accelerates has its a against the obstacle's velocity at
-that moment. What is deeper inside than the way of a step, h (|a| + |n·(free - w)| + |w|), has c = 0.
+obstacle that moves at a constant speed, but where a point that moves freely is thrown back within one step: by at most
+half a step's motion. What keeps touching an obstacle that accelerates has its a against the obstacle's velocity then.
+What is deeper than the way of a step, h (|a| + |n·(free - w)| + |w|), has c = 0. What would end deeper than the largest
+ball that the obstacle holds has c = min(-g/h, 0): it ends before it, and leaves as fast as it came (`HeldBack`).
 
 Friction is Coulomb's, with s_t = v̂_t - w_t - c_t and c_t = (v_t - w_t)/2: what sticks has v_t⁺ = w_t. Where friction
 as a whole would do work on the body, having turned its motion round within the step, c_t = 0 takes its place for the
@@ -152,7 +153,7 @@ class ContactSolver:
             motion = PairsMotion.of(search.frames_along(normals), free, relative, asked, slides)
             of_delassus = partial(self.operator_of, delassus), partial(self._moved, delassus)
             chosen, beside = motion.outwards < motion.asked.level, search
-            while (law := LawToFollow.of(beside, chosen)) is not None:
+            while self.rule(dt, quasi_static).too_far is None and (law := LawToFollow.of(beside, chosen)) is not None:
                 followed = follow_contact(self.law, law, motion, *of_delassus)
                 if followed is None:
                     break
@@ -166,8 +167,7 @@ class ContactSolver:
             self.clear = look.gap
             return None
         pairs = self._all_pairs(*self._relative(points, obstacles, look), normals, asked, slides, settled)
-        self._considered = pairs
-        chosen = pairs.free[0] < pairs.level
+        self._considered, chosen = pairs, pairs.free[0] < pairs.level
         if settled is not None:
             settled.take_part(chosen, pairs)
         key = chosen.tobytes()
@@ -200,7 +200,8 @@ class ContactSolver:
             if len(active) < len(chosen):
                 start = np.zeros(normals.shape)
                 start[active] = pair_forces
-            search = ContactSearch(start, search.residual, search.with_law(key, solution.kept), pairs.frames)
+            laws, held = search.with_law(key, solution.kept), self._begun[1].held
+            search = ContactSearch(start, search.residual, laws, pairs.frames, held=held)
             point_forces = self._at_points(start)
             missed = None
             if len(active) < len(chosen):
@@ -217,6 +218,8 @@ class ContactSolver:
             settled.keep(chosen, pairs.free[0], pairs.braking)
         if is_loose:
             search = search._replace(residual=search.residual.with_step(solution.residual))
+        if (far := self.rule(dt, quasi_static).too_far) is not None and (most := float(far[active].max())) > 1:
+            search = search._replace(held=search.held.with_step(dt / most))
         found = pairs, gaps, active, problem, forces, velocities, is_loose
         if pairs.braking is not None:
             search = search._replace(swung=pairs.braking.swung)
@@ -274,10 +277,10 @@ class ContactSolver:
             planes: those of round obstacles that points have not left.
         """
         key, active, operator, solution, forces, power, are_framed, _ = found
-        search, law = self.search, self.law
-        laws, have_left = search.with_law(key, solution.kept), search.planes is not None and planes is None
+        search, law, laws = self.search, self.law, self.search.with_law(key, solution.kept)
+        have_left = search.planes is not None and planes is None
         unturned = search.unturned + 1 if frames is search.frames and not have_left else 0
-        self.search = ContactSearch(forces, search.residual, laws, frames, True, unturned, planes)
+        self.search = ContactSearch(forces, search.residual, laws, frames, True, unturned, planes, held=search.held)
 
         def known() -> tuple[Pairs, SolvedPairs]:
             points, free, relative = told()
@@ -346,7 +349,8 @@ class ContactSolver:
     def rule(self, dt: float, quasi_static: bool = False) -> NormalRule:
         """The normal law in steps of dt, s."""
         if self._rule is None or self._rule.key != (self.law, dt, quasi_static):
-            self._rule = NormalRule(self.law, len(self.obstacles) * len(self.points), dt, quasi_static)
+            pairs, radii = len(self.obstacles) * len(self.points), [obstacle.core[0] for obstacle in self.obstacles]
+            self._rule = NormalRule(self.law, pairs, dt, quasi_static, radii)
         return self._rule
 
     def _distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:

@@ -186,7 +186,8 @@ def touch(
 
     def solved(free: Array, operator: Array) -> ContactSolution | None:
         # What touched in the step before is what obstacles push that accelerate.
-        solver.search = solver.search._replace(residual=search_before.residual) if steady else search_before
+        told = search_before.residual, search_before.held
+        solver.search = solver.search._replace(residual=told[0], held=told[1]) if steady else search_before
         motion = PointMotion(displacement, velocity, free, arms)
         return interface.solve(motion, operator, h, obstacles, settled=settled)
 

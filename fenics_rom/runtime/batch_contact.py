@@ -57,6 +57,7 @@ class BatchContact:
         friction: μ (size,).
         frozen: (size,) bodies that began inside an obstacle.
         inexact: (size,) steps whose forces no method found.
+        held_back: (size,) steps in which points were held before an obstacle; see `HeldBack`.
         residual: how the points yield beyond the basis.
         normal_forces: (P, size) of all obstacles on the points, N; zero where no reading asks for them.
         names: of the obstacles.
@@ -96,7 +97,7 @@ class BatchContact:
         self._watched = NEARNESS * float(np.linalg.norm(np.ptp(coordinates, axis=0))) if switches else 0.0
         count = len(obstacles)
         self.friction, self.frozen = np.full(size, law.friction), np.zeros(size, bool)
-        self.inexact = np.zeros(size, int)
+        self.inexact, self.held_back = np.zeros((2, size), int)
         self._forces, self._u = np.zeros((2, 3, P, size))  # in the last step, N and m/s
         self._is_read = any(isinstance(reading, ContactPressure) for reading in rom.readings.values())
         self.normal_forces = np.zeros((P, size))
@@ -191,7 +192,7 @@ class BatchContact:
         """The same, and obstacles are where they begin."""
         self.begin(bodies, frozen)
         self._offsets[..., bodies], self._velocities[..., bodies] = self._offsets_at_start(bodies), 0.0
-        self.inexact[bodies] = 0
+        self.inexact[bodies] = self.held_back[bodies] = 0
 
     # --- a step ------------------------------------------------------------------------------------------------------
 
@@ -358,6 +359,7 @@ class BatchContact:
             contact = None
         if contact is None or solver.search.residual.steps:
             self.inexact[among] += 1
+        self.held_back[among] += solver.search.held.steps
         if contact is None:
             return h * float((self._resultants[..., among] * speed).sum()), -h * float(found.work[at])
         found.forces[..., at], found.velocities[..., at] = contact.forces.T, 0.0

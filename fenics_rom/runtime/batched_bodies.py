@@ -133,6 +133,12 @@ class BatchedBodies:
         return self._bodies.inexact
 
     @property
+    def held_back(self) -> Array:
+        """Number of steps (size,) since each body's last reset in which points were held before a thin obstacle."""
+        self._check_contact()
+        return self._bodies.held_back
+
+    @property
     def frozen(self) -> Array:
         """Bodies (size,) that stand still, as they were put inside an obstacle; `reset` or `set_state` frees them."""
         return self._bodies.frozen

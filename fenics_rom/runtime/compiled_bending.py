@@ -3,6 +3,7 @@
 Each is as it is by itself, to the bit. A contact mode changes inputs only, so that all have one state.
 """
 
+import math
 from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.held import HeldBody
     from fenics_rom.runtime.steppers.stepper import ReducedStepper
 
-NO_LAW = Law(1.0, 0.0, 0.0, 0.0, 0.0, False, 0)  # of bodies that nothing can touch
+NO_LAW = Law(1.0, 0.0, 0.0, 0.0, 0.0, False, 0, math.inf)  # of bodies that nothing can touch
 
 
 class CompiledBending(CompiledBodies):

@@ -4,6 +4,7 @@ What a body is, is stacked, bodies first: a state for each contact mode, in arra
 One simulator has what all bodies share, and is put where a body is for what is read of one alone.
 """
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -220,10 +221,19 @@ class CompiledState:
     @property
     def inexact(self) -> Array:
         """(size,)."""
-        inexact = np.zeros(self.size, int)
+        return self._counted(lambda search: search.residual.steps)
+
+    @property
+    def held_back(self) -> Array:
+        """(size,)."""
+        return self._counted(lambda search: search.held.steps)
+
+    def _counted(self, steps: Callable[[ContactSearch], int]) -> Array:
+        """Steps (size,) that searches have counted."""
+        counts = np.zeros(self.size, int)
         for body, search in self._searches.items():
-            inexact[body] = search.residual.steps
-        return inexact
+            counts[body] = steps(search)
+        return counts
 
     @property
     def through_skin(self) -> Array:

@@ -93,6 +93,11 @@ class JointState:
         return self._touching.inexact.copy()
 
     @property
+    def held_back(self) -> Array:
+        """(size,)."""
+        return self._touching.held_back.copy()
+
+    @property
     def frozen(self) -> Array:
         """(size,)."""
         return np.zeros(self.size, bool) if self._contacts is None else self._contacts.frozen.copy()

@@ -114,7 +114,8 @@ class KeptContactMap:
         pairs: KeptPairs,
     ):
         self.carried, self.pairs, self._meeting, self._h = carried, pairs, meeting, h
-        self._rule = NormalRule(meeting.law, len(meeting.points), h, quasi_static=False)
+        radius = meeting.obstacle.core[0]
+        self._rule = NormalRule(meeting.law, len(meeting.points), h, quasi_static=False, radii=[radius])
         self._model, self._residual, self._active = model, residual, pairs.chosen.nonzero()[0]
         m, p, rows, A = model.order, model.inputs.shape[1], meeting.rows, len(self._active)
         of_carried, of_active = _components(carried), _components(self._active)
@@ -270,6 +271,8 @@ class KeptContactMap:
             gaps, -np.inf, None, approach, normal
         )  # what is of gaps < 0 changes no others
         is_due = ((normal < level) == chosen).all(axis=1)
+        if self._rule.too_far is not None:
+            is_due &= (self._rule.too_far[:, self._active] <= 1).all(axis=1)
         if self.pairs.frames is None:
             nothing = np.zeros((L, 0))
             return _Look(is_due, np.zeros(L), gaps, nothing, nothing, nothing)

@@ -13,6 +13,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import stacked_state
 from fenics_rom.runtime.simulated_body import SimulatorState
@@ -150,8 +151,18 @@ class SeparateBodies:
     @property
     def inexact(self) -> Array:
         """(size,)."""
+        return np.array([0 if search is None else search.residual.steps for search in self._searches])
+
+    @property
+    def held_back(self) -> Array:
+        """(size,)."""
+        return np.array([0 if search is None else search.held.steps for search in self._searches])
+
+    @property
+    def _searches(self) -> list[ContactSearch | None]:
+        """Of each body; None where nothing can touch it."""
         faces = [body.integrator.interface for body in self.bodies]
-        return np.array([0 if face is None else face.solver.search.residual.steps for face in faces])
+        return [None if face is None else face.solver.search for face in faces]
 
     @property
     def through_skin(self) -> Array:

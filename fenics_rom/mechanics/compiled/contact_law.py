@@ -46,6 +46,7 @@ class Law(NamedTuple):
     compliance: float  # of each pair along its normal, m/s/N; 0 of the rigid law
     is_at_rest: bool  # without inertia
     swings: int  # steps in a row after which what friction did not stop is asked for a share: see `mechanics.braking`
+    radius: float  # m, of the largest ball that each obstacle holds, at least: what would end deeper inside is NumPy's
 
 
 class Pairs(NamedTuple):
@@ -135,6 +136,8 @@ def ask(
                 if closing > abs(approach) + abs(leaving) + speed:
                     target = 0.0
             target = min(target, 0.0)
+            if gaps[c] + law.h * target < -law.radius:
+                target = -math.inf
         pairs.level[c], pairs.target[c, 0] = level, target
         pairs.target[c, 1] = relative[1] / 2 if slides else 0.0
         pairs.target[c, 2] = relative[2] / 2 if slides else 0.0
@@ -184,6 +187,8 @@ def _find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pai
         friction, moved, speed = take(space, C), take(space, len(part)), 0.0
         for i in range(C):
             c = active[i]
+            if pairs.target[c, 0] == -math.inf:
+                return Found(OTHERWISE, sweeps, 0.0)
             points[i], friction[i] = among[c % P], pairs.friction[c]
             copy(pairs.axes[c], axes[i])
             yielding[i] = yielding_of(part, points[i], law.compliance)

@@ -76,7 +76,8 @@ def step_bodies(
         else:
             copy(begun.forces[b], found.pairs.forces)
             found.pairs.friction[:] = friction[b]
-            own = Law(law.h, law.restitution, friction[b], law.rate, law.compliance, law.is_at_rest, law.swings)
+            numbers = law.rate, law.compliance, law.is_at_rest, law.swings, law.radius
+            own = Law(law.h, law.restitution, friction[b], *numbers)
             past, beyond = Begun(begun.forces[b], begun.swung[b]), (states.beyond[b], states.beyond_before[b])
             moving = obstacles.start[b], obstacles.end[b], obstacles.before[b]
             among = Among(touch, own, shapes, *moving, past, *beyond, found, spread, W)

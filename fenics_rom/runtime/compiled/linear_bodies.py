@@ -104,7 +104,8 @@ def _step_bodies(
         b = bodies[i]
         release(space, begin)
         fill(sought.friction, friction[b])
-        own = Law(law.h, law.restitution, friction[b], law.rate, law.compliance, law.is_at_rest, law.swings)
+        numbers = law.rate, law.compliance, law.is_at_rest, law.swings, law.radius
+        own = Law(law.h, law.restitution, friction[b], *numbers)
         now = states.halves[b], states.rigid[b], states.beyond[b]
         state = State(*now, states.halves_before[b], states.rigid_before[b], states.beyond_before[b])
         past = Begun(begun.forces[b], begun.swung[b])

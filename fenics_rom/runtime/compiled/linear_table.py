@@ -113,10 +113,10 @@ def _body_at(table: Array, numbers: Array) -> Body:
         matrix_at(table[7]),
         matrix_at(table[8]),
         matrix_at(table[9]),
-        numbers[7],
         numbers[8],
         numbers[9],
         numbers[10],
+        numbers[11],
     )
 
 
@@ -129,7 +129,7 @@ def _state_at(table: Array) -> State:
 @jit_part
 def _law_of(numbers: Array) -> Law:
     n = numbers
-    return Law(n[0], n[1], n[2], n[3], n[4], n[5] != 0.0, int(n[6]))
+    return Law(n[0], n[1], n[2], n[3], n[4], n[5] != 0.0, int(n[6]), n[7])
 
 
 @jit_part

@@ -1,5 +1,7 @@
 """A step of a world, whole: bodies begin it, it is found where they touch and by what forces, and they end it."""
 
+import math
+
 import numpy as np
 from numpy import ndarray as Array
 
@@ -105,7 +107,7 @@ def _law_of(world: Array, h: float) -> Law:
     meetings, friction = meetings_at(world), 0.0
     for m in range(len(meetings.numbers)):
         friction = max(friction, meetings.numbers[m, FRICTION])
-    return Law(h, 0.0, friction, 0.0, 0.0, False, SWINGS)
+    return Law(h, 0.0, friction, 0.0, 0.0, False, SWINGS, math.inf)
 
 
 @jit_part
