@@ -1,6 +1,6 @@
 """Soft bodies fall on rough meshes that turn and shake: none ends inside, and none gains energy but by their work.
 
-    python demos/feed/drops.py --drops 10000 --processes 2   # three hours; once more, and it goes on where it was
+    python demos/feed/drops.py --drops 10000 --processes 2   # hours; started again, it goes on
     python demos/feed/drops.py                               # a hundred, two minutes
 
 Each drop has a mesh, a block, a place, an attitude, spins, a friction and a step of 1 to 10 ms by chance. One in four

@@ -176,7 +176,7 @@ def test_a_thin_blade_that_turns_takes_along_what_it_hits(folder, plate):
 def test_only_what_would_go_through_is_held():
     """Of random pairs at two obstacles, a thin one and a thick one."""
     rng = np.random.default_rng(0)
-    for restitution in (0.0, 0.4, 1.0):
+    for restitution in (0.0, 0.4):  # with 1 nothing goes in
         law, thin, dt, each = ContactLaw(restitution), THICK / 2, DT, 500
         gaps = rng.exponential(THICK, 2 * each) * rng.choice([1, 1, 1, -0.1], 2 * each)
         approach, outwards = rng.normal(size=(2, 2 * each)) * 3 * THICK / dt
