@@ -190,9 +190,7 @@ class ReducedStepper:
 
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""
-        of_contact = (
-            [] if self.interface is None else [self.interface.passing, *self.interface.solver.search.messages]
-        )
+        of_contact = [] if self.interface is None else [self.interface.passing, *self.interface.solver.search.messages]
         return tuple(filter(None, [*of_contact, *self.kernel.messages]))
 
     def _enter(self, contact: str) -> None:
