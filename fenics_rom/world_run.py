@@ -82,15 +82,17 @@ def run_world(
     check_whole_steps(run.duration, run.dt if dt is None else dt, scene.source)
     world = make_world(scene, dt)
     recorder = WorldRecorder(world, steps, snapshots=run.snapshots, every=every)
-    seconds = 0.0
-    for step in range(steps):
-        inputs = inputs_at(scene, (step + 0.5) * world.dt, world)
+    seconds, step, told = 0.0, 0, max(1, steps // REPORTS)
+    while step < steps:
+        inputs, count = inputs_at(scene, (step + 0.5) * world.dt, world), 1
+        if not run.input:
+            count = recorder.steps_to_sample(step)
         begin = perf_counter()
-        world.step(inputs)
+        world.step(inputs, count)
         seconds += perf_counter() - begin
-        recorder.sample(step + 1)
-        if step % max(1, steps // REPORTS) == 0:
+        if -step % told < count:
             report("steps", step, steps)
+        recorder.sample(step := step + count)
     report("steps", steps, steps)
     return recorder.record(scene.file.name, {"seconds": seconds} if rate else None)
 

@@ -138,6 +138,11 @@ class ActiveEnvironment:
         self.loads = np.zeros(sum(self.columns.values()))
         self._misfits: dict[str, tuple[float, float]] = {}  # m and rad, at most in a step
 
+    @property
+    def has_constant_loads(self) -> bool:
+        """Whether loads are the same at all times, until a signal is set."""
+        return self._constant_loads is not None
+
     def loads_at(self, time: float) -> Array:
         """The values of all loads at a time (s), in the order of their columns."""
         if self._constant_loads is not None and self.mark is None:

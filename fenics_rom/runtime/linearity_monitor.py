@@ -50,6 +50,11 @@ class LinearityMonitor:
         self._gauge = self._gauges[contact][1]
         return min(2 * self._gauge.safe_energy, sys.float_info.max)  # infinite is never safe
 
+    @property
+    def steps_to_look(self) -> int:
+        """After how many high states the next look is due."""
+        return max(1, self._interval - self._since)
+
     def look(self, e: Array, time: float, steps: int = 1) -> None:
         """Looks at the state e = ω q (m,) of an energy that is not safe in itself, unless the last look says it is.
 

@@ -9,24 +9,23 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import or_numpy
-from fenics_rom.errors import StepError
-from fenics_rom.mechanics.base_path import FLOAT, CheckedMotion, base_in
+from fenics_rom.mechanics.base_path import base_in
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.runtime.compiled.arrays_at import table_of
-from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, Spots
-from fenics_rom.world.compiled.tables import GIVEN, SWUNG, GivenContacts
-from fenics_rom.world.compiled.world_step import NEEDS_CONTACTS, OTHERWISE, count_pushing, force_on, take_step
+from fenics_rom.world.compiled.many_steps import exchange_pairs, take_steps
+from fenics_rom.world.compiled.tables import ENDED, GIVEN, PAIRS, SWUNG, TAKEN, GivenContacts, Near
+from fenics_rom.world.compiled.world_step import NEEDS_CONTACTS, OTHERWISE, count_pushing, force_on
 from fenics_rom.world.contact_step import Found
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.free_soft import FreeSoft
-from fenics_rom.world.handed_forces import handed_in
 from fenics_rom.world.joints import JointPoints
 from fenics_rom.world.meetings import Meeting, is_still
 from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.soft_tables import SoftTable, soft_table
+from fenics_rom.world.step_count import next_time
+from fenics_rom.world.step_inputs import SoftOne, StepInputs
 from fenics_rom.world.tolerances import LARGEST
 from fenics_rom.world.world_arrays import BOOKED_TOGETHER, are_known, given_contacts, table_of_world, world_arrays
 
@@ -35,15 +34,6 @@ if TYPE_CHECKING:
     from fenics_rom.world.step_pairs import StepPairs
 
 LONGEST_PAUSE = 64  # steps, in which what compiled functions did not take again and again is not asked of them
-
-
-class _SoftOne:
-    """A soft body, and its arrays in steps."""
-
-    def __init__(self, number: int, name: str, body: Soft, table: SoftTable):
-        self.number, self.body, self.kernel, step = number, body, table.kernel, table.step
-        self.u, self.told, self.contact = step.u, step.told, partial(handed_in, table.points.forces)
-        self.begun = name, body, None if isinstance(table.kernel, ContactMidpoint) else table.kernel, step.u
 
 
 class CompiledWorld:
@@ -82,13 +72,14 @@ class CompiledWorld:
         self._rigid = [(n, body) for n, body in enumerate(self._bodies) if isinstance(body, Rigid)]
         self._driven = [(n, body) for n, body in enumerate(self._bodies) if isinstance(body, Driven)]
         soft = [(n, name, body) for n, (name, body) in enumerate(bodies.items()) if isinstance(body, Soft)]
-        self._soft = [_SoftOne(n, name, body, tables[n]) for n, name, body in soft]
+        self._soft = [SoftOne(n, name, body, tables[n]) for n, name, body in soft]
         self._free = 1 if any(isinstance(body, FreeSoft) for body in self._bodies) else None
         self._switching = [each for each in self._soft if len(each.body.rom.contact_models) > 1]
-        self._unmoved = {number for number, _ in self._driven}
+        self._watched, self._told = np.zeros((len(self._soft), 4)), np.zeros(4, dtype=np.int64)
         self._placed = dict[int, Placed]()  # where what lies still was seen first
         self._arrays = world_arrays(self._bodies, meetings, joints, tables, pairs.dissipated)
         self._table, self._none = table_of_world(self._arrays), given_contacts([])
+        self._first = int(self._table[PAIRS, 0])
         self._no_contacts = table_of(self._none)
         self._hooks: list[tuple[EnergyLedger, Callable[[], None]]] = []
         for ledger in [met, *(body.account for body in self._bodies)]:
@@ -96,9 +87,8 @@ class CompiledWorld:
             ledger.flush = partial(_both, self.book, ledger.flush)
         self._soft_ones = [isinstance(body, Soft) for body in self._bodies]
         self._are_told = self._soft_ones.copy()
-        self._begun = [each.begun for each in self._soft]
-        moved = zip(self._driven, self._arrays.driven.end, strict=True)
-        self._moved = [(body, row) for (_, body), row in moved if body.shape is not None]  # others stand still
+        rigid = [(b, name, body) for b, (name, body) in enumerate((self._names[n], body) for n, body in self._rigid)]
+        self._given = StepInputs(self._soft, rigid, [body for _, body in self._driven], self._arrays.freedoms.given, h)
         self._load()
 
     # From objects, and back.
@@ -118,7 +108,7 @@ class CompiledWorld:
             rigid.rotation[b], rigid.motion[b], _ = body.begun
             freedoms.quaternion[b], freedoms.momentum[b], freedoms.acceleration[b] = body.turning
         for d, (_, moved) in enumerate(self._driven):
-            driven.start[d] = driven.end[d] = np.concatenate(moved.pose)
+            driven.start[d] = driven.end[d] = self._given.ends[:, d] = np.concatenate(moved.pose)
             driven.misfit[d] = moved.misfit
 
     def _slot_of(self, meeting: int, place: int, feature: int) -> int:
@@ -143,7 +133,7 @@ class CompiledWorld:
         """Has all bodies, and NumPy's steps, know of the last step."""
         for number in range(len(self._bodies)):
             self.tell(number)
-        C, near = self._count, self._arrays.near
+        C, near = self._count, self._near
         contacts = []
         for m in np.unique(near.meetings[:C]).tolist():
             rows = (near.meetings[:C] == m).nonzero()[0]
@@ -164,8 +154,11 @@ class CompiledWorld:
     # Steps.
 
     @or_numpy
-    def take(self, inputs: Mapping[str, Mapping[str, Any]], time: float) -> bool | None:
-        """Takes a step that begins at a time, s; None where it is NumPy's, and nothing is changed."""
+    def take(self, inputs: Mapping[str, Mapping[str, Any]], time: float, most: int) -> int | None:
+        """Takes steps, the first of which begins at a time, s, under the same inputs: how many, so many at most.
+
+        None where the first one is NumPy's, and nothing is changed.
+        """
         if self._waits:
             self._waits -= 1
             return None
@@ -175,89 +168,61 @@ class CompiledWorld:
         self.misfits = 0
         if not self.is_ahead:
             self._load()
-        if not (self._set_inputs(inputs, time) and self._set_bases()):
+        if most > 1:
+            most = 1 if self._switching else min(most, BOOKED_TOGETHER - self._row)
+        if not (self._given.set(inputs, time) and (most := self._given.set_ends(most))):
             return None
-        try:
-            C, sweeps = take_step(self._table, self._no_contacts, self._h, self._row, False, self._free)
-            if C == NEEDS_CONTACTS:
-                given = table_of(found := self._find_contacts())
-                C, sweeps = take_step(self._table, given, self._h, self._row, True, self._free)
-                del found  # whose arrays the table is of
-        except np.linalg.LinAlgError:
-            C, sweeps = OTHERWISE, 0
-        if C == OTHERWISE:
-            self._forget()
-            self._pause = min(2 * self._pause + 1, LONGEST_PAUSE)
-            self._waits = self._pause
-            return None
-        self._pause, self.is_ahead, self._count, self.sweeps = 0, True, C, sweeps
-        self._row, self._are_told = self._row + 1, self._soft_ones.copy()
+        for each, watched in zip(self._soft, self._watched, strict=True):
+            watched[:] = *each.body.watch_in_loops(), 0.0
+        taken, ended = self._take_steps(most)
+        if taken:
+            self._end(taken)
+        if ended == OTHERWISE:
+            for each in self._soft:  # what was begun of a step
+                self._tables[each.number].frame.forget()
+            self._pause = 1 if taken else min(2 * self._pause + 1, LONGEST_PAUSE)
+            self._waits = self._pause + (taken > 0)
+        return taken or None
+
+    def _end(self, taken: int) -> None:
+        """Ends steps that were taken."""
+        self._pause, self.is_ahead, self._row, self._are_told = 0, True, self._row + taken, self._soft_ones.copy()
         if self._row == BOOKED_TOGETHER:
             self.book()
         for _, moved in self._driven:
-            moved.time += self._h
-        for each in self._soft:
-            each.body.end_compiled(each.kernel, each.contact, each.told, each.u)
+            moved.time = next_time(moved.time, self._h, taken)
+        for each, (*_, high) in zip(self._soft, self._watched.tolist(), strict=True):
+            each.body.end_compiled(each.kernel, each.contact, each.told, each.u, taken, int(high))
         for each in self._switching:
             each.body.note_near(*self._nearest_to(each.number))
-        return True
+
+    def _take_steps(self, most: int) -> tuple[int, int]:
+        """Takes so many steps at most, of which all is set: how many, and as of `take_steps` why they end."""
+        taken, given, told, none = 0, self._no_contacts, self._told, None
+        while True:
+            goes_on = none is not None
+            ends, told[TAKEN] = self._given.ends[taken:most], 0
+            try:
+                take_steps(
+                    self._table, given, self._h, self._row + taken, goes_on, self._free, ends, self._watched, told
+                )
+            except np.linalg.LinAlgError:
+                exchange_pairs(self._table)
+                told[ENDED] = OTHERWISE
+            of_these, C, sweeps, ended = told.tolist()
+            if of_these:
+                taken, self._count, self.sweeps = taken + of_these, C, sweeps
+            if ended != NEEDS_CONTACTS:
+                return taken, ended
+            given = table_of(none := self._find_contacts())  # kept, as the table is of its arrays
 
     def _nearest_to(self, number: int) -> tuple[Array, Array]:
         """Contact points (k,) of a soft body that others are near to, and the gaps when the step began, m."""
-        C, near = self._count, self._arrays.near
+        C, near = self._count, self._near
         c, side = (near.ends[:C] == number).nonzero()
         nodes, gaps = near.nodes[c, side], np.repeat(near.gaps[c, None], near.nodes.shape[2], axis=1)
         there = near.weights[c, side] != 0
         return nodes[there], gaps[there]
-
-    def _set_inputs(self, inputs: Mapping[str, Mapping[str, Any]], time: float) -> bool:
-        """Sets what acts on the bodies; whether it is what they can take."""
-        for name in inputs:
-            if name not in self._number_of or self._number_of[name] in self._unmoved:
-                return False
-        for name, body, kernel, u in self._begun:
-            if kernel is not None:
-                kernel.begin_in_world()
-            u.fill(0.0)
-            given = inputs.get(name)
-            if given and not _fill(u, body.input_slices(), given):
-                return False
-            environment = body.environment
-            assert environment is not None
-            loads = environment.loads_at(time + self._h / 2)
-            if len(loads):
-                u[len(u) - len(loads) :] = environment.loads = loads
-            body.tensions.note(u)
-        given_to_rigid = self._arrays.freedoms.given
-        given_to_rigid.fill(0.0)
-        for b, (number, rigid) in enumerate(self._rigid if inputs else ()):
-            if self._names[number] in inputs:
-                try:
-                    rigid.take(inputs[self._names[number]])
-                except (AttributeError, StepError):
-                    return False
-                given_to_rigid[b] = rigid.given
-        return True
-
-    def _set_bases(self) -> bool:
-        """Sets where bodies that are driven go to; whether that is told in arrays."""
-        for body, row in self._moved:
-            motion = body.motion.unchecked if isinstance(body.motion, CheckedMotion) else body.motion
-            state = motion(body.time + self._h)
-            try:
-                p, q, v, ω = state
-                are_floats = p.dtype is q.dtype is v.dtype is ω.dtype is FLOAT
-                if not (are_floats and p.shape == v.shape == ω.shape == (3,) and q.shape == (4,)):
-                    return False
-            except (AttributeError, TypeError, ValueError):
-                return False
-            row[:3], row[3:7], row[7:10], row[10:] = state
-        return True
-
-    def _forget(self) -> None:
-        """Forgets what was begun of a step."""
-        for each in self._soft:
-            self._tables[each.number].frame.forget()
 
     def _find_contacts(self) -> GivenContacts:
         """Contacts of the meetings that compiled functions do not look at."""
@@ -313,26 +278,31 @@ class CompiledWorld:
 
     def force_between(self, first: int, second: int) -> Array:
         """Of the last step on the first of two bodies, (3,), N."""
-        near = self._arrays.near
+        near = self._near
         return force_on(near.ends[: self._pairs_found], near.forces, first, second)
 
     def contact_forces(self, first: int, second: int) -> tuple[Array, Array]:
         """Where two bodies touched in the last step (k, 3), m, and forces on the first there (k, 3), N."""
-        near, (one, other) = self._arrays.near, self._arrays.near.ends[: self._count].T
+        near, (one, other) = self._near, self._near.ends[: self._count].T
         forward = (one == first) & (other == second)
         rows = (forward | ((one == second) & (other == first))).nonzero()[0]
         return near.places[rows], np.where(forward[rows, None], 1.0, -1.0) * near.forces[rows]
 
     @property
+    def _near(self) -> Near:
+        """Pairs of the last step that was taken."""
+        return self._arrays.near if self._table[PAIRS, 0] == self._first else self._arrays.before
+
+    @property
     def touching(self) -> int:
         """How many pairs of points push, by more than round-off."""
-        C, near = self._count, self._arrays.near
+        C, near = self._count, self._near
         return count_pushing(near.forces[:C], near.normals)
 
     @property
     def found(self) -> Found:
         """Forces of the last step."""
-        near = self._arrays.near
+        near = self._near
         forces, velocities = (of[: self._pairs_found].copy() for of in (near.forces, near.u))
         return Found(forces, velocities, self.sweeps, 0.0)
 
@@ -345,19 +315,6 @@ class CompiledWorld:
 def _both(first: Callable[[], None], second: Callable[[], None]) -> None:
     first()
     second()
-
-
-def _fill(u: Array, starts: Mapping[str, slice], given: Mapping[str, Any]) -> bool:
-    """Sets inputs by name; whether they are what is there."""
-    try:
-        for name, value in given.items():
-            place, numbers = starts[name], real_numbers(value).reshape(-1)
-            if len(numbers) != place.stop - place.start:
-                return False
-            u[place] = numbers
-    except (AttributeError, KeyError, TypeError, ValueError):
-        return False
-    return True
 
 
 def compiled_world(

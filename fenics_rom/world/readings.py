@@ -14,7 +14,7 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.world.contact_step import Found
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.joint_plan import JointPlan
-from fenics_rom.world.make_bodies import AnyBody
+from fenics_rom.world.make_bodies import FIXED, AnyBody
 from fenics_rom.world.records import RigidBody, SoftBody
 from fenics_rom.world.skins import WorldSkins
 from fenics_rom.world.soft import Soft
@@ -36,6 +36,8 @@ class ReadWorld:
     _met: EnergyLedger
     _passing: list[str]
     _skins: WorldSkins
+    _dt: float
+    _lone: Soft | None
     _steps: int
     _compiled_steps: int
     _time: float
@@ -45,6 +47,16 @@ class ReadWorld:
     def _tell(self) -> None:
         """Has all bodies know of the last step."""
         raise NotImplementedError
+
+    @property
+    def steps(self) -> int:
+        """Number of steps taken."""
+        return self._steps if self._lone is None else self._lone.steps
+
+    @property
+    def time(self) -> float:
+        """Simulated, s."""
+        return self._time if self._lone is None else self._lone.time
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -189,3 +201,11 @@ class ReadWorld:
         if self._loops is not None and self._loops.is_ahead:
             self._loops.tell(self._names.index(name))
         return self._bodies[name]
+
+    def __repr__(self) -> str:
+        soft = [name for name, body in self.bodies.items() if isinstance(body, SoftBody)]
+        driven = [name for name, body in self._bodies.items() if body.is_driven and name != FIXED]
+        free = [name for name in self.bodies if name not in soft and name not in driven]
+        kinds = {"soft": soft, "rigid": free, "driven": driven}
+        parts = "; ".join(f"{kind}: {', '.join(some)}" for kind, some in kinds.items() if some)
+        return f"World of {len(self.bodies)} bodies, dt = {self._dt:g} s, {self.steps} steps taken\n  {parts}"

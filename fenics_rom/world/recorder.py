@@ -40,6 +40,7 @@ class WorldRecorder:
         self._snapshot_steps = np.unique(np.round(np.linspace(0, steps, min(snapshots, steps) + 1)).astype(int))[1:]
         self._rows = {step: row for row, step in enumerate(self._kept.tolist())}
         self._snapshot_rows = {step: row for row, step in enumerate(self._snapshot_steps.tolist())}
+        self._due = np.union1d(self._kept, self._snapshot_steps)
         S = len(self._kept)
         self._account = np.zeros((8, S))  # energy, and the sums of the ledger
         self._tracks = {name: {key: np.zeros((S, *of)) for key, of in TRACK.items()} for name in world.names}
@@ -52,6 +53,10 @@ class WorldRecorder:
         self._grounds = {name: obstacles.HalfSpace(tuple(at), tuple(normal)) for name, (at, normal) in planes.items()}
         self._moved = {name: np.zeros((len(self._snapshot_steps), 3)) for name in poses}
         self.sample(0)
+
+    def steps_to_sample(self, step: int) -> int:
+        """After how many more something is to be kept, when so many were taken, before the last."""
+        return int(self._due[self._due.searchsorted(step, "right")]) - step
 
     def sample(self, step: int) -> None:
         """Keeps what is to be kept after so many steps."""

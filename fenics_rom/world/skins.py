@@ -87,6 +87,13 @@ class WorldSkins:
         self._slowness = (CALM if self._are_calm else 1) * QUICK if are_quick else 1
         return bool(self._watched) and (self._is_time(steps) or steps % (self._slowness * CHECK_INTERVAL) == 0)
 
+    def steps_to_ask(self, steps: int, most: int, are_quick: bool) -> int:
+        """After how many more `asks` will say so, or so many at most, when so many steps were taken."""
+        ahead = 1
+        while ahead < most and not self.asks(steps + ahead, are_quick):
+            ahead += 1
+        return ahead
+
     def _is_time(self, steps: int) -> bool:
         return steps >= self._looked + self._slowness * (self._next_look - self._looked)
 

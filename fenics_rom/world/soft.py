@@ -368,16 +368,15 @@ class Soft(Simulator, Body):
         self._handed.point_gaps = np.full(len(self.surface.points), np.inf)
         np.minimum.at(self._handed.point_gaps, nodes, gaps)
 
-    def end_compiled(self, kernel: BookedKernel, contact: Callable[[], Handed | None], told: Array, u: Array) -> None:
-        """Ends a compiled step under u and contact; told: twice the energy, and that within the shape, J."""
+    def end_compiled(
+        self, kernel: BookedKernel, contact: Callable[[], Handed | None], told: Array, u: Array, steps: int, high: int
+    ) -> None:
+        """Ends compiled steps under u and contact; told: twice the energy, and that within the shape, J."""
         self._twice, within = told[:2].tolist()
         kernel.contact = contact
         if isinstance(kernel, CompilableFrame):
             kernel.end_in_world(self._twice, within)
-        if self._twice <= self._monitor_threshold:
-            self.steps += 1
-        else:
-            self._step_high(u, self._twice)
+        self.end_steps(u, self._twice, steps, high)
 
     def _commit_rest(self) -> None:
         """Books what others do by the forces that they feel, those at the end of a step, and notes how points went.

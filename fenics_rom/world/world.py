@@ -26,6 +26,7 @@ from fenics_rom.world.records import RigidBody, SoftBody
 from fenics_rom.world.shapes import passing_radius
 from fenics_rom.world.skins import WorldSkins
 from fenics_rom.world.soft import Soft
+from fenics_rom.world.step_count import checked_count, next_time
 from fenics_rom.world.step_pairs import StepPairs
 
 if TYPE_CHECKING:
@@ -231,25 +232,39 @@ class World(ReadWorld):
             raise StepError(f"body {name!r} moves freely: allowed is one that has a motion")
         body.motion = motion
 
-    def step(self, inputs: Mapping[str, Mapping[str, Any]] | None = None) -> None:
-        """Advances by dt.
+    def step(self, inputs: Mapping[str, Mapping[str, Any]] | None = None, count: int = 1) -> None:
+        """Advances by so many steps of dt.
+
+        Where they are compiled, many cost less than one by one, as Python has nothing to do between them. Accounts,
+        warnings and skins are as of single ones; forces, contacts and sweeps are read of the last.
 
         Args:
-            inputs: by body, by name; what is not named is 0. Of a soft body as of a Simulator; of a rigid one that
-                moves freely `force` (3,), N, and `torque` (3,) about its centre of mass, N m, in world axes.
+            inputs: by body, by name, the same in all steps; what is not named is 0. Of a soft body as of a Simulator;
+                of a rigid one that moves freely `force` (3,), N, and `torque` (3,) about its centre of mass, N m, in
+                world axes.
+            count: how many steps. Loads, motions and joints go on in time.
 
         Raises:
-            StepError: no such body or input, or no forces were found; everything is as it was.
+            StepError: no such body or input, or no forces were found; all is as it was before the step where it is so.
         """
-        h, bodies = self._dt, self._bodies
+        left = checked_count(count)
+        while left > 0:
+            left -= self._take_steps(inputs, left)
+
+    def _take_steps(self, inputs: Mapping[str, Mapping[str, Any]] | None, most: int) -> int:
+        """Takes so many steps at most: how many."""
         if inputs is not None and self._loops is None:
             self._check_inputs(inputs)
+        h, bodies = self._dt, self._bodies
         if self._time + h / 2 >= self._joints.next_change:
             self._go_on_with_joints(self._joints.change(self._time + h / 2))
         if self._loops is not None:
-            if self._loops.take(inputs or {}, self._time):
-                self._compiled_steps += 1
-                return self._look_at_skins()
+            if most > 1:
+                room = (self._joints.next_change - self._time) / h - 1
+                most = self._skins.steps_to_ask(self._steps, max(1, int(min(most, room))), True)
+            if taken := self._loops.take(inputs or {}, self._time, most):
+                self._compiled_steps += taken
+                return self._end_steps(taken)
             if self._loops.is_ahead:
                 self._found = self._loops.found
                 self._loops.tell_all()
@@ -279,16 +294,16 @@ class World(ReadWorld):
             self._met.book(dissipated=self._step_pairs.stop_joints())
         if found.residual:
             self._residuals = self._residuals[0] + 1, max(self._residuals[1], found.residual)
-        self._look_at_skins()
+        return self._end_steps(1)
 
-    def _look_at_skins(self) -> None:
-        """Ends a step."""
-        self._steps, self._time = self._steps + 1, self._time + self._dt
-        if not self._skins.asks(self._steps, self._loops is not None and self._loops.is_ahead):
-            return
-        self._tell()
-        if self._skins.is_due(self._steps):
-            self._skins.look(self._steps, self._time)
+    def _end_steps(self, taken: int) -> int:
+        """Ends steps, and looks at skins where it is due; how many steps."""
+        self._steps, self._time = self._steps + taken, next_time(self._time, self._dt, taken)
+        if self._skins.asks(self._steps, self._loops is not None and self._loops.is_ahead):
+            self._tell()
+            if self._skins.is_due(self._steps):
+                self._skins.look(self._steps, self._time)
+        return taken
 
     def _tell(self) -> None:
         """Has all bodies know of the last step."""
@@ -328,7 +343,7 @@ class World(ReadWorld):
         finally:
             self._dt = dt
 
-    def _step_alone(self, inputs: Mapping[str, Any] | None = None) -> None:
+    def _step_alone(self, inputs: Mapping[str, Any] | None = None, count: int = 1) -> None:
         """`step` of a world that has one soft body: it costs little more than that of its simulator."""
         try:
             given = None if inputs is None else inputs.get(self._lone_name)
@@ -339,21 +354,12 @@ class World(ReadWorld):
             for name in inputs or ():
                 self.simulator(name)
             given = np.zeros(self._soft[0].inputs) if given is None else given
-        self._lone_step(given)
+        for _ in range(checked_count(count)):
+            self._lone_step(given)
 
     def anew(self) -> "World":
         """Another world of the same bodies where they begin, moved as they were at first, in steps of now."""
         return World(self.bodies, self._dt, **self._arguments)
-
-    @property
-    def steps(self) -> int:
-        """Number of steps taken."""
-        return self._steps if self._lone is None else self._lone.steps
-
-    @property
-    def time(self) -> float:
-        """Simulated, s."""
-        return self._time if self._lone is None else self._lone.time
 
     def _begin(self, inputs: Mapping[str, Mapping[str, Any]]) -> tuple[Pairs, Array, Guide | None]:
         """Opens a step of all bodies; its pairs, forces to begin with, and what may guide."""
@@ -390,11 +396,3 @@ class World(ReadWorld):
         whole = float(f.ravel().dot(u.ravel()))
         normal = float((n * f).dot(_ONES).dot((n * u).dot(_ONES)))
         self._met.book_contact(0.0, -self._dt * normal, self._dt * (normal - whole), 0.0)
-
-    def __repr__(self) -> str:
-        soft = [name for name, body in self.bodies.items() if isinstance(body, SoftBody)]
-        driven = [name for name, body in self._bodies.items() if body.is_driven and name != FIXED]
-        free = [name for name in self.bodies if name not in soft and name not in driven]
-        kinds = {"soft": soft, "rigid": free, "driven": driven}
-        parts = "; ".join(f"{kind}: {', '.join(some)}" for kind, some in kinds.items() if some)
-        return f"World of {len(self.bodies)} bodies, dt = {self._dt:g} s, {self.steps} steps taken\n  {parts}"

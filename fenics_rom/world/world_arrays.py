@@ -80,6 +80,7 @@ def world_arrays(
         Operators(np.zeros(3), np.zeros(most, dtype=np.int64), np.zeros((S, TURNS)), *np.zeros((3, 9 * most * most))),
         Owed(np.zeros((BOOKED_TOGETHER, B, 3)), np.zeros((BOOKED_TOGETHER, 4))),
         joined,
+        _near(F + J, joined.nodes.shape[2]),
     )
 
 

@@ -451,3 +451,90 @@ def test_another_step_and_inputs_are_those_of_numpy(held):
             told_by.append(str(caught.value))
         assert told_by[0] == told_by[1]
         np.testing.assert_array_equal(told(worlds[0]), before)
+
+
+def turned_in_time(start, stop):
+    """Where a table is, which turns at 1 rad/s, and is told to jump by 3 rad after a time, s."""
+
+    def motion(time):
+        angle = time if time < start else time + (3.0 if time < stop else 0.0)
+        turn, rate = quaternion_of_vector(np.array([0.0, 0.0, angle])), np.array([0.0, 0.0, 1.0])
+        return fr.BaseState(np.array([0.15, 0.015, -0.05]), turn, np.zeros(3), rate)
+
+    return motion
+
+
+COUNTS = 1, 30, 7, 2, 70, 40
+
+
+def pinned(rom):
+    """Boxes on a beam, one of which a rope holds for a while."""
+    world = beam_and_boxes(rom)
+    rope = ball("low", "high", world.pose("low").position, name="rope", start=0.0205, stop=0.061)
+    return fr.World(world.bodies, 1e-3, gravity=(0, 0, -9.81), friction=0.4, joints=[rope])
+
+
+@pytest.mark.parametrize("kind", ["boxes", "ridden", "joined", "free"])
+def test_many_steps_are_those_one_by_one(request, kind):
+    """To the last bit; accounts are summed otherwise."""
+    made = {
+        "boxes": lambda: beam_and_boxes(request.getfixturevalue("held")),
+        "ridden": lambda: ridden(request.getfixturevalue("carried"), 1),
+        "joined": lambda: pinned(request.getfixturevalue("held")),
+        "free": lambda: flying(request.getfixturevalue("free"), np.random.default_rng(1)),
+    }
+    worlds = made[kind](), made[kind]()
+    name = {"ridden": "falls", "free": "flies"}.get(kind, "low")
+    for count in COUNTS:
+        inputs = {name: {"force": [1e-3 * count, 0.0, 0.0]}}
+        worlds[0].step(inputs, count)
+        for _ in range(count):
+            worlds[1].step(inputs)
+        for body in worlds[0].names:
+            for one, other in zip(worlds[0].pose(body), worlds[1].pose(body), strict=True):
+                np.testing.assert_array_equal(one, other)
+        np.testing.assert_allclose(told(worlds[0]), told(worlds[1]), atol=1e-13)
+        assert worlds[0].joints == worlds[1].joints
+    assert worlds[0].warnings == worlds[1].warnings
+    assert (worlds[0].steps, worlds[0].time, worlds[0].compiled_steps) == (
+        worlds[1].steps,
+        worlds[1].time,
+        worlds[1].compiled_steps,
+    )
+    assert worlds[0].compiled_steps > 0.5 * sum(COUNTS)
+
+
+def test_of_many_steps_those_before_a_refused_one_are_taken(held):
+    """It leaves all as it was, with what is read of the step before; so does a motion that fails."""
+    worlds = beam_and_boxes(held), beam_and_boxes(held)
+    for world in worlds:
+        world.drive("table", turned_in_time(0.0305, 1.0))
+    with pytest.raises(fr.StepError, match="told to turn by more than"):
+        worlds[0].step({}, 50)
+    for _ in range(30):
+        worlds[1].step()
+    assert worlds[0].steps == 30
+    assert worlds[1].touching > 1
+    np.testing.assert_allclose(told(worlds[0]), told(worlds[1]), atol=1e-13)
+    before = told(worlds[1])
+    with pytest.raises(fr.StepError, match="told to turn by more than"):
+        worlds[1].step()
+    np.testing.assert_array_equal(told(worlds[1]), before)
+
+    def fails(time):
+        if time > 0.0405:
+            raise ValueError("no more")
+        return turned_in_time(1.0, 1.0)(time)
+
+    worlds[0].drive("table", fails)
+    with pytest.raises(ValueError, match="no more"):
+        worlds[0].step({}, 50)
+    assert worlds[0].steps == 40
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.5, True, "x", None])
+def test_no_other_count_is_allowed(held, count):
+    for world in (beam_and_boxes(held), fr.World({"beam": fr.SoftBody(held)}, 1e-3)):
+        with pytest.raises(fr.StepError, match=r"count = .*allowed is a whole number of steps > 0"):
+            world.step({}, count)
+        assert world.steps == 0

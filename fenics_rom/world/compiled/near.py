@@ -90,6 +90,8 @@ def find_near(world: Array, table: Array, h: float) -> int:
     C, g = int(0 * h), 0  # a 0 that is no constant, of which numba would compile what takes it by itself
     for m in range(len(meetings.bodies)):
         kind, begun = meetings.kinds[m], C
+        if kind == GIVEN and not meetings.are_near[m]:
+            continue
         if kind == GIVEN:
             first = meetings.slots[m]
             while g < len(given.meetings) and given.meetings[g] == m:

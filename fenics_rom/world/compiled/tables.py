@@ -26,6 +26,9 @@ COUNT, IS_INVERSE_KNOWN, YIELDS = range(3)  # in `Operators.known`
 SUPPLIED, DISSIPATED, BY_OTHERS = range(3)  # in `Owed.bodies`
 BY_IMPACTS, BY_FRICTION, BY_JOINTS, NUMERICAL = range(4)  # in `Owed.met`
 OF_JOINT = -1  # in place of a meeting
+PAIRS, PAIRS_BEFORE, ARRAYS_OF_PAIRS = 36, 66, 16  # where those of a step, and of the step before, are in the table
+TAKEN, COUNTED, SWEPT, ENDED = range(4)  # of `take_steps`: how many, contacts and sweeps of the last, and why they end
+THRESHOLD, IS_WHOLE, LOOK, HIGH = range(4)  # of `take_steps`, of a soft body
 
 
 class Bodies(NamedTuple):
@@ -161,6 +164,7 @@ class World(NamedTuple):
     operators: Operators
     owed: Owed
     joined: Joined
+    before: Near  # pairs of the step before, or of this one: they change places in the table
 
 
 @jit_part
@@ -235,7 +239,7 @@ def kept_at(world: Array) -> Kept:
 @jit_part
 def near_at(world: Array) -> Near:
     """Of a table."""
-    t = world[36:]
+    t = world[PAIRS:]
     meetings, features, slots = integers_at(t[0]), integers_at(t[1]), integers_at(t[2])
     ends, rigid, nodes, weights = integer_rows_at(t[3]), integer_rows_at(t[4]), integer_cube_at(t[5]), cube_at(t[6])
     places, normals, gaps, before = matrix_at(t[7]), matrix_at(t[8]), vector_at(t[9]), matrix_at(t[10])

@@ -62,7 +62,7 @@ LARGEST_SPEED = 1e100  # m/s: beyond it works overflow
 OTHERWISE, NEEDS_CONTACTS = -1, -2  # in place of how many contacts there are
 
 
-@jit
+@jit_part
 def take_step(world: Array, given: Array, h: float, row: int, goes_on: bool, free: int | None) -> tuple[int, int]:
     """Takes a step of h s: how many contacts it has, and the sweeps that found their forces.
 
