@@ -1,4 +1,4 @@
-"""Published cases of large deformation and vibration that nobody here wrote, at full order.
+"""Published cases of large deformation, vibration and contact that nobody here wrote, at full order.
 
     python demos/benchmarks/benchmarks.py             # some minutes
     python demos/benchmarks/benchmarks.py --quick     # fewer loads on coarser meshes
@@ -20,6 +20,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 from beam import tip_of_cantilever, torsion_constant
 from dynamics import flag_that_falls, twisted_column
+from hertz import hertz
 from nafems import pressed_plate, solid_plate, tapered_membrane
 from plain_newton import time_beside_plain_newton
 from rubber import cook, pressed_cube
@@ -112,7 +113,7 @@ def flag(quick: bool) -> Iterator[Row]:
 
 
 CASES = (princeton, curved_cantilever, heavy_cantilever, flag, tapered_membrane, solid_plate, pressed_plate, cook,
-         pressed_cube, flag_that_falls, twisted_column, toggle)  # fmt: skip
+         pressed_cube, flag_that_falls, twisted_column, toggle, hertz)  # fmt: skip
 
 
 def main() -> int:

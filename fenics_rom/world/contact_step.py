@@ -64,6 +64,7 @@ class Pairs(NamedTuple):
     restitution: Array  # e (C,)
     are_rigid: Array  # (C,) whether of two rigid bodies
     yield_at_once: Array  # (C,) whether of a body without inertia
+    are_static: Array  # (C,) whether neither body has inertia, or one is driven: a gap may close within the step
     out: Array  # (C,) speeds that those are to have at the end that are let out of one another, m/s; else 0
     halves: Array  # (C, 1): 1/2 where there is friction, else 0
     swung: Array | None = None  # (C,) in how many steps in a row friction did not stop them; None: in none
@@ -259,6 +260,9 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
             _, leaving = guide.without_contact(free)
             given = pairs.restitution, pairs.are_rigid, pairs.yield_at_once, pairs.out
             asked.level, target = normal_law(h, pairs.gaps, a, (n * leaving).dot(_ONES), *given)
+            if pairs.are_static.any():
+                closing = np.minimum(pairs.gaps / -h, 0.0)
+                asked.level, target = (np.where(pairs.are_static, closing, each) for each in (asked.level, target))
             asked.target = target[:, None] * n
         found = _law(pairs, guide, free, f, asked)
         moved = guide.W.dot((found - f).ravel()).reshape(-1, 3)

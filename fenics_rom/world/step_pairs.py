@@ -59,6 +59,7 @@ class StepPairs:
         self._are_rigid = np.array([not any(isinstance(body, Soft) for body in pair) for pair in both], dtype=bool)
         self._none = NO_GAP * np.where(self._are_rigid, self._sizes_met, 0.0)  # gaps that are none, m
         self._yield_at_once = np.array([not all(body.has_inertia for body in pair) for pair in both], dtype=bool)
+        self._are_static = np.array([all(b.is_driven or not b.has_inertia for b in pair) for pair in both], dtype=bool)
         self._dissipated = np.zeros(len(meetings))  # by contact, of which what is let out may take, J
 
     def join(self, joints: Sequence[JointPoints]) -> None:
@@ -207,7 +208,7 @@ class StepPairs:
             mine += [(C + rows, sign, points) for rows, sign, points in joined]
         counts = [len(found.gaps) for _, found in contacts]
         self._meeting_of = np.repeat([number for number, _ in contacts], counts).astype(int)
-        e, μ = self._laws[self._meeting_of].T
+        (e, μ), are_static = self._laws[self._meeting_of].T, self._are_static[self._meeting_of]
         parts = [_part(*each) for each in zip(self._bodies, ends, strict=True) if each[1] or not each[0].is_driven]
         soft_first = sorted(parts, key=lambda part: part.points.nodes.shape[1] == 0)
         self._contacts, self._guide = contacts, None
@@ -215,7 +216,7 @@ class StepPairs:
         self._pairs = Pairs(
             *(tuple(soft_first), places, 0 * places, normals, self._middle_gaps, μ),
             *(e, self._are_rigid[self._meeting_of], self._yield_at_once[self._meeting_of]),
-            *(np.zeros(C), (μ > 0)[:, None] / 2),
+            *(are_static, np.zeros(C), ((μ > 0) & ~are_static)[:, None] / 2),
         )
         self._start = np.concatenate([np.array([force for force, _ in start]).reshape(-1, 3), self.joint_forces])
         self._swung = np.array([swung for _, swung in start], dtype=int)
