@@ -14,15 +14,17 @@ from fenics_rom.fem.frame_stepper import MovingFrameStepper
 from fenics_rom.fem.linear_stepper import FullOrderStepper
 from fenics_rom.fem.readings import readable
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.initial_state import InitialState, lost_messages, missing_share
 from fenics_rom.mechanics.load_history import LoadHistory
+from fenics_rom.mechanics.nodal_contact import Touch, TouchedBody
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.system.system import System
 
 
-class FullOrderSimulator:
+class FullOrderSimulator(TouchedBody):
     """Steps a system from rest; every rank must call every method.
 
     Args:
@@ -161,6 +163,16 @@ class FullOrderSimulator:
         """Forces of the obstacles on the body in the last step, (O, 3), N."""
         contact = self.stepper.contact
         return np.zeros((len(self.environment.obstacles), 3)) if contact is None else contact.by_obstacle
+
+    def _touch(self) -> tuple[ContactPoints, Touch | None] | None:
+        interface, contact = self.stepper.interface, self.stepper.contact
+        if interface is None:
+            return None
+        return interface.points, None if contact is None else Touch(contact.forces, contact.normal_forces)
+
+    def _surface_at_rest(self) -> tuple[Array, Array, Array]:
+        body = self.system.body
+        return body.nodes, body.triangles, np.concatenate(list(body.contact_surfaces.values()))
 
     @property
     def reactions(self) -> dict[str, float]:

@@ -80,17 +80,17 @@ class ContactPoints:
         point, node, weight = map(np.concatenate, parts)
         return point, node, weight
 
-    def on_nodes(self, pressing: Array, nodes: Array) -> Array:
-        """Of forces on the points (P,), those on nodes of the body (s,), N; 0 on nodes that cannot be touched."""
-        forces = np.zeros(len(nodes))
-        _, among, points = np.intersect1d(nodes, self.nodes, return_indices=True)
-        forces[among] = pressing[points]
-        if self._between is not None:
-            order = np.argsort(nodes)
-            row = order[np.minimum(np.searchsorted(nodes, self._between.nodes, sorter=order), len(nodes) - 1)]
-            spread = self._between.weights * pressing[len(self.nodes) :, None]
-            np.add.at(forces, row, np.where(nodes[row] == self._between.nodes, spread, 0.0))
-        return forces
+    def on_nodes(self, values: Array, nodes: Array) -> Array:
+        """Of values that belong to points as forces do (P, ...), those on nodes of the body (s,), (s, ...).
+
+        0 on nodes that cannot be touched.
+        """
+        point, node, weight = self.weights()
+        order = np.argsort(nodes)
+        row = order[np.minimum(np.searchsorted(nodes, node, sorter=order), len(nodes) - 1)]
+        there, on_nodes = nodes[row] == node, np.zeros((len(nodes), *values.shape[1:]))
+        np.add.at(on_nodes, row[there], (values[point[there]].T * weight[there]).T)
+        return on_nodes
 
     def nearest(self, gaps: Array, active: str) -> str:
         """The contact mode to be in, from the smallest gap of each point (P,), m, and the one that is active."""

@@ -29,6 +29,7 @@ from fenics_rom.mechanics.hyperelastic import (
     strain,
     stress,
 )
+from fenics_rom.mechanics.nodal_contact import FacetShares
 
 READING_UNITS = {
     "length": "m",
@@ -104,17 +105,8 @@ class ContactPressure:
 
     def read(self, body: ReadableBody) -> Array:
         """Its values."""
-        forces = body.normal_forces(self.nodes)
-        around = self._sum_at_nodes(self.areas)
-        if self.facets.shape[1] == 3:
-            return 3 * forces / around
-        pressures = (forces / around)[self.facets].sum(axis=1)
-        return self._sum_at_nodes(self.areas * pressures) / around
-
-    def _sum_at_nodes(self, values: Array) -> Array:
-        """The sum, at each node, of values (F,) of the facets around it, (s,)."""
-        each = np.repeat(values, self.facets.shape[1])
-        return np.bincount(self.facets.ravel(), weights=each, minlength=len(self.nodes))
+        shares = FacetShares(self.facets, self.areas, len(self.nodes))
+        return shares.density(body.normal_forces(self.nodes))
 
 
 @dataclass(frozen=True)

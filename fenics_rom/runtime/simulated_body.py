@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError, check_known, shown, unknown
+from fenics_rom.errors import StepError, shown, unknown
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.mechanics.step import StepperState
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.contact_readings import ContactReadings
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
 from fenics_rom.runtime.switching import SwitchLoss
 from fenics_rom.runtime.tension_watch import TensionWatch, push_messages
 
 if TYPE_CHECKING:
-    from fenics_rom.mechanics.active_environment import ActiveEnvironment, ObstacleState
+    from fenics_rom.mechanics.active_environment import ObstacleState
     from fenics_rom.mechanics.skin_watch import Told
     from fenics_rom.runtime.environment_inputs import EnvironmentInputs
     from fenics_rom.runtime.skin_looks import SkinLooks
@@ -62,17 +62,14 @@ class SimulatorState:
     belongs: "Belongs | None" = None  # what it is a state of
 
 
-class SimulatedBody:
+class SimulatedBody(ContactReadings):
     """A body as its stepper has it, in the words of its ROM; `Simulator` moves it."""
 
-    rom: Rom
     steps: int
     loss: SwitchLoss
-    environment: "ActiveEnvironment | None"
     _dt: float
     _since: tuple[float, int]  # time, s, and number of steps at which dt was last changed
     _origin: tuple[Any, ...]  # what it was made of, a ROM first
-    _stepper: ReducedStepper
     _source: "EnvironmentInputs | None"
     _monitor: LinearityMonitor
     _output_rows: dict[tuple[str, str], Array]
@@ -273,8 +270,8 @@ class SimulatedBody:
         """
         from fenics_rom.runtime.readings import named_reading, readable  # here, as few bodies have readings
 
-        interface, contact = self._stepper.interface, self._stepper.contact
-        points, pressing = interface and interface.points, contact and contact.normal_forces
+        points, pushed = self._touch() or (None, None)
+        pressing = None if pushed is None else pushed.pressing
         body = readable(self.rom, self.contact, self._q, self.shape_coordinates, points, pressing)
         return named_reading(self.rom, name).read(body)
 
@@ -295,44 +292,11 @@ class SimulatedBody:
             self._output_rows[key] = self.rom.outputs[output] @ model.coordinates
         return self._output_rows[key]
 
-    def contact_forces(self, obstacle: str | None = None) -> Array:
-        """Forces on the body in the last step, N: of an obstacle (3,), or on every contact point (P, 3).
-
-        Raises:
-            StepError: no such obstacle, or no contact in the scene.
-        """
-        interface, contact = self._stepper.interface, self._stepper.contact
-        if interface is None or self.environment is None:
-            why = "nothing acts but inputs" if self.environment is None else "the scene has no contact"
-            raise StepError(f"there are no contact forces: {why}")
-        if obstacle is None:
-            return np.zeros(interface.points.coordinates.shape) if contact is None else contact.forces
-        names = list(self.environment.obstacles)
-        check_known("obstacle", obstacle, names, StepError)
-        return self.obstacle_forces()[names.index(obstacle)]
-
-    def obstacle_forces(self) -> Array:
-        """Forces of all obstacles on the body in the last step, (O, 3), N; none where there are none."""
-        contact, obstacles = self._stepper.contact, {} if self.environment is None else self.environment.obstacles
-        return np.zeros((len(obstacles), 3)) if contact is None else contact.by_obstacle
-
     @property
     def reactions(self) -> dict[str, float]:
         """Forces of the actuators whose strokes are given, in the last step: tensions in N, pressures in Pa."""
         names = () if self.environment is None else self.environment.stroke_names(self.rom.actuators)
         return dict(zip(names, map(float, self._stepper.reactions), strict=False))
-
-    @property
-    def contact_points(self) -> Array:
-        """Nodes that obstacles can touch; none where the scene has no contact."""
-        interface = self._stepper.interface
-        return np.empty(0, dtype=int) if interface is None else interface.points.nodes
-
-    @property
-    def contact_coordinates(self) -> Array:
-        """All contact points at rest, (P, 3), m: nodes, then those between; in the order of `contact_forces`."""
-        interface = self._stepper.interface
-        return np.empty((0, 3)) if interface is None else interface.points.coordinates
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """The run file: one HDF5 file, the same for full and reduced runs.
 
-Format 2.4. The first 512 bytes are a user block with the SHA-256 of the rest (see io/hdf5.py).
+Format 2.6. The first 512 bytes are a user block with the SHA-256 of the rest (see io/hdf5.py).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "run",
 software, name, model ("full" or "reduced"), contacts, warnings, effects (one a line each), stepping (how a step was
 taken and why, where there was a choice). Every dataset has an attribute `unit`. Sizes: S instants (steps + 1), s whole
@@ -10,6 +10,9 @@ shapes, N nodes, F triangles, P points of an output.
     energy, supplied, dissipated, lost_in_switching (S,) J, numerical (S,) J; the last is absent if always 0
     snapshot_times (s,) s, snapshots (s, N, 3) m, velocities (s, N, 3) m/s; these may be absent
     nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg
+    touched (c,)                     nodes of contact surfaces; absent where nothing can touch the body, as are the next
+    contact_forces (s, c, 3) N       on them, in world axes, in the step that led to each shape, and
+    contact_pressing (s, c) N        sums of normal forces
     cells (4,)                       of the mesh, as in a ROM; may be absent
     outputs/NAME (S, P, 3) m
     settings/NAME (1,)               dt in s, order; first_frequency in Hz, seconds (wall clock of the steps), mismatch,
@@ -36,7 +39,8 @@ shapes, N nodes, F triangles, P points of an output.
 
 Format 2.0 named the snapshots anew; files of format 1.x are read, too. Those of 1.0 and 1.1 name no effects, and have
 no forces, obstacles and profile; those of 1.2 have neither velocities nor obstacles; none before 2.1 have inputs,
-tendons and readings, none before 2.2 reactions, none before 2.3 a moving frame, none before 2.4 bodies.
+tendons and readings, none before 2.2 reactions, none before 2.3 a moving frame, none before 2.4 bodies, none before 2.6
+contact on nodes.
 """
 
 from pathlib import Path
@@ -54,6 +58,7 @@ from fenics_rom.io.overwriting import write_over
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of, shape_of
 from fenics_rom.trajectory.bodies import put_bodies, take_bodies
+from fenics_rom.trajectory.contact_snapshots import CONTACT, contact_arrays, take_contact
 from fenics_rom.trajectory.series_file import check_series, put_series, take_series
 from fenics_rom.trajectory.trajectory import CONTACT_ACCOUNT, Trajectory
 
@@ -72,6 +77,7 @@ RUN = {
     "pose": Entry("m and 1", ("S", 7), optional=True),
     "base_wrench": Entry("N and N m", ("S", 6), optional=True),
     "momentum": Entry("N s and N m s", ("S", 6), optional=True),
+    **CONTACT,
 }
 SETTINGS = {
     "dt": Entry("s", (1,)),
@@ -145,7 +151,8 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
     sizes: Sizes = {}
     cells = None if run.cells is None else run.cells.array
     numerical = run.numerical if run.numerical.any() else None
-    hdf5.put_arrays(h5, RUN, sizes, vars(run) | {"cells": cells, "numerical": numerical})
+    given = {"cells": cells, "numerical": numerical, **contact_arrays(run.touched)}
+    hdf5.put_arrays(h5, RUN, sizes, vars(run) | given)
     for kind, entry in ALIKE.items():
         if kind == "outputs" or getattr(run, kind):
             hdf5.put_each(h5, kind, entry, getattr(run, kind), sizes)
@@ -198,6 +205,7 @@ def _take(h5: h5py.File) -> Trajectory:
         inputs=inputs,
         readings=readings,
         bodies=take_bodies(groups["bodies"], sizes),
+        touched=take_contact(arrays, sizes["N"]),
         **alike,
         **arrays,
     )

@@ -12,9 +12,11 @@ from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.nodal_contact import NodalContact
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.readings import Reading
 from fenics_rom.trajectory.bodies import BodyTrack
+from fenics_rom.trajectory.contact_snapshots import ContactSnapshots
 from fenics_rom.trajectory.series import FRAME_SERIES, ReadingSeries, Series, input_series, reading_series
 
 NOTHING = np.empty(0)
@@ -70,6 +72,7 @@ class Trajectory:
             None in a fixed frame, as are the next two.
         base_wrench: of a carried body, (steps + 1, 6): what the base exerted in the step before: force, N, and torque
             about the origin, N m, in world axes.
+        touched: of each snapshot forces of contact on nodes, in the step that led to it; None where nothing can touch.
         bodies: of a world, by name; snapshots are then of the surfaces of all of them, one after another, nodes where
             these are at the start, and forces of pairs of bodies, FIRST-SECOND on the first.
         momentum: (steps + 1, 6): N s, and angular momentum about the frame's origin, N m s, in world axes.
@@ -115,6 +118,7 @@ class Trajectory:
     base_wrench: Array | None = None
     momentum: Array | None = None
     bodies: Mapping[str, BodyTrack] = field(default_factory=dict)
+    touched: NodalContact | None = None
 
     @property
     def frame_series(self) -> dict[str, Series]:
@@ -202,6 +206,10 @@ class RunningBody(Protocol):
         """Of the obstacles on the body, (O, 3), N."""
 
     @property
+    def nodal_contact(self) -> NodalContact | None:
+        """Forces of contact on nodes in the last step; None where nothing can touch the body."""
+
+    @property
     def reactions(self) -> Mapping[str, float]:
         """Forces of the actuators whose strokes are given, N or Pa."""
 
@@ -240,6 +248,7 @@ class TrajectoryRecorder:
         self._snapshot_steps = np.unique(np.round(np.linspace(0, steps, min(snapshots, steps) + 1)).astype(int))[1:]
         self.snapshot_rows = {step: row for row, step in enumerate(self._snapshot_steps.tolist())}
         self._snapshots = np.zeros((len(self._snapshot_steps), len(self._body.nodes), 3))
+        self._touched = ContactSnapshots(len(self._snapshot_steps))
         is_moving = not self._effects or "inertia" in self._effects
         self._velocities = np.zeros_like(self._snapshots) if is_moving else None
         self._motion = {
@@ -279,6 +288,7 @@ class TrajectoryRecorder:
         row = self.snapshot_rows.get(step)
         if row is not None:
             self._snapshots[row] = body.displacement()
+            self._touched.sample(row, body.nodal_contact)
             if self._velocities is not None:
                 self._velocities[row] = body.velocity()
             if self._obstacles and body.environment is not None:
@@ -363,6 +373,7 @@ class TrajectoryRecorder:
             obstacle_motion=self._motion,
             tendons=tendons,
             stepping=stepping,
+            touched=self._touched.kept,
             inputs=input_series(self._contact, self._inputs, *self._input_columns, self._loads, self._units),
             readings=readings,
             **frame,

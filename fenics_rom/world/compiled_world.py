@@ -21,6 +21,7 @@ from fenics_rom.world.driven import Driven
 from fenics_rom.world.free_soft import FreeSoft
 from fenics_rom.world.joints import JointPoints
 from fenics_rom.world.meetings import Meeting, is_still
+from fenics_rom.world.pushes import Pushes
 from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.soft_tables import SoftTable, soft_table
@@ -137,9 +138,9 @@ class CompiledWorld:
         contacts = []
         for m in np.unique(near.meetings[:C]).tolist():
             rows = (near.meetings[:C] == m).nonzero()[0]
-            none = np.zeros((len(rows), 0), dtype=int)
-            spots = Spots(near.places[rows], none, none, near.features[rows])
-            contacts.append((m, Contacts(spots, spots, near.normals[rows], near.gaps[rows])))
+            places, features = near.places[rows], near.features[rows]
+            first, second = (Spots(places, near.nodes[rows, k], near.weights[rows, k], features) for k in (0, 1))
+            contacts.append((m, Contacts(first, second, near.normals[rows], near.gaps[rows])))
         self._pairs.go_on(contacts, self.found.forces, near.numbers[:C, SWUNG].astype(int))
         self.is_ahead = False
 
@@ -287,6 +288,14 @@ class CompiledWorld:
         forward = (one == first) & (other == second)
         rows = (forward | ((one == second) & (other == first))).nonzero()[0]
         return near.places[rows], np.where(forward[rows, None], 1.0, -1.0) * near.forces[rows]
+
+    def pushes(self, number: int) -> Pushes:
+        """What contacts did to a soft body in the last step."""
+        C, near = self._count, self._arrays.near
+        c, end = (near.ends[:C] == number).nonzero()
+        forces = near.forces[c]
+        pressing, signs = (forces * near.normals[c]).sum(axis=1), np.where(end, -1.0, 1.0)
+        return Pushes(near.nodes[c, end], near.weights[c, end], signs[:, None] * forces, pressing)
 
     @property
     def _near(self) -> Near:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,10 +12,14 @@ from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import LEAST_TOLD
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.mechanics.nodal_contact import Touch
 from fenics_rom.world.contact_step import Found
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.joint_plan import JointPlan
 from fenics_rom.world.make_bodies import FIXED, AnyBody
+from fenics_rom.world.meetings import Meeting
+from fenics_rom.world.pushes import pushes_of, touch_of
 from fenics_rom.world.records import RigidBody, SoftBody
 from fenics_rom.world.skins import WorldSkins
 from fenics_rom.world.soft import Soft
@@ -30,6 +35,8 @@ class ReadWorld:
     bodies: Mapping[str, RigidBody | SoftBody]
     _bodies: dict[str, AnyBody]
     _names: list[str]
+    _lone: Soft | None
+    _meetings: list[Meeting]
     _joints: JointPlan
     _step_pairs: StepPairs
     _found: Found
@@ -138,6 +145,23 @@ class ReadWorld:
         if self._loops is not None and self._loops.is_ahead:
             return self._loops.contact_forces(*numbers)
         return self._step_pairs.contact_forces(*numbers, self._found.forces)
+
+    def _let_touch_be_read(self) -> None:
+        """Has soft bodies tell what the world knows of their contact."""
+        for number, body in enumerate(self._bodies.values()):
+            if isinstance(body, Soft):
+                body.read_touch = partial(self._touch_of, number, body)
+
+    def _touch_of(self, number: int, body: Soft) -> Touch | None:
+        """What others did to a soft body in the last step."""
+        if self._lone is not None:
+            contact, turns = body.integrator.contact, not body.rom.environment.is_moving
+            R = rotation_matrix(body.pose.rotation) if turns else np.eye(3)
+            return None if contact is None else Touch(contact.forces.dot(R.T), contact.normal_forces)
+        count = len(body.contact_coordinates)
+        if self._loops is not None and self._loops.is_ahead:
+            return touch_of([self._loops.pushes(number)], count)
+        return touch_of(pushes_of(number, self._meetings, self._step_pairs.contacts, self._found.forces), count)
 
     def joint_forces(self, which: str | int) -> Array:
         """Forces at the points of a joint on its first body in the last step, (k, 3), N; none where it does not hold.

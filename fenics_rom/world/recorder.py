@@ -9,7 +9,9 @@ from numpy import ndarray as Array
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics import obstacles
 from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.mechanics.nodal_contact import NodalContact
 from fenics_rom.trajectory.bodies import BodyTrack
+from fenics_rom.trajectory.contact_snapshots import ContactSnapshots
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.world.records import RigidBody
 from fenics_rom.world.shapes import HalfSpace
@@ -48,6 +50,7 @@ class WorldRecorder:
         self._surfaces = {name: _surface(world, name) for name in world.names}
         self._nodes = self._places()
         self._snapshots = np.zeros((len(self._snapshot_steps), *self._nodes.shape))
+        self._touched = ContactSnapshots(len(self._snapshot_steps))
         poses = {name: world.pose(name) for name, body in world.bodies.items() if _is_half_space(body)}
         planes = {name: (pose.position, rotation_matrix(pose.rotation)[:, 2]) for name, pose in poses.items()}
         self._grounds = {name: obstacles.HalfSpace(tuple(at), tuple(normal)) for name, (at, normal) in planes.items()}
@@ -66,6 +69,7 @@ class WorldRecorder:
         row = self._snapshot_rows.get(step)
         if row is not None:
             self._snapshots[row] = self._places() - self._nodes
+            self._touched.sample(row, self._contact())
             for name, ground in self._grounds.items():
                 self._moved[name][row] = self._world.pose(name).position - np.array(ground.point)
 
@@ -95,6 +99,16 @@ class WorldRecorder:
             else:
                 places.append(self._world.simulator(name).node_places())
         return np.concatenate(places)
+
+    def _contact(self) -> NodalContact | None:
+        """Of all soft bodies that can be touched, on the nodes of the run; None where there are none."""
+        found, first = list[NodalContact](), 0
+        for name, (vertices, _, _) in self._surfaces.items():
+            if not isinstance(self._world.bodies[name], RigidBody):
+                contact = self._world.simulator(name).nodal_contact
+                found += [] if contact is None else [contact._replace(nodes=contact.nodes + first)]
+            first += len(vertices)
+        return NodalContact(*map(np.concatenate, zip(*found, strict=True))) if found else None
 
     def record(self, name: str, settings: Mapping[str, float] | None = None) -> Trajectory:
         """The finished run; settings: more than the step and the number of coordinates."""
@@ -131,6 +145,7 @@ class WorldRecorder:
             obstacles=self._grounds,
             obstacle_motion=self._moved,
             bodies=tracks,
+            touched=self._touched.kept,
         )
 
 

@@ -33,6 +33,7 @@ class StepPairs:
 
     Attributes:
         joint_forces: at all points of joints in the last step, (J, 3), N.
+        contacts: of each meeting, by its number, in the last step.
     """
 
     def __init__(self, bodies: Sequence[Body], meetings: Sequence[Meeting]):
@@ -40,7 +41,7 @@ class StepPairs:
         self._touching = sorted({number for meeting in meetings for number in (meeting.first, meeting.second)})
         self._placed = dict[int, Placed]()  # where what lies still was seen first
         self._sizes = [min(body.size, LARGEST) for body in bodies]
-        self._contacts: list[tuple[int, Contacts]] = []
+        self.contacts: list[tuple[int, Contacts]] = []
         self._pairs: Pairs | None = None
         self._middle_gaps = np.empty(0)
         self._joints = dict[JointPoints, slice]()  # and their rows among all points of joints
@@ -88,14 +89,14 @@ class StepPairs:
         `slot_of` gives the place, of a meeting, which of its contacts it is, and its feature.
         """
         row = 0
-        for number, contacts in self._contacts:
+        for number, contacts in self.contacts:
             for place, feature in enumerate(contacts.first.feature.tolist()):
                 yield slot_of(number, place, feature), feature, self._start[row], int(self._swung[row])
                 row += 1
 
     def go_on(self, contacts: list[tuple[int, Contacts]], forces: Array, swung: Array) -> None:
         """Goes on from contacts and forces (C + J, 3) of a step that compiled functions took."""
-        self._contacts, self._start, self._swung = contacts, forces, swung
+        self.contacts, self._start, self._swung = contacts, forces, swung
         self.joint_forces = forces[len(swung) :]
         self._pairs = self._guide = None
 
@@ -105,7 +106,7 @@ class StepPairs:
         `far`: as the bodies go as they were tried last.
         """
         contacts = self._look(far)
-        known = self._contacts
+        known = self.contacts
         if self._pairs is None or len(contacts) != len(known) or not all(map(_are_same, contacts, known)):
             self._gather(contacts)
         elif any(now[1] is not then[1] for now, then in zip(contacts, known, strict=True)):
@@ -190,7 +191,7 @@ class StepPairs:
 
     def _gather(self, contacts: list[tuple[int, Contacts]]) -> None:
         """Makes the pairs of these contacts, and takes over the forces of those that were there."""
-        features = [(meeting, each) for meeting, seen in self._contacts for each in seen.first.feature.tolist()]
+        features = [(meeting, each) for meeting, seen in self.contacts for each in seen.first.feature.tolist()]
         before = dict(zip(features, zip(self._start, self._swung, strict=False), strict=False))
         ends: list[list[_End]] = [[] for _ in self._bodies]
         start, C = list[tuple[Array, int]](), 0
@@ -211,7 +212,7 @@ class StepPairs:
         (e, μ), are_static = self._laws[self._meeting_of].T, self._are_static[self._meeting_of]
         parts = [_part(*each) for each in zip(self._bodies, ends, strict=True) if each[1] or not each[0].is_driven]
         soft_first = sorted(parts, key=lambda part: part.points.nodes.shape[1] == 0)
-        self._contacts, self._guide = contacts, None
+        self.contacts, self._guide = contacts, None
         normals, self._middle_gaps, places = self._where_they_are(contacts)
         self._pairs = Pairs(
             *(tuple(soft_first), places, 0 * places, normals, self._middle_gaps, μ),
@@ -225,7 +226,7 @@ class StepPairs:
         """The same pairs as before, where they are now."""
         assert self._pairs is not None
         normals, self._middle_gaps, places = self._where_they_are(contacts)
-        self._contacts, self._pairs = contacts, self._pairs._replace(normals=normals, places=places)
+        self.contacts, self._pairs = contacts, self._pairs._replace(normals=normals, places=places)
 
     def _where_they_are(self, contacts: list[tuple[int, Contacts]]) -> tuple[Array, Array, Array]:
         """Normals (C, 3), gaps (C,) and places (C + J, 3) of contacts, and of joints."""
@@ -295,7 +296,7 @@ class StepPairs:
     def force_between(self, first: int, second: int, forces: Array) -> Array:
         """Of a step on the first, (3,), N."""
         force, row = np.zeros(3), 0
-        for number, contacts in self._contacts:
+        for number, contacts in self.contacts:
             force += _sign(self._meetings[number], first, second) * forces[row : row + len(contacts.gaps)].sum(axis=0)
             row += len(contacts.gaps)
         for joint in self._joints:
@@ -305,7 +306,7 @@ class StepPairs:
     def contact_forces(self, first: int, second: int, forces: Array) -> tuple[Array, Array]:
         """Where two bodies touch, or one itself, (k, 3), m, and forces of a step on the first there, (k, 3), N."""
         row = 0
-        for number, contacts in self._contacts:
+        for number, contacts in self.contacts:
             own, row = forces[row : row + len(contacts.gaps)], row + len(contacts.gaps)
             if {first, second} == {self._meetings[number].first, self._meetings[number].second}:
                 return contacts.first.arms.copy(), own.copy() if first == self._meetings[number].first else -own
@@ -317,7 +318,7 @@ class StepPairs:
 
     def touching(self, forces: Array) -> int:
         """How many pairs of points push, by more than round-off."""
-        normals = np.concatenate([_NONE.normals, *(contacts.normals for _, contacts in self._contacts)])
+        normals = np.concatenate([_NONE.normals, *(contacts.normals for _, contacts in self.contacts)])
         if not len(normals):
             return 0
         pressure = (forces[: len(normals)] * normals).sum(axis=1)

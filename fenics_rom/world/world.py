@@ -116,8 +116,8 @@ class World(ReadWorld):
         said = {body.name: body.describe_passing(radii) for body, radii in of_soft.items() if radii}
         self._passing = [f"{name}: {text}" for name, text in said.items() if text]
         self._step_pairs = StepPairs([] if self._lone else everyone, self._meetings)
-        self._found = Found(np.empty((0, 3)), np.empty((0, 3)), 0, 0.0)
-        self._residuals = 0, 0.0
+        self._found, self._residuals = Found(np.empty((0, 3)), np.empty((0, 3)), 0, 0.0), (0, 0.0)
+        self._let_touch_be_read()
         self._loops: CompiledWorld | None = None  # what takes whole steps, if it is compiled
         if made:
             self._go_on_with_joints(made)

@@ -1,0 +1,177 @@
+"""Contact of a body as forces on its nodes, and as pressure and traction of its surface.
+
+A contact point that is no node, as a place on a face, spreads its force over nodes by its weights. With A_f the areas
+of the facets around node i, of n nodes each, it has the share a_i = Σ A_f / n of the surface, and
+
+    n = 3:  p_i = F_i / a_i
+    n = 6:  p_f = Σ_{i of f} F_i / (6 a_i),   p_i = Σ A_f p_f / (6 a_i)
+
+Σ a_i p_i = Σ F_i exactly, and a uniform pressure is found exactly on flat surfaces: on facets of six nodes it leaves
+nothing to the corners, or has shares by area where the four parts of a facet touch.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.contact_points import ContactPoints
+
+
+class NodalContact(NamedTuple):
+    """Forces of all that touches a body in a step; of several instants with one more axis before those of arrays."""
+
+    nodes: Array  # (c,) of the surfaces that can be touched, ascending
+    forces: Array  # (c, 3) on them, in world axes, N
+    pressing: Array  # (c,) sums of normal forces, N
+
+
+class Touch(NamedTuple):
+    """Forces on the contact points of a body in a step."""
+
+    forces: Array  # (P, 3) in world axes, N
+    pressing: Array  # (P,) sums of normal forces, N
+
+
+class FacetShares:
+    """Values that belong to nodes, as forces do, over the area of facets around them.
+
+    Args:
+        facets: (F, 3) or (F, 6) nodes.
+        areas: (F,) m².
+        count: of nodes.
+
+    Attributes:
+        areas: (count,) share of each node, m²; 0 of those of no facet.
+    """
+
+    def __init__(self, facets: Array, areas: Array, count: int):
+        self._facets, self._of_facets, self._n = facets, areas, facets.shape[1]
+        self.areas = self._sum_at_nodes(areas, count) / self._n
+
+    def density(self, values: Array) -> Array:
+        """Of values (count, ...) by area, (count, ...); 0 on nodes of no facet."""
+        direct = _quotient(values, self.areas)
+        if self._n == 3:
+            return direct
+        of_facets = direct[self._facets].sum(axis=1) / self._n
+        weighed = (self._of_facets * of_facets.T).T
+        return _quotient(self._sum_at_nodes(weighed, len(values)) / self._n, self.areas)
+
+    def _sum_at_nodes(self, values: Array, count: int) -> Array:
+        """The sum, at each node, of values (F, ...) of the facets around it, (count, ...)."""
+        sums = np.zeros((count, *values.shape[1:]))
+        np.add.at(sums, self._facets, values[:, None])
+        return sums
+
+
+class ContactSurface:
+    """The part of a body's surface that can be touched.
+
+    A node that can be touched but is of no facet whose nodes all can, as a single one, has its share of those around.
+
+    Args:
+        coordinates: of all nodes at rest, (N, 3), m.
+        triangles: of the surface, (F, 3); of degree 2 four for each facet, as `Nodes.drawn_triangles` orders them.
+        nodes: that can be touched, (c,).
+
+    Attributes:
+        areas: (N,) of the surface that each node stands for, m²; 0 of those that cannot be touched.
+    """
+
+    def __init__(self, coordinates: Array, triangles: Array, nodes: Array):
+        facets, count = facets_of(triangles), len(coordinates)
+        a, b, c = coordinates[facets[:, :3]].swapaxes(0, 1)
+        areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+        among = np.isin(facets, nodes).all(axis=1)
+        self._shares = FacetShares(facets[among], areas[among], count)
+        self.nodes, self.areas = nodes, self._shares.areas.copy()
+        self._alone = np.setdiff1d(nodes, facets[among])
+        self.areas[self._alone] = FacetShares(facets, areas, count).areas[self._alone]
+
+    def density(self, values: Array) -> Array:
+        """Of values (c, ...) of the nodes that can be touched, over area: (N, ...)."""
+        everywhere = np.zeros((len(self.areas), *values.shape[1:]))
+        everywhere[self.nodes] = values
+        densities = self._shares.density(everywhere)
+        densities[self._alone] = _quotient(everywhere[self._alone], self.areas[self._alone])
+        return densities
+
+
+class TouchedBody:
+    """A body whose contact is read on its nodes."""
+
+    _contact_surface: ContactSurface | None = None
+
+    def _touch(self) -> tuple[ContactPoints, Touch | None] | None:
+        """Its contact points, and what pushes them in the last step; None where nothing can touch it."""
+        raise NotImplementedError
+
+    def _surface_at_rest(self) -> tuple[Array, Array, Array]:
+        """Coordinates (N, 3), m, triangles (F, 3), and the nodes of all contact surfaces."""
+        raise NotImplementedError
+
+    @property
+    def nodal_contact(self) -> NodalContact | None:
+        """Forces of contact on nodes in the last step; None where nothing can touch the body."""
+        touch = self._touch()
+        if touch is None:
+            return None
+        points, pushed = touch
+        nodes = np.union1d(self._surface_at_rest()[2], points.weights()[1])
+        if pushed is None:
+            return NodalContact(nodes, np.zeros((len(nodes), 3)), np.zeros(len(nodes)))
+        return NodalContact(nodes, *(points.on_nodes(of_points, nodes) for of_points in pushed))
+
+    def contact_pressure(self) -> Array:
+        """Normal forces of all that touched the body in the last step, over area: at all nodes, (N,), Pa.
+
+        0 where nothing pushes. Areas are those of the contact surfaces at rest; how, see `mechanics.nodal_contact`.
+
+        Raises:
+            StepError: nothing can touch it.
+        """
+        contact = self._contact_read()
+        return self._areas(contact).density(contact.pressing)
+
+    def contact_traction(self) -> Array:
+        """Forces of all that touched the body, friction among them, over area: at all nodes, (N, 3), Pa, in world axes.
+
+        Raises:
+            StepError: nothing can touch it.
+        """
+        contact = self._contact_read()
+        return self._areas(contact).density(contact.forces)
+
+    def _contact_read(self) -> NodalContact:
+        contact = self.nodal_contact
+        if contact is None:
+            raise StepError("there are no contact forces: the scene has no contact")
+        return contact
+
+    def _areas(self, contact: NodalContact) -> ContactSurface:
+        if self._contact_surface is None:
+            coordinates, triangles, _ = self._surface_at_rest()
+            self._contact_surface = ContactSurface(coordinates, triangles, contact.nodes)
+        return self._contact_surface
+
+
+def facets_of(triangles: Array) -> Array:
+    """Facets of three nodes, (F, 3), or where triangles (F, 3) are four parts of each, of six, (F / 4, 6)."""
+    if not len(triangles) or len(triangles) % 4:
+        return triangles
+    first, second, third, middle = triangles.reshape(4, -1, 3)
+    ab, bc, ca = middle.T
+    parts = np.stack([first[:, 1:], second[:, [0, 2]], third[:, :2]])
+    if not (parts == np.stack([np.stack(each, axis=1) for each in ((ab, ca), (ab, bc), (ca, bc))])).all():
+        return triangles
+    return np.column_stack([first[:, 0], second[:, 1], third[:, 2], ab, bc, ca])
+
+
+def _quotient(values: Array, areas: Array) -> Array:
+    """Values (k, ...) over areas (k,); 0 where there is none."""
+    where = areas > 0
+    found = np.zeros(values.shape)
+    found[where] = (values[where].T / areas[where]).T
+    return found
