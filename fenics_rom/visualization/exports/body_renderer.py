@@ -47,6 +47,17 @@ class RenderColours(NamedTuple):
     obstacle: str
 
 
+class Quantity(NamedTuple):
+    """What colours show, by its name and SI unit."""
+
+    name: str
+    unit: str
+
+
+DISPLACEMENT = Quantity("displacement", "m")
+ARROW_COLOUR = "#d55e00"
+ARROW: dict[str, float] = {"tip_length": 0.3, "tip_radius": 0.09, "shaft_radius": 0.03}  # of its length
+SEE_THROUGH = 0.2  # opacity of obstacles that can be seen through
 TENDON_COLOUR, TENDON_PIXELS = "#d55e00", 4
 OUTLINE_COLOUR = "#e41a1c"  # outline of where a contact mode is touched
 LIGHT = RenderColours("white", "#1a1a1a", "#9a9a9a", "#c9ccd1")
@@ -59,8 +70,8 @@ class BodyRenderer:
     Args:
         nodes, triangles: (N, 3), m, and (F, 3).
         shapes: displacements that will be shown, (N, 3) each, m.
-        coloured: of each shape what colours show the length of, (N, 3), m, and its name; what is not a number has no
-            colour. None: the displacement.
+        coloured: what colours show, and of each shape its values, (N,); what is not a number has no colour. None:
+            lengths of displacements.
         scale: by which displacements are multiplied before they are drawn; colours show them as they are.
         obstacles: by name, in the same frame.
         offsets: how far the obstacles will be from there, (any, O, 3), m; or poses (any, O, 7), as of a Trajectory.
@@ -70,6 +81,7 @@ class BodyRenderer:
         captions: whether there is to be room for words and a colour bar.
         below: whether the camera looks from below.
         ghost: whether to draw the edges of the body at rest.
+        see_through: whether obstacles can be seen through.
 
     Raises:
         MissingPackageError: there is no PyVista, or nothing that it can draw with.
@@ -81,7 +93,7 @@ class BodyRenderer:
         triangles: Array,
         shapes: Sequence[Array],
         *,
-        coloured: tuple[str, Sequence[Array]] | None = None,
+        coloured: tuple[Quantity, Sequence[Array]] | None = None,
         scale: float = 1.0,
         obstacles: Mapping[str, Obstacle] | None = None,
         offsets: Array | None = None,
@@ -91,15 +103,15 @@ class BodyRenderer:
         captions: bool = True,
         below: bool = False,
         ghost: bool = True,
+        see_through: bool = False,
     ):
         self._pv = pyvista_package()
         check_window()
         self._nodes, self._scale, self._colours, self._captions = nodes, scale, DARK if dark else LIGHT, captions
-        self._what, fields = coloured or ("displacement", shapes)
-        self._largest = max(
-            (float(np.nan_to_num(np.linalg.norm(field, axis=1)).max()) for field in fields), default=0.0
-        )
-        self._factor, self._unit = prefixed("m", self._largest)
+        self._quantity, fields = coloured or (DISPLACEMENT, [np.linalg.norm(shape, axis=1) for shape in shapes])
+        self._largest = max((float(np.nan_to_num(field).max()) for field in fields), default=0.0)
+        self._factor, self._unit = prefixed(self._quantity.unit, self._largest)
+        self._see_through = {"opacity": SEE_THROUGH} if see_through else {}
         self._triangles, self._ghost = triangles, ghost
         used = np.unique(triangles)
         visible = [nodes[used], *(nodes[used] + scale * shape[used] for shape in shapes)]
@@ -120,25 +132,31 @@ class BodyRenderer:
         self._tendons = list(zip(self._lay_over(len(routings)), routings, strict=True))
 
     def render(
-        self, displacement: Array, offsets: Array | None = None, words: str = "", coloured: Array | None = None
+        self,
+        displacement: Array,
+        offsets: Array | None = None,
+        words: str = "",
+        coloured: Array | None = None,
+        arrows: Array | None = None,
     ) -> Array:
         """One picture (height, width, 3), bytes, of a displacement (N, 3), m, and obstacles as they have moved.
 
-        `offsets`: (O, 3), m, or poses (O, 7). Colours show the length of the displacement, or of what is `coloured`
-        (N, 3), the brightest that of the largest.
+        `offsets`: (O, 3), m, or poses (O, 7). Colours show the length of the displacement, or what is `coloured` (N,),
+        the brightest the largest. `arrows`: where they start and end, (k, 2, 3), m.
         """
         plotter = self._plotter
         body = self._body(self._scale * displacement)
-        body["length"] = self._factor * np.linalg.norm(displacement if coloured is None else coloured, axis=1)
+        values = np.linalg.norm(displacement, axis=1) if coloured is None else coloured
+        body["shown"] = self._factor * values
         self._draw(body)
         for k, (name, (vertices, faces)) in enumerate(self._obstacles.items()):
             there = vertices if offsets is None else placed(vertices, offsets[k])
             moved = self._pv.PolyData.from_regular_faces(there, faces)
-            plotter.add_mesh(
-                moved, name=f"obstacle {name}", color=self._colours.obstacle, culling="back", render=False, **SHADING
-            )
+            how = {"color": self._colours.obstacle, "culling": "back"} | self._see_through | SHADING
+            plotter.add_mesh(moved, name=f"obstacle {name}", render=False, **how)
         for mapper, routing in self._tendons:
             mapper.dataset = self._pv.MultipleLines(routing.moved(displacement, self._scale))
+        self._draw_arrows(np.empty((0, 2, 3)) if arrows is None else arrows)
         if words:
             colour = self._colours.ink
             plotter.add_text(
@@ -146,6 +164,15 @@ class BodyRenderer:
             )
         plotter.render()
         return np.array(plotter.screenshot(None, return_img=True))
+
+    def _draw_arrows(self, arrows: Array) -> None:
+        self._plotter.remove_actor("arrows", render=False)
+        if len(arrows):
+            starts, ways = arrows[:, 0], arrows[:, 1] - arrows[:, 0]
+            tips = self._pv.PolyData(starts)
+            tips["way"] = ways
+            drawn = tips.glyph(orient="way", scale="way", geom=self._pv.Arrow(**ARROW))
+            self._plotter.add_mesh(drawn, name="arrows", color=ARROW_COLOUR, render=False)
 
     def outline(self, triangles: Array, displacement: Array) -> None:
         """Paints some of the surface of the next picture, (any, 3) triangles: where a contact mode is touched."""
@@ -207,7 +234,7 @@ class BodyRenderer:
         plotter.add_mesh(
             body,
             name="body",
-            scalars="length",
+            scalars="shown",
             cmap="viridis",
             nan_color=colours.obstacle,
             clim=(0.0, self._factor * self._largest or 1.0),
@@ -222,7 +249,7 @@ class BodyRenderer:
             edges = surface.extract_feature_edges(SHARP_EDGE_DEGREES, manifold_edges=False)
             if edges.n_points:
                 plotter.add_mesh(edges, name=name, color=colour, line_width=wide, render=False)
-        title = f"{self._what} ({self._unit})"
+        title = f"{self._quantity.name} ({self._unit})"
         if self._captions and title not in plotter.scalar_bars:
             height = COLOUR_BAR_PIXELS / plotter.window_size[1]
             plotter.add_scalar_bar(

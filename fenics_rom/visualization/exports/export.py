@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.arguments import check_flag, is_number, names_in, path_in
 from fenics_rom.deployment.plant import PLANT_FORMATS, write_plant
-from fenics_rom.errors import FileError, exactly, shown
+from fenics_rom.errors import FileError, check_known, exactly, shown
 from fenics_rom.io.given import object_or_file
 from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.io.progress import Report, silent
@@ -20,7 +20,8 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.trajectory.elastic_part import deformation
 from fenics_rom.trajectory.file import RUN_FILE
 from fenics_rom.trajectory.trajectory import Trajectory
-from fenics_rom.visualization.exports.body_renderer import BodyRenderer
+from fenics_rom.visualization.contact_fields import ContactFields, traction_arrows
+from fenics_rom.visualization.exports.body_renderer import DISPLACEMENT, BodyRenderer, Quantity
 from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS, mode_shapes, write_sheet
 from fenics_rom.visualization.exports.paraview import Fields, write_grid, write_series
 from fenics_rom.visualization.exports.pictures import write_film, write_still
@@ -30,7 +31,10 @@ VTK_COMPONENTS = [0, 1, 2, 5, 3, 4]  # of xx, yy, zz, yz, xz, xy: VTK has xx, yy
 SHEET_FORMATS = (".png", ".pdf", ".svg")
 ROM_FORMATS = (".vtu", *SHEET_FORMATS, *PLANT_FORMATS)
 FILM_FORMATS = (".gif", ".mp4")
-RUN_FORMATS = (".pvd", ".vtu", ".png", *FILM_FORMATS)
+PICTURE_FORMATS = (".png", *FILM_FORMATS)
+RUN_FORMATS = (".pvd", ".vtu", *PICTURE_FORMATS)
+CONTACT_PRESSURE = "contact_pressure"
+COLOURS = ("displacement", CONTACT_PRESSURE)  # of pictures of a run
 SHEET_SHAPES = 6  # shapes of each contact mode on a sheet
 FRAMES_PER_SECOND = 20  # of a film
 DEFAULT_MAX_SECONDS = 10.0  # how long a film is at most, unless it is told
@@ -46,6 +50,7 @@ def export(
     count: int | None = None,
     time: float | None = None,
     scale: float = 1.0,
+    colour: str | None = None,
     seconds: float | None = None,
     dark: bool = False,
     dt: float | None = None,
@@ -59,8 +64,9 @@ def export(
     Of a ROM: .vtu, for ParaView, every shape a field on the nodes; .png, .pdf, .svg, a sheet of the first shapes of
     each contact mode; .npz, .mat, the state spaces of all contact modes, and the maps between them; .c, .fmu, the same
     model in C with a header beside it, and as an FMU. Of a run: .pvd with a folder of .vtu files, displacement (m),
-    velocity (m/s), inputs and readings at each instant of which it holds the whole shape; .vtu or .png of one instant;
-    .gif or .mp4 of all. Cells are the triangles of the surface, and points all nodes.
+    velocity (m/s), contact pressure and traction (Pa), inputs and readings at each instant of which it holds the whole
+    shape; .vtu or .png of one instant; .gif or .mp4 of all. Cells are the triangles of the surface, and points all
+    nodes.
 
     Args:
         model: the ROM or the run, or the name of its file.
@@ -72,6 +78,8 @@ def export(
         time: of one instant, s; the nearest one of which there is a shape is taken. None: the last.
         scale: by which displacements are multiplied in pictures, of a moving frame those that strain the body; ParaView
             does so itself.
+        colour: what pictures of a run show: "displacement", of bodies that turn what strains them; or
+            "contact_pressure", with arrows of traction and through obstacles. None: displacement.
         seconds: how long a film is to be. None: as many pictures as there are shapes, but not longer than ten seconds.
         dark: light on dark instead of dark on light, in pictures.
         dt: time step of linear models, s; None: continuous time, in C that of the scene's run.
@@ -118,11 +126,13 @@ def export(
     if isinstance(given, Rom):
         if time is not None:
             raise FileError(f"ROM {given.name!r} has no instants; --time is for runs")
+        if colour is not None:
+            raise FileError(f"ROM {given.name!r} touches nothing by itself; --colour is for runs")
         _export_rom(place, given, next(iter(SHAPE_KINDS)) if what is None else what, count, dark)
     else:
         if what is not None or count is not None:
             raise FileError(f"run {given.name!r} has no modes; --what and --count are for ROMs")
-        _export_run(place, given, time, scale, seconds, dark, report)
+        _export_run(place, given, time, colour, scale, seconds, dark, report)
     return place
 
 
@@ -147,7 +157,14 @@ def _export_rom(place: Path, rom: Rom, kind: str, count: int | None, dark: bool)
 
 
 def _export_run(
-    place: Path, run: Trajectory, time: float | None, scale: float, seconds: float | None, dark: bool, report: Report
+    place: Path,
+    run: Trajectory,
+    time: float | None,
+    colour: str | None,
+    scale: float,
+    seconds: float | None,
+    dark: bool,
+    report: Report,
 ) -> None:
     if not len(run.triangles) or not len(run.snapshots):
         raise FileError(f"run {run.name!r} has no surface to draw")
@@ -155,6 +172,12 @@ def _export_run(
         raise FileError(f"--scale {_said(scale)}: allowed are finite numbers > 0")
     if seconds is not None and not (is_number(seconds) and 0 < seconds <= MAX_SECONDS):
         raise FileError(f"--seconds {_said(seconds)}: allowed is more than 0 and at most {MAX_SECONDS:g}")
+    if colour is not None:
+        if place.suffix not in PICTURE_FORMATS:
+            raise FileError(f"{place}: holds all fields; --colour is for {', '.join(PICTURE_FORMATS)}")
+        check_known("colour", colour, COLOURS, FileError)
+        if colour == CONTACT_PRESSURE and run.touched is None:
+            raise FileError(f"run {run.name!r} keeps no contact: its scene has none, or an earlier release wrote it")
     if time is not None:
         if place.suffix not in (".vtu", ".png"):
             raise FileError(f"{place}: shows all instants; --time is for .vtu and .png")
@@ -162,22 +185,27 @@ def _export_run(
             raise FileError(f"--time {_said(time)}: allowed are 0 to {run.times[-1]:g} s, which the run lasts")
     row = len(run.snapshots) - 1 if time is None else int(np.abs(run.snapshot_times - time).argmin())
     if place.suffix == ".pvd":
-        every = [_fields(run, k) for k in range(len(run.snapshots))]
+        touch = _touch_of(run)
+        every = [_fields(run, k, touch) for k in range(len(run.snapshots))]
         write_series(place, run.snapshot_times, run.nodes, run.triangles, every)
     elif place.suffix == ".vtu":
-        write_grid(place, run.nodes, run.triangles, _fields(run, row))
+        write_grid(place, run.nodes, run.triangles, _fields(run, row, _touch_of(run)))
     elif place.suffix == ".png":
-        write_still(place, *_pictures(run, [row], scale, WIDTH_PIXELS, dark, report))
+        write_still(place, *_pictures(run, [row], colour, scale, WIDTH_PIXELS, dark, report))
     else:
         shapes = len(run.snapshots)
         length = min(shapes / FRAMES_PER_SECOND, DEFAULT_MAX_SECONDS) if seconds is None else seconds
         wanted = max(1, round(FRAMES_PER_SECOND * length))
         rows = np.unique(np.linspace(0, shapes - 1, min(wanted, shapes)).round().astype(int))
-        pictures = _pictures(run, list(rows), scale, FILM_WIDTH_PIXELS, dark, report)
+        pictures = _pictures(run, list(rows), colour, scale, FILM_WIDTH_PIXELS, dark, report)
         write_film(place, pictures, FRAMES_PER_SECOND * len(rows) / wanted)
 
 
-def _fields(run: Trajectory, row: int) -> Fields:
+def _touch_of(run: Trajectory) -> ContactFields | None:
+    return None if run.touched is None else ContactFields(run)
+
+
+def _fields(run: Trajectory, row: int, touch: ContactFields | None = None) -> Fields:
     """Of one whole shape, with inputs, reactions and readings of the nearest instant that is kept.
 
     A reading is not a number (NaN) where it is not read.
@@ -186,6 +214,8 @@ def _fields(run: Trajectory, row: int) -> Fields:
     on_nodes = {"displacement": run.snapshots[row]}
     if run.velocities is not None:
         on_nodes["velocity"] = run.velocities[row]
+    if touch is not None:
+        on_nodes |= {"contact pressure": touch.pressure(row), "contact traction": touch.traction(row)}
     on_triangles: dict[str, Array] = {}
     whole = {"TimeValue": run.snapshot_times[[row]]}
     if run.inputs or run.readings or run.reactions or run.frame_series:
@@ -213,41 +243,55 @@ def _spread(values: Array, places: Array, count: int) -> Array:
 
 
 def _pictures(
-    run: Trajectory, rows: list[int], scale: float, width: int, dark: bool, report: Report
+    run: Trajectory, rows: list[int], colour: str | None, scale: float, width: int, dark: bool, report: Report
 ) -> Iterator[Array]:
     """Pictures of some instants, all from one place and in the same colours.
 
-    Of a body that turns as far as it likes colours show what strains it, and that alone is what is scaled.
+    Of a body that turns as far as it likes displacement is what strains it, and that alone is what is scaled.
     """
-    shapes, coloured = run.snapshots, None
-    if run.pose is not None or run.bodies:
-        strained = deformation(run, shapes)
-        shapes, coloured = shapes + (scale - 1) * strained, ("deformation", list(strained))
-        for body in run.bodies.values():
-            if body.kind == "rigid":
-                strained[:, body.nodes] = np.nan
+    shapes, turns = run.snapshots, run.pose is not None or bool(run.bodies)
+    strained = deformation(run, shapes)
+    if turns:
+        shapes = shapes + (scale - 1) * strained
+    quantity, pressed = Quantity("deformation", "m") if turns else DISPLACEMENT, colour == CONTACT_PRESSURE
+    values, touch = np.linalg.norm(strained, axis=2), ContactFields(run) if pressed else None
+    if touch is not None:
+        quantity, values = Quantity("contact pressure", "Pa"), np.array([touch.pressure(k) for k in range(len(shapes))])
+        tractions = {row: touch.traction(row) for row in rows}
+        most = max(float(np.linalg.norm(traction, axis=1).max()) for traction in tractions.values())
+    for body in run.bodies.values():
+        if body.kind == "rigid":
+            values[:, body.nodes] = np.nan
     motions = with_turns([*run.obstacle_motion.values()])
     moved = np.array(motions).reshape(-1, len(run.snapshots), motions[0].shape[1] if motions else 3).swapaxes(0, 1)
+    by = 1.0 if turns else scale
     renderer = BodyRenderer(
         run.nodes,
         run.triangles,
         list(shapes),
-        coloured=coloured,
-        scale=1.0 if coloured else scale,
+        coloured=(quantity, list(values)),
+        scale=by,
         obstacles=run.obstacles,
         offsets=moved,
         tendons=run.tendons,
         width=width,
         dark=dark,
         ghost=not run.bodies,
+        see_through=pressed,
     )
-    digits = max(0, int(np.ceil(-np.log10(np.diff(run.snapshot_times, prepend=0.0).min()) - 1e-9)))
+    digits, size = max(0, int(np.ceil(-np.log10(np.diff(run.snapshot_times, prepend=0.0).min()) - 1e-9))), _size(run)
     try:
         for done, row in enumerate(rows):
             report("pictures", done, len(rows))
-            what = coloured[0] if coloured else "displacements"
+            what = "deformation" if turns else "displacements"
             words = f"{run.snapshot_times[row]:.{digits}f} s" + (f", {what} x {scale:g}" if scale != 1 else "")
-            yield renderer.render(shapes[row], moved[row], words, coloured[1][row] if coloured else None)
+            arrows = traction_arrows(run.nodes + by * shapes[row], tractions[row], most, size) if pressed else None
+            yield renderer.render(shapes[row], moved[row], words, values[row], arrows)
         report("pictures", len(rows), len(rows))
     finally:
         renderer.close()
+
+
+def _size(run: Trajectory) -> float:
+    """Of all bodies of a run at its start, m."""
+    return float(np.ptp(run.nodes[run.triangles].reshape(-1, 3), axis=0).max())

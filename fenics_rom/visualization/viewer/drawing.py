@@ -3,7 +3,7 @@
 viser's camera and lights are made for scenes of about one metre.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.obstacles import Box, HalfSpace, Mesh, Obstacle
+from fenics_rom.visualization.contact_fields import traction_arrows
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.tendon_routing import TendonRouting
 from fenics_rom.visualization.viewer.coloured_body import HIGHLIGHT_COLOUR, ORIGIN, ColouredBody, NextPicture
@@ -19,6 +20,7 @@ from fenics_rom.visualization.viewer.surface import Surface
 FRAMES_PER_SECOND = 60.0
 TENDON_COLOUR, TENDON_THICKNESS = (213, 94, 0), 0.012
 SEE_THROUGH = 0.6  # opacity of a body that tendons are inside of
+SEEN_THROUGH = 0.25  # opacity of obstacles while contact pressure is shown
 OBSTACLE_COLOUR = (150, 150, 160)
 PICK_OFFSET = 1e-3  # of the body, by which a contact surface is met before the body itself
 FLOOR_SIZES = 3.0  # side of the square that stands for a half-space, in sizes of the body
@@ -104,6 +106,8 @@ class DrawnBody:
         self._obstacles = {
             k: _add_obstacle(scene, f"{name}/obstacles/{k}", obstacle, scale) for k, obstacle in obstacles.items()
         }
+        self._covers = Covers(self._obstacles.values())
+        self._arrows = TractionArrows(scene, f"{name}/tractions", scale, offset)
 
     def draw(
         self,
@@ -112,17 +116,25 @@ class DrawnBody:
         largest: float,
         motion: Mapping[str, Array],
         highlighted: Array | None = None,
+        traction: Array | None = None,
     ) -> bool:
         """Draws the body as displaced, (N, 3), m, as `ColouredBody` does, and obstacles that have moved.
 
-        `motion`: displacements (3,), m, or poses (7,), as of a Trajectory.
+        `motion`: displacements (3,), m, or poses (7,), as of a Trajectory. `traction`: of contact at all nodes, (N, 3),
+        Pa, where values are its pressure: it is shown by arrows, and obstacles are seen through.
 
         Gives whether the body is drawn anew.
         """
+        self._covers.see_through(traction is not None)
         moved = self._surface.places + displacement[self._surface.nodes]
         is_new = self._body.draw(moved, values, largest, highlighted)
         if is_new:
             self._next_picture.add(partial(self._move_tendons, displacement))
+        if traction is None:
+            self._arrows.hide()
+        elif is_new:
+            nodes = self._surface.nodes
+            self._next_picture.add(partial(self._arrows.draw, moved, traction[nodes], largest))
         for name, mesh in self._obstacles.items():
             shift, *turn = np.split(motion[name], [3]) if len(motion[name]) > 3 else (motion[name],)
             self._next_picture.place(mesh, self._scale * (self._offset + shift), *turn)
@@ -152,6 +164,42 @@ def _add_obstacle(scene: Any, name: str, obstacle: Obstacle, scale: float) -> An
         cast_shadow=False,
         receive_shadow=False,
     )
+
+
+class Covers:
+    """Meshes that can hide where a body is touched."""
+
+    def __init__(self, meshes: Iterable[Any]):
+        self._opacities = [(mesh, mesh.opacity) for mesh in meshes]
+        self._are_seen_through = False
+
+    def see_through(self, wanted: bool) -> None:
+        """Has them seen through, or as they were."""
+        if wanted != self._are_seen_through:
+            self._are_seen_through = wanted
+            for mesh, opacity in self._opacities:
+                mesh.opacity = SEEN_THROUGH if wanted else opacity
+
+
+class TractionArrows:
+    """Arrows of what touches a body, which end where it does; an `offset` (3,), m, is added to places."""
+
+    def __init__(self, scene: Any, name: str, scale: float, offset: Array):
+        self._scale, self._offset = scale, offset
+        shape = {"shaft_radius": 0.004, "head_radius": 0.01, "head_length": 0.025}
+        self._arrows = scene.add_arrows(name, np.zeros((1, 2, 3)), HIGHLIGHT_COLOUR, **shape, visible=False)
+
+    def draw(self, places: Array, traction: Array, largest: float) -> None:
+        """Draws them at places (n, 3), m, of tractions (n, 3), Pa; see `traction_arrows`."""
+        arrows = traction_arrows(self._offset + places, traction, largest, 1 / self._scale)
+        self._arrows.visible = bool(len(arrows))
+        if len(arrows):
+            self._arrows.points = (self._scale * arrows).astype(np.float32)
+
+    def hide(self) -> None:
+        """Takes them away."""
+        if self._arrows.visible:
+            self._arrows.visible = False
 
 
 class ForceArrow:

@@ -20,6 +20,7 @@ from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
 from fenics_rom.visualization.viewer.live_loop import LiveLoop
 from fenics_rom.visualization.viewer.mouse_spring import closest_point
 from fenics_rom.visualization.viewer.surface import (
+    CONTACT_PRESSURE,
     OFF_SURFACE,
     READING,
     UNITS,
@@ -57,7 +58,8 @@ class LivePage(LiveLoop):
             for name, triangles in self._triangles.items()
             if len(triangles)
         }
-        fields = (*self._fields, *self._readings)
+        touched = [] if body.simulator.nodal_contact is None else [CONTACT_PRESSURE]
+        fields = (*self._fields, *touched, *self._readings)
         self._add_widgets(viser, server.gui, rom.name, {"record": self._toggle_record}, fields)
         if body.largest_order is not None and body.largest_order > 1:
             hint = "displacements of each contact mode; another order begins anew"
@@ -151,8 +153,11 @@ class LivePage(LiveLoop):
         simulator, name, whole = self.body.simulator, self._field.value, shapes[""]
         displacement = whole[self._surface.nodes]
         velocity = simulator.velocity()[self._surface.nodes] if name == "speed" else displacement
-        moved = self._surface.places + displacement
-        if name in self._readings:
+        moved, traction = self._surface.places + displacement, None
+        if name == CONTACT_PRESSURE:
+            traction, unit = simulator.contact_traction(), UNITS[name]
+            values = self._surface.of_nodes(simulator.contact_pressure()[self._surface.nodes])
+        elif name in self._readings:
             field = self._readings[name]
             values, unit = field(self.body.reading(name.removeprefix(READING)).sizes[0]), field.unit
         else:
@@ -160,7 +165,7 @@ class LivePage(LiveLoop):
         largest = self._colours.cover(float(values.max()), unit)
         spring = self.body.spring
         held = self._triangles[spring.contact] if spring and self._holder is not None else None
-        if not self._picture.draw(whole, values, largest, shapes, held):
+        if not self._picture.draw(whole, values, largest, shapes, held, traction):
             return
         for pick_surface in self._pick_surfaces.values():
             self.next_picture.add(partial(pick_surface.draw, moved))

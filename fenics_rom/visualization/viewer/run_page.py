@@ -14,6 +14,7 @@ from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
 from fenics_rom.trajectory.comparison import common_instants, compare
 from fenics_rom.trajectory.elastic_part import deformation
 from fenics_rom.trajectory.trajectory import Trajectory
+from fenics_rom.visualization.contact_fields import ContactFields
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.viewer.audience import Audience
 from fenics_rom.visualization.viewer.coloured_body import ORIGIN, NextPicture
@@ -21,6 +22,7 @@ from fenics_rom.visualization.viewer.colours import with_unit
 from fenics_rom.visualization.viewer.drawing import FRAMES_PER_SECOND, DrawnBody, set_camera_and_light
 from fenics_rom.visualization.viewer.panel import ColourScale, EnergyPlot, begin_panel
 from fenics_rom.visualization.viewer.surface import (
+    CONTACT_PRESSURE,
     READING,
     UNITS,
     Surface,
@@ -115,7 +117,9 @@ class RunPage:
         self._readings = reading_fields(self._surface, run.readings)
         shared = set.intersection(*(set(run.readings) for run in self._runs))
         common = [name for name in self._readings if name.removeprefix(READING) in shared]
-        names = ([DIFFERENCE] if len(self._runs) == 2 else []) + [*self._fields, *common]
+        self._touched = [ContactFields(run) for run in self._runs if run.touched is not None]
+        touched = [CONTACT_PRESSURE] if len(self._touched) == len(self._runs) else []
+        names = ([DIFFERENCE] if len(self._runs) == 2 else []) + [*self._fields, *touched, *common]
         self._field = gui.add_dropdown("colour", tuple(names), initial_value=names[0])
         self._colours = ColourScale(gui)
         with gui.add_folder("Energy"):
@@ -190,7 +194,13 @@ class RunPage:
         name = self._field.value
         wholes = [run.snapshots[rows[row]] for run, rows in zip(self._runs, self._rows, strict=True)]
         shapes = [whole[self._surface.nodes] for whole in wholes]
-        if name == DIFFERENCE:
+        tractions: list[Array | None] = [None] * len(self._runs)
+        if name == CONTACT_PRESSURE:
+            rows = [of_run[row] for of_run in self._rows]
+            tractions = [of_run.traction(k) for of_run, k in zip(self._touched, rows, strict=True)]
+            pressures = [of_run.pressure(k) for of_run, k in zip(self._touched, rows, strict=True)]
+            values = [self._surface.of_nodes(pressure[self._surface.nodes]) for pressure in pressures]
+        elif name == DIFFERENCE:
             values = [self._surface.of_nodes(np.linalg.norm(shapes[0] - shapes[1], axis=1))] * 2
         elif name in self._readings:
             kept = [run.readings[name.removeprefix(READING)] for run in self._runs]
@@ -204,7 +214,7 @@ class RunPage:
         for k, run in enumerate(self._runs):
             instant = self._rows[k][row]
             motion = {name: moved[instant] for name, moved in run.obstacle_motion.items()}
-            self._bodies[k].draw(run.snapshots[instant], values[k], largest, motion)
+            self._bodies[k].draw(run.snapshots[instant], values[k], largest, motion, traction=tractions[k])
         lines = [
             f"t = {self._times[row]:.3f} s, {name} up to {with_unit(most, unit)}",
             f"shape {row + 1} of {len(self._times)}",

@@ -16,7 +16,8 @@ SurfaceField = Callable[[Array, Array], Array]
 
 READING = "reading "  # before the name of one, among the fields
 OFF_SURFACE = ("length", "volume", "stress", "marker")  # readings that are said in words
-UNITS = {"displacement": "m", "speed": "m/s", "strain": "%", "energy density": "J/m³"}
+CONTACT_PRESSURE = "contact pressure"
+UNITS = {"displacement": "m", "speed": "m/s", "strain": "%", "energy density": "J/m³", CONTACT_PRESSURE: "Pa"}
 CREASE = math.radians(35)  # between triangles that turn by more, light and colours have an edge
 MIN_RELATIVE_AREA = 1e-9  # twice the area of a triangle, of its longest side squared; below, it has no strain
 

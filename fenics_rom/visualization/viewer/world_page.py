@@ -20,6 +20,7 @@ from fenics_rom.visualization.viewer.colours import with_unit
 from fenics_rom.visualization.viewer.drawing import (
     FLOOR_SIZES,
     OBSTACLE_COLOUR,
+    Covers,
     DrawnBody,
     PickSurface,
     set_camera_and_light,
@@ -27,7 +28,7 @@ from fenics_rom.visualization.viewer.drawing import (
 from fenics_rom.visualization.viewer.live_loop import LiveLoop
 from fenics_rom.visualization.viewer.live_world import LiveWorld
 from fenics_rom.visualization.viewer.mouse_spring import closest_point
-from fenics_rom.visualization.viewer.surface import UNITS, Surface, surface_fields
+from fenics_rom.visualization.viewer.surface import CONTACT_PRESSURE, UNITS, Surface, surface_fields
 from fenics_rom.world.records import RigidBody
 from fenics_rom.world.shapes import HalfSpace
 from fenics_rom.world.world import World
@@ -56,7 +57,9 @@ class WorldPage(LiveLoop):
         }
         middle = (places.min(axis=0) + places.max(axis=0)) / 2
         set_camera_and_light(server, self.scale * (middle + ROOM * (places - middle)))
-        fields = list(UNITS)[:3] if self._soft else []
+        self._covers = Covers(self._rigid.values())
+        are_touched = any(body.is_touched for body in self._soft.values())
+        fields = [*list(UNITS)[:3], *([CONTACT_PRESSURE] if are_touched else [])] if self._soft else []
         self._add_widgets(viser, server.gui, name, {}, fields)
 
     def _add_rigid(self, scene: Any, name: str, body: RigidBody) -> Any:
@@ -89,10 +92,11 @@ class WorldPage(LiveLoop):
         if not self._soft:
             return
         what = self._field.value
+        self._covers.see_through(what == CONTACT_PRESSURE)
         fields = {name: body.field(what) for name, body in self._soft.items()}
         largest = self._colours.cover(max(float(values.max()) for values in fields.values()), UNITS[what])
         for name, body in self._soft.items():
-            body.draw(shapes[name], fields[name], largest)
+            body.draw(shapes[name], fields[name], largest, with_traction=what == CONTACT_PRESSURE)
 
     def _words(self) -> list[str]:
         world = self.live.world
@@ -121,6 +125,7 @@ class _SoftBody:
             scene, f"/{name}", rom.nodes, self._surface, not_seen_through, {}, page.next_picture, scale
         )
         self._triangles = divide_contact_triangles(rom)
+        self.is_touched = self._live.world.simulator(name).nodal_contact is not None
         self._pick_surfaces = {}
         for contact, triangles in self._triangles.items():
             if len(triangles):
@@ -141,17 +146,24 @@ class _SoftBody:
 
     def field(self, what: str) -> Array:
         """What colours show, at all vertices: of what strains it, and not of where it is."""
+        if what == CONTACT_PRESSURE:
+            simulator = self._live.world.simulator(self._name)
+            pressure = simulator.contact_pressure() if self.is_touched else np.zeros(len(self._rom.nodes))
+            return self._surface.of_nodes(pressure[self._surface.nodes])
         body, on = self._live.world.simulator(self._name), self._surface.nodes
         strained = body.displacement()
         if self._rom.environment.is_moving:
             strained = elastic_part(strained, self._rom.nodes, self._rom.node_mass)
         return self._fields[what](strained[on], body.velocity()[on] if what == "speed" else strained[on])
 
-    def draw(self, whole: Array, values: Array, largest: float) -> None:
+    def draw(self, whole: Array, values: Array, largest: float, *, with_traction: bool) -> None:
         """Draws it as displaced, (N, 3), m, in these colours."""
+        traction = None
+        if with_traction and self.is_touched:
+            traction = self._live.world.simulator(self._name).contact_traction()
         contact = self._live.contact if self._live.held == self._name else None
         highlighted = None if contact is None else self._triangles[contact]
-        if not self._picture.draw(whole, values, largest, {}, highlighted):
+        if not self._picture.draw(whole, values, largest, {}, highlighted, traction):
             return
         for pick in self._pick_surfaces.values():
             self._next_picture.add(partial(pick.draw, self._surface.places + whole[self._surface.nodes]))

@@ -1,6 +1,7 @@
 """What other programs read of a ROM or a run, and what people see of it."""
 
 import io
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -18,6 +19,7 @@ from fenics_rom.errors import FileError, MissingPackageError, SceneError
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.visualization import optional_dependencies
+from fenics_rom.visualization.contact_fields import ContactFields, traction_arrows
 from fenics_rom.visualization.contact_surface import on_kept_surface
 from fenics_rom.visualization.exports import mode_shapes
 from fenics_rom.visualization.exports.body_renderer import DARK, BodyRenderer
@@ -51,6 +53,10 @@ def run(touching):
         snapshots=shapes,
         velocities=np.concatenate([made.velocities, made.velocities[:1]]),
         snapshot_times=np.array([0.01, 0.02500001, 0.05]),
+        touched=made.touched._replace(
+            **{name: np.concatenate([values, 3 * values[-1:]]) for name, values in made.touched._asdict().items()}
+            | {"nodes": made.touched.nodes}
+        ),
         obstacles=OBSTACLES,
         obstacle_motion={name: moving if name == "ball" else still for name in OBSTACLES},
     )
@@ -76,6 +82,12 @@ def test_series_holds_the_run_to_the_last_bit(run, tmp_path):
         np.testing.assert_array_equal(grid.cells.reshape(-1, 4)[:, 1:], run.triangles)
         np.testing.assert_array_equal(grid.point_data["displacement"], run.snapshots[row])
         np.testing.assert_array_equal(grid.point_data["velocity"], run.velocities[row])
+        areas = ContactFields(run).areas
+        pressing = run.touched.pressing[row].sum()
+        assert areas @ grid.point_data["contact pressure"] == pytest.approx(pressing, rel=1e-13, abs=1e-300)
+        force, scale = run.touched.forces[row].sum(axis=0), 1e-13 * np.abs(run.touched.forces[row]).sum()
+        np.testing.assert_allclose(areas @ grid.point_data["contact traction"], force, rtol=0, atol=scale)
+    assert pressing > 0
     fr.export(run, tmp_path / "run.pvd")  # replaces what it wrote
 
 
@@ -152,6 +164,47 @@ def test_still_shows_the_body_its_obstacles_and_words(run, tmp_path, dark):
     assert picture.shape[1] == 1000
     assert len(np.unique(bare[..., :3] @ [1, 256, 65536])) > 200  # shades, a colour bar
     assert not np.array_equal(picture.shape, bare.shape) or ink(picture, paper) != ink(bare, paper)
+
+
+def test_contact_pressure_is_seen_through_obstacles_with_arrows(run, tmp_path):
+    """In the colours of its largest, as it is pushed by a ground that nothing else hides."""
+    ground = {"ground": HalfSpace((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))}
+    on_ground = replace(run, obstacles=ground, obstacle_motion={"ground": np.zeros((3, 3))})
+    pressed = imageio.imread(fr.export(on_ground, tmp_path / "pressed.png", colour="contact_pressure"))
+    untouched = replace(on_ground, touched=run.touched._replace(forces=0 * run.touched.forces))
+    without = imageio.imread(fr.export(untouched, tmp_path / "without.png", colour="contact_pressure"))
+    assert apart(pressed[..., :3], without[..., :3]) > 1e-3  # arrows
+    shown = imageio.imread(fr.export(on_ground, tmp_path / "shown.png"))
+    assert apart(pressed[..., :3], shown[..., :3]) > 0.1
+    with pytest.raises(SystemExit, match="0"):
+        main(
+            ["export", str(written(on_ground, tmp_path)), "--colour", "contact_pressure", "-o", str(tmp_path / "a.png")]
+        )
+    np.testing.assert_array_equal(imageio.imread(tmp_path / "a.png"), pressed)
+
+
+def written(run, folder):
+    """Its file."""
+    fr.write_trajectory(folder / "kept.h5", run)
+    return folder / "kept.h5"
+
+
+def test_arrows_of_tractions_end_where_they_act():
+    places, traction = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.array([[0.0, 0, 4], [0, 0, 1e-3], [2, 0, 0]])
+    arrows = traction_arrows(places, traction, 4.0, 10.0)
+    np.testing.assert_allclose(arrows, [[[0, 0, -1.2], [0, 0, 0]], [[1.4, 0, 0], [2, 0, 0]]], rtol=1e-15)
+    assert not len(traction_arrows(places, 0 * traction, 0.0, 10.0))
+
+
+def test_colours_that_cannot_be_shown_are_refused(run, touching, tmp_path):
+    for given, file, colour, words in (
+        (run, "a.png", "speed", "no colour 'speed'; there is contact_pressure, displacement"),
+        (run, "a.pvd", "contact_pressure", "holds all fields; --colour is for .png, .gif, .mp4"),
+        (replace(run, touched=None), "a.gif", "contact_pressure", "keeps no contact"),
+        (touching, "a.png", "contact_pressure", "--colour is for runs"),
+    ):
+        with pytest.raises(FileError, match=re.escape(words)):
+            fr.export(given, tmp_path / file, colour=colour)
 
 
 @pytest.mark.slow
