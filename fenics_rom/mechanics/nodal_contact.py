@@ -78,6 +78,7 @@ class ContactSurface:
 
     Attributes:
         areas: (N,) of the surface that each node stands for, m²; 0 of those that cannot be touched.
+        touchable: which triangles that is, (F,).
     """
 
     def __init__(self, coordinates: Array, triangles: Array, nodes: Array):
@@ -89,6 +90,9 @@ class ContactSurface:
         self.nodes, self.areas = nodes, self._shares.areas.copy()
         self._alone = np.setdiff1d(nodes, facets[among])
         self.areas[self._alone] = FacetShares(facets, areas, count).areas[self._alone]
+        self.touchable = np.tile(
+            among | np.isin(facets, self._alone).any(axis=1), len(triangles) // max(len(facets), 1)
+        )
 
     def density(self, values: Array) -> Array:
         """Of values (c, ...) of the nodes that can be touched, over area: (N, ...)."""
@@ -124,6 +128,14 @@ class TouchedBody:
             return NodalContact(nodes, np.zeros((len(nodes), 3)), np.zeros(len(nodes)))
         return NodalContact(nodes, *(points.on_nodes(of_points, nodes) for of_points in pushed))
 
+    @property
+    def contact_surface(self) -> ContactSurface:
+        """The part of its surface that can be touched; StepError where nothing can."""
+        if self._contact_surface is None:
+            coordinates, triangles, _ = self._surface_at_rest()
+            self._contact_surface = ContactSurface(coordinates, triangles, self._contact_read().nodes)
+        return self._contact_surface
+
     def contact_pressure(self) -> Array:
         """Normal forces of all that touched the body in the last step, over area: at all nodes, (N,), Pa.
 
@@ -132,8 +144,7 @@ class TouchedBody:
         Raises:
             StepError: nothing can touch it.
         """
-        contact = self._contact_read()
-        return self._areas(contact).density(contact.pressing)
+        return self.contact_surface.density(self._contact_read().pressing)
 
     def contact_traction(self) -> Array:
         """Forces of all that touched the body, friction among them, over area: at all nodes, (N, 3), Pa, in world axes.
@@ -141,20 +152,13 @@ class TouchedBody:
         Raises:
             StepError: nothing can touch it.
         """
-        contact = self._contact_read()
-        return self._areas(contact).density(contact.forces)
+        return self.contact_surface.density(self._contact_read().forces)
 
     def _contact_read(self) -> NodalContact:
         contact = self.nodal_contact
         if contact is None:
             raise StepError("there are no contact forces: the scene has no contact")
         return contact
-
-    def _areas(self, contact: NodalContact) -> ContactSurface:
-        if self._contact_surface is None:
-            coordinates, triangles, _ = self._surface_at_rest()
-            self._contact_surface = ContactSurface(coordinates, triangles, contact.nodes)
-        return self._contact_surface
 
 
 def facets_of(triangles: Array) -> Array:

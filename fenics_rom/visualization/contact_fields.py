@@ -6,22 +6,29 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.nodal_contact import ContactSurface
 from fenics_rom.trajectory.trajectory import Trajectory
 
-LEAST_SHOWN = 0.02  # of the largest traction: arrows of less are left out
+LEAST_SHOWN = 0.05  # of the largest traction: arrows of less are left out
 LONGEST_ARROW = 0.12  # of the body's size
 
 
 class ContactFields:
-    """Of a run that keeps what touches its bodies, at all nodes of each of its shapes."""
+    """Of a run that keeps what touches its bodies, at all nodes of each of its shapes.
+
+    Attributes:
+        touchable: which triangles can be touched, (F,).
+    """
 
     def __init__(self, run: Trajectory):
         assert run.touched is not None
         self._touched, self._count, bodies = run.touched, len(run.nodes), run.bodies.values()
+        self.touchable = np.zeros(len(run.triangles), dtype=bool)
         self._surfaces = list[tuple[Array, slice, ContactSurface]]()  # which of the touched nodes, all nodes, of each
         for rows in [body.nodes for body in bodies if body.kind == "soft"] if run.bodies else [slice(0, self._count)]:
             of_nodes = (run.touched.nodes >= rows.start) & (run.touched.nodes < rows.stop)
             of_triangles = (run.triangles[:, 0] >= rows.start) & (run.triangles[:, 0] < rows.stop)
             triangles, nodes = run.triangles[of_triangles] - rows.start, run.touched.nodes[of_nodes] - rows.start
-            self._surfaces.append((of_nodes, rows, ContactSurface(run.nodes[rows], triangles, nodes)))
+            surface = ContactSurface(run.nodes[rows], triangles, nodes)
+            self._surfaces.append((of_nodes, rows, surface))
+            self.touchable[of_triangles] = surface.touchable
 
     @property
     def areas(self) -> Array:

@@ -32,10 +32,6 @@ def parts_of_four(facets, edges):
     return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
 
 
-def areas_of(body, nodes, triangles):
-    return ContactSurface(nodes, triangles, body.nodal_contact.nodes).areas
-
-
 def test_facets_of_six_nodes_are_found_in_their_parts():
     np.testing.assert_array_equal(facets_of(parts_of_four(FACETS, EDGES)), np.hstack([FACETS, EDGES]))
     np.testing.assert_array_equal(facets_of(FACETS), FACETS)
@@ -78,7 +74,7 @@ def test_pressures_and_tractions_are_the_forces_of_an_obstacle(tmp_path, points,
             if contact is None:
                 continue
             pressure, traction = body.contact_pressure(), body.contact_traction()
-            areas, pressing = areas_of(body, system.body.nodes, system.body.triangles), contact.normal_forces.sum()
+            areas, pressing = body.contact_surface.areas, contact.normal_forces.sum()
             assert areas @ pressure == pytest.approx(pressing, rel=ROUND_OFF)
             np.testing.assert_allclose(areas @ traction, body.obstacle_forces()[0], atol=ROUND_OFF * pressing)
             assert not pressure[~top].any()
@@ -95,7 +91,7 @@ def test_a_free_body_has_them_in_world_axes(tmp_path):
     for _ in range(60):
         body.step()
         force = body.contact_forces("pin")
-        areas = areas_of(body, system.body.nodes, system.body.triangles)
+        areas = body.contact_surface.areas
         size = np.abs(body.nodal_contact.forces).max()
         touched += size > 0
         np.testing.assert_allclose(areas @ body.contact_traction(), force, atol=ROUND_OFF * size)
@@ -113,7 +109,7 @@ def test_forces_of_a_body_on_itself_add_up_to_nothing_and_press_both_sides(tmp_p
     body, pressed = fr.Simulator(rom, 1e-3), 0.0
     for _ in range(60):
         body.step(rope=2.0)
-        contact, areas = body.integrator.contact, areas_of(body, rom.nodes, rom.triangles)
+        contact, areas = body.integrator.contact, body.contact_surface.areas
         if contact is None:
             continue
         pressure, size = body.contact_pressure(), np.abs(contact.forces).max()

@@ -6,7 +6,6 @@ from bodies import box_arrays, scene_text, write_arrays
 from test_patch import ABOVE, DT, FAR, PRESSED, SIDE, THICK, YOUNG, block, lowered
 
 import fenics_rom as fr
-from fenics_rom.mechanics.nodal_contact import ContactSurface
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.world.recorder import WorldRecorder
 from fenics_rom.world.records import RigidBody
@@ -14,10 +13,6 @@ from fenics_rom.world.shapes import HalfSpace, Sphere
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 ROUND_OFF = 1e-13  # of sums of some 100 numbers, of their sizes
-
-
-def areas_of(body):
-    return ContactSurface(body.rom.nodes, body.rom.triangles, body.nodal_contact.nodes).areas
 
 
 def test_two_soft_blocks_press_one_another_as_they_are_told(tmp_path):
@@ -34,7 +29,7 @@ def test_two_soft_blocks_press_one_another_as_they_are_told(tmp_path):
         for name, sign in (("low", 1.0), ("up", -1.0)):
             body = world.simulator(name)
             traction, pressure = body.contact_traction(), body.contact_pressure()
-            areas, size = areas_of(body), np.abs(force).max()
+            areas, size = body.contact_surface.areas, np.abs(force).max()
             np.testing.assert_allclose(areas @ traction, sign * force, atol=ROUND_OFF * size)
             assert areas @ pressure == pytest.approx(
                 abs(force[2]), rel=1e-6, abs=ROUND_OFF
@@ -44,7 +39,7 @@ def test_two_soft_blocks_press_one_another_as_they_are_told(tmp_path):
         recorder.sample(step + 1)
     exact = YOUNG * PRESSED / (2 * THICK)
     contact = world.simulator("low").nodal_contact
-    assert areas_of(world.simulator("low")) @ world.simulator("low").contact_pressure() == pytest.approx(
+    assert world.simulator("low").contact_surface.areas @ world.simulator("low").contact_pressure() == pytest.approx(
         exact * SIDE**2, rel=1e-2
     )
     run = recorder.record("blocks")
@@ -77,6 +72,6 @@ def test_a_body_that_is_put_turned_has_them_in_world_axes(tmp_path, alone):
     for _ in range(200):
         world.step()
     body = world.simulator("pad")
-    push = areas_of(body) @ body.contact_traction()
+    push = body.contact_surface.areas @ body.contact_traction()
     assert push[0] < -1.0
     assert np.abs(push[1:]).max() <= 1e-12 * -push[0]

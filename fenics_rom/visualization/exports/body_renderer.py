@@ -57,7 +57,7 @@ class Quantity(NamedTuple):
 DISPLACEMENT = Quantity("displacement", "m")
 ARROW_COLOUR = "#d55e00"
 ARROW: dict[str, float] = {"tip_length": 0.3, "tip_radius": 0.09, "shaft_radius": 0.03}  # of its length
-SEE_THROUGH = 0.2  # opacity of obstacles that can be seen through
+SEE_THROUGH = 0.25  # opacity of obstacles that can be seen through
 TENDON_COLOUR, TENDON_PIXELS = "#d55e00", 4
 OUTLINE_COLOUR = "#e41a1c"  # outline of where a contact mode is touched
 LIGHT = RenderColours("white", "#1a1a1a", "#9a9a9a", "#c9ccd1")
@@ -81,7 +81,8 @@ class BodyRenderer:
         captions: whether there is to be room for words and a colour bar.
         below: whether the camera looks from below.
         ghost: whether to draw the edges of the body at rest.
-        see_through: whether obstacles can be seen through.
+        coloured_triangles: which of them have colours, (F,); others have that of 0. None: all.
+        see_through: whether obstacles, and triangles without colours, can be seen through.
 
     Raises:
         MissingPackageError: there is no PyVista, or nothing that it can draw with.
@@ -103,6 +104,7 @@ class BodyRenderer:
         captions: bool = True,
         below: bool = False,
         ghost: bool = True,
+        coloured_triangles: Array | None = None,
         see_through: bool = False,
     ):
         self._pv = pyvista_package()
@@ -112,7 +114,7 @@ class BodyRenderer:
         self._largest = max((float(np.nan_to_num(field).max()) for field in fields), default=0.0)
         self._factor, self._unit = prefixed(self._quantity.unit, self._largest)
         self._see_through = {"opacity": SEE_THROUGH} if see_through else {}
-        self._triangles, self._ghost = triangles, ghost
+        self._triangles, self._ghost, self._coloured_triangles = triangles, ghost, coloured_triangles
         used = np.unique(triangles)
         visible = [nodes[used], *(nodes[used] + scale * shape[used] for shape in shapes)]
         ranges = [zip(points.min(axis=0), points.max(axis=0), strict=True) for points in visible]
@@ -229,19 +231,31 @@ class BodyRenderer:
             window.AddRenderer(self._layer)
         return mappers
 
+    def _parts(self, body: Any) -> dict[str, Any]:
+        """What has colours, and what has that of 0, as triangles that do not share their corners."""
+        coloured = self._coloured_triangles
+        if coloured is None or coloured.all() or not coloured.any():
+            return {"body": body}
+        parts = {}
+        for name, which in (("body", coloured), ("rest", ~coloured)):
+            parts[name] = part = self._pv.PolyData.from_regular_faces(body.points, self._triangles[which])
+            part["shown"] = body["shown"] if name == "body" else 0 * body["shown"]  # where there is no number is none
+        return parts
+
     def _draw(self, body: Any) -> None:
         plotter, colours = self._plotter, self._colours
-        plotter.add_mesh(
-            body,
-            name="body",
-            scalars="shown",
-            cmap="viridis",
-            nan_color=colours.obstacle,
-            clim=(0.0, self._factor * self._largest or 1.0),
-            show_scalar_bar=False,
-            render=False,
-            **SHADING,
-        )
+        for name, part in self._parts(body).items():
+            plotter.add_mesh(
+                part,
+                name=name,
+                scalars="shown",
+                cmap="viridis",
+                nan_color=colours.obstacle,
+                clim=(0.0, self._factor * self._largest or 1.0),
+                show_scalar_bar=False,
+                render=False,
+                **SHADING | (self._see_through if name == "rest" else {}),
+            )
         lines = [("edges", body, colours.ink, 1.6)]
         if self._ghost:
             lines.append(("ghost", self._body(0.0), colours.ghost, 1.0))

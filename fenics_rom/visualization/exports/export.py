@@ -277,6 +277,7 @@ def _pictures(
         width=width,
         dark=dark,
         ghost=not run.bodies,
+        coloured_triangles=None if touch is None else touch.touchable,
         see_through=pressed,
     )
     digits, size = max(0, int(np.ceil(-np.log10(np.diff(run.snapshot_times, prepend=0.0).min()) - 1e-9))), _size(run)

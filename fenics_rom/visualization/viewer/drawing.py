@@ -186,7 +186,7 @@ class TractionArrows:
 
     def __init__(self, scene: Any, name: str, scale: float, offset: Array):
         self._scale, self._offset = scale, offset
-        shape = {"shaft_radius": 0.004, "head_radius": 0.01, "head_length": 0.025}
+        shape = {"shaft_radius": 0.003, "head_radius": 0.008, "head_length": 0.018}
         self._arrows = scene.add_arrows(name, np.zeros((1, 2, 3)), HIGHLIGHT_COLOUR, **shape, visible=False)
 
     def draw(self, places: Array, traction: Array, largest: float) -> None:

@@ -156,7 +156,8 @@ class LivePage(LiveLoop):
         moved, traction = self._surface.places + displacement, None
         if name == CONTACT_PRESSURE:
             traction, unit = simulator.contact_traction(), UNITS[name]
-            values = self._surface.of_nodes(simulator.contact_pressure()[self._surface.nodes])
+            pressure = simulator.contact_pressure()[self._surface.nodes]
+            values = self._surface.of_nodes(pressure, simulator.contact_surface.touchable)
         elif name in self._readings:
             field = self._readings[name]
             values, unit = field(self.body.reading(name.removeprefix(READING)).sizes[0]), field.unit

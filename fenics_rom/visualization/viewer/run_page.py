@@ -195,11 +195,12 @@ class RunPage:
         wholes = [run.snapshots[rows[row]] for run, rows in zip(self._runs, self._rows, strict=True)]
         shapes = [whole[self._surface.nodes] for whole in wholes]
         tractions: list[Array | None] = [None] * len(self._runs)
+        values = list[Array]()
         if name == CONTACT_PRESSURE:
             rows = [of_run[row] for of_run in self._rows]
             tractions = [of_run.traction(k) for of_run, k in zip(self._touched, rows, strict=True)]
-            pressures = [of_run.pressure(k) for of_run, k in zip(self._touched, rows, strict=True)]
-            values = [self._surface.of_nodes(pressure[self._surface.nodes]) for pressure in pressures]
+            for of_run, k in zip(self._touched, rows, strict=True):
+                values.append(self._surface.of_nodes(of_run.pressure(k)[self._surface.nodes], of_run.touchable))
         elif name == DIFFERENCE:
             values = [self._surface.of_nodes(np.linalg.norm(shapes[0] - shapes[1], axis=1))] * 2
         elif name in self._readings:

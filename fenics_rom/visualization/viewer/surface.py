@@ -43,9 +43,14 @@ class Surface:
         _, first, faces = np.unique(smooth, return_index=True, return_inverse=True)
         self.node_of, self.faces = self.triangles.ravel()[first], faces.reshape(-1, 3)
 
-    def of_nodes(self, values: Array) -> Array:
-        """Values at all vertices, (V,), of values at the nodes (n,)."""
-        return values[self.node_of]
+    def of_nodes(self, values: Array, triangles: Array | None = None) -> Array:
+        """Values at all vertices, (V,), of values at the nodes (n,); 0 off triangles (F,) that are told."""
+        at_vertices: Array = values[self.node_of]
+        if triangles is not None:
+            off = np.ones(len(at_vertices), dtype=bool)
+            off[self.faces[triangles]] = False
+            at_vertices[off] = 0.0
+        return at_vertices
 
     def of_triangles(self, values: Array) -> Array:
         """Values at all vertices, (V,), of values that are constant on triangles (F,): means weighted by area."""

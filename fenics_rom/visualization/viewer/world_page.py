@@ -148,8 +148,10 @@ class _SoftBody:
         """What colours show, at all vertices: of what strains it, and not of where it is."""
         if what == CONTACT_PRESSURE:
             simulator = self._live.world.simulator(self._name)
-            pressure = simulator.contact_pressure() if self.is_touched else np.zeros(len(self._rom.nodes))
-            return self._surface.of_nodes(pressure[self._surface.nodes])
+            if not self.is_touched:
+                return np.zeros(len(self._surface.node_of))
+            pressure = simulator.contact_pressure()[self._surface.nodes]
+            return self._surface.of_nodes(pressure, simulator.contact_surface.touchable)
         body, on = self._live.world.simulator(self._name), self._surface.nodes
         strained = body.displacement()
         if self._rom.environment.is_moving:
