@@ -62,13 +62,17 @@ def test_nodes_that_are_touched_alone_stand_for_the_triangles_around_them():
 @pytest.mark.parametrize("degree", [1, 2])
 def test_pressures_and_tractions_are_the_forces_of_an_obstacle(tmp_path, points, degree):
     """Of a ball that a pad is pressed on with friction, at nodes and between them."""
-    wide = f'shape = "sphere", center = [{1.9 * L}, {2.05 * L}, {21.0001 * L}], radius = {20 * L}'
-    system = system_of(tmp_path, f"obstacles.pin = {{ {wide} }}", points=points, **UP, **RUBS, degree=degree)
+    x, y, radius = {"nodes": (1.9, 2.05, 20.0), "surface": (1.3, 1.55, 0.5), "faces": (1.3, 1.55, 0.05)}[points]
+    at = [x * L, y * L, (1.0001 + radius) * L]
+    ball = f'obstacles.pin = {{ shape = "sphere", center = {at}, radius = {radius * L} }}'
+    system = system_of(tmp_path, ball, points=points, **UP, **RUBS, degree=degree)
     top = np.isclose(system.body.nodes[:, 2], L)
-    bodies = FullOrderSimulator(system, 1e-3, system.scene.environment), fr.Simulator(fr.reduce(system, order=10), 1e-3)
+    signals = {"pin": lambda t: [0.0, 0.0, -2 * L * t]}
+    full = FullOrderSimulator(system, 1e-3, system.scene.environment, signals)
+    bodies = full, fr.Simulator(fr.reduce(system, order=10), 1e-3, signals=signals)
     for body in bodies:
         pressed = 0.0
-        for _ in range(30):
+        for _ in range(60):
             body.step(np.zeros(0))
             contact = (body.stepper if body is bodies[0] else body.integrator).contact
             if contact is None:
