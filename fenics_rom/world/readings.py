@@ -35,7 +35,6 @@ class ReadWorld:
     bodies: Mapping[str, RigidBody | SoftBody]
     _bodies: dict[str, AnyBody]
     _names: list[str]
-    _lone: Soft | None
     _meetings: list[Meeting]
     _joints: JointPlan
     _step_pairs: StepPairs

@@ -1,9 +1,12 @@
 """Contact on nodes of soft bodies of a world: pressure and traction are the forces between them."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from bodies import box_arrays, scene_text, write_arrays
-from test_patch import ABOVE, DT, FAR, PRESSED, SIDE, THICK, YOUNG, block, lowered
+from soft_blocks import FAR, pressed
+from test_patch import ABOVE, DT, PRESSED, RAMP, SIDE, THICK, YOUNG, block
 
 import fenics_rom as fr
 from fenics_rom.scene.file import parse_scene
@@ -19,7 +22,7 @@ def test_two_soft_blocks_press_one_another_as_they_are_told(tmp_path):
     """After each step, read before energies and after, as others know of a compiled step from there on."""
     low = block(tmp_path, (4, 3, 2), "top", "bottom", 0.0, "fixed")
     up = block(tmp_path, (3, 2, 2), "bottom", "top", THICK, "moving")
-    hand = fr.RigidBody(Sphere(0.01), motion=lowered)
+    hand = fr.RigidBody(Sphere(0.01), motion=partial(pressed, depth=PRESSED, ramp=RAMP, above=ABOVE))
     bodies = {"hand": hand, "low": fr.SoftBody(low), "up": fr.SoftBody(up, on="hand", position=(0, 0, -ABOVE))}
     world, steps = fr.World(bodies, DT, friction=0.3), 200
     recorder = WorldRecorder(world, steps, snapshots=4)
