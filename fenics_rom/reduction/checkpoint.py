@@ -5,7 +5,7 @@ training run of a body that deforms largely. The files do not depend on the numb
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -194,6 +194,11 @@ def _probe(problem: ReductionProblem) -> Array:
     """Numbers that two systems share only when they are the same."""
     system = problem.system
     z = probe_columns(system.algebra, 1)
-    blocks = [system.forces(name) for name in problem.contacts] + list(system.outputs.values())
-    forms = [system.algebra.inner(z, A @ z)[0, 0] for A in (system.mass, system.damping, system.stiffness)]
-    return np.array(forms + [np.abs(system.algebra.inner(z, block)).sum() for block in blocks])
+    inner = system.algebra.inner
+
+    def size(blocks: Iterable[Array]) -> float:
+        return float(sum(np.abs(inner(z, block)).sum() for block in blocks))
+
+    of_forces = [size(system.forces(name, some) for some in system.force_blocks(name)) for name in problem.contacts]
+    forms = [inner(z, A @ z)[0, 0] for A in (system.mass, system.damping, system.stiffness)]
+    return np.array([*forms, *of_forces, *(size([block]) for block in system.outputs.values())])

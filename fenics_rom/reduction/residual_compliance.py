@@ -21,7 +21,7 @@ from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis, joint_span
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.rom.residual_compliance import ResidualCompliance
-from fenics_rom.rom.residual_part import residual_part, strained_points
+from fenics_rom.rom.residual_part import inverse_of_lower, residual_part, strained_points
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.residual_motion import relaxation
 from fenics_rom.system.columns import column_dots
@@ -31,6 +31,7 @@ COLUMNS_AT_ONCE = 96  # of solves
 KEPT = 1e-6  # of the largest eigenvalue of the residual compliance: smaller ones are raised to it
 LEAST = 1e-12  # of the static compliance: a residual compliance that small is as good as none, and raised to it
 UNSEEN = 1e-4  # of the displacements under forces on contact points, in mass: what the shared basis may lack
+MOST_ROWS = 900  # 3P, of points whose shapes are made M-orthogonal: that is most of the time with thousands
 MOST_SHAPES = 300  # that the shared basis holds for it: a body whose whole skin may touch would want all its unknowns
 OVERSAMPLING = 20  # random combinations beside so many, from which the shapes with most mass are found
 UNTOLD = 1e-3  # of the same of nodes that nothing can touch, beyond which the user is told
@@ -153,22 +154,25 @@ def with_residual_compliance(problem: ReductionProblem, rom: Rom) -> Rom:
         rows, κ = _PointRows(system), rom.stiffness
         Q = rom.basis[system.algebra.rows()]
         SQ = rows.at(Q)
-        sums = _summed(_Beyond(problem, rows, Q, (SQ / κ).T))
-        lacking = sums.static - (SQ / κ) @ SQ.T
-        lacking = (lacking + lacking.T) / 2
-        floor = max(KEPT * _largest_eigenvalue(lacking), LEAST * float(np.diag(sums.static).max()))
-        factor, τ = _orthogonal_shapes(lacking, sums.mass, floor)
+        static, mass, heat, untold = _summed(_Beyond(problem, rows, Q, (SQ / κ).T))
+        compared, largest = static[:, _columns_compared(rows.count)].copy(), float(np.diag(static).max())
+        lacking = static  # in place, as there may be no room for more
+        lacking -= (SQ / κ) @ SQ.T
+        _make_symmetric(lacking)
+        floor = max(KEPT * _largest_eigenvalue(lacking), LEAST * largest)
         if system.rayleigh is not None:
             β = system.rayleigh[1]
         else:  # D is not β K in the residual shapes: what dissipates as much in all of them together
-            β = sums.heat / (float(np.trace(lacking)) + floor * len(lacking))
+            β = heat / (float(np.trace(lacking)) + floor * len(lacking))
+        factor, τ = _orthogonal_shapes(lacking, mass, floor)
+        del static, lacking, mass
         residual = ResidualCompliance(factor, τ, floor=floor, damping=max(float(β), 0.0))
-        residual = _compared(problem, rom, residual, rows, SQ, sums.static)
-    if sums.untold > UNTOLD:
+        residual = _compared(problem, rom, residual, rows, SQ, compared)
+    if untold > UNTOLD:
         problem.messages.append(
             f"contact: of the shapes in which {rows.count // 3} contact points yield the shared basis holds the "
             f"{MOST_SHAPES} largest: where nothing can touch the body, nodes close to a force are shown to "
-            f"{sums.untold:.1g} of how far forces on single points move the body; forces, contact points and outputs "
+            f"{untold:.1g} of how far forces on single points move the body; forces, contact points and outputs "
             "are not concerned"
         )
     return replace(rom, residual_compliance=residual, warnings=tuple(problem.messages))
@@ -197,12 +201,21 @@ def _summed(beyond: _Beyond) -> _Sums:
             heat += float(column_dots(system.algebra, X, system.damping @ X).sum())
         hidden += float(column_dots(system.algebra, X[rows.untouched], MX[rows.untouched]).sum())
         whole += beyond.mass_of(solved)
-    return _Sums(static, (mass + mass.T) / 2, heat, float(np.sqrt(max(hidden, 0.0) / whole)))
+    _make_symmetric(mass)
+    return _Sums(static, mass, heat, float(np.sqrt(max(hidden, 0.0) / whole)))
 
 
 def _blocks(count: int) -> Iterator[slice]:
     """Some columns at once."""
     return (slice(first, min(first + COLUMNS_AT_ONCE, count)) for first in range(0, count, COLUMNS_AT_ONCE))
+
+
+def _make_symmetric(A: Array) -> None:
+    """Has A be (A + Aᵀ)/2, block by block, as there may be no room for another one."""
+    for rows in _blocks(len(A)):
+        rest = slice(rows.start, None)
+        mean = (A[rows, rest] + A[rest, rows].T) / 2
+        A[rows, rest], A[rest, rows] = mean, mean.T
 
 
 def _largest_eigenvalue(A: Array) -> float:
@@ -212,39 +225,53 @@ def _largest_eigenvalue(A: Array) -> float:
 
 
 def _orthogonal_shapes(R: Array, mass: Array, floor: float) -> tuple[Array, Array]:
-    """L (3P, r) with R = L Lᵀ but for a rest below a floor, of K- and M-orthogonal shapes, and τ (r,) of these.
+    """L (3P, r) with R = L Lᵀ but for a rest below a floor, of K-orthogonal shapes, and τ (r,) of these.
 
-    By Cholesky's algorithm with pivoting, whose pivots are forces that suffice for all shapes.
+    By Cholesky's algorithm with pivoting, whose pivots are forces that suffice for all shapes. These are M-orthogonal,
+    too, but of more than MOST_ROWS: what is asked of τ² is their mean, which that does not change. R is overwritten.
     """
-    factor, pivots, rank, _ = scipy.linalg.lapack.dpstrf(R, lower=True, tol=floor)
+    factor, pivots, rank, _ = scipy.linalg.lapack.dpstrf(R.T, lower=True, tol=floor, overwrite_a=True)
     if not rank:
         return np.empty((len(R), 0)), np.empty(0)
     some, L = pivots[:rank] - 1, np.empty((len(R), rank))
-    L[pivots - 1] = np.tril(factor)[:, :rank]
+    np.copyto(factor, 0.0, where=~np.tri(len(R), dtype=bool))
+    L[pivots - 1] = factor[:, :rank]
     half = scipy.linalg.solve_triangular(L[some], mass[some[:, None], some], lower=True)
+    if len(R) > MOST_ROWS:
+        τ2 = np.einsum("ij,ij->i", half, inverse_of_lower(L[some]))
+        return L, np.sqrt(np.maximum(τ2, 0.0))
     τ2, V = np.linalg.eigh(scipy.linalg.solve_triangular(L[some], half.T, lower=True))
     return (L @ V)[:, ::-1], np.sqrt(np.maximum(τ2, 0.0))[::-1]
+
+
+def _columns_compared(count: int) -> Array:
+    """Rows of S, of 3P, whose columns of the Delassus operator are compared."""
+    points = np.unique(np.linspace(0, count // 3 - 1, POINTS_COMPARED).astype(int))
+    columns: Array = (3 * points[:, None] + np.arange(3)).ravel()
+    return columns
 
 
 def _compared(
     problem: ReductionProblem, rom: Rom, residual: ResidualCompliance, rows: _PointRows, SQ: Array, static: Array
 ) -> ResidualCompliance:
-    """The same with the errors of the Delassus operators W = S A⁻¹ Sᵀ at the time step of the scene's run."""
-    run, system, points = rom.environment.run, problem.system, rows.count // 3
+    """The same with the errors of the Delassus operators W = S A⁻¹ Sᵀ at the time step of the scene's run.
+
+    static: the columns S K⁻¹Sᵀ that are compared, (3P, c).
+    """
+    run, system = rom.environment.run, problem.system
     if run is None:
         return residual
     h, has_inertia, series = run.dt, rom.environment.has_inertia, rom.environment.viscoelasticity
     branches = 0.0 if series is None else series.stiffening_time(h)
-    compared = np.unique(np.linspace(0, points - 1, POINTS_COMPARED).astype(int))
-    columns = (3 * compared[:, None] + np.arange(3)).ravel()
+    columns = _columns_compared(rows.count)
     if has_inertia:
         elastic: tuple[complex, Any] = h / 2 + branches, system.stiffness
         terms: list[tuple[complex, Any]] = [(2 / h, system.mass), (1.0, system.damping), elastic]
         with closing(system.algebra.factor(*terms)) as factor:
             full = rows.at(factor.solve(rows.columns(columns)))
     else:
-        full = static[:, columns] / h
-    errors, H = {}, strained_points(rom.stiffness, SQ, residual)
+        full = static / h
+    errors, H = {}, strained_points(rom.stiffness, SQ)
     for name, model in rom.contact_models.items():
         S = SQ @ model.coordinates
         A = compliance(model, h, branches)[0] if has_inertia else 1 / (h * model.eigenvalues)

@@ -59,7 +59,8 @@ class _ElasticSystem(System):
 def require_loads(system: System) -> None:
     """Refuses (SceneError) contact modes of an elastic part whose inputs strain nothing."""
     for name in system.contacts:
-        if not column_dots(system.algebra, B := system.forces(name), B).any():
+        blocks = (system.forces(name, some) for some in system.force_blocks(name))
+        if not any(column_dots(system.algebra, B, B).any() for B in blocks):
             raise SceneError(
                 f"contact mode {name!r}: its inputs move the body without straining it, so there is nothing that they "
                 "ask to be kept; give them to an actuator, beside a contact that strains it"

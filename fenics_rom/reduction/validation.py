@@ -15,7 +15,8 @@ from fenics_rom.reduction.common_basis import Subspace, block_starts, split_like
 from fenics_rom.reduction.frequency_response import dynamic_product, inner_products, relative_modulus, response
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.system.columns import apply_to_complex, column_dots
+from fenics_rom.system.columns import apply_to_complex, column_dots, sum_of
+from fenics_rom.system.system import MOST_FORCES
 
 MAX_INPUTS = 6  # of a contact mode at a frequency; where it has more columns, random combinations of them
 MAX_COLUMNS = 300  # of all contact modes at all frequencies, unless that is less than one
@@ -87,15 +88,18 @@ def sample_frequencies(model: ContactModel) -> Array:
 
 
 def _samples(problem: ReductionProblem, name: str, model: ContactModel, W: Array, width: int) -> list[Sample]:
-    B, samples = problem.system.forces(name), []
-    G = W.T @ problem.system.algebra.inner(problem.space.basis, B)
+    system, samples, count = problem.system, list[Sample](), problem.system.count_forces(name)
+    blocks = list(system.force_blocks(name))
+    inner = [system.algebra.inner(problem.space.basis, system.forces(name, some)) for some in blocks]
+    G = W.T @ np.hstack(inner)
     random = np.random.default_rng(0)
     for ω in sample_frequencies(model):
-        mixed, modulus = np.eye(B.shape[1]), relative_modulus(problem.system.scene, ω)
-        if B.shape[1] > width:
-            mixed = np.linalg.qr(random.standard_normal((B.shape[1], width)))[0]
+        mixed, modulus = np.eye(min(count, width)), relative_modulus(system.scene, ω)
+        if count > width:
+            mixed = np.linalg.qr(random.standard_normal((count, width)))[0]
         reduced = response(modulus * model.eigenvalues, model.damping, G @ mixed, ω)
-        samples.append(Sample(name, ω, B @ mixed, W @ reduced))
+        inputs = sum_of(system.forces(name, some) @ mixed[some] for some in blocks)
+        samples.append(Sample(name, ω, inputs, W @ reduced))
     return samples
 
 
@@ -183,8 +187,16 @@ def _static_errors(
     problem: ReductionProblem, models: Mapping[str, ContactModel], bases: Mapping[str, Array]
 ) -> dict[str, StaticError]:
     """What the models miss at rest."""
-    system, names = problem.system, list(models)
-    errors: dict[str, StaticError] = {}
+    system, errors = problem.system, dict[str, StaticError]()
+    many = [name for name in models if system.count_forces(name) > MOST_FORCES]
+    for name in many:
+        sums, γ = np.zeros(4), models[name].eigenvalues[:, None]
+        for some in system.force_blocks(name):
+            B = system.forces(name, some)
+            reduced = bases[name] @ (bases[name].T @ system.algebra.inner(problem.space.basis, B) / γ)
+            sums += _static_squares(problem, B, reduced).sum(axis=1)
+        errors[name] = StaticError(*np.sqrt(sums[[0, 2]] / sums[[1, 3]]).tolist())
+    names = [name for name in models if name not in many]
     for first in range(0, len(names), MODES_AT_ONCE):
         group = names[first : first + MODES_AT_ONCE]
         inputs = [system.forces(name) for name in group]

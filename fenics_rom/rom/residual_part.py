@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 from fenics_rom.rom.contact_model import ContactModel, strained_coordinates
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 
+COLUMNS_AT_ONCE = 1200  # of products: fewer than thousands of points have
 LARGEST_WHOLE = 256  # rows of a triangular matrix that is inverted as any other
 
 
@@ -20,7 +21,7 @@ class ResidualPart:
     """What one contact mode lacks.
 
     Attributes:
-        points: H (3P, k + r - rigid), (m/N)^1/2; the same of all contact modes.
+        points: H (3P, k - rigid) within the shared basis, (m/N)^1/2; the same of all contact modes.
         basis: Y (k - rigid, m - rigid), orthonormal columns: the mode's in the shared basis, both K-orthonormal.
         basis_points: H Y (3P, m - rigid).
         compliance: R = C Cᵀ (3P, 3P), m/N.
@@ -37,27 +38,29 @@ class ResidualPart:
 
     def strained(self, g: Array) -> Array:
         """What of it lies in the shared basis under forces g (..., 3P), N, in K-orthonormal coordinates, J^1/2."""
-        within: Array = g @ self.points[:, : len(self.basis)] - g @ self.basis_points @ self.basis.T
+        within: Array = g @ self.points - g @ self.basis_points @ self.basis.T
         return within
 
 
-def strained_points(κ: Array, rows: Array, residual: ResidualCompliance) -> Array:
-    """H (3P, k + r - rigid) from the rows S Q (3P, k) of the contact points in the shared basis."""
+def strained_points(κ: Array, rows: Array) -> Array:
+    """H (3P, k - rigid) within the shared basis, from the rows S Q (3P, k) of the contact points in it."""
     rigid = int(np.count_nonzero(κ == 0))
-    return np.hstack([rows[:, rigid:] / np.sqrt(κ[rigid:]), residual.factor])
+    strained: Array = rows[:, rigid:] / np.sqrt(κ[rigid:])
+    return strained
 
 
 def residual_part(κ: Array, model: ContactModel, H: Array, residual: ResidualCompliance) -> ResidualPart:
     """What a contact mode lacks of the static displacements; κ (k,), 1/s², of the shared basis."""
     Y = strained_coordinates(κ, model)
-    HY = H[:, : len(Y)] @ Y
-    lacking = H.copy()
-    lacking[:, : len(Y)] -= HY @ Y.T
-    R = lacking @ lacking.T + residual.floor * np.eye(len(lacking))
+    HY = H @ Y
+    lacking = np.hstack([H - HY @ Y.T, residual.factor])
+    R = lacking @ lacking.T
+    R.ravel()[:: len(R) + 1] += residual.floor
     # Inertia that shapes within Q share with those beyond is neglected. Each shape counts alike, however much it
     # yields: the few that yield most are slow, but what yields between neighbours, on which friction depends, is not.
     inverse_root = inverse_of_lower(np.linalg.cholesky(R))
-    shares = np.square(inverse_root @ lacking).sum(axis=0)
+    some = (slice(first, first + COLUMNS_AT_ONCE) for first in range(0, lacking.shape[1], COLUMNS_AT_ONCE))
+    shares = np.concatenate([np.square(inverse_root @ lacking[:, columns]).sum(axis=0) for columns in some])
     τ2 = np.concatenate([1 / κ[model.rigid :], residual.time_constants**2])
     return ResidualPart(H, Y, HY, R, inverse_root, float(np.sqrt(shares @ τ2 / len(R))))
 

@@ -82,7 +82,8 @@ class BatchContact:
         self._solver = BatchContactSolver(coordinates, obstacles, law)
         self._coordinates, self._obstacles, self._law = coordinates, obstacles, law
         rows = by_axis(interface.rows, self._axes)
-        H = by_axis(strained_points(rom.stiffness, interface.rows, residual), self._axes)
+        H = by_axis(strained_points(rom.stiffness, interface.rows), self._axes)
+        residual = replace(residual, factor=by_axis(residual.factor, self._axes))
         self._modes = [
             BatchContactMode(model, rows, residual_part(rom.stiffness, model, H, residual), order)
             for model in rom.contact_models.values()

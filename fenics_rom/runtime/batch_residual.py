@@ -84,7 +84,7 @@ class BatchResidual:
     def beyond_shared(self, body: int, mode: int) -> Array:
         """What no shape of the shared basis has of the displacement of the points, (P, 3), m."""
         part, (g, y) = self._modes[mode].part, self.state[:2, :, body]
-        beyond: Array = (y - part.points[:, : len(part.basis)] @ part.strained(g)).reshape(3, -1).T @ self._axes
+        beyond: Array = (y - part.points @ part.strained(g)).reshape(3, -1).T @ self._axes
         return beyond
 
     # --- a step ------------------------------------------------------------------------------------------------------

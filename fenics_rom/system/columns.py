@@ -1,6 +1,8 @@
 """Blocks of columns: random ones to measure matrices with, and complex ones where an operation takes real ones only."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import reduce
+from operator import add
 
 import numpy as np
 from numpy import ndarray as Array
@@ -18,6 +20,11 @@ def column_dots(algebra: Algebra, left: Array, right: Array) -> Array:
     """Of each pair of columns (rows here, c), (c,), summed over the ranks."""
     dots: Array = algebra.total(np.einsum("ij,ij->j", left, right))
     return dots
+
+
+def sum_of(blocks: Iterable[Array]) -> Array:
+    """Of arrays of which there is room for two."""
+    return reduce(add, blocks)
 
 
 def apply_to_complex(operation: Callable[[Array], Array], block: Array) -> Array:

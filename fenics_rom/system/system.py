@@ -3,7 +3,7 @@
 The reduction sees a system only through M @ X, D @ X, K @ X, solves, Xᵀ Y summed over the ranks, and eigenpairs.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import InitVar, dataclass, field
 from itertools import islice
 from typing import Any
@@ -27,6 +27,8 @@ from fenics_rom.system.protocols import Algebra, Deformation, Operator
 from fenics_rom.system.rayleigh_damping import check_damping_choice
 
 OPTIONAL_COLUMNS = ("actuators", "loads", "units", "contact_points", "outputs")
+MOST_FORCES, FORCES_AT_ONCE = 960, 240  # columns of what can act in a contact mode; of more there are so many at once
+ALL = slice(None)
 NAMES_SHOWN = 4  # of each kind, when a system is printed
 UNSET: Any = None  # not given; no field is left so
 
@@ -182,19 +184,44 @@ class System:
         shared = [unit * B for unit, B in zip(units, (*self.actuators.values(), *self.loads.values()), strict=True)]
         return np.hstack([self.contacts[contact], *shared])
 
-    def forces(self, contact: str) -> Array:
-        """All that can act in a contact mode, (rows here, any): what its basis has to know.
+    def forces(self, contact: str, some: slice = ALL) -> Array:
+        """All that can act in a contact mode, (rows here, any), or some columns of it: what its basis has to know.
 
         The contact columns, actuators and loads, where obstacles can touch it a force on each component of a node, and
         what springs and dashpots put on a body in a moving frame.
         """
-        parts = [self.contacts[contact], *self.actuators.values(), *self.loads.values()]
-        if contact in self.contact_points:
-            touched = components_of(self.contact_points[contact])
-            parts.append(self._at_components(touched[np.isin(touched, self.body.unknowns.moving)]))
-        if self.moving_frame is not None and self.moving_frame.tie_forces is not None:
-            parts.append(self.moving_frame.tie_forces)
+        given = [self.contacts[contact], *self.actuators.values(), *self.loads.values()]
+        touched, tied = self._touched(contact), self._tie_forces()
+        parts, begun = list[Array](), 0
+        first, last, _ = some.indices(self.count_forces(contact))
+        for part in (*given, touched, *tied):
+            width = part.shape[-1]
+            own = part[..., max(first - begun, 0) : max(last - begun, 0)]
+            parts.append(self._at_components(own) if part is touched else own)
+            begun += width
         return np.hstack(parts)
+
+    def count_forces(self, contact: str) -> int:
+        """How many columns `forces` has."""
+        given = [self.contacts[contact], *self.actuators.values(), *self.loads.values(), *self._tie_forces()]
+        return sum(part.shape[1] for part in given) + len(self._touched(contact))
+
+    def force_blocks(self, contact: str) -> Iterator[slice]:
+        """Columns of `forces` that there may be at once, one after another: of a whole skin there are thousands."""
+        count = self.count_forces(contact)
+        if count <= MOST_FORCES:
+            return iter([slice(0, count)])
+        return (slice(first, min(first + FORCES_AT_ONCE, count)) for first in range(0, count, FORCES_AT_ONCE))
+
+    def _touched(self, contact: str) -> Array:
+        """Components (any,) of nodes that obstacles can touch in a contact mode, and that can move."""
+        touched = components_of(self.contact_points.get(contact, np.empty(0, dtype=int)))
+        return touched[np.isin(touched, self.body.unknowns.moving)]
+
+    def _tie_forces(self) -> list[Array]:
+        """What springs and dashpots put on a body in a moving frame."""
+        tied = None if self.moving_frame is None else self.moving_frame.tie_forces
+        return [] if tied is None else [tied]
 
     def points_of_contact(self) -> ContactPoints:
         """All points that obstacles can touch."""

@@ -65,7 +65,7 @@ def _in_all_eigenvectors(problem: ReductionProblem) -> Iterator[tuple[str, Ranke
 def _krylov(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
     """Contact modes in groups; where there are many columns, with eigenvectors to share."""
     names = problem.contacts
-    widths = [problem.system.forces(name).shape[1] for name in names]
+    widths = [problem.system.count_forces(name) for name in names]
     if sum(widths) <= MAX_COLUMNS_WITHOUT_EIGENVECTORS:
         directions, columns = directions_by_change, FEW_COLUMNS_AT_ONCE
     else:

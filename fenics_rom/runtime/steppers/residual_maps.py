@@ -55,7 +55,7 @@ class ResidualMaps(NamedTuple):
 
 def strained_back(part: ResidualPart, slope: Array) -> Array:
     """Derivatives with g (3P,) from those with what of it lies in the shared basis, (k - rigid,)."""
-    by_force: Array = part.points[:, : len(slope)] @ slope - part.basis_points @ (part.basis.T @ slope)
+    by_force: Array = part.points @ slope - part.basis_points @ (part.basis.T @ slope)
     return by_force
 
 

@@ -219,7 +219,7 @@ class ResidualMotion:
     def beyond_shared(self) -> Array:
         """What of the points' displacement no shape of the shared basis has, (P, 3), m."""
         strained = self.strained
-        beyond: Array = self._y - self._part.points[:, : len(strained)].dot(strained)
+        beyond: Array = self._y - self._part.points.dot(strained)
         return beyond.reshape(-1, 3)
 
     def velocity(self, contact: ContactSolution | None) -> Array:
@@ -369,7 +369,7 @@ def residual_motions(
     residual = rom.residual_compliance
     if interface is None or residual is None or not interface.environment.environment.residual_compliance:
         return lambda contact: None
-    H, κ, series = strained_points(rom.stiffness, interface.rows, residual), rom.stiffness, None
+    H, κ, series = strained_points(rom.stiffness, interface.rows), rom.stiffness, None
     if has_inertia:
         series = interface.environment.environment.viscoelasticity
 

@@ -22,7 +22,7 @@ class ResidualSwitch(NamedTuple):
     def projected(self, e: Array, g: Array) -> Array:
         """What becomes of e (m - rigid,) and of what was beside it, g (3P,)."""
         there = self.left
-        strained = there.points[:, : len(there.basis)].T @ g - there.basis @ (there.basis_points.T @ g)
+        strained = there.points.T @ g - there.basis @ (there.basis_points.T @ g)
         projected: Array = self.entered.basis.T @ (there.basis @ e + strained)
         return projected
 
