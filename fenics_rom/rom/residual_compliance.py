@@ -21,8 +21,9 @@ class ResidualCompliance(ByContent):
     """Of all contact points of a body.
 
     Attributes:
-        factor: L (3P, r), (m/N)^1/2, of K- and M-orthogonal shapes, points in the order of `ContactPoints`.
-        time_constants: τ (r,), s, of these shapes, descending; τ² is the ratio of their inertia to their stiffness.
+        factor: L (3P, r), (m/N)^1/2, of K-orthogonal shapes, points in the order of `ContactPoints`. Of 300 points at most
+            they are M-orthogonal, too.
+        time_constants: τ (r,), s, of these shapes; τ² is the ratio of their inertia to their stiffness.
         floor: ε, m/N, in every direction, in place of the eigenvalues of R_Q that are smaller.
         damping: β, s, ratio of damping to stiffness.
         dt: s, at which the errors are; 0 where they were not measured.
