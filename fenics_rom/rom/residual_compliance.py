@@ -21,7 +21,7 @@ class ResidualCompliance(ByContent):
     """Of all contact points of a body.
 
     Attributes:
-        factor: L (3P, r), (m/N)^1/2, of K-orthogonal shapes, points in the order of `ContactPoints`. Of 300 points at most
+        factor: L (3P, r), (m/N)^1/2, of K-orthogonal shapes, in the order of `ContactPoints`. Of 300 points at most
             they are M-orthogonal, too.
         time_constants: τ (r,), s, of these shapes; τ² is the ratio of their inertia to their stiffness.
         floor: ε, m/N, in every direction, in place of the eigenvalues of R_Q that are smaller.
