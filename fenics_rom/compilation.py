@@ -26,6 +26,7 @@ SHARED = tuple(  # what else than their own folders compiled functions use
     f"{name}.py"
     for name in (
         "compiled_arrays",
+        "compiled_calls",
         "compiled_products",
         "mechanics/actuator_forces",
         "mechanics/base_fit",
@@ -156,6 +157,18 @@ def jit_part(function: _Function) -> _Function:
     return _part(function, EXACT) if can_compile() else function
 
 
+def jit_apart(function: _Function) -> _Function:
+    """Has a function compiled by itself, once for all compiled ones that call it; Python takes it as it is.
+
+    Its arguments are given by position. `jit` makes of it what Python calls.
+    """
+    if can_compile():
+        from fenics_rom.compiled_calls import at_address
+
+        at_address(function, _compile(function))
+    return function
+
+
 def jit_sums(function: _Function) -> _Function:
     """The same, of long sums, whose terms may be added in any order, several at once."""
     return _part(function, EXACT | {"reassoc", "nsz"}) if can_compile() else function
@@ -176,6 +189,7 @@ def jit_shared(function: _Function) -> _Function:
     return function
 
 
+@cache
 def _compile(function: _Function) -> _Function:
     from numba import config, njit
 
@@ -190,7 +204,9 @@ def _compile(function: _Function) -> _Function:
 def _part(function: _Function, fastmath: frozenset[str]) -> _Function:
     from numba.extending import register_jitable
 
-    made: _Function = register_jitable(**_how(fastmath))(function)
+    from fenics_rom.compiled_calls import PartCompiler
+
+    made: _Function = register_jitable(pipeline_class=PartCompiler, **_how(fastmath))(function)
     return made
 
 

@@ -122,6 +122,54 @@ def test_a_folder_that_keeps_nothing_is_told(tmp_path):
     assert "every start compiles again" in done.stderr
 
 
+CALLS = """
+import numpy as np
+from numba.core import event
+from typing import NamedTuple
+from fenics_rom.compilation import jit, jit_apart, jit_part
+
+class Pair(NamedTuple):
+    numbers: np.ndarray
+    scale: float
+
+@jit_part
+def product(pair, x):
+    return pair.scale * pair.numbers.dot(x)
+
+@jit_apart
+def inner(pair, x, most):
+    if product(pair, x) > most:
+        raise ValueError("too large")
+    return product(pair, x), pair.numbers[1:]
+
+@jit
+def outer(pair, x, most):
+    first, rest = inner(pair, x, 100)
+    second, _ = inner(Pair(rest, pair.scale), rest, most)
+    return first + second
+
+if __name__ == "__main__":
+    import calls
+    with event.install_recorder("numba:compile") as compiling:
+        pair, ones = calls.Pair(np.arange(3.0), 2.0), np.ones(3)
+        print(calls.outer(pair, ones, 20), calls.outer(pair, ones, 20), jit(calls.inner)(pair, ones, 20)[0])
+        try:
+            calls.outer(pair, ones, 5)
+        except ValueError as error:
+            print(error)
+    print(sum(each.data["dispatcher"].py_func is calls.inner for _, each in compiling.buffer if each.is_start))
+"""
+
+
+def test_what_is_called_by_its_address_is_compiled_once_and_read_when_it_is_called(tmp_path):
+    """Results and errors are those of plain calls: 2 (1 + 2) + 2 (1 + 4), and what is too large is told."""
+    pytest.importorskip("numba")
+    (tmp_path / "calls.py").write_text(CALLS)
+    first, again = (run(tmp_path / "calls.py", cache=tmp_path / "cache").stdout for _ in range(2))
+    assert first == "16.0 16.0 6.0\ntoo large\n1\n"
+    assert again == "16.0 16.0 6.0\ntoo large\n0\n"
+
+
 @pytest.mark.slow
 def test_compile_leaves_nothing_to_compile_at_the_first_run(tmp_path):
     pytest.importorskip("numba")

@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import or_numpy
+from fenics_rom.compilation import jit, or_numpy
 from fenics_rom.mechanics import braking
-from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, Pairs, ask, find_forces, pairs_from
+from fenics_rom.mechanics.compiled import contact_law
+from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, Pairs, ask, pairs_from
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.complementarity import Frames
@@ -22,6 +23,7 @@ from fenics_rom.mechanics.obstacles import Obstacle
 Known = Callable[[], tuple[AskedPairs | None, SolvedPairs | None]]
 _UNKNOWN = in_one_piece(np.empty((0, 0)))  # inverse of an operator
 _NO_OUTWARDS = np.empty(0)
+find_forces = jit(contact_law.find_forces)
 
 
 class Told(NamedTuple):

@@ -6,9 +6,10 @@ Pairs that are near are handed to the loops as points of their own, with their r
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import or_numpy
+from fenics_rom.compilation import jit, or_numpy
 from fenics_rom.mechanics import braking
-from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Law, find_forces, pairs_from
+from fenics_rom.mechanics.compiled import contact_law
+from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Law, pairs_from
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.own_surface import rows_between
 from fenics_rom.mechanics.complementarity.delassus import axes_along
@@ -19,6 +20,7 @@ from fenics_rom.mechanics.reach import reach_of
 from fenics_rom.mechanics.self_contact import SelfContact, beside
 
 _UNKNOWN, _ONES = in_one_piece(np.empty((0, 0))), np.ones(3)
+find_forces = jit(contact_law.find_forces)
 
 
 class CompiledSelfContact(SelfContact):

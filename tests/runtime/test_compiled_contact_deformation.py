@@ -199,7 +199,7 @@ def test_rollouts_are_steps(law):
 
 def test_a_rollout_goes_on_where_loops_find_no_forces(monkeypatch):
     """The step is taken by itself, from where the one before led; loops take those after it."""
-    rom, take = in_one_mode(soft_rom("neo_hookean", order=8, contact=True)), held_steps.take_step
+    rom, take = in_one_mode(soft_rom("neo_hookean", order=8, contact=True)), compiled_held.take_step
     bodies = [fr.Simulator(rom, DT, stepper="linearly-implicit") for _ in range(2)]
     forces, calls = history(8, bodies[0].inputs), []
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_part
+from fenics_rom.compilation import jit, jit_apart, jit_part
 from fenics_rom.compiled_arrays import unowned
 from fenics_rom.mechanics.braking import MOST_LOOKS, NEARLY_NONE
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
@@ -144,7 +144,7 @@ def ask(
         pairs.chosen[c], pairs.helped[c] = pairs.free[c, 0] < level, False
 
 
-@jit
+@jit_apart
 def find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pairs: Pairs) -> Found:
     """Contact forces of a step of which `ask`, or who knows it, has said what the law asks.
 

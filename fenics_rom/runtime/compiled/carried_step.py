@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_part
+from fenics_rom.compilation import jit, jit_apart, jit_part
 from fenics_rom.mechanics.compiled.copying import copy_rows
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.mechanics.largest_turn import LARGEST_TURN
@@ -97,7 +97,7 @@ class Begun(NamedTuple):
     rate: Array  # r̂ (m,) without contact
 
 
-@jit
+@jit_apart
 def take_carried_step(table: Array, u: Array, base: Array) -> Step:
     """Takes a step of a body in a table (`frame_tables`) under u (p,).
 
@@ -106,7 +106,7 @@ def take_carried_step(table: Array, u: Array, base: Array) -> Step:
     return _take(table, u, base, None)
 
 
-@jit
+@jit_apart
 def take_bent_carried_step(table: Array, u: Array, base: Array) -> Step:
     """The same of a body that deforms largely."""
     bent = bent_at(table)

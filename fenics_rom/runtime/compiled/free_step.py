@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_part
+from fenics_rom.compilation import jit, jit_apart, jit_part
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.frame_motion import Rotation
 from fenics_rom.mechanics.largest_turn import LARGEST_TURN
@@ -83,13 +83,13 @@ class Begun(NamedTuple):
     x: Array  # ω̂ and r̂ (3 + m,) as they are expected
 
 
-@jit
+@jit_apart
 def take_free_step(table: Array, u: Array) -> Step:
     """Takes a step of a body in a table (`frame_tables`) under u (p,)."""
     return _take(table, u, None)
 
 
-@jit
+@jit_apart
 def take_bent_free_step(table: Array, u: Array) -> Step:
     """The same of a body that deforms largely."""
     bent = bent_at(table)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_part
+from fenics_rom.compilation import jit_apart, jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, find_forces
 from fenics_rom.mechanics.compiled.contact_law import Law as ContactLaw
 from fenics_rom.mechanics.compiled.copying import copy
@@ -293,7 +293,7 @@ def _set_delassus(touch: Touch, factor: Array, spread: Array, W: Array) -> None:
                 W[i, j] += touch.R[i, j] / touch.whole
 
 
-@jit
+@jit_apart
 def take_step(
     body: Body,
     u: Array,

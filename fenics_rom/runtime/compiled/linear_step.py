@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_part
+from fenics_rom.compilation import jit_apart, jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, Law, find_forces
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import in_one_piece
@@ -78,7 +78,7 @@ class Step(NamedTuple):
     normal_power: float  # Σ λ s of the pairs, W
 
 
-@jit_part
+@jit_apart
 def step_in(
     space: Array,
     body: Body,

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_part
+from fenics_rom.compilation import jit, jit_apart, jit_part
 from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Found
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.runtime.compiled.bent_frame import Bending, remember_shape, restore_shape
@@ -53,13 +53,13 @@ from fenics_rom.runtime.compiled.touched_frame import (
 from fenics_rom.runtime.compiled.touching import Last
 
 
-@jit
+@jit_apart
 def take_touched_carried_step(table: Array, u: Array, base: Array, among: Among) -> Touched:
     """Takes a step among obstacles; the other arguments are as of `take_carried_step`."""
     return _take(table, u, base, among, None)
 
 
-@jit
+@jit_apart
 def take_touched_bent_carried_step(table: Array, u: Array, base: Array, among: Among) -> Touched:
     """The same of a body that deforms largely."""
     bent = bent_at(table)

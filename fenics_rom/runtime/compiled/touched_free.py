@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_part
+from fenics_rom.compilation import jit, jit_apart, jit_part
 from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Found
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.frame_contact import FEW_SWEEPS, SLOW
@@ -63,13 +63,13 @@ from fenics_rom.runtime.compiled.touched_frame import VELOCITY as KEPT
 from fenics_rom.runtime.compiled.touching import Last
 
 
-@jit
+@jit_apart
 def take_touched_free_step(table: Array, u: Array, among: Among) -> Touched:
     """Takes a step of a body in a table under u (p,) among obstacles; where it is OTHERWISE nothing is changed."""
     return _take(table, u, among, None)
 
 
-@jit
+@jit_apart
 def take_touched_bent_free_step(table: Array, u: Array, among: Among) -> Touched:
     """The same of a body that deforms largely."""
     bent = bent_at(table)

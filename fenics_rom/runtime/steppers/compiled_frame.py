@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import in_plain, or_numpy
+from fenics_rom.compilation import in_plain, jit, or_numpy
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.rom.contact_model import ContactModel
@@ -64,16 +64,16 @@ from fenics_rom.runtime.steppers.frame_watch import BENT, TURNED, FrameWatch
 # What takes a step, and steps in a row, by whether a base carries the body and whether that deforms largely; and the
 # same among obstacles.
 STEPS: dict[tuple[bool, bool], tuple[Callable[..., Step], Callable[..., tuple[int, Step]]]] = {
-    (False, False): (take_free_step, take_free_steps),
-    (True, False): (take_carried_step, take_carried_steps),
-    (False, True): (take_bent_free_step, take_bent_free_steps),
-    (True, True): (take_bent_carried_step, take_bent_carried_steps),
+    (False, False): (jit(take_free_step), take_free_steps),
+    (True, False): (jit(take_carried_step), take_carried_steps),
+    (False, True): (jit(take_bent_free_step), take_bent_free_steps),
+    (True, True): (jit(take_bent_carried_step), take_bent_carried_steps),
 }
 TOUCHED: dict[tuple[bool, bool], Callable[..., Touched]] = {
-    (False, False): take_touched_free_step,
-    (True, False): take_touched_carried_step,
-    (False, True): take_touched_bent_free_step,
-    (True, True): take_touched_bent_carried_step,
+    (False, False): jit(take_touched_free_step),
+    (True, False): jit(take_touched_carried_step),
+    (False, True): jit(take_touched_bent_free_step),
+    (True, True): jit(take_touched_bent_carried_step),
 }
 TOUCHED_STEPS: dict[bool, Callable[..., tuple[int, Touched]]] = {
     False: take_touched_free_steps,

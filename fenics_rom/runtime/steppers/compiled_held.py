@@ -6,15 +6,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import in_plain, or_numpy
+from fenics_rom.compilation import in_plain, jit, or_numpy
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
 from fenics_rom.mechanics.compiled_contact import CompiledContact
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
+from fenics_rom.runtime.compiled import held_step
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, HAS_TANGENT, MADE_TANGENT, strains_in
-from fenics_rom.runtime.compiled.held_step import Among, Body, Step, Touch, motion_in, take_step
+from fenics_rom.runtime.compiled.held_step import Among, Body, Step, Touch, motion_in
 from fenics_rom.runtime.compiled.held_steps import Taken, take_steps
 from fenics_rom.runtime.compiled.held_table import Noted, arrays_of, take_step_at
 from fenics_rom.runtime.compiled.strokes import Pull
@@ -37,6 +38,8 @@ from fenics_rom.runtime.steppers.deformation_maps import Expected
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.held_contact import HeldContact
 from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
+
+take_step = jit(held_step.take_step)
 
 
 class Beginning(NamedTuple):
