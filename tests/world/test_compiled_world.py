@@ -74,7 +74,7 @@ def test_the_law_of_pairs_is_that_of_numpy(seed):
     law = Law(H, 0.0, float(friction.max()), 0.0, 0.0, False, SWINGS)
     inverse = np.linalg.inv(W.T) if random.random() < 0.5 else np.empty((0, 0))
     known = in_one_piece(inverse)
-    status = contact_law.find_forces(law, np.ascontiguousarray(W.T), known, C, swung, pairs).status
+    status = jit(contact_law.find_forces)(law, np.ascontiguousarray(W.T), known, C, swung, pairs).status
     if status == OTHERWISE:
         assert asked.braking.swinging is not None
         return
