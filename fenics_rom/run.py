@@ -30,14 +30,15 @@ def simulate(
     rate: bool = False,
     stepper: str | None = None,
     step_error: float | None = None,
+    errors: bool | None = None,
     arc_length: bool = False,
     report: Report = silent,
 ) -> Trajectory:
     """Runs a model through a load history from rest.
 
     A scene, or the system assembled from it, is run at full order, which every MPI rank must call; a ROM is run
-    reduced, and a world with its ROMs. `scene`, `profile`, `rate`, `stepper` and `step_error` are for ROMs; a world
-    has `rate`, too; `arc_length` is for full order.
+    reduced, and a world with its ROMs. `scene`, `profile`, `rate`, `stepper`, `step_error` and `errors` are for ROMs; a
+    world has `rate`, too; `arc_length` is for full order.
 
     Args:
         model: what to run, or the name of the file of a scene, a world or a ROM.
@@ -53,6 +54,7 @@ def simulate(
         step_error: which error its steps may have, as a share of the largest displacement: the stepper is chosen that
             costs least of those that have it, as runs with whole and half steps measure; where none has, it is told
             which dt would do.
+        errors: whether the run is to state its own error, a bound and an estimate; None: if the ROM was made for that.
         arc_length: whether loads are to grow and shrink along the equilibrium path of a body that deforms largely and
             has no inertia, on beyond its limit points: from nothing to what the run has at its end, in as many steps as
             the run has, or fewer, the first with about an equal share. Beside them there is what always acts; `inputs`
@@ -78,7 +80,7 @@ def simulate(
         model = load(*reader)(model)
     if isinstance(model, WorldScene):
         refused: dict[str, Any] = {"scene": scene, "signals": signals, "profile": profile, "stepper": stepper}
-        refused |= {"step_error": step_error, "arc_length": arc_length}
+        refused |= {"step_error": step_error, "errors": errors, "arc_length": arc_length}
         given = [name for name, value in refused.items() if value]
         if given:
             raise SceneError(f"simulate: {', '.join(given)} cannot be used with a WorldScene")
@@ -87,7 +89,7 @@ def simulate(
         return run_world(model, dt, every, rate, report)
     of_any: dict[str, Any] = {"dt": dt, "every": every, "signals": signals, "report": report}
     of_roms: dict[str, Any] = {"scene": scene, "profile": profile, "rate": rate}
-    of_roms |= {"stepper": stepper, "step_error": step_error}
+    of_roms |= {"stepper": stepper, "step_error": step_error, "errors": errors}
     if isinstance(model, Rom):
         if arc_length:
             raise SceneError("simulate: arc_length cannot be used with a Rom; allowed with a Scene or a System")

@@ -217,6 +217,12 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
         lines[f"reading {name}"] = f"{reading.words}, {low:.4g} to {high:.4g} {reading.unit}"
         if reading.quantity == "stress":
             lines |= _stresses(name, reading)
+    scale = np.sqrt(2 * run.energy.max())
+    for kind, stated in run.errors.items():
+        share = f" ({100 * stated.norm.max() / scale:.2g} % of the run's largest)" if scale else ""
+        lines[f"error, {kind}"] = f"{stated.norm.max():.3g} J^1/2 in the energy norm{share}; {stated.why}"
+        for name, off in stated.outputs.items():
+            lines[f"error of {name}, {kind}"] = f"{np.abs(off).max():.3g} m in each direction"
     print_lines(lines, run.warnings)
     if run.profile:
         print()

@@ -16,7 +16,7 @@ from fenics_rom.scene.scene import LYAPUNOV, METHODS, SOLVERS, WEIGHTINGS
 
 SUMMARY = "reduce a scene, or matrices, to a ROM; runs under mpirun"
 KEPT_STAGES = ("contact modes", "training runs")  # of which ROM.h5.partial has what is finished
-CHOICES = ("order", "tolerance", "method", "switching", "weighting", "lyapunov", "share", "solver", "resume")
+CHOICES = ("order", "tolerance", "method", "switching", "weighting", "lyapunov", "share", "solver", "errors", "resume")
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -33,6 +33,12 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--lyapunov", choices=LYAPUNOV, help="route to the Gramians")
     command.add_argument("--share", type=float, help="of the covariance's trace, for --method eigenvector-selection")
     command.add_argument("--solver", choices=SOLVERS, default="auto", help="for the stiffness matrix")
+    command.add_argument(
+        "--errors",
+        action="store_true",
+        default=None,
+        help="make a ROM whose runs tell their errors: bound and estimate",
+    )
     command.add_argument("--resume", action="store_true", help="go on from what a killed run left in ROM.h5.partial")
 
 

@@ -14,7 +14,7 @@ from fenics_rom.run import is_rom_file
 from fenics_rom.scene.world_file import files_of_world, is_world_file
 
 SUMMARY = "run a scene at full order (also under mpirun), a ROM or a world through its load history"
-FOR_ROMS = ("scene", "order", "profile", "rate", "stepper", "step_error")  # options
+FOR_ROMS = ("scene", "order", "profile", "rate", "stepper", "step_error", "errors")  # options
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -47,6 +47,12 @@ def add_options(command: argparse.ArgumentParser) -> None:
         help="of large deformation: take the stepper that costs least of those whose steps have at most this error, as "
         "a share of the largest displacement, which is measured; where none has, tell which dt would do",
     )
+    group.add_argument(
+        "--errors",
+        action="store_true",
+        default=None,
+        help="tell the error of the run itself, a bound and an estimate, of a ROM that was made so: reduce --errors",
+    )
 
 
 def option(name: str) -> str:
@@ -75,7 +81,8 @@ def run(choice: argparse.Namespace) -> None:
             scene = fr.read_scene(choice.scene) if choice.scene else None
             check(*(scene.files if scene else ()))
             chosen = {
-                name: getattr(choice, name) for name in ("dt", "every", "profile", "rate", "stepper", "step_error")
+                name: getattr(choice, name)
+                for name in ("dt", "every", "profile", "rate", "stepper", "step_error", "errors")
             }
             trajectory = fr.simulate(rom, scene=scene, **chosen, report=report)
         elif is_world_file(choice.model):

@@ -86,6 +86,7 @@ class Run:
     initial: "InitialState | None" = None  # where it begins; None: at rest
     every: int = 1  # steps from one instant that is kept to the next
     detail: str = "full"  # of a moving frame, one of DETAILS
+    errors: bool = False  # whether a reduced run is to tell its error
 
 
 @dataclass(frozen=True)

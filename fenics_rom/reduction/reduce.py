@@ -24,6 +24,7 @@ from fenics_rom.reduction.balancing import choose_order, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.common_basis import CommonBasis
 from fenics_rom.reduction.eigenvectors import EigenvectorSelection
+from fenics_rom.reduction.error_model import check_errors_known, with_error_model
 from fenics_rom.reduction.hyperreduction.reduce import BASES, hyperreduce
 from fenics_rom.reduction.methods.balanced import balanced
 from fenics_rom.reduction.methods.modal import modal, modal_static
@@ -82,6 +83,7 @@ def reduce(
     share: float | None = None,
     cubature: float | None = None,
     solver: str = "auto",
+    errors: bool | None = None,
     checkpoint: str | Path | None = None,
     resume: bool = False,
     report: Report = silent,
@@ -116,13 +118,15 @@ def reduce(
         cubature: for large deformation, error of the forces of the points that are kept, relative.
         solver: for K: "direct" (a Cholesky factor), "iterative" (conjugate gradients with algebraic multigrid), or
             "auto": direct where the factor fits into the memory.
+        errors: whether runs are to know their errors: bounds and estimates, as `Simulator.error_bound` has them; None:
+            as the scene's run says. It takes solves with the damping matrix, too.
         checkpoint: folder that keeps what is finished, contact mode by contact mode; yours to remove when the ROM is
             written.
         resume: go on from what an earlier call left in `checkpoint`.
         report: called with the stage, how much of it is done, and of how much.
 
     Raises:
-        SceneError: no system, or a choice that does not exist or does not fit it.
+        SceneError: no system, or a choice that does not exist or does not fit it, or errors that cannot be known.
         SolverError: undamped motions, or a solver that did not deliver.
         FileError: a checkpoint of something else, or one that cannot be written.
 
@@ -157,6 +161,10 @@ def reduce(
     weighting = Text(WEIGHTINGS).check(_given(weighting, chosen.weighting), "weighting")
     lyapunov = Text(LYAPUNOV).check(_given(lyapunov, chosen.lyapunov), "lyapunov")
     solver = Text(SOLVERS).check(solver, "solver")
+    run = system.scene.run if system.scene else None
+    errors = check_flag("errors", _given(errors, run is not None and run.errors), SceneError)
+    if errors:
+        check_errors_known(system)
     checkpoint = None if checkpoint is None else path_in("checkpoint", checkpoint)
     resume = check_flag("resume", resume, SceneError)
     if switching == "oblique":
@@ -201,6 +209,8 @@ def reduce(
             rom = assemble_rom(problem, retained, contact_shapes(problem, retained), method=named)
         rom = with_moving_frame(problem, with_residual_compliance(problem, rom), whole)
         rom = with_rigid_modes(rom, whole)
+        if errors:
+            rom = with_error_model(problem, rom, whole)
     rom = _with_tied_components(rom, whole.body.unknowns)
     for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)

@@ -16,8 +16,8 @@ obstacles/NAME/              attribute `shape`; what describes it (point, normal
 self_contact/                attributes NAME, yes, of contact modes; absent where the body does not touch itself
 viscoelasticity/             ratios (b,), times (b,) s; absent where the material is elastic
 contact_law/                 restitution, friction (1,); stiffness N/m, damping N s/m (1,); absent without contact
-run/                         dt, duration (1,) s, snapshots (1,), every (1,); attribute detail, absent where
-                             it is full; absent where the scene has none
+run/                         dt, duration (1,) s, snapshots (1,), every (1,); attributes detail, absent where it is
+                             full, and errors (yes), absent where none are told; absent where the scene has none
     initial/                 equilibrium (1,), 0 or 1; the four motions (3,); absent where it is rest
         instant/             nodes, displacement, velocity (N, 3), of another run; may be absent
     loads/NUMBER/            attributes contact, actuator (one is empty); start, stop (1,) s; a signal
@@ -140,6 +140,8 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
         part = group.create_group("run")
         if run.detail != "full":
             put_text(part, detail=run.detail)
+        if run.errors:
+            put_text(part, errors=YES)
         put_arrays(part, RUN, {}, vars(run) | {"every": run.every if run.every > 1 else None})
         if run.initial is not None:
             start = part.create_group("initial")
@@ -266,7 +268,8 @@ def _run(group: h5py.Group) -> Run:
         applied.append(AppliedLoad(contact, actuator, **span, signal=signal))
     initial = _initial(get_group(group, "initial")) if "initial" in group else None
     numbers["every"] = numbers["every"] or 1
-    return Run(**numbers, loads=tuple(applied), initial=initial, detail=_word(group, "detail", DETAILS))
+    said: dict[str, Any] = {"detail": _word(group, "detail", DETAILS), "errors": "errors" in group.attrs}
+    return Run(**numbers, loads=tuple(applied), initial=initial, **said)
 
 
 def _initial(group: h5py.Group) -> "InitialState":

@@ -67,6 +67,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         wrenches/NAME (6, p)         of the inputs of a contact mode: force, N, and torque about the origin, N m
         torque_modes/NAME (p, 3, K)  what the shape adds to these torques, N/kg^1/2
         output_points/NAME (P, 3) m  of an output, at rest
+    error_model/                     what runs need to know their errors; absent if not asked for; rom.error_model_file
     readings/NAME/                   what else is read, absent where nothing is; attributes `quantity`, `of`
         rest (1,) m or m3           of a length or a volume
         nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes
@@ -134,7 +135,7 @@ ALIKE = {  # groups of arrays by name, each with sizes of its own
 GROUPS = ("outputs", "actuators", "contact_models", "contact_surfaces", "environment")
 MAYBE = (
     *("offline", "loads", "deformation", "force_validation", "readings", "points_between", "residual_compliance"),
-    *("moving_frame", "surfaces"),
+    *("moving_frame", "surfaces", "error_model"),
 )
 FORCE_RUN, FORCE_ERRORS = Entry("s", (2,)), Entry("1", (3,))
 BETWEEN = {"nodes": Entry("1", ("B", "c"), "i"), "weights": Entry("1", ("B", "c")), "gap": Entry("m", (1,))}
@@ -228,6 +229,10 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
         from fenics_rom.rom.moving_frame_file import put_moving_frame  # here, as few bodies move so far
 
         put_moving_frame(h5, rom.moving_frame)
+    if rom.error_model is not None:
+        from fenics_rom.rom.error_model_file import put_error_model  # here, as few runs tell their errors
+
+        put_error_model(h5, rom)
     _check_fit(rom)
     check_rom(rom)
 
@@ -273,6 +278,10 @@ def _take(h5: h5py.File) -> Rom:
         from fenics_rom.rom.moving_frame_file import take_moving_frame
 
         rom = replace(rom, moving_frame=take_moving_frame(h5))
+    if "error_model" in groups:
+        from fenics_rom.rom.error_model_file import take_error_model
+
+        rom = replace(rom, error_model=take_error_model(h5, rom))
     _check_fit(rom)
     return check_rom(rom)
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from fenics_rom.mechanics.readings import Reading
     from fenics_rom.rom.deformation import ReducedDeformation
+    from fenics_rom.rom.error_model import ErrorModel
     from fenics_rom.rom.moving_frame import MovingFrame
     from fenics_rom.rom.residual_compliance import ResidualCompliance
     from fenics_rom.rom.state_space import StateSpace
@@ -84,6 +85,7 @@ class Rom(ByContent):
         springs: what of the stiffness QᵀKQ is springs to the ground, which do not relax (k, k), 1/s²; None: nothing.
         moving_frame: of the shared basis' vectors that strain; None: the body turns but a little.
         surfaces: nodes (any,) of surfaces that have names, where there is contact.
+        error_model: what runs need to know their errors; None where that was not asked for.
 
     Example:
         >>> rom = fr.read_rom("plate.h5")
@@ -119,6 +121,7 @@ class Rom(ByContent):
     moving_frame: "MovingFrame | None" = None
     springs: Array | None = None
     surfaces: Mapping[str, Array] = field(default_factory=dict)
+    error_model: "ErrorModel | None" = None
 
     def __repr__(self) -> str:
         models, columns = self.contact_models, self.contacts

@@ -92,4 +92,5 @@ def without_rigid_motions(rom: Rom) -> Rom:
         stiffness=rom.stiffness[ρ:],
         outputs={name: rows[:, ρ:] for name, rows in rom.outputs.items()},
         readings=readings,
+        error_model=None,
     )

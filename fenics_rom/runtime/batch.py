@@ -44,9 +44,10 @@ class Batch(BatchedBodies):
     the rigid law of contact with residual compliance or without contact; held bodies of large deformation, and bodies
     that a base carries, without contact. All others are stepped one after another, each at the rate of a simulator,
     with the same results to the bit: without inertia, with strokes, friction of tendons, a material that relaxes,
-    springs in place of the rigid law, free bodies in moving frames, and what else `stepping` tells. Where numba is
-    installed, held bodies of small strains among obstacles, and those of large deformation by linearly implicit steps,
-    step compiled on several threads, by any law of contact, and each as a single one to the bit.
+    springs in place of the rigid law, errors that are kept, free bodies in moving frames, and what else `stepping`
+    tells. Where numba is installed, held bodies of small strains among obstacles, and those of large deformation by
+    linearly implicit steps, step compiled on several threads, by any law of contact, and each as a single one to the
+    bit.
 
     `bodies` in the methods are None (all), a mask (size,) or distinct indices; arrays are in the order 0 .. size - 1.
 
@@ -61,6 +62,7 @@ class Batch(BatchedBodies):
         signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of each body's time; as
             in Simulator.
         detail: of a moving frame, as in Simulator.
+        errors: whether to keep bound and estimate of each body's error, as in Simulator.
 
     Attributes:
         rom: the reduced model, of what acts in its scene.
@@ -91,6 +93,7 @@ class Batch(BatchedBodies):
         ledger: bool = False,
         signals: "Mapping[str, SignalLike] | None" = None,
         detail: str | None = None,
+        errors: bool | None = None,
     ):
         rom = given_rom("Batch", rom)
         if not (is_number(size, whole=True) and 0 < size <= MOST_BODIES):
@@ -98,10 +101,14 @@ class Batch(BatchedBodies):
         if not _is_dtype(dtype):
             raise StepError(f"dtype = {shown(dtype)}: allowed are float64 and float32")
         signals, ledger = mapping_in("signals", signals, StepError), check_flag("ledger", ledger, StepError)
-        self.size, self.dtype, self._why = int(size), np.dtype(dtype), _why_one_by_one(rom)
+        self._errors = errors if errors is None else check_flag("errors", errors, StepError)
+        keeps = bool(errors) or (errors is None and rom.error_model is not None)
+        self.size, self.dtype, self._why = int(size), np.dtype(dtype), "errors" if keeps else _why_one_by_one(rom)
         self._given, self._ledger, self._signals, self._detail = rom, ledger, signals, detail
         h = checked_dt(dt)
-        self._bodies = self._compiled(h) or (self._one_by_one(h) if self._why else self._together(h))
+        self._bodies = (None if keeps else self._compiled(h)) or (
+            self._one_by_one(h) if self._why else self._together(h)
+        )
         self.rom = self._bodies.rom
         self._shape = self.size, self.inputs
 
@@ -126,7 +133,8 @@ class Batch(BatchedBodies):
     def _one_by_one(self, dt: float) -> "SeparateBodies":
         from fenics_rom.runtime.separate_bodies import SeparateBodies  # here, as few scenes need it
 
-        return SeparateBodies(self._given, self.size, dt, self._ledger, self._signals, self._detail)
+        others = self._ledger, self._signals, self._detail, self._errors
+        return SeparateBodies(self._given, self.size, dt, *others)
 
     def __copy__(self) -> "Batch":
         return deepcopy(self)

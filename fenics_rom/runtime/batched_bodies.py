@@ -1,5 +1,6 @@
 """What can be read of a batch of bodies, in the words of their ROM."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,7 @@ from fenics_rom.runtime.batch_arrays import Bodies, select_bodies
 if TYPE_CHECKING:
     from fenics_rom.mechanics.base_path import BaseState
     from fenics_rom.runtime.compiled_bodies import CompiledBodies
+    from fenics_rom.runtime.error_watch import StatedError
     from fenics_rom.runtime.joint_bodies import JointBodies
     from fenics_rom.runtime.separate_bodies import SeparateBodies
 
@@ -48,6 +50,38 @@ class BatchedBodies:
     def steps(self) -> int:
         """Number of steps the batch has taken."""
         return self._bodies.steps
+
+    @property
+    def error_bound(self) -> "StatedError":
+        """As of a simulator, of all bodies: `norm` (size,), and of outputs (size, ...).
+
+        Raises:
+            StepError: it is not known.
+        """
+        return self._stated("error_bound")
+
+    @property
+    def error_estimate(self) -> "StatedError":
+        """As of a simulator, of all bodies: `norm` (size,), and of outputs (size, ...).
+
+        Raises:
+            StepError: it is not known.
+        """
+        return self._stated("error_estimate")
+
+    def _stated(self, what: str) -> "StatedError":
+        bodies = getattr(self._bodies, "bodies", None)
+        if bodies is None:
+            raise StepError(
+                f"errors are not known: allowed is a ROM of fr.reduce(system, errors=True), which {self.rom.name!r} is "
+                "not, or errors = False was given"
+            )
+        stated = [getattr(body, what) for body in bodies]
+
+        def of_output(name: str) -> Array:
+            return np.array([each.output(name) for each in stated])
+
+        return replace(stated[0], norm=np.array([each.norm for each in stated]), outputs=of_output)
 
     @property
     def inputs(self) -> int:

@@ -51,7 +51,7 @@ def fit_environment(
         residual = rom.residual_compliance
         residual = None if residual is None else replace(residual, damping=0.0)
         frame = rom.moving_frame if rom.moving_frame is None else replace(rom.moving_frame, dashpots=None)
-        rom = replace(rom, contact_models=undamped, residual_compliance=residual, moving_frame=frame)
+        rom = replace(rom, contact_models=undamped, residual_compliance=residual, moving_frame=frame, error_model=None)
     if "large_deformation" not in environment.effects:
         rom = replace(rom, deformation=None)
     active = ActiveEnvironment(environment, rom.loads, signals)

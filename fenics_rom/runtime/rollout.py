@@ -356,6 +356,8 @@ class Rollout:
                 highest = int(squares.argmax())
                 body.watch(starts[highest, :order], squares[highest], body.time + highest * block.length * body.dt)
                 body.steps += steps
+                if body.errors is not None:
+                    body.errors.note(body.contact, body.dt, u[:steps])
                 rows.append(outputs.reshape(steps // every, width))
                 u = u[steps:]
         return rows

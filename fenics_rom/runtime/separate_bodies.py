@@ -57,10 +57,17 @@ class SeparateBodies:
     input_limit, dtype = 1e75, np.dtype(float)
 
     def __init__(
-        self, rom: Rom, size: int, dt: float, ledger: bool, signals: "Mapping[str, SignalLike]", detail: str | None
+        self,
+        rom: Rom,
+        size: int,
+        dt: float,
+        ledger: bool,
+        signals: "Mapping[str, SignalLike]",
+        detail: str | None,
+        errors: bool | None,
     ):
-        first = Simulator(rom, dt, ledger=ledger, signals=signals, detail=detail)
-        self.bodies = [first, *(copy(first) for _ in range(size - 1))]
+        first = Simulator(rom, dt, ledger=ledger, signals=signals, detail=detail, errors=errors)
+        self.bodies = _copies([first] * size)
         self.rom, self.steps, self.frozen = first.rom, 0, np.zeros(size, bool)
         law = first.rom.environment.contact_law
         self._friction = np.full(size, 0.0 if law is None else law.friction)
@@ -69,7 +76,7 @@ class SeparateBodies:
 
     def __deepcopy__(self, memo: object) -> "SeparateBodies":
         other = copy(self)
-        other.bodies = [copy(body) for body in self.bodies]
+        other.bodies = _copies(self.bodies)
         other.frozen, other._goes = self.frozen.copy(), self._goes.copy()
         other.friction = self._friction
         return other
@@ -363,3 +370,12 @@ class SeparateBodies:
         """What of an input is a body's, without columns that only other contact modes have."""
         own = self._widths[body.nearest_contact] if min(self._widths.values()) < most else most
         return u if own == most else np.concatenate([u[:own], u[most:]])
+
+
+def _copies(bodies: list[Simulator]) -> list[Simulator]:
+    """Of bodies of one ROM, which share the maps of its errors."""
+    copies = [copy(body) for body in bodies]
+    for body in copies:
+        if body.errors is not None and bodies[0].errors is not None:
+            body.errors.maps = bodies[0].errors.maps
+    return copies

@@ -1,13 +1,36 @@
 """Fields of nodes in the coordinates of a contact mode, and what its basis has not of them."""
 
+import warnings
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError, shown
-from fenics_rom.mechanics.initial_state import missing_share
+from fenics_rom.errors import FenicsRomWarning, StepError, shown
+from fenics_rom.mechanics.initial_state import lost_messages, missing_share
+from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.rom import Rom
+
+Simulator = Any  # fenics_rom.runtime.simulator's, which imports this file
+
+
+def put_into_shape(body: Simulator, displacement: Array, velocity: Array | None) -> dict[str, float]:
+    """As Simulator.set_shape."""
+    given = {"displacement": displacement, "velocity": velocity}
+    fields = {name: real_numbers_or_nan(field) for name, field in given.items() if field is not None}
+    coordinates, lost = project_fields(body.rom, body.contact, fields)
+    messages = lost_messages(lost, f"ROM {body.rom.name!r}")
+    before, at_rest = body.save(), np.zeros_like(coordinates["displacement"])
+    body.state = coordinates["displacement"], coordinates.get("velocity", at_rest)
+    try:
+        body.check_outside_obstacles()
+    except StepError:
+        body.restore(before)
+        raise
+    for message in messages:
+        warnings.warn(message, FenicsRomWarning, stacklevel=3)
+    return lost
 
 
 def project_fields(rom: Rom, contact: str, fields: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, float]]:

@@ -4,6 +4,7 @@ import time
 import warnings
 from collections.abc import Callable, Container, Iterator, Mapping
 from itertools import islice
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -36,6 +37,7 @@ def simulate(
     rate: bool = False,
     stepper: str | None = None,
     step_error: float | None = None,
+    errors: bool | None = None,
     report: Report = silent,
 ) -> Trajectory:
     """Runs a ROM through a load history from rest: `fenics_rom.simulate` of a ROM, where arguments and errors are."""
@@ -44,7 +46,7 @@ def simulate(
     signals, reason = mapping_in("signals", signals, SceneError), ""
     if step_error is not None:
         stepper, reason = _by_error(rom, scene, dt, every, signals, stepper, step_error)
-    environment, history, fresh = _prepared(rom, scene, dt, every, signals, stepper)
+    environment, history, fresh = _prepared(rom, scene, dt, every, signals, stepper, errors)
     body, lost = fresh()
     recorder = TrajectoryRecorder(
         rom,
@@ -56,7 +58,8 @@ def simulate(
     )
     recorder.sample(0, body)
     monitor = TimeStepMonitor()
-    run = _run_in_blocks if body.steps_in_blocks and not history.automatic else _run_step_by_step
+    in_blocks = body.steps_in_blocks and not history.automatic and body.errors is None  # these are read after each
+    run = _run_in_blocks if in_blocks else _run_step_by_step
     run(body, history, recorder, monitor, report)
     return recorder.record(
         name=rom.name,
@@ -188,6 +191,7 @@ def _prepared(
     every: int | None,
     signals: Mapping[str, SignalLike] | None,
     stepper: str | None,
+    errors: bool | None = None,
 ) -> tuple[Environment, LoadHistory, Callable[[], tuple[Simulator, list[str]]]]:
     """What acts in the run, the inputs of its steps, and what makes a simulator at its start, and says what it lost."""
     if len(rom.nodes) == 0:
@@ -196,7 +200,8 @@ def _prepared(
     history = LoadHistory(environment, rom.contacts, rom.actuators, dt, every)
 
     def fresh() -> tuple[Simulator, list[str]]:
-        simulator = Simulator(rom, history.dt, scene=scene, signals=signals, stepper=stepper)
+        said: dict[str, Any] = {"scene": scene, "signals": signals, "stepper": stepper, "errors": errors}
+        simulator = Simulator(rom, history.dt, **said)
         simulator.switch(history.first_contact())
         return simulator, begin(simulator, rom, environment, history)
 

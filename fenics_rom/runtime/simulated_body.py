@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ObstacleState
     from fenics_rom.mechanics.skin_watch import Told
     from fenics_rom.runtime.environment_inputs import EnvironmentInputs
+    from fenics_rom.runtime.error_watch import ErrorState
     from fenics_rom.runtime.skin_looks import SkinLooks
 
 
@@ -60,6 +61,7 @@ class SimulatorState:
     obstacles: "ObstacleState | None" = None  # None where nothing acts by itself
     told: "tuple[Told, ...]" = ()  # what went through the skin
     belongs: "Belongs | None" = None  # what it is a state of
+    errors: "ErrorState | None" = None  # None where none are kept
 
 
 class SimulatedBody(ContactReadings):

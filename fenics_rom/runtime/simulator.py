@@ -1,7 +1,6 @@
 """A soft body in real time: the reduced model of the active contact mode, stepped, switched and accounted for."""
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from copy import copy
 from typing import TYPE_CHECKING, Any
@@ -10,15 +9,15 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.arguments import check_flag, mapping_in
-from fenics_rom.errors import FenicsRomWarning, StepError, check_known, unknown
+from fenics_rom.errors import StepError, check_known, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.mechanics.signals import real_numbers, real_numbers_or_nan
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.erring_body import ErringBody
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
-from fenics_rom.runtime.moving_body import MovingBody
 from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.steppers.selection import make_stepper
 from fenics_rom.runtime.switching import SwitchLoss
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
 _FLOAT = np.dtype(float)
 
 
-class Simulator(MovingBody):
+class Simulator(ErringBody):
     """Steps a ROM from rest, beginning in its first contact mode.
 
     Loads and obstacles of the scene act by themselves. Where its contact switches automatically, the contact mode is
@@ -54,11 +53,13 @@ class Simulator(MovingBody):
         stepper: of a body with large deformation: "newton" (for large steps) or "linearly-implicit" (for small ones);
             None: the one that suits dt.
         detail: of a moving frame: "full", or "quasi-rigid", with inertia of the shape at rest; None: as the scene says.
+        errors: whether to keep bound and estimate of the error; None: if the ROM was made for that.
 
     Attributes:
         steps: number of steps taken.
         ledger: the energy account, or None.
         loss: the switch that lost most, where an account is kept.
+        errors: what keeps bound and estimate of the error; None where they are not kept.
         environment: the loads and obstacles that act by themselves; None where there are none.
 
     Raises:
@@ -84,9 +85,10 @@ class Simulator(MovingBody):
         signals: "Mapping[str, SignalLike] | None" = None,
         stepper: str | None = None,
         detail: str | None = None,
+        errors: bool | None = None,
     ):
         rom, signals = given_rom("Simulator", rom), mapping_in("signals", signals, StepError)
-        self._origin = rom, scene, signals, stepper, detail
+        self._origin = rom, scene, signals, stepper, detail, errors
         self.environment: ActiveEnvironment | None = None
         self._source = None
         if not rom.environment.is_plain or scene is not None or signals:  # others start sooner without this import
@@ -103,6 +105,7 @@ class Simulator(MovingBody):
         self._monitor, self.tensions = LinearityMonitor(rom, self._rigid_displacement), TensionWatch(rom)
         self._output_rows: dict[tuple[str, str], Array] = {}
         self._rollout: Rollout | None = None
+        self._watch_errors(errors)
         self._enter()
         self._watch_skin()
 
@@ -131,6 +134,7 @@ class Simulator(MovingBody):
         if len(given) != 2 or any(part.shape != shape or not np.isfinite(part).all() for part in given):
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
         self._stepper.set_state(*given)
+        self._begin_errors()
         if self._skin is not None:
             self._skin.forget()
 
@@ -148,23 +152,9 @@ class Simulator(MovingBody):
             StepError: wrong shapes, numbers that are not finite, or a body in an obstacle; the state is as it was.
             SceneError: the basis has less than a half of one.
         """
-        from fenics_rom.mechanics.initial_state import lost_messages  # here, as not everyone sets one
-        from fenics_rom.runtime.shape_projection import project_fields
+        from fenics_rom.runtime.shape_projection import put_into_shape  # here, as not everyone sets one
 
-        given = {"displacement": displacement, "velocity": velocity}
-        fields = {name: real_numbers_or_nan(field) for name, field in given.items() if field is not None}
-        coordinates, lost = project_fields(self.rom, self.contact, fields)
-        messages = lost_messages(lost, f"ROM {self.rom.name!r}")
-        before = self.save()
-        self.state = coordinates["displacement"], coordinates.get("velocity", np.zeros(self._order))
-        try:
-            self.check_outside_obstacles()
-        except StepError:
-            self.restore(before)
-            raise
-        for message in messages:
-            warnings.warn(message, FenicsRomWarning, stacklevel=2)
-        return lost
+        return put_into_shape(self, displacement, velocity)
 
     def switch(self, contact: str) -> None:
         """Makes another contact mode active; the state is projected, and never gains energy by it.
@@ -320,6 +310,7 @@ class Simulator(MovingBody):
         self._stepper.reset()
         if self.environment is not None:
             self.environment.reset()
+        self._begin_errors()
         self._go_on(SwitchLoss(), SurfaceStrainPeak(), ())
 
     def save(self) -> SimulatorState:
@@ -328,8 +319,9 @@ class Simulator(MovingBody):
         sums = None if self.ledger is None else self.ledger.sums
         obstacles = None if self.environment is None else self.environment.state
         told = () if self._skin is None else self._skin.watch.told
+        errors = None if self.errors is None else self.errors.state
         when, peak, belongs = (self._dt, self.steps, self._since), self.surface_peak, self._belongs
-        return SimulatorState(self.contact, *when, stepper, sums, peak, self.loss, obstacles, told, belongs)
+        return SimulatorState(self.contact, *when, stepper, sums, peak, self.loss, obstacles, told, belongs, errors)
 
     def restore(self, state: SimulatorState) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
@@ -347,6 +339,7 @@ class Simulator(MovingBody):
         self._stepper.restore(state.contact, state.stepper, state.dt)
         if self.environment is not None and state.obstacles is not None:
             self.environment.state = state.obstacles
+        self._begin_errors(state.errors)
         self._go_on(state.loss, state.surface_peak, state.told)
 
     def _go_on(self, loss: SwitchLoss, peak: SurfaceStrainPeak, told: "tuple[Told, ...]") -> None:
@@ -382,11 +375,13 @@ def _revived(
     signals: "Mapping[str, SignalLike] | None",
     stepper: str | None,
     detail: str | None,
+    errors: bool | None,
     given: "Mapping[str, SignalLike]",
     state: SimulatorState,
 ) -> Simulator:
     ledger = state.sums is not None
-    simulator = Simulator(rom, state.dt, ledger=ledger, scene=scene, signals=signals, stepper=stepper, detail=detail)
+    said: dict[str, Any] = {"scene": scene, "signals": signals, "stepper": stepper, "detail": detail, "errors": errors}
+    simulator = Simulator(rom, state.dt, ledger=ledger, **said)
     for name, signal in given.items():  # after the start: an obstacle may since have gone where the body was
         simulator.set_signal(name, signal)
     simulator.restore(state)

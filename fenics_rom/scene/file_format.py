@@ -9,7 +9,7 @@ from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import Angle, Effects, constant_signal
 from fenics_rom.scene.places import Held, Patch, PlaceItem
 from fenics_rom.scene.scene import INTEGRATIONS, Elasticity, Material, Output, ReadingEntry, Reduction
-from fenics_rom.scene.values import Items, Metres, Name, Number, Table, Text
+from fenics_rom.scene.values import Flag, Items, Metres, Name, Number, Table, Text
 
 Group = Annotated[int, Number(integer=True, at_least=0)]
 InputValue = Annotated[float, Number(unit="N")]
@@ -120,6 +120,9 @@ class RunTable:
         'of a moving frame, how its inertia follows the shape: "full", or "quasi-rigid", that of the shape at rest: '
         "cheaper, and good for stubby bodies that turn slowly",
     ] = "full"
+    errors: Annotated[
+        bool, Flag(), "whether a reduced run is to tell its error: a bound, and an estimate; of small strains"
+    ] = False
     initial: Annotated[Initial | None, "where it begins, if not at rest"] = None
     load: Annotated[tuple[LoadEntry, ...], Items(), "what acts on contact modes and actuators"] = ()
 

@@ -35,6 +35,8 @@ shapes, N nodes, F triangles, P points of an output.
     bodies/NAME/                     of a world: pose (S, 7) m and 1, velocity (S, 6) m/s and rad/s, energy, supplied,
                                      dissipated, exchanged (S,) J, rows (2,) of its nodes; attribute `kind`; forces are
                                      then of pairs of bodies, FIRST-SECOND on the first
+    errors/bound/, errors/estimate/  of a reduced run that stated its own; attribute `why`; may be absent
+        norm (S,) J^1/2, outputs/NAME (S, P, 3) m
     profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
 
 Format 2.0 named the snapshots anew; files of format 1.x are read, too. Those of 1.0 and 1.1 name no effects, and have
@@ -59,6 +61,7 @@ from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of, shape_of
 from fenics_rom.trajectory.bodies import put_bodies, take_bodies
 from fenics_rom.trajectory.contact_snapshots import CONTACT, contact_arrays, take_contact
+from fenics_rom.trajectory.error_series import ErrorSeries
 from fenics_rom.trajectory.series_file import check_series, put_series, take_series
 from fenics_rom.trajectory.trajectory import CONTACT_ACCOUNT, Trajectory
 
@@ -96,8 +99,9 @@ ALIKE = {  # groups of arrays by name, each with sizes of its own beside those o
     "tendons": Entry("m", ("K", 3)),
     "reactions": Entry("N or Pa", ("S",)),
 }
-GROUPS = (*("settings", "obstacles", "profile", "inputs", "readings", "bodies"), *ALIKE)
+GROUPS = (*("settings", "obstacles", "profile", "inputs", "readings", "bodies", "errors"), *ALIKE)
 MOTION = {"motion": Entry("m", ("s", 3)), "turn": Entry("1", ("s", 4), optional=True)}
+ERROR_NORM, ERROR_KINDS = {"norm": Entry("J^1/2", ("S",))}, ("bound", "estimate")
 SECONDS_PER_STEP = Entry("s", (1,))
 
 
@@ -171,6 +175,11 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
         for number, (name, seconds) in enumerate(run.profile.items()):
             hdf5.put_arrays(profile, {str(number): SECONDS_PER_STEP}, sizes, {str(number): seconds})
             hdf5.put_text(profile[str(number)], name=name)
+    for kind, stated in run.errors.items():
+        part = h5.require_group("errors").create_group(kind)
+        hdf5.put_text(part, why=stated.why)
+        hdf5.put_arrays(part, ERROR_NORM, sizes, vars(stated))
+        hdf5.put_each(part, "outputs", ALIKE["outputs"], stated.outputs, sizes)
     put_series(h5, run, sizes)
     if run.bodies:
         put_bodies(h5, run.bodies, sizes)
@@ -206,6 +215,7 @@ def _take(h5: h5py.File) -> Trajectory:
         readings=readings,
         bodies=take_bodies(groups["bodies"], sizes),
         touched=take_contact(arrays, sizes["N"]),
+        errors={kind: _take_errors(hdf5.get_group(groups["errors"], kind), sizes) for kind in groups["errors"]},
         **alike,
         **arrays,
     )
@@ -226,6 +236,13 @@ def _take_obstacle(group: h5py.Group, sizes: Sizes) -> tuple[Obstacle, Array]:
 def _dimensions(shape: str) -> dict[str, Entry]:
     """What describes an obstacle of a shape."""
     return {name: Entry(*of) for name, of in dimensions_of(shape).items()}
+
+
+def _take_errors(group: h5py.Group, sizes: Sizes) -> ErrorSeries:
+    check_known("kind of error", group.name.rpartition("/")[2], ERROR_KINDS, FileError)
+    norm = hdf5.get_record(group, ERROR_NORM, sizes, ("outputs",))["norm"]
+    outputs = hdf5.get_each(hdf5.get_group(group, "outputs"), ALIKE["outputs"], sizes)
+    return ErrorSeries(hdf5.get_text(group, "why"), norm, outputs)
 
 
 def _take_profile(group: Any) -> dict[str, float]:

@@ -17,6 +17,7 @@ from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.readings import Reading
 from fenics_rom.trajectory.bodies import BodyTrack
 from fenics_rom.trajectory.contact_snapshots import ContactSnapshots
+from fenics_rom.trajectory.error_series import ErrorSeries, error_series, stated_numbers
 from fenics_rom.trajectory.series import FRAME_SERIES, ReadingSeries, Series, input_series, reading_series
 
 NOTHING = np.empty(0)
@@ -76,6 +77,7 @@ class Trajectory:
         bodies: of a world, by name; snapshots are then of the surfaces of all of them, one after another, nodes where
             these are at the start, and forces of pairs of bodies, FIRST-SECOND on the first.
         momentum: (steps + 1, 6): N s, and angular momentum about the frame's origin, N m s, in world axes.
+        errors: of a reduced run that stated its own, "bound" and "estimate".
 
     Example:
         >>> run = fr.read_trajectory("run.h5")
@@ -119,6 +121,7 @@ class Trajectory:
     momentum: Array | None = None
     bodies: Mapping[str, BodyTrack] = field(default_factory=dict)
     touched: NodalContact | None = None
+    errors: Mapping[str, ErrorSeries] = field(default_factory=dict)
 
     @property
     def frame_series(self) -> dict[str, Series]:
@@ -238,6 +241,7 @@ class TrajectoryRecorder:
         self._loads: Mapping[str, int] = {}
         self._inputs = NOTHING
         self._series: dict[str, dict[str, Array]] = {}
+        self._why: dict[str, str] = {}  # errors are bounds or estimates
         self._dt, self._every, self._is_moving = dt, every, environment.is_moving
         self._kept = np.union1d(np.arange(0, steps + 1, every), steps)
         instants = len(self._kept)
@@ -317,6 +321,9 @@ class TrajectoryRecorder:
             "reactions": body.reactions,
             "frame": {name: np.concatenate(parts[:2]) for name, parts in self._frame_of(body).items()},
         }
+        stated = getattr(body, "stated_errors", {})
+        now |= stated_numbers(stated)
+        self._why = {kind: error.why for kind, error in stated.items()}
         for kind, named in now.items():
             if row == 0:
                 zeros = {name: np.zeros((len(self._kept), *np.shape(value))) for name, value in named.items()}
@@ -376,6 +383,7 @@ class TrajectoryRecorder:
             touched=self._touched.kept,
             inputs=input_series(self._contact, self._inputs, *self._input_columns, self._loads, self._units),
             readings=readings,
+            errors=error_series(self._why, series),
             **frame,
             **series,
         )

@@ -31,7 +31,7 @@ COMMANDS = {
     "mesh": ["--size", "--glue", "--scale", "--output"],
     "reduce": [
         *("--order", "--tolerance", "--switching", "--weighting", "--lyapunov", "--share", "--output"),
-        *("--method", "--solver", "--resume"),
+        *("--method", "--solver", "--errors", "--resume"),
         *("--mass", "--stiffness", "--damping", "--rayleigh", "--contact", "--actuator", "--observe"),
         *("--nodes", "--frame", "--units"),
     ],
@@ -44,6 +44,7 @@ COMMANDS = {
         "--rate",
         "--stepper",
         "--step-error",
+        "--errors",
         "--arc-length",
         "--output",
     ],

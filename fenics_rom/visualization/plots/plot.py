@@ -43,7 +43,8 @@ def plot(
     """Draws what there is to see of a ROM or of runs.
 
     Of runs: the energy account ("energy"), against time each output ("output_NAME"), each input that changes
-    ("input_NAME") and each reading ("reading_NAME"), and the forces of obstacles ("forces"). Of a ROM: its Hankel
+    ("input_NAME") and each reading ("reading_NAME"), the forces of obstacles ("forces"), and what a run states of its
+    error ("error", and bands of outputs). Of a ROM: its Hankel
     singular values ("sigma") and frequency responses ("response").
 
     Args:

@@ -29,6 +29,7 @@ CONTACT_LEDGER_LABELS = {
 }
 NUMERICAL_LABEL = {"numerical": "numerical"}  # of steps without inertia
 AXES = "xyz"
+ERROR_BANDS = {"bound": 0.15, "estimate": 0.4}  # how opaque
 UNDERLYING_LINE: dict[str, Any] = {"linestyle": "-", "linewidth": 3.0, "alpha": 0.35}
 LONG_LABEL_LETTERS = 18  # three such labels are wider than a panel
 MAX_MARKED_SWITCHES = 30
@@ -41,6 +42,8 @@ def run_panels(runs: Runs) -> dict[str, Panel]:
     panels |= {f"output_{name}": partial(_draw_output, runs=runs, name=name) for name in outputs}
     if any(run.forces for run in runs.values()):
         panels["forces"] = partial(_draw_forces, runs=runs)
+    if any(run.errors for run in runs.values()):
+        panels["error"] = partial(_draw_error, runs=runs)
     inputs = dict.fromkeys(  # but for what is the same in all steps, as gravity
         name for run in runs.values() for name, u in run.inputs.items() if (u.values[1:] != u.values[1]).any()
     )
@@ -77,10 +80,28 @@ def _account(run: Trajectory) -> dict[str, Array]:
 
 
 def _draw_output(figure: Any, runs: Runs, name: str) -> None:
-    """The three components of an output."""
+    """The three components of an output, and bands of what a run states of its error."""
     shown = {label: run for label, run in runs.items() if name in run.outputs}
     values = [run.outputs[name] for run in shown.values()]
-    _draw_values(figure, shown, values, "m", AXES, "displacement", f"output {name}")
+    bands = [
+        {kind: of.outputs[name] for kind, of in run.errors.items() if name in of.outputs} for run in shown.values()
+    ]
+    _draw_values(figure, shown, values, "m", AXES, "displacement", f"output {name}", bands)
+
+
+def _draw_error(figure: Any, runs: Runs) -> None:
+    """What runs state of their error in the energy norm, as a share of the largest that each had."""
+    axes = figure.subplots()
+    shown = {label: run for label, run in runs.items() if run.errors}
+    time, colours = _draw_time_axis(axes, shown), {kind: f"C{k}" for k, kind in enumerate(ERROR_BANDS)}
+    for line, run in zip(_line_styles(shown), shown.values(), strict=True):
+        scale = np.sqrt(2 * run.energy.max()) or 1.0
+        for kind, stated in run.errors.items():
+            axes.semilogy(
+                time * run.times, np.where(stated.norm > 0, stated.norm / scale, np.nan), color=colours[kind], **line
+            )
+    _draw_legend(figure, axes, colours, shown)
+    axes.set(ylabel="error in the energy norm (1)", title="error that the run states")
 
 
 def _draw_input(figure: Any, runs: Runs, name: str) -> None:
@@ -128,9 +149,19 @@ def _draw_reading(figure: Any, runs: Runs, name: str) -> None:
 
 
 def _draw_values(
-    figure: Any, runs: Runs, values: list[Array], unit: str, components: Sequence[str], words: str, title: str
+    figure: Any,
+    runs: Runs,
+    values: list[Array],
+    unit: str,
+    components: Sequence[str],
+    words: str,
+    title: str,
+    bands: Sequence[Mapping[str, Array]] = (),
 ) -> None:
-    """Values (S, points, components) of each run against time; of several points their mean, and their range."""
+    """Values (S, points, components) of each run against time; of several points their mean, and their range.
+
+    `bands`: of each run, by ERROR_BANDS, how far off they may be, like the values.
+    """
     axes = figure.subplots()
     scale, shown_unit = prefixed(unit, max(np.abs(of_run).max() for of_run in values))
     time = _draw_time_axis(axes, runs)
@@ -140,6 +171,16 @@ def _draw_values(
             if component.shape[1] > 1:
                 low, high = component.min(axis=1), component.max(axis=1)
                 axes.fill_between(time * run.times, low, high, color=f"C{k}", alpha=0.2, linewidth=0)
+    low, high = axes.get_ylim()
+    for run, of_run, of_bands in zip(runs.values(), values, bands or [{}] * len(values), strict=True):
+        for kind, off in of_bands.items():
+            for k, component in enumerate(scale * of_run.mean(axis=1).T):
+                band = scale * np.abs(off).mean(axis=1)[:, k]
+                edges = component - band, component + band
+                axes.fill_between(time * run.times, *edges, color=f"C{k}", alpha=ERROR_BANDS[kind], linewidth=0)
+    axes.set_ylim(*np.clip(axes.get_ylim(), low - (high - low), high + (high - low)))
+    for kind in dict.fromkeys(kind for of_bands in bands for kind in of_bands):
+        axes.fill_between([], [], color="0.5", alpha=ERROR_BANDS[kind], linewidth=0, label=f"± {kind}")
     points = max(of_run.shape[1] for of_run in values)
     of = f" (mean and range of {points} points)" if points > 1 else ""
     if components or len(runs) > 1:
@@ -199,5 +240,5 @@ def _draw_legend(figure: Any, axes: Any, colours: Mapping[str, str], runs: Runs)
     for label, run in runs.items():
         if run.beyond_training:
             axes.plot([], [], " ", label=f"{label}: beyond its training")
-    longest = max(len(line.get_label()) for line in axes.get_lines())
+    longest = max(map(len, axes.get_legend_handles_labels()[1]))
     figure.legend(loc="outside lower center", ncols=3 if longest < LONG_LABEL_LETTERS else 2)

@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -29,6 +29,18 @@ from fenics_rom.visualization.viewer.surface import (
     reading_words,
     surface_fields,
 )
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.error_watch import StatedError
+
+
+def error_words(stated: "Mapping[str, StatedError]") -> list[str]:
+    """What a body states of its error, a line for each kind: in the energy norm, and the largest of each output."""
+    return [
+        f"error, {kind}: {of.norm:.2g} J^½"
+        + "".join(f" · {name} {with_unit(float(np.abs(of.output(name)).max()), 'm')}" for name in of.names)
+        for kind, of in stated.items()
+    ]
 
 
 class LivePage(LiveLoop):
@@ -178,6 +190,7 @@ class LivePage(LiveLoop):
             f"contact mode: **{body.simulator.contact}** · order {body.order}",
             f"damping: {100 * ratio:.2g} % of critical at {frequency:.3g} Hz",
         ]
+        lines += error_words(body.simulator.stated_errors)
         numbers = [name for name, reading in body.rom.readings.items() if reading.quantity in OFF_SURFACE]
         lines += reading_words({name: body.reading(name) for name in numbers}, 0)
         units = body.rom.environment.force_units

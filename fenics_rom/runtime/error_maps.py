@@ -1,0 +1,105 @@
+"""Steps of the finer model in blocks, and the norm of its residual over them; see rom.error_model.
+
+A step of a linear model is linear in z = [e, r, u], and so is its residual: ρᵀD⁻¹ρ = |F z|². Over a block of steps the
+sum of all of them is one such square, too, of z = [e, r, u_1, ..., u_L], and F a triangle of so many columns.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.rom.error_model import ErrorModel
+from fenics_rom.rom.midpoint_map import compliance, matrices
+from fenics_rom.rom.rom import Rom
+
+LONGEST = 128  # steps of a block
+SPREAD = 6  # numbers of inputs in a block, for each of the finer model
+MAX_KEPT = 32  # maps of step sizes that never come back must not pile up
+PARTS = 4  # in which a triangle is multiplied, so that most of its zeros are not
+FEW = 8  # rows that are not worth that
+
+
+class Block(NamedTuple):
+    """What steps of the finer model make of its state [e, r] (2f,) and of their inputs."""
+
+    length: int  # L
+    carry: Callable[[Array, Array], Array]  # product with (2f, 2f), and where to put it
+    push: Array  # (p L, 2f)
+    residual: Array  # F (any, 2f + p L), upper triangular, W^1/2
+
+
+def residual_map(errors: ErrorModel, contact: str, h: float) -> Array:
+    """F (any, 2f + p), upper triangular: |F z|² is ρᵀD⁻¹ρ, W, of a step of h s that begins with z = [e, r, u]."""
+    model = errors.finer_model(contact)
+    f, p = model.inputs.shape
+    ω, a = np.sqrt(model.eigenvalues), compliance(model, h)[0]
+    e, r, u = np.split(np.eye(2 * f + p), [f, 2 * f])
+    driven = model.inputs @ u + 2 / h * r - ω[:, None] * e
+    v = a[:, None] * driven if a.ndim == 1 else a @ driven
+    q = e / model.safe_frequencies[:, None] + h / 2 * v
+    rows = errors.residual_inputs[contact] @ u - errors.residual_damping @ v - errors.residual_stiffness @ q
+    return triangular(rows)
+
+
+def triangular(rows: Array) -> Array:
+    """F (any, c), upper triangular, with |F z|² = |rows z|²; not from a Gram matrix, which loses half the digits."""
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def squared_length(F: Array, z: Array) -> float:
+    """Sum of |F z|² over rows z (n, c) of a triangle F (any, c)."""
+    total, height = 0.0, len(F) if len(z) < FEW else max(1, -(-len(F) // PARTS))
+    for first in range(0, len(F), height or 1):
+        product = z[:, first:] @ F[first : first + height, first:].T
+        total += float(np.vdot(product, product))
+    return total
+
+
+class ErrorMaps:
+    """Of a ROM with an error model, each found when it is first asked for; runs of the ROM may share them."""
+
+    def __init__(self, rom: Rom):
+        self._rom = rom
+        self._blocks: dict[tuple[str, float], list[Block]] = {}
+        self._lifts: dict[str, tuple[Array, Array]] = {}
+
+    def blocks(self, contact: str, h: float) -> list[Block]:
+        """Steps of h s under the inputs of a contact mode: the most at once, half as many, and so on to one."""
+        if (contact, h) not in self._blocks:
+            if len(self._blocks) >= MAX_KEPT:
+                self._blocks.clear()
+            errors = self._rom.error_model
+            assert errors is not None
+            f, p = errors.inputs[contact].shape
+            state, F, blocks = (
+                matrices(errors.finer_model(contact), h)[0],
+                residual_map(errors, contact, h),
+                list[Block](),
+            )
+            length, longest = 1, min(LONGEST, max(1, SPREAD * f // max(p, 1)))  # longer ones have the larger triangles
+            while length <= longest:
+                parts = np.ascontiguousarray(state[:, : 2 * f]), np.ascontiguousarray(state[:, 2 * f :].T)
+                blocks.insert(0, Block(length, parts[0].dot, parts[1], F))
+                state, F = _doubled(state, F)
+                length *= 2
+            self._blocks[contact, h] = blocks
+        return self._blocks[contact, h]
+
+    def lift(self, contact: str) -> tuple[Array, Array]:
+        """Maps of e and of r of a contact mode to those of the finer model, (f, m) each."""
+        if contact not in self._lifts:
+            errors, model = self._rom.error_model, self._rom.contact_models[contact]
+            assert errors is not None
+            r = errors.coordinates @ model.coordinates
+            self._lifts[contact] = np.sqrt(errors.eigenvalues)[:, None] * r / model.safe_frequencies, r
+        return self._lifts[contact]
+
+
+def _doubled(state: Array, F: Array) -> tuple[Array, Array]:
+    """The maps of twice as many steps, from z to the state and to what has the squared length of all residuals."""
+    (size, columns), added = state.shape, state.shape[1] - state.shape[0]
+    lift = np.zeros((columns, columns + added))  # of z to that of the second half
+    lift[:size, :columns], lift[size:, columns:] = state, np.eye(added)
+    return state @ lift, triangular(np.vstack([np.pad(F, ((0, 0), (0, added))), F @ lift]))

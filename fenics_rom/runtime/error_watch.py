@@ -1,0 +1,151 @@
+"""How far a reduced run is from the full order: a bound, and an estimate, kept up while it runs.
+
+Let x solve the full order's step, E s the finer model's (rom.error_model) and W q the reduced one's, of the same size
+under the same inputs. With the finer model's mid-step residual ρ its error e = x - E s obeys M Δė/h + D ė̂ + K ê = ρ,
+and the energy of that, H = ½ėᵀMė + ½eᵀKe, changes by
+
+    H⁺ - H = h ė̂ᵀρ - h ė̂ᵀDė̂ <= h/4 ρᵀD⁻¹ρ,        so that        2H(t) <= 2H(0) + h/2 Σ ρᵀD⁻¹ρ
+
+for any h and any residual. E s - W q is known: an estimate of the error of W q. In the energy norm that error is at
+most as large as both together: a bound. Of an output c it is |cᵀ(E s - W q)| + (cᵀK⁻¹c)^½ √2H.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError, unknown
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.error_maps import ErrorMaps, squared_length
+
+BOUND = "the body is linear and damped, so that the residual of a finer model bounds what the estimate misses"
+ESTIMATE = "a finer model, of {} displacements, takes the same steps"
+PUT_IN = "; the full order is taken to begin in the state that was put in"
+
+
+@dataclass(frozen=True)
+class StatedError:
+    """The error of a reduced run at an instant, against the full order with the same steps.
+
+    Attributes:
+        kind: "bound" or "estimate".
+        why: it is one, in words.
+        norm: in the energy norm, √(vᵀMv + xᵀKx) of the error; J^1/2. Of a batch (size,).
+        names: of the outputs that it is told of.
+    """
+
+    kind: str
+    why: str
+    norm: float | Array
+    names: tuple[str, ...]
+    outputs: Callable[[str], Array] = field(repr=False)
+
+    def output(self, name: str) -> Array:
+        """Of the displacement of a named output, m; in the shape that `displacement(name)` has.
+
+        A bound is what no component is further off than. An estimate is to be added: full order less reduced.
+
+        Raises:
+            StepError: no such output; or none can be told of it, and why.
+        """
+        return self.outputs(name)
+
+
+class ErrorState(NamedTuple):
+    """What a run needs to go on from."""
+
+    square: float  # bound of 2H, J
+    finer: Array  # [e, r] (2f,) of the finer model
+    from_rest: bool  # or from a state that was put in
+
+
+class ErrorWatch:
+    """Of one run, which begins at rest.
+
+    Args:
+        rom: with an error model.
+        maps: that runs of this ROM may share.
+    """
+
+    def __init__(self, rom: Rom, maps: ErrorMaps):
+        assert rom.error_model is not None
+        self._rom, self.maps, self._model = rom, maps, rom.error_model
+        self._ω = np.sqrt(self._model.eigenvalues)
+        self.state = ErrorState(0.0, np.zeros(2 * len(self._ω)), True)
+
+    @property
+    def state(self) -> ErrorState:
+        """To go on from."""
+        return ErrorState(self._square, self._finer.copy(), self._from_rest)
+
+    @state.setter
+    def state(self, state: ErrorState) -> None:
+        self._square, self._finer, self._from_rest = state.square, state.finer.copy(), state.from_rest
+
+    def begin(self, contact: str, state: Array) -> None:
+        """Begins anew at a state [e, r] (2m,) of a contact mode, which the full order is taken to begin at, too."""
+        self._square, self._finer, self._from_rest = 0.0, self._lifted(contact, state), not state.any()
+
+    def note(self, contact: str, h: float, inputs: Array) -> None:
+        """Takes in steps of h s in a contact mode under inputs (n, p)."""
+        state, left, squares = self._finer, len(inputs), 0.0
+        for length, carry, push, F in self.maps.blocks(contact, h):
+            if length <= left:
+                times = left // length
+                taken = inputs[len(inputs) - left :][: times * length].reshape(times, -1)
+                states = np.empty((times + 1, len(state)))
+                states[0] = state
+                for before, after, pushed in zip(states[:-1], states[1:], taken.dot(push), strict=True):
+                    carry(before, after)
+                    np.add(after, pushed, after)
+                squares += squared_length(F, np.hstack([states[:-1], taken]))
+                state, left = states[-1], left - times * length
+        self._finer = state
+        self._square += h / 2 * squares
+
+    def bound(self, contact: str, state: Array) -> StatedError:
+        """What the error of a state [e, r] (2m,) of a contact mode is no larger than."""
+        estimate, missed = self.estimate(contact, state), math.sqrt(self._square)
+
+        def of_output(name: str) -> Array:
+            near = estimate.output(name)
+            return np.abs(near) + missed * self._model.output_compliances[name].reshape(near.shape)
+
+        return StatedError("bound", BOUND + self._start, estimate.norm + missed, estimate.names, of_output)
+
+    def estimate(self, contact: str, state: Array) -> StatedError:
+        """About what the error of a state [e, r] (2m,) of a contact mode is."""
+        error = self._finer - self._lifted(contact, state)
+
+        def of_output(name: str) -> Array:
+            if self._model.couples_rigid_motions:
+                raise StepError(
+                    f"output {name!r}: dashpots couple how the body moves as a whole with how it strains, and an error "
+                    "of the former takes no energy; allowed is the energy norm"
+                )
+            check_output(name, self._rom.outputs)
+            strained = np.where(self._ω > 0, self._ω, np.inf)
+            return self._rom.by_point(self._model.outputs[name] @ (error[: len(self._ω)] / strained))
+
+        names = () if self._model.couples_rigid_motions else tuple(self._model.outputs)
+        why = ESTIMATE.format(len(self._ω)) + self._start
+        return StatedError("estimate", why, math.sqrt(error.dot(error)), names, of_output)
+
+    @property
+    def _start(self) -> str:
+        return "" if self._from_rest else PUT_IN
+
+    def _lifted(self, contact: str, state: Array) -> Array:
+        by_e, by_r = self.maps.lift(contact)
+        m = by_e.shape[1]
+        return np.concatenate([by_e @ state[:m], by_r @ state[m:]])
+
+
+def check_output(name: str, outputs: Mapping[str, Array]) -> None:
+    """A StepError where there is no such output."""
+    if not isinstance(name, str) or name not in outputs:
+        raise StepError(unknown("output", name, outputs))

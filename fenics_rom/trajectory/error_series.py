@@ -1,0 +1,42 @@
+"""What a reduced run stated of its own error over time: a bound, and an estimate."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from numpy import ndarray as Array
+
+PREFIX = "error "
+
+
+@dataclass(frozen=True)
+class ErrorSeries:
+    """A bound, or an estimate.
+
+    Attributes:
+        why: it is one, in words.
+        norm: in the energy norm √(vᵀMv + xᵀKx), (S,), J^1/2.
+        outputs: of named outputs (S, points, 3), m: a bound of each component, or an estimate to be added.
+    """
+
+    why: str
+    norm: Array
+    outputs: Mapping[str, Array]
+
+
+def stated_numbers(stated: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """What is kept of an instant: the norm, and each output as "of NAME"."""
+    return {
+        PREFIX + kind: {"norm": error.norm} | {f"of {name}": error.output(name) for name in error.names}
+        for kind, error in stated.items()
+    }
+
+
+def error_series(why: Mapping[str, str], kept: dict[str, Any]) -> dict[str, ErrorSeries]:
+    """Takes what was kept of all instants out of other such things."""
+    found = {}
+    for kind, words in why.items():
+        values = kept.pop(PREFIX + kind)
+        norm = values.pop("norm")
+        found[kind] = ErrorSeries(words, norm, {name.removeprefix("of "): of for name, of in values.items()})
+    return found
