@@ -140,11 +140,11 @@ def _alone(rom: Rom) -> Any:
 
 def _in_mode(body: Simulator, state: SimulatorState) -> Simulator:
     """A twin of a body that keeps its contact mode."""
-    revived, (rom, scene, signals, stepper, detail, said, _) = body.__reduce__()
+    revived, (rom, scene, *others, _) = body.__reduce__()
     acting = None if body.environment is None else body.environment.environment
     if acting is not None and acting.is_of_scene:
         scene = replace(acting, contact_switching="scene")
-    twin: Simulator = revived(rom, scene, signals, stepper, detail, said, state)
+    twin: Simulator = revived(rom, scene, *others, state)
     return twin
 
 
