@@ -71,7 +71,7 @@ def test_the_law_of_pairs_is_that_of_numpy(seed):
     pairs.target[:] = pairs.relative / 2
     pairs.target[:, 0] = target
     pairs.chosen[:] = pairs.free[:, 0] < level
-    law = Law(H, 0.0, float(friction.max()), 0.0, 0.0, False, SWINGS)
+    law = Law(H, 0.0, float(friction.max()), 0.0, 0.0, False, SWINGS, np.inf)
     inverse = np.linalg.inv(W.T) if random.random() < 0.5 else np.empty((0, 0))
     known = in_one_piece(inverse)
     status = jit(contact_law.find_forces)(law, np.ascontiguousarray(W.T), known, C, swung, pairs).status
