@@ -10,6 +10,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import SceneError, SolverError
 from fenics_rom.reduction.common_basis import orthonormalize_against, split_like
 from fenics_rom.reduction.problem import ReductionProblem
+from fenics_rom.reduction.residual_compliance import PointRows
 from fenics_rom.rom.error_model import ErrorModel, untold_errors
 from fenics_rom.rom.rom import Rom
 from fenics_rom.system.columns import column_dots, probe_columns
@@ -33,8 +34,8 @@ def check_errors_known(system: System) -> None:
         reason = untold_errors(scene.environment, deforms=system.deformation is not None)
     if reason:
         raise SceneError(
-            f"errors: a run with {reason} has no bound of its error; allowed is a body of small strains with inertia "
-            "in a fixed frame, on which inputs and loads act"
+            f"errors: a run with {reason} does not know its error; allowed is a body of small strains with inertia in "
+            "a fixed frame, on which inputs, loads and obstacles act"
         )
 
 
@@ -79,6 +80,7 @@ def with_error_model(problem: ReductionProblem, rom: Rom, whole: System) -> Rom:
             residual_damping=resisted,
             residual_stiffness=stiffness,
             output_compliances={name: np.sqrt(of) for name, of in compliances.items()},
+            point_inputs=PointRows(whole).at(E).T if whole.contact_points else None,
         )
     return replace(rom, error_model=model, stages=problem.stages.done)
 

@@ -51,7 +51,7 @@ def may_keep_compliance(system: System) -> bool:
     return scene.environment.contact_law is not None and scene.environment.residual_compliance
 
 
-class _PointRows:
+class PointRows:
     """S, sparse: what contact points are of displacements, and Sᵀ of forces on them, N."""
 
     def __init__(self, system: System):
@@ -83,7 +83,7 @@ class _Beyond(NamedTuple):
     """Shapes X = (K⁻¹ - W diag(1/γ) Wᵀ) Sᵀ, in which contact points yield beyond a basis W."""
 
     problem: ReductionProblem
-    rows: _PointRows
+    rows: PointRows
     W: Array  # (rows here, k)
     C: Array  # diag(1/γ) WᵀSᵀ (k, 3P)
 
@@ -115,7 +115,7 @@ def contact_shapes(problem: ReductionProblem, retained: Mapping[str, RetainedBas
     system, space = problem.system, problem.space
     inner, M = system.algebra.inner, system.mass
     with problem.stages("residual compliance"):
-        kept, rows = space.subspace(joint_span(problem, retained)), _PointRows(system)
+        kept, rows = space.subspace(joint_span(problem, retained)), PointRows(system)
         W = space.basis @ kept.coordinates
         beyond = _Beyond(problem, rows, W, rows.at(W).T / kept.eigenvalues[:, None])
         samples, forces = 1, np.eye(rows.count)
@@ -151,7 +151,7 @@ def with_residual_compliance(problem: ReductionProblem, rom: Rom) -> Rom:
         return rom
     system = problem.system
     with problem.stages("residual compliance"):
-        rows, κ = _PointRows(system), rom.stiffness
+        rows, κ = PointRows(system), rom.stiffness
         Q = rom.basis[system.algebra.rows()]
         SQ = rows.at(Q)
         static, mass, heat, untold = _summed(_Beyond(problem, rows, Q, (SQ / κ).T))
@@ -252,7 +252,7 @@ def _columns_compared(count: int) -> Array:
 
 
 def _compared(
-    problem: ReductionProblem, rom: Rom, residual: ResidualCompliance, rows: _PointRows, SQ: Array, static: Array
+    problem: ReductionProblem, rom: Rom, residual: ResidualCompliance, rows: PointRows, SQ: Array, static: Array
 ) -> ResidualCompliance:
     """The same with the errors of the Delassus operators W = S A⁻¹ Sᵀ at the time step of the scene's run.
 

@@ -38,6 +38,7 @@ class ErrorModel(ByContent):
         residual_damping, residual_stiffness: R_D and R_K (s, f), s^-1/2 and s^-3/2.
         output_compliances: of each output (cᵀK⁻¹c)^½ of its rows c (rows,), m/J^1/2; of a body that is not wholly held
             of loads in balance.
+        point_inputs: of forces on all contact points EᵀSᵀ (f, 3P), kg^-1/2; None where nothing can touch the body.
     """
 
     eigenvalues: Array
@@ -49,14 +50,18 @@ class ErrorModel(ByContent):
     residual_damping: Array
     residual_stiffness: Array
     output_compliances: Mapping[str, Array]
+    point_inputs: Array | None = None
 
-    def finer_model(self, contact: str) -> ContactModel:
-        """The finer model under the inputs of a contact mode."""
+    def finer_model(self, contact: str, *, touched: bool = False) -> ContactModel:
+        """The finer model under the inputs of a contact mode and, where it is touched, forces on contact points."""
+        pushed = [self.inputs[contact]]
+        if touched and self.point_inputs is not None:
+            pushed.append(self.point_inputs)
         whole = np.eye(len(self.eigenvalues))
         return ContactModel(
             eigenvalues=self.eigenvalues,
             damping=self.damping,
-            inputs=self.inputs[contact],
+            inputs=np.hstack(pushed),
             coordinates=whole,
             directions=whole,
             hankel_singular_values=np.empty(0),
@@ -78,7 +83,6 @@ def untold_errors(environment: "Environment", *, deforms: bool) -> str:
         "large deformation": deforms,
         "a moving frame": environment.is_moving,
         "no inertia": not environment.has_inertia,
-        "contact with obstacles": environment.contact_law is not None,
         "actuators that are given strokes": len(environment.controls) > len(environment.bars),
         "surfaces that are rigid and turn far": bool(environment.bars),
         "friction of tendons": bool(environment.guides),

@@ -1,7 +1,8 @@
 """The error model in a ROM file: the group `error_model`, absent where errors were not asked for.
 
 eigenvalues (f,) 1/s^2, damping (f,) or (f, f) 1/s, coordinates (f, k) 1
-inputs/NAME (f, p), outputs/NAME (R, f) kg^-1/2, output_compliances/NAME (R,) m/J^1/2
+inputs/NAME (f, p), outputs/NAME (R, f), point_inputs (f, 3P) kg^-1/2, of forces on contact points
+output_compliances/NAME (R,) m/J^1/2
 residual_inputs/NAME (s, p) W^1/2 per unit of the input, residual_damping, residual_stiffness (s, f) s^-1/2, s^-3/2
 """
 
@@ -22,6 +23,7 @@ ARRAYS = {
     "coordinates": Entry("1", ("f", "k")),
     "residual_damping": Entry("s^-1/2", ("s", "f")),
     "residual_stiffness": Entry("s^-3/2", ("s", "f")),
+    "point_inputs": Entry("kg^-1/2", ("f", "3P"), optional=True),
 }
 GROUPS = {
     "inputs": Entry("kg^-1/2", ("f", "p")),

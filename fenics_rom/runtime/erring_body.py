@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
@@ -17,11 +18,15 @@ class ErringBody(MovingBody):
 
     errors: "ErrorWatch | None" = None
     _untold = ""  # why there are none
+    _errors_before: "ErrorState | None" = None  # the last step that was noted by its forces
 
     @property
     def stated_errors(self) -> "dict[str, StatedError]":
-        """Bound and estimate by these names, where they are kept."""
-        return {} if self.errors is None else {"bound": self.error_bound, "estimate": self.error_estimate}
+        """Bound and estimate by these names, as far as they are known."""
+        if self.errors is None:
+            return {}
+        bound = {} if self.errors.maps.touched else {"bound": self.error_bound}
+        return bound | {"estimate": self.error_estimate}
 
     @property
     def error_bound(self) -> "StatedError":
@@ -41,7 +46,7 @@ class ErringBody(MovingBody):
         Raises:
             StepError: it is not known.
         """
-        return self._told_errors().estimate(self.contact, self._stepper.state)
+        return self._told_errors().estimate(self.contact, self._stepper.state, self.beyond_shared)
 
     def _told_errors(self) -> "ErrorWatch":
         if self.errors is None:
@@ -65,12 +70,32 @@ class ErringBody(MovingBody):
             reason = untold_errors(acting, deforms=rom.deformation is not None)
             self._untold = f"of a run with {reason}" if reason else ""
             if not reason:
-                self.errors = ErrorWatch(rom, ErrorMaps(rom))
+                self.errors = ErrorWatch(rom, ErrorMaps(rom, touched=acting.contact_law is not None))
         else:
             made = "fr.reduce(system, errors=True), or with run.errors = true in its scene"
             self._untold = "errors = False was given" if asked is False else f"ROM {rom.name!r} was not made by {made}"
         if asked and self.errors is None:
             raise StepError(f"errors = True: {self._untold}")
+
+    @property
+    def notes_forces(self) -> bool:
+        """Whether errors are kept by contact forces, which are known after each step."""
+        return self.errors is not None and not self._stepper.kernel.holds_steps
+
+    def _note_step(self, u: Array) -> None:
+        """Takes in a step under inputs (p,), and the contact forces that were found in it."""
+        errors, contact = self.errors, self._stepper.contact
+        if errors is None or self._stepper.kernel.holds_steps:
+            return
+        forces = np.zeros(len(self.contact_coordinates) * 3) if contact is None else contact.forces.ravel()
+        self._errors_before = errors.state
+        errors.note(self.contact, self._dt, np.concatenate([u, forces])[None])
+
+    def take_back_step(self, acted: tuple[Any, ...]) -> None:
+        """As in MovingBody."""
+        if self.errors is not None and self._errors_before is not None and self.notes_forces:
+            self.errors.state = self._errors_before
+        super().take_back_step(acted)
 
     def _note_inputs(self, inputs: Array) -> None:
         """Takes in the inputs (n, p) of booked steps of the kernel that is stepping."""

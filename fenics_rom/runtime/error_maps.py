@@ -58,10 +58,13 @@ def squared_length(F: Array, z: Array) -> float:
 
 
 class ErrorMaps:
-    """Of a ROM with an error model, each found when it is first asked for; runs of the ROM may share them."""
+    """Of a ROM with an error model, each found when it is first asked for; runs of the ROM may share them.
 
-    def __init__(self, rom: Rom):
-        self._rom = rom
+    Where the body is touched, inputs are followed by forces on contact points, and there is no residual.
+    """
+
+    def __init__(self, rom: Rom, *, touched: bool = False):
+        self._rom, self.touched = rom, touched
         self._blocks: dict[tuple[str, float], list[Block]] = {}
         self._lifts: dict[str, tuple[Array, Array]] = {}
 
@@ -72,18 +75,17 @@ class ErrorMaps:
                 self._blocks.clear()
             errors = self._rom.error_model
             assert errors is not None
-            f, p = errors.inputs[contact].shape
-            state, F, blocks = (
-                matrices(errors.finer_model(contact), h)[0],
-                residual_map(errors, contact, h),
-                list[Block](),
-            )
-            length, longest = 1, min(LONGEST, max(1, SPREAD * f // max(p, 1)))  # longer ones have the larger triangles
-            while length <= longest:
+            model, blocks = errors.finer_model(contact, touched=self.touched), list[Block]()
+            f, p = model.inputs.shape
+            state = matrices(model, h)[0]
+            F = np.empty((0, 2 * f + p)) if self.touched else residual_map(errors, contact, h)
+            longest = min(LONGEST, max(1, SPREAD * f // max(p, 1)))  # longer blocks have the larger triangles
+            while True:
                 parts = np.ascontiguousarray(state[:, : 2 * f]), np.ascontiguousarray(state[:, 2 * f :].T)
-                blocks.insert(0, Block(length, parts[0].dot, parts[1], F))
+                blocks.insert(0, Block(2 ** len(blocks), parts[0].dot, parts[1], F))
+                if 2 * blocks[0].length > longest:
+                    break
                 state, F = _doubled(state, F)
-                length *= 2
             self._blocks[contact, h] = blocks
         return self._blocks[contact, h]
 

@@ -24,6 +24,11 @@ from fenics_rom.runtime.error_maps import ErrorMaps, squared_length
 
 BOUND = "the body is linear and damped, so that the residual of a finer model bounds what the estimate misses"
 ESTIMATE = "a finer model, of {} displacements, takes the same steps"
+SAME_FORCES = " under the same contact forces"
+FORCES_DIFFER = (
+    "a bound of the error is not known where obstacles touch the body: contact forces of the full order are others, "
+    "which no residual tells; allowed is the estimate"
+)
 PUT_IN = "; the full order is taken to begin in the state that was put in"
 
 
@@ -91,7 +96,7 @@ class ErrorWatch:
         self._square, self._finer, self._from_rest = 0.0, self._lifted(contact, state), not state.any()
 
     def note(self, contact: str, h: float, inputs: Array) -> None:
-        """Takes in steps of h s in a contact mode under inputs (n, p)."""
+        """Takes in steps of h s in a contact mode under inputs (n, p), and contact forces where there may be some."""
         state, left, squares = self._finer, len(inputs), 0.0
         for length, carry, push, F in self.maps.blocks(contact, h):
             if length <= left:
@@ -108,7 +113,13 @@ class ErrorWatch:
         self._square += h / 2 * squares
 
     def bound(self, contact: str, state: Array) -> StatedError:
-        """What the error of a state [e, r] (2m,) of a contact mode is no larger than."""
+        """What the error of a state [e, r] (2m,) of a contact mode is no larger than.
+
+        Raises:
+            StepError: obstacles may touch the body.
+        """
+        if self.maps.touched:
+            raise StepError(FORCES_DIFFER)
         estimate, missed = self.estimate(contact, state), math.sqrt(self._square)
 
         def of_output(name: str) -> Array:
@@ -117,9 +128,14 @@ class ErrorWatch:
 
         return StatedError("bound", BOUND + self._start, estimate.norm + missed, estimate.names, of_output)
 
-    def estimate(self, contact: str, state: Array) -> StatedError:
-        """About what the error of a state [e, r] (2m,) of a contact mode is."""
+    def estimate(self, contact: str, state: Array, beyond: Array | None = None) -> StatedError:
+        """About what the error of a state [e, r] (2m,) of a contact mode is.
+
+        `beyond` (k,) is what contact points yield beside it, in the shared basis.
+        """
         error = self._finer - self._lifted(contact, state)
+        if beyond is not None:
+            error[: len(self._ω)] -= self._ω * (self._model.coordinates @ beyond)
 
         def of_output(name: str) -> Array:
             if self._model.couples_rigid_motions:
@@ -132,7 +148,7 @@ class ErrorWatch:
             return self._rom.by_point(self._model.outputs[name] @ (error[: len(self._ω)] / strained))
 
         names = () if self._model.couples_rigid_motions else tuple(self._model.outputs)
-        why = ESTIMATE.format(len(self._ω)) + self._start
+        why = ESTIMATE.format(len(self._ω)) + self.maps.touched * SAME_FORCES + self._start
         return StatedError("estimate", why, math.sqrt(error.dot(error)), names, of_output)
 
     @property

@@ -254,6 +254,7 @@ class Simulator(ErringBody):
             raise
         source.environment.commit(inputs, self._dt)
         self.tensions.note(inputs.u)
+        self._note_step(inputs.u)
         return 2 * energy
 
     def rollout(

@@ -288,15 +288,10 @@ class TestRefused:
                 "viscoelasticity = { ratios = [0.5], times = [0.1] }",
                 "a material that relaxes",
             ),
-            (
-                "inertia = {}\ndamping = { alpha = 1.0, beta = 1e-3 }\n[effects.contact.obstacles.floor]\n"
-                'shape = "half-space"\npoint = [0, 0, -1]\nnormal = [0, 0, 1]',
-                "contact with obstacles",
-            ),
         ],
     )  # fmt: skip
-    def test_what_has_no_bound(self, box_file, effects, reason):
-        with pytest.raises(SceneError, match=f"a run with {reason} has no bound"):
+    def test_what_is_not_known(self, box_file, effects, reason):
+        with pytest.raises(SceneError, match=f"a run with {reason} does not know its error"):
             fr.reduce(fr.assemble(acted_on(box_file, effects)), order=5, errors=True)
 
     def test_a_rom_that_was_not_made_for_it(self):

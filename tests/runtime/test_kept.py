@@ -47,6 +47,7 @@ READ = {
     "time and number of steps": (lambda b: (b.time, b.steps, b.save().since), "steps since"),
     "sums of the energy account": (lambda b: b.ledger.sums, "sums"),
     "surface's peak, and largest loss in a switch": (lambda b: (b.surface_peak, b.loss), "surface_peak loss"),
+    "bound and estimate of the error": (lambda b: [told.norm for told in b.stated_errors.values()], "errors"),
     "warnings of contact and of large deformation": (
         lambda b: (b.warnings, b.mismatch, searched(b)[1:2], b.save().stepper.notes),
         "stepper.notes told",
@@ -54,7 +55,7 @@ READ = {
     "time step": (lambda b: b.dt, "dt"),
     "signals that were set": (lambda b: b.environment and dict(b.environment.signals), ""),
 }
-OF_LINEAR = {row for row in READ if row.startswith(("forces", "places", "signals", "surface"))}
+OF_LINEAR = {row for row in READ if row.startswith(("forces", "places", "signals", "surface", "bound"))}
 PLACE = [0.0, 0.0, -1e-3]
 
 
@@ -71,7 +72,7 @@ contact.obstacles.ball = { shape = "sphere", center = [1.06, 0.2, 0.15], radius 
 """
     contacts = '[contacts.right]\nsurface = "right"\n[contacts.bottom]\nsurface = "bottom"'
     scene = acted_on(mesh, effects, contacts=contacts, **{"outputs.tip": "points = [[1.0, 0.4, 0.3]]"})
-    return fr.reduce(fr.assemble(scene), order=20)
+    return fr.reduce(fr.assemble(scene), order=20, errors=True)
 
 
 def stir(body, seed):
