@@ -26,6 +26,7 @@ DEEPEST = 0.05  # of the longest side of a triangle's box: what is deeper inside
 STRETCH = 1.5  # by so much triangles may be longer than at rest
 SAME = 1e-7  # of that side, or of a weight: what is nearer is in the same place
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # of x, y, z
+_SHARP = 0.94  # cosine between triangles beside an edge, 20 degrees: at less it is one that edges of others meet
 _STEEPEST = 0.3  # cosine between normals of crossing edges and of the body: what is less passes beside it
 _PARALLEL = 1e-6  # sine: edges that cross at less have no normal
 
@@ -67,6 +68,8 @@ class BodyFaces:
         parts: how many triangles and edges there are.
         size: longest side of a triangle's box at rest, m.
         reach: how far a place may be from the nearest corner of its triangle, m.
+        edges: (E, 2) rows of points.
+        sharp: which of these bend at rest, or are on a border, (E,).
 
     Raises:
         SceneError: there is no triangle.
@@ -83,6 +86,8 @@ class BodyFaces:
         self._third = np.where(self._beside < 0, third[:, :1], third)  # corners opposite to edges; one on a border
         self._second = np.where(self._beside < 0, self._beside[:, :1], self._beside)[:, 1]
         self.parts, self.size = len(triangles) + len(self.edges), Boxes.about(points[triangles.T]).size
+        beside = unit_normals(points[triangles])[self._beside]
+        self.sharp = (_dot(beside[:, 0], beside[:, 1]) < _SHARP) | (self._beside[:, 1] < 0)
         self.reach = STRETCH * float(covering_radius(points[triangles]).max())
 
     def near(self, points: Array, distances: Array, outline: Outline, margin: float, depth: float) -> Places:
@@ -109,6 +114,18 @@ class BodyFaces:
         places, held = self._meet(points, outline, np.concatenate(keys))
         held &= (places.gaps <= margin) & (places.gaps >= -depth) & (places.weights.max(axis=1) < 1 - SAME)
         return _each_once(places.of(held), SAME * self.size)
+
+    def crossings(self, points: Array, outline: Outline, margin: float, depth: float) -> Places:
+        """Of places as of `near` those where edges of an outline are at sharp edges of the body."""
+        own, ends = self.sharp.nonzero()[0], points[self.edges[self.sharp]]
+        low, high = ends.min(axis=1) - margin, ends.max(axis=1) + margin
+        _, edge = outline.among(low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf))
+        there = outline.corners[outline.edges[edge]]
+        meet = (low[:, None] <= there.max(axis=1)) & (high[:, None] >= there.min(axis=1))
+        row, of = meet.all(axis=2).nonzero()
+        keys = (len(outline.corners) + edge[of]) * self.parts + len(self.triangles) + own[row]
+        places, held = self._meet(points, outline, keys)
+        return places.of(held & (places.gaps <= margin) & (places.gaps >= -depth))
 
     def at(self, points: Array, outline: Outline, keys: Array) -> Places:
         """What is meant by some keys (k,), also where a foot is beside its triangle or edge; else as in `near`."""

@@ -242,7 +242,7 @@ class NormalRule:
         if np.isfinite(self._thinnest):
             deep = closing - np.maximum(target, _LOWEST)  # of planes that are not there gaps are infinite
             if deep.item(deep.argmax()) > self._thinnest:  # else nothing goes so far
-                self.too_far = deep / self._thin
+                self.too_far = np.maximum(deep, 0.0) / self._thin
                 np.copyto(target, np.minimum(closing, 0.0), where=self.too_far > 1)
         return NormalLaw(level, target)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.smooth_surface import Bent, bends_of, corner_normals, smoothed, unit_normals
+from fenics_rom.mechanics.smooth_surface import Bent, smoothed
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 
 DEEPEST = 0.5  # of the longest side of a triangle's box: points that are deeper inside have passed it
@@ -22,20 +22,6 @@ MORE_ABOVE = 1e-6  # of how far a point is above or below a triangle: by so much
 
 _FEW = 1 << 14  # pairs of a point and a box: so many are all looked at
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-
-
-class PlacedSurface(NamedTuple):
-    """The surface of a soft body as it is."""
-
-    points: Array  # (n, 3) in world axes, m
-    triangles: Array  # (t, 3) rows of points, counterclockwise from outside
-    touching: Array  # rows of the points that may touch
-    bends: Array | None = None  # (t, 9) of `bends_of`, by how it is at rest; None: it is as flat as its triangles
-
-
-def surface_at_rest(points: Array, triangles: Array) -> PlacedSurface:
-    """That of a body whose points (n, 3), m, may all touch, smooth but for its creases."""
-    return PlacedSurface(points, triangles, np.arange(len(points)), bends_of(points, triangles))
 
 
 class OnSurface(NamedTuple):
@@ -66,20 +52,6 @@ class Boxes(NamedTuple):
     def wider(self, margin: float) -> "Boxes":
         """The same, wider by a margin, m, to all sides."""
         return self._replace(low=self.low - margin, high=self.high + margin)
-
-
-def points_near(first: PlacedSurface, second: PlacedSurface, margin: float) -> OnSurface:
-    """Those points of the first that may touch, and are nearer than a margin, m, to the second."""
-    corners = second.points[second.triangles.T]
-    boxes = Boxes.about(corners)
-    reach = margin + DEEPEST * boxes.size
-    row, triangle = near_boxes(first.points[first.touching], boxes.wider(reach))
-    row = first.touching[row]
-    near = corners[:, triangle].transpose(1, 0, 2)
-    normals, bent = unit_normals(near), None
-    if second.bends is not None and len(row):
-        bent = Bent(second.bends[triangle], corner_normals(corners.transpose(1, 0, 2), second.bends[:, :3]))
-    return nearest_of(first.points, row, second.triangles[triangle], near, normals, boxes.size, margin, reach, bent)
 
 
 class Border(NamedTuple):

@@ -7,7 +7,10 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.placed_surface import PlacedSurface, surface_at_rest
+from fenics_rom.mechanics.triangles import triangles_among
 from fenics_rom.rom.rom import Rom
 
 _NO_NODES = np.empty(0, dtype=int)
@@ -33,15 +36,18 @@ def acting_in_world(rom: Rom) -> tuple[Rom, Environment, tuple[str, ...]]:
             f"its scene has springs of {law.stiffness:g} N/m at its contact points (effects.contact.method = "
             "'penalty'); bodies of a world meet by the rigid law, without these"
         )
-    if acting.touches_faces:
-        said.append(
-            "its scene has effects.contact.points = 'faces'; what is rigid meets its contact points alone in a world"
-        )
     return (
         rom,
         replace(acting, obstacles={}, self_contact=(), touches_faces=False, run=None, contact_law=ContactLaw()),
         tuple(said),
     )
+
+
+def touched_surface(rom: Rom, points: ContactPoints) -> PlacedSurface:
+    """Where others can touch a body: at its contact points at rest, and at faces between them if its scene says so."""
+    triangles, places = triangles_among(points.nodes, rom.triangles), points.coordinates
+    faces = points.faces(rom.triangles) if rom.environment.touches_faces else None
+    return surface_at_rest(places, triangles)._replace(faces=faces)
 
 
 def _with_points(rom: Rom) -> Rom:

@@ -13,7 +13,7 @@ import numpy as np
 from fenics_rom.errors import SceneError, StepError, check_known
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.own_surface import OwnSurface
-from fenics_rom.mechanics.surface_pairs import PlacedSurface
+from fenics_rom.mechanics.placed_surface import PlacedSurface
 from fenics_rom.world.bodies import Body
 from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape
 from fenics_rom.world.collision.find import find_contacts

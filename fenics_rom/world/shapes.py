@@ -14,6 +14,7 @@ from numpy import ndarray as Array
 from fenics_rom.arguments import GREATEST, SMALLEST, is_number
 from fenics_rom.errors import SceneError, shown
 from fenics_rom.mechanics import obstacles
+from fenics_rom.mechanics.obstacle_outline import Outline
 from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.mechanics.triangle_surface import NearPlanes
 from fenics_rom.mechanics.triangles import nearest_on_triangles
@@ -58,6 +59,11 @@ class Shape:
     def core(self) -> tuple[float, Array]:
         """Radius, m, of the largest balls that it holds, infinite of a half-space, and centres (C, 3) of some, m."""
         return self._obstacle.core
+
+    @property
+    def outline(self) -> Outline:
+        """As of an Obstacle."""
+        return self._obstacle.outline
 
     def surface(self) -> tuple[Array, Array]:
         """Vertices (V, 3), m, and triangles (T, 3), counterclockwise from outside."""
@@ -155,6 +161,16 @@ class Cylinder(RoundShape):
         radius = self.radius * 2 / (1 + math.cos(math.pi / ROUND))
         rim = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         return Hull([(*point, end) for end in (-self.length / 2, self.length / 2) for point in rim.tolist()])
+
+    @cached_property
+    def outline(self) -> Outline:
+        """As of an Obstacle: its rims, as polygons of 48 sides inside of it."""
+        angle, step = 2 * np.pi * np.arange(ROUND) / ROUND, np.arange(ROUND)
+        rim = np.stack(
+            [self.radius * np.cos(angle), self.radius * np.sin(angle), np.full(ROUND, self.length / 2)], axis=1
+        )
+        edges = np.stack([step, (step + 1) % ROUND], axis=1)
+        return Outline(np.concatenate([rim, rim * [1, 1, -1]]), np.concatenate([edges, edges + ROUND]), 0.0)
 
     @property
     def core(self) -> tuple[float, Array]:
@@ -309,6 +325,12 @@ class Hull(Polytope):
         _keep(self, points=tuple(map(tuple, points.tolist())), shift=origin + first / volume, volume=volume)
         self._set_faces(vertices - self.shift, faces)
         _keep(self, squares=self._moments()[2] / volume)
+
+    @cached_property
+    def outline(self) -> Outline:
+        """As of an Obstacle: its corners and edges."""
+        sides = [np.stack([loop, np.roll(loop, -1)], axis=1) for loop in self.loops]
+        return Outline(self.vertices, np.unique(np.sort(np.concatenate(sides), axis=1), axis=0), 0.0)
 
     def _moments(self) -> tuple[float, Array, Array]:
         """∫ 1, ∫ x and ∫ x xᵀ over the volume, by the signed tetrahedra between the origin and the triangles."""

@@ -8,10 +8,10 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.mechanics.placed_surface import PlacedSurface
 from fenics_rom.mechanics.skin import BESIDE, BETWEEN, Intrusion, Skin
 from fenics_rom.mechanics.skin_path import CHECK_INTERVAL, MOST_PLACES, Instant, Placement, moved_between
 from fenics_rom.mechanics.skin_watch import SkinWatch
-from fenics_rom.mechanics.surface_pairs import PlacedSurface
 from fenics_rom.runtime.skin_looks import Mark, SkinPlaces
 from fenics_rom.runtime.steppers.contact_interface import skin_of
 from fenics_rom.world.collision.contacts import PlacedShape

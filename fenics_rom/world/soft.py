@@ -22,8 +22,7 @@ from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.frame_geometry import turned_operator
 from fenics_rom.mechanics.frame_motion import rotation_matrix
-from fenics_rom.mechanics.surface_pairs import PlacedSurface, surface_at_rest
-from fenics_rom.mechanics.triangles import triangles_among
+from fenics_rom.mechanics.placed_surface import PlacedSurface
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
@@ -31,7 +30,7 @@ from fenics_rom.runtime.steppers.compilable_frame import CompilableFrame
 from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.residual_motion import operator_of
-from fenics_rom.world.acting import acting_in_world
+from fenics_rom.world.acting import acting_in_world, touched_surface
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Body, Points
 from fenics_rom.world.carriers import Carriers
 from fenics_rom.world.driven import Driven, mounted
@@ -114,8 +113,8 @@ class Soft(Simulator, Body):
         self._power = self._ahead = 0.0  # of forces in the last try, W; how far points may go that nothing holds, m
         self._supplied = 0.0  # by others when the step began, J
         self._went = np.zeros_like(self._handed.points)  # how points moved in the step before, that others touched
-        self.contact_triangles = triangles_among(self._stepper.interface.points.nodes, rom.triangles)
-        self.surface = surface_at_rest(self.contact_coordinates, self.contact_triangles)
+        self.surface = touched_surface(rom, self._stepper.interface.points)
+        self.contact_triangles = self.surface.triangles
 
     @property
     def pose(self) -> BaseState:
@@ -159,7 +158,8 @@ class Soft(Simulator, Body):
     def describe_passing(self, radii: Mapping[str, float]) -> str:
         """What to say of rigid bodies with such radii, m, by name, that fit between its points; or nothing."""
         assert self._stepper.interface is not None
-        return self._stepper.interface.points.describe_passing(radii, self.rom.triangles, self.rom.nodes)
+        points, passes = self._stepper.interface.points, {} if self.surface.faces else radii
+        return points.describe_passing(passes, self.rom.triangles, self.rom.nodes)
 
     def take(self, inputs: Mapping[str, Any]) -> None:
         """As in Body: as of a Simulator, by name."""

@@ -147,7 +147,9 @@ def _meetings(bodies: Sequence[AnyBody], meetings: Sequence[Meeting], tables: Ma
             continue
         planes = 1 + MORE_PLANES if any(isinstance(shape, shapes.Mesh) for shape in rigid) else 1
         counts.append(planes * max(MOST_GIVEN, sum(len(tables[n].points.rest) for n in soft)))
-        if len(soft) == 2:
+        if any(bodies[n].surface.faces is not None for n in soft):  # type: ignore[union-attr]
+            counts[-1] *= 2  # and contacts are found elsewhere
+        elif len(soft) == 2:
             kind[m] = SOFT_BOTH
         elif soft and isinstance(bodies[sum(both) - soft[0]].shape, KNOWN_SHAPES):  # type: ignore[union-attr]
             kind[m] = SOFT_FIRST if soft[0] == meeting.first else SOFT_SECOND

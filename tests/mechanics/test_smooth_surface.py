@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from fenics_rom.mechanics.placed_surface import PlacedSurface, points_near
 from fenics_rom.mechanics.smooth_surface import BORDER, CREASE, SMOOTH, bends_of, corner_normals
-from fenics_rom.mechanics.surface_pairs import PlacedSurface, points_near
 from fenics_rom.world.shapes import Box, Sphere
 
 

@@ -17,8 +17,8 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE,
 from fenics_rom.mechanics.compiled.coulomb import frame_along
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
+from fenics_rom.mechanics.placed_surface import PlacedSurface
 from fenics_rom.mechanics.smooth_surface import bends_of
-from fenics_rom.mechanics.surface_pairs import PlacedSurface
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Points
 from fenics_rom.world.collision.soft_surfaces import soft_on_soft
 from fenics_rom.world.compiled import rigid_bodies

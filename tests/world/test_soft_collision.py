@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from fenics_rom.mechanics.surface_pairs import PlacedSurface
+from fenics_rom.mechanics.placed_surface import PlacedSurface
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.collision.find import find_contacts

@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.base_path import rotation_vectors
 from fenics_rom.mechanics.frame_motion import quaternion_of, quaternion_of_vector, rotation_matrix
-from fenics_rom.mechanics.surface_pairs import PlacedSurface
+from fenics_rom.mechanics.placed_surface import PlacedSurface
 from fenics_rom.mechanics.triangle_surface import NearPlanes
 from fenics_rom.world.shapes import Mesh, Shape
 

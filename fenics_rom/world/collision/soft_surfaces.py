@@ -5,14 +5,16 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled, in_plain
 from fenics_rom.mechanics.own_surface import OwnSurface
-from fenics_rom.mechanics.surface_pairs import OnSurface, PlacedSurface, points_near
+from fenics_rom.mechanics.placed_surface import PlacedSurface, points_near
+from fenics_rom.mechanics.surface_pairs import OnSurface
 from fenics_rom.world.collision.contacts import Contacts, PlacedShape, Spots, joined
+from fenics_rom.world.collision.soft_faces import edges_on_edges, faces_on_rigid
 
 _ONES = np.ones(3)
 
 
 def soft_on_rigid(first: PlacedSurface, second: PlacedShape, margin: float) -> Contacts:
-    """The points of a surface that are nearer to a shape than a margin, m."""
+    """The points of a surface that are nearer to a shape than a margin, m; and faces, where it has some."""
     points = first.points[first.touching]
     beside = points - second.position
     reach = second.shape.radius_around + margin
@@ -21,13 +23,17 @@ def soft_on_rigid(first: PlacedSurface, second: PlacedShape, margin: float) -> C
     near, gaps, normals, feature = second.planes_near(points[row], margin)
     kept = first.touching[row[near]]
     soft, none = _vertices(first, kept, len(first.points) * feature), np.zeros((len(kept), 0), dtype=int)
-    return Contacts(soft, Spots(soft.arms, none, none, soft.feature), normals, gaps)
+    contacts = Contacts(soft, Spots(soft.arms, none, none, soft.feature), normals, gaps)
+    if first.faces is None:
+        return contacts
+    return joined([contacts, faces_on_rigid(first, first.faces, second, margin)])
 
 
 def soft_on_soft(first: PlacedSurface, second: PlacedSurface, margin: float) -> Contacts:
-    """The points of each of two surfaces that are nearer to the other than a margin, m."""
+    """The points of each of two surfaces that are nearer to the other than a margin, m; and sharp edges of both."""
     there, back = _points_on(first, second, margin, 0), _points_on(second, first, margin, len(first.points))
-    return joined([there, back.mirrored])
+    edges = edges_on_edges(first, second, margin)
+    return joined([there, back.mirrored, *([] if edges is None else [edges])])
 
 
 def soft_on_itself(surface: PlacedSurface, own: OwnSurface, margin: float) -> Contacts:

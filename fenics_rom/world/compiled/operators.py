@@ -20,6 +20,7 @@ from fenics_rom.world.compiled.soft_bodies import MIDDLE, has_residual, operator
 from fenics_rom.world.compiled.tables import (
     COUNT,
     FREE,
+    GIVEN,
     IS_INVERSE_KNOWN,
     SOFT,
     YIELDS,
@@ -27,6 +28,7 @@ from fenics_rom.world.compiled.tables import (
     freedoms_at,
     is_followed,
     is_soft,
+    meetings_at,
     near_at,
     operators_at,
     rigid_at,
@@ -95,11 +97,12 @@ def operator_among(world: Array, h: float, among: Array, C: int, free: int | Non
 @jit_part
 def _are_same(world: Array, among: Array) -> bool:
     """Whether the part of soft bodies is that which is kept."""
-    near, operators, softs = near_at(world), operators_at(world), softs_at(world)
+    near, operators, softs, kinds = near_at(world), operators_at(world), softs_at(world), meetings_at(world).kinds
     if operators.known[COUNT] != len(among):
         return False
     for i in range(len(among)):
-        if operators.slots[i] != near.slots[among[i]]:
+        c = among[i]
+        if operators.slots[i] != near.slots[c] or (kinds[near.meetings[c]] == GIVEN and _is_between(near.weights[c])):
             return False
     for s in range(len(softs)):
         turn = turn_at(softs[s])
@@ -107,6 +110,16 @@ def _are_same(world: Array, among: Array) -> bool:
             if operators.frames[s, k] != turn[k]:
                 return False
     return True
+
+
+@jit_part
+def _is_between(weights: Array) -> bool:
+    """Whether a contact with some weights (2, c) is between points of a soft body, where it moves along its slot."""
+    for side in range(2):
+        for k in range(weights.shape[1]):
+            if weights[side, k] != 0.0 and weights[side, k] != 1.0:
+                return True
+    return False
 
 
 @jit_part
