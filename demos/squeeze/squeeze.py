@@ -20,7 +20,6 @@ from numpy import ndarray as Array
 
 import fenics_rom as fr
 from fenics_rom.io.markdown import markdown
-from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.world.shapes import Box
 
@@ -59,7 +58,8 @@ class Squeezed(NamedTuple):
     roms: list[fr.Rom]
     force: Array  # on the lower pad (n, 3), N
     places: list[Array]  # of nodes in the end, (N, 3), m
-    spots: tuple[Array, Array]  # where they touch then (k, 3), m, and forces on the lower pad (k, 3), N
+    pressure: Array  # of contact on the lower one then, (N,), Pa
+    push: int  # points that push then
     balance: float  # what the energy account misses, of what was supplied
     rate: float  # steps per second
 
@@ -106,8 +106,8 @@ def row_of(each: Squeezed, whole: Squeezed) -> tuple[str, ...]:
     """What the table says of a model."""
     errors = ("-", "-") if each is whole else (f"{off(each.force[:, k], whole.force[:, k]):.2%}" for k in (2, 0))
     orders = " and ".join(dict.fromkeys(str(rom.contact_models["face"].order) for rom in each.roms))
-    push = int(each.spots[1].any(axis=1).sum())
-    return (orders + ", all" * (each is whole), *errors, f"{each.balance:.0e}", f"{push}", f"{each.rate:.0f}")
+    numbers = f"{each.balance:.0e}", str(each.push), f"{each.rate:.0f}"
+    return (orders + ", all" * (each is whole), *errors, *numbers)
 
 
 def pad(file: Path, size: Vector, at: Vector, edge: float, faces: tuple[str, str], frame: str, E: float) -> fr.System:
@@ -159,19 +159,9 @@ def squeeze(roms: list[fr.Rom], steps: int) -> Squeezed:
     rate, gone = steps / (time.process_time() - begun), world.ledger
     left = world.energy - gone.supplied + gone.dissipated + gone.numerical + gone.lost_in_switching
     places = [world.simulator(name).node_places() for name in ("low", "upper")]
-    return Squeezed(roms, force, places, world.contact_forces("low", "upper"), abs(left) / gone.supplied, rate)
-
-
-def pressures(nodes: Array, triangles: Array, spots: tuple[Array, Array]) -> Array:
-    """Of forces at places, as their share of the area of nodes: (N,), Pa."""
-    sides = nodes[triangles[:, 1:]] - nodes[triangles[:, :1]]
-    areas, forces = np.linalg.norm(np.cross(*sides.swapaxes(0, 1)), axis=1) / 2, np.zeros(len(nodes))
-    own = np.bincount(triangles.ravel(), np.repeat(areas / 3, 3), len(nodes))
-    for place, force in zip(*spots, strict=True):
-        weights, feet = nearest_on_triangles(np.broadcast_to(place, (len(triangles), 3)), nodes[triangles])
-        nearest = int(np.linalg.norm(feet - place, axis=1).argmin())
-        np.add.at(forces, triangles[nearest], weights[nearest] * abs(force[2]))
-    return np.divide(forces, own, out=np.zeros(len(nodes)), where=own > 0)
+    push = int(world.contact_forces("low", "upper")[1].any(axis=1).sum())
+    pressure = world.simulator("low").contact_pressure()
+    return Squeezed(roms, force, places, pressure, push, abs(left) / gone.supplied, rate)
 
 
 def draw(whole: Squeezed, file: Path) -> None:
@@ -185,8 +175,7 @@ def draw(whole: Squeezed, file: Path) -> None:
     side.set(title="from the front", xlabel="x (mm)", ylabel="z (mm)", aspect="equal")
     low, nodes = whole.roms[0], whole.places[0]
     top = low.triangles[np.isclose(low.nodes[low.triangles, 2], LOW[2]).all(axis=1)]
-    kilopascals = 1e-3 * pressures(nodes, top, whole.spots)
-    shown = above.tripcolor(*(1e3 * nodes[:, :2].T), top, kilopascals, shading="gouraud", cmap="magma")
+    shown = above.tripcolor(*(1e3 * nodes[:, :2].T), top, 1e-3 * whole.pressure, shading="gouraud", cmap="magma")
     figure.colorbar(shown, ax=above, label="pressure (kPa)", shrink=0.8)
     above.set(title="on the lower pad", xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
     times = STEP * np.arange(1, len(whole.force) + 1)

@@ -1,4 +1,4 @@
-"""The demos of worlds run for a part, and what they claim holds."""
+"""The demos of worlds and contact run for a part, and what they claim holds."""
 
 import subprocess
 import sys
@@ -27,6 +27,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
         "feed/feed",
         "feed/drops",
         "squeeze/squeeze",
+        "pipe/pipe",
     ],
 )
 def test_what_the_demo_claims_holds(script):
