@@ -32,7 +32,8 @@ class ErringBody(MovingBody):
     def error_bound(self) -> "StatedError":
         """What the error against the full order, with the same steps, is no larger than: see `StatedError`.
 
-        It is counted from rest, or from the last state that was put in, which the full order is taken to be in, too.
+        It is of the full order under the same inputs, and counted from rest, or from the last state that was put in,
+        which the full order is taken to be in, too.
 
         Raises:
             StepError: it is not known.

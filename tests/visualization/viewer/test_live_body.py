@@ -16,6 +16,7 @@ from fenics_rom.visualization.contact_surface import divide_contact_triangles
 from fenics_rom.visualization.viewer.drawing import FRAMES_PER_SECOND
 from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
 from fenics_rom.visualization.viewer.live_loop import FEWEST_FRAMES_PER_SECOND, LiveLoop, next_frame
+from fenics_rom.visualization.viewer.live_page import error_words
 from fenics_rom.visualization.viewer.mouse_spring import attach_spring, closest_point
 
 BALL = 'shape = "sphere"\ncenter = [0.75, 0.2, 0.41]\nradius = 0.1'
@@ -347,3 +348,17 @@ class Page(LiveLoop):
 
     def _words(self):
         return []
+
+
+def test_what_it_says_of_its_error(plate_system):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        rom = fr.reduce(plate_system, order=6, errors=True)
+    body = LiveBody(rom)
+    pulled(body, "middle", [0.0, 0.0, 0.01], 50)
+    stated = body.simulator.stated_errors
+    assert stated["bound"].norm >= stated["estimate"].norm > 0
+    bound, estimate = error_words(stated)
+    assert bound.startswith(f"error, bound: {stated['bound'].norm:.2g} J^½ · tip ")
+    assert estimate.startswith("error, estimate: ")
+    assert not error_words(LiveBody(fr.reduce(plate_system, order=6)).simulator.stated_errors)
