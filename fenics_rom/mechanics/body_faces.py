@@ -103,7 +103,7 @@ class BodyFaces:
         if not (len(near) and len(outline.corners)):
             return self._meet(points, outline, np.empty(0, dtype=int))[0]
         corners = points[self.triangles[near]]
-        wide = margin + outline.radius
+        wide = margin + outline.reach
         corner, edge = outline.among(corners.min(axis=(0, 1)) - wide, corners.max(axis=(0, 1)) + wide)
         at, row = near_boxes(outline.corners[corner], Boxes.about(corners.transpose(1, 0, 2)).wider(wide))
         own = len(self.triangles) + np.unique(self._edge_of[near])
@@ -187,7 +187,7 @@ class BodyFaces:
         cosine = _dot(n, self._middles(points, edges))
         n *= np.where(cosine > 0, -1.0, 1.0)[:, None]
         held &= (share > SAME) & (share < 1 - SAME) & (of_way > 0) & (of_way < 1) & (np.abs(cosine) >= _STEEPEST)
-        at, gaps = begin + share[:, None] * along, _dot(apart, n) - outline.radius
+        at, gaps = begin + share[:, None] * along, _dot(apart, n) - outline.radii(parts)
         return _Met(*self._carried(edges, share), at, gaps, n, held)
 
     def _along(self, points: Array, edges: Array) -> tuple[Array, Array]:

@@ -12,6 +12,16 @@ class Outline(NamedTuple):
     corners: Array  # (k, 3), m
     edges: Array  # (m, 2) rows of corners
     radius: float  # m
+    round: Array | None = None  # (m,) radii of the edges, m, where they have others
+
+    def radii(self, edges: Array) -> Array | float:
+        """Of some edges (n,), m."""
+        return self.radius if self.round is None else self.round[edges]
+
+    @property
+    def reach(self) -> float:
+        """The largest radius, m."""
+        return self.radius if self.round is None else max(self.radius, float(self.round.max()))
 
     def among(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Numbers of the corners and edges that a box, from low to high, (3,), m, may hold some of."""

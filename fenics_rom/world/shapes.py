@@ -164,13 +164,13 @@ class Cylinder(RoundShape):
 
     @cached_property
     def outline(self) -> Outline:
-        """As of an Obstacle: its rims, as polygons of 48 sides inside of it."""
-        angle, step = 2 * np.pi * np.arange(ROUND) / ROUND, np.arange(ROUND)
-        rim = np.stack(
-            [self.radius * np.cos(angle), self.radius * np.sin(angle), np.full(ROUND, self.length / 2)], axis=1
-        )
+        """As of an Obstacle: its rims, as polygons of 48 sides inside of it, and its side about the axis."""
+        angle, step, half = 2 * np.pi * np.arange(ROUND) / ROUND, np.arange(ROUND), self.length / 2
+        rim = np.stack([self.radius * np.cos(angle), self.radius * np.sin(angle), np.full(ROUND, half)], axis=1)
+        corners = np.concatenate([rim, rim * [1, 1, -1], [[0.0, 0.0, -half], [0.0, 0.0, half]]])
         edges = np.stack([step, (step + 1) % ROUND], axis=1)
-        return Outline(np.concatenate([rim, rim * [1, 1, -1]]), np.concatenate([edges, edges + ROUND]), 0.0)
+        edges = np.concatenate([edges, edges + ROUND, [[2 * ROUND, 2 * ROUND + 1]]])
+        return Outline(corners, edges, 0.0, np.append(np.zeros(2 * ROUND), self.radius))
 
     @property
     def core(self) -> tuple[float, Array]:

@@ -7,6 +7,7 @@ from fenics_rom.world.collision.contacts import Contacts, PlacedShape, no_contac
 from fenics_rom.world.shapes import Capsule, Sphere
 
 _LEVELS = np.array([-0.05, 0.0, 0.05])  # slopes of the distance along a capsule: between the outer two it lies on
+_ENDS = np.array([-1e-3, 0.0, 1e-3])  # beside the slope of the middle
 _PARTS = np.linspace(0.0, 1.0, 9)
 _STAGES = 9  # each finds where among eight parts a slope is passed: to 1e-8 of the length
 _ONE_PLACE = 0.25  # of the radius of a capsule: nearer to one another pairs are one
@@ -34,22 +35,15 @@ def round_contacts(first: PlacedShape, second: PlacedShape, margin: float) -> Co
 
 
 def _touching_shares(other: PlacedShape, start: Array, line: Array, radius: float) -> tuple[Array, Array]:
-    """Where along a line another shape is nearest, and where it begins and ends to lie on it: shares, their numbers.
-
-    Distance to a convex shape is convex along the line, so that its slope grows: where it passes a level is found by
-    dividing.
-    """
+    """Where along a line another shape is nearest, and where it begins and ends to lie on it: shares, their numbers."""
     length = float(np.linalg.norm(line))
-    low, high = np.zeros(3), np.ones(3)
-    for _ in range(_STAGES):
-        shares = low[:, None] + (high - low)[:, None] * _PARTS
-        _, normals = other.distance(start + shares.reshape(-1, 1) * line)
-        below = (normals.dot(line) / length).reshape(3, -1) < _LEVELS[:, None]
-        passed = below.argmin(axis=1)  # the first that is not below
-        passed[below.all(axis=1)] = len(_PARTS)
-        rows = np.arange(3)
-        low, high = (shares[rows, np.clip(k, 0, len(_PARTS) - 1)] for k in (passed - 1, passed))
-    shares = (low + high) / 2
+    shares = _passed(other, start, line, _LEVELS, np.zeros(3), np.ones(3))
+    middle = (shares[0] + shares[2]) / 2
+    _, normal = other.distance((start + middle * line)[None])
+    slope = float(normal[0].dot(line)) / length
+    if abs(slope) < _LEVELS[2]:  # it lies there, and ends to do so where the slope is another one, as beyond an edge
+        ends = _passed(other, start, line, slope + _ENDS, np.full(3, shares[0]), np.full(3, shares[2]))
+        shares = np.array([ends[0], shares[1], ends[2]])
     gaps, _ = other.distance(start + shares[:, None] * line)
     begin, nearest, end = shares
     if gaps[1] < min(gaps[0], gaps[2]) - 1e-6 * radius or (end - begin) * length < _ONE_PLACE * radius:
@@ -58,3 +52,20 @@ def _touching_shares(other: PlacedShape, start: Array, line: Array, radius: floa
     else:
         kept = np.array([True, False, True])
     return shares[kept], np.flatnonzero(kept)
+
+
+def _passed(other: PlacedShape, start: Array, line: Array, levels: Array, low: Array, high: Array) -> Array:
+    """Shares (3,) of a line, between low and high ones, where the slope of the distance passes levels (3,).
+
+    Distance to a convex shape is convex along the line, so that its slope grows: it is found by dividing.
+    """
+    length = float(np.linalg.norm(line))
+    for _ in range(_STAGES):
+        shares = low[:, None] + (high - low)[:, None] * _PARTS
+        _, normals = other.distance(start + shares.reshape(-1, 1) * line)
+        below = (normals.dot(line) / length).reshape(3, -1) < levels[:, None]
+        passed = below.argmin(axis=1)  # the first that is not below
+        passed[below.all(axis=1)] = len(_PARTS)
+        rows = np.arange(3)
+        low, high = (shares[rows, np.clip(k, 0, len(_PARTS) - 1)] for k in (passed - 1, passed))
+    return (low + high) / 2
