@@ -17,11 +17,11 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.world.contact_step import Found, Guide, Pairs, find_forces
 from fenics_rom.world.driven import Driven
+from fenics_rom.world.fast_motion import CutWorld, fast_pairs
 from fenics_rom.world.joint_plan import JointPlan
 from fenics_rom.world.joints import AnyJoint
 from fenics_rom.world.make_bodies import FIXED, make_bodies
 from fenics_rom.world.meetings import check_apart, make_meetings
-from fenics_rom.world.readings import ReadWorld
 from fenics_rom.world.records import RigidBody, SoftBody
 from fenics_rom.world.shapes import passing_radius
 from fenics_rom.world.skins import WorldSkins
@@ -38,7 +38,7 @@ STAYS = 4  # steps in another contact mode, after which compiled steps are made 
 LONGEST_TO_SHORTEST = 1000  # of steps that are looked at where one of a world is refused
 
 
-class World(ReadWorld):
+class World(CutWorld):
     """Bodies that touch and hold one another.
 
     Args:
@@ -115,6 +115,7 @@ class World(ReadWorld):
         of_soft = {body: self._met_by(body) for body in self._soft}
         said = {body.name: body.describe_passing(radii) for body, radii in of_soft.items() if radii}
         self._passing = [f"{name}: {text}" for name, text in said.items() if text]
+        self._fast = fast_pairs(everyone, self._meetings)
         self._step_pairs = StepPairs([] if self._lone else everyone, self._meetings)
         self._found, self._residuals = Found(np.empty((0, 3)), np.empty((0, 3)), 0, 0.0), (0, 0.0)
         self._let_touch_be_read()
@@ -175,10 +176,8 @@ class World(ReadWorld):
 
     @dt.setter
     def dt(self, dt: float) -> None:
-        self._dt = checked_dt(dt)
-        for body in self._bodies.values():
-            if isinstance(body, Soft):
-                body.dt = self._dt
+        self._set_step(checked_dt(dt))
+        self._wait = 0
         self._make_loops()
 
     def join(self, joint: AnyJoint) -> str:
@@ -235,8 +234,9 @@ class World(ReadWorld):
     def step(self, inputs: Mapping[str, Mapping[str, Any]] | None = None, count: int = 1) -> None:
         """Advances by so many steps of dt.
 
-        Where they are compiled, many cost less than one by one, as Python has nothing to do between them. Accounts,
-        warnings and skins are as of single ones; forces, contacts and sweeps are read of the last.
+        Where they are compiled, many cost less than one by one. Accounts, warnings and skins are as of single ones;
+        forces, contacts and sweeps are read of the last. A step in which rigid bodies would go through one another is
+        cut: `warnings` tells of it.
 
         Args:
             inputs: by body, by name, the same in all steps; what is not named is 0. Of a soft body as of a Simulator;
@@ -245,11 +245,11 @@ class World(ReadWorld):
             count: how many steps. Loads, motions and joints go on in time.
 
         Raises:
-            StepError: no such body or input, or no forces were found; all is as it was before the step where it is so.
+            StepError: no such body or input, or no forces were found; all is as it was before that step or part of it.
         """
         left = checked_count(count)
         while left > 0:
-            left -= self._take_steps(inputs, left)
+            left -= self._advance(inputs, left)
 
     def _take_steps(self, inputs: Mapping[str, Mapping[str, Any]] | None, most: int) -> int:
         """Takes so many steps at most: how many."""

@@ -1,0 +1,111 @@
+"""Rigid bodies that go by more than they are thick in a step do not pass one another; steps that are cut are told."""
+
+import numpy as np
+import pytest
+
+import fenics_rom as fr
+from fenics_rom.mechanics.frame_motion import quaternion_of_vector
+from fenics_rom.world import fast_motion
+from fenics_rom.world.shapes import Box, Capsule, HalfSpace, Sphere
+
+DT, SPEED, PLATE = 1e-2, 50.0, (0.4, 0.4, 1e-3)  # s, m/s, m: half a metre in a step, 500 times as much as the plate
+CLOSES_TO = 1e-12
+SHAPES = {"ball": Sphere(0.01), "box": Box((0.02, 0.02, 0.02)), "rod": Capsule(0.01, 0.02)}
+CUT = "steps were cut"
+
+
+def resting(position=(0.0, 0.0, 0.0)):
+    """A pose that is still."""
+    return fr.BaseState(np.array(position), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
+
+
+def thrown(shape, height, plate, speed=SPEED, dt=DT):
+    """A world in which something is thrown down on a plate, from above or below it."""
+    side = np.sign(height)
+    body = fr.RigidBody(shape, mass=0.01, position=(0.0, 0.0, height), velocity=(0.0, 0.0, -side * speed))
+    return fr.World({"plate": plate, "body": body}, dt=dt, friction=0.3)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("is_driven", [True, False])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_what_is_thrown_at_a_plate_does_not_pass_it(shape, is_driven, side):
+    """Momentum and energy of a free plate and what hits it stay, but for what the impact takes."""
+    for height in np.random.default_rng(0).uniform(0.05, 2.0, 6):
+        plate = fr.RigidBody(Box(PLATE), **({"motion": resting()} if is_driven else {"mass": 1.0}))
+        world = thrown(SHAPES[shape], side * height, plate)
+        begun = world.energy
+        for _ in range(8):
+            world.step()
+            apart = world.pose("body").position[2] - world.pose("plate").position[2]
+            assert side * apart > 0.01
+            assert abs(world.energy - begun + world.ledger.dissipated) < CLOSES_TO * begun
+            assert world.ledger.dissipated > -CLOSES_TO * begun
+            if not is_driven:
+                momentum = sum(m * world.pose(name).velocity for name, m in (("body", 0.01), ("plate", 1.0)))
+                np.testing.assert_allclose(momentum, [0, 0, -side * 0.01 * SPEED], atol=1e-12 * SPEED)
+        assert world.steps == 8
+        assert world.time == pytest.approx(8 * DT, rel=1e-14)
+        assert world.dt == DT
+        (told,) = (text for text in world.warnings if CUT in text)
+        assert 0.25e-3 / SPEED < float(told.split()[-2]) < 0.02 / SPEED
+
+
+def test_a_thin_blade_that_turns_hits_a_ball():
+    """It turns by 0.8 rad in a step: at 0.15 m from its axis it goes by 6 times what both are thick."""
+
+    def motion(time):
+        return fr.BaseState(
+            np.zeros(3), quaternion_of_vector(np.array([0, 80.0 * time, 0])), np.zeros(3), np.array([0, 80.0, 0])
+        )
+
+    for angle in np.linspace(0.3, 2.8, 6):
+        where = 0.15 * np.array([-np.cos(angle), 0.0, np.sin(angle)])
+        bodies = {
+            "blade": fr.RigidBody(Box((0.4, 0.1, 1e-3)), motion=motion),
+            "ball": fr.RigidBody(Sphere(0.01), mass=0.01, position=tuple(where)),
+        }
+        world = fr.World(bodies, dt=DT)
+        for _ in range(5):
+            world.step()
+            if np.linalg.norm(world.pose("ball").velocity) > 0:
+                break
+        speed = np.linalg.norm(world.pose("ball").velocity)
+        assert speed > 0.9 * 80 * 0.15
+        assert any(CUT in text for text in world.warnings)
+
+
+def test_what_is_not_fast_is_not_cut(monkeypatch):
+    """It moves as if nobody looked, to the bit; nor is what meets only what has no thickness to go through."""
+
+    def moved(shapes, steps=60):
+        bodies = {"ground": fr.RigidBody(HalfSpace(), motion=resting())}
+        for k, shape in enumerate(shapes):
+            place = (0.005 * k, 0.0, 0.03 + 0.05 * k)
+            bodies[f"b{k}"] = fr.RigidBody(shape, mass=0.1, position=place, angular_velocity=(1.0, 2.0, 0.0))
+        world = fr.World(bodies, dt=2e-3, gravity=(0, 0, -9.81), friction=0.4)
+        for _ in range(steps):
+            world.step()
+        assert not any(CUT in text for text in world.warnings)
+        return np.concatenate([np.concatenate(world.pose(name)) for name in bodies])
+
+    looked = moved(SHAPES.values())
+    monkeypatch.setattr(fast_motion.CutWorld, "_advance", lambda world, inputs, most: world._take_steps(inputs, most))
+    np.testing.assert_array_equal(moved(SHAPES.values()), looked)
+    monkeypatch.undo()
+    bodies = {"ground": fr.RigidBody(HalfSpace(), motion=resting())}
+    bodies["ball"] = fr.RigidBody(Sphere(0.01), mass=1.0, position=(0, 0, 1.0), velocity=(0, 0, -50))
+    world = fr.World(bodies, DT)
+    world.step()
+    assert not world._fast
+
+
+def test_many_steps_in_a_call_are_those_one_by_one():
+    worlds = [thrown(SHAPES["ball"], 1.3, fr.RigidBody(Box(PLATE), mass=1.0)) for _ in range(2)]
+    worlds[0].step(count=12)
+    for _ in range(12):
+        worlds[1].step()
+    for name in ("body", "plate"):
+        for one, other in zip(worlds[0].pose(name), worlds[1].pose(name), strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert worlds[0].warnings == worlds[1].warnings
