@@ -26,7 +26,7 @@ from fenics_rom.world.step_count import next_time
 SHARE = 0.5  # of the thickness, or of the gap, that two bodies go in a part
 MOST_PARTS = 4096  # of a step
 MOST_TURNED = 1.0  # rad, in a part
-LONGEST_WAIT = 16  # steps, until it is looked again how fast bodies are
+LONGEST_WAIT = 256  # steps, until it is looked again how fast bodies are
 
 
 class FastPair(NamedTuple):
@@ -97,11 +97,13 @@ class CutWorld(ReadWorld):
         return taken
 
     def _steps_to_wait(self) -> int:
-        """Steps in which nothing is fast, even if all speed up twofold."""
-        moving = {id(body): body for pair in self._fast for body in (pair.first, pair.second)}.values()
-        fastest = 2 * max(_speed(body, self._dt) for body in moving)
-        thinnest = min(pair.thick for pair in self._fast)
-        return int(min(LONGEST_WAIT, SHARE * thinnest / max(2 * self._dt * fastest, 1e-300)))
+        """Steps in which nothing is fast, even if all speed up twofold by then."""
+        h, thinnest, wait = self._dt, min(pair.thick for pair in self._fast), float(LONGEST_WAIT)
+        slow = SHARE * thinnest / (4 * h)  # two bodies, each twice as fast
+        for body in {id(body): body for pair in self._fast for body in (pair.first, pair.second)}.values():
+            speed, gained = _speed(body, h), h * _acceleration(body)
+            wait = min(wait, slow / max(speed, 1e-300), (slow - speed) / max(gained, 1e-300))
+        return int(max(wait, 0.0))
 
     def _parts(self, h: float) -> int:
         """Of h s, in which nothing goes too far; a power of 2."""
@@ -166,6 +168,13 @@ def _speed(body: Rigid | Driven, h: float) -> float:
     """Of the fastest point, m/s, at most."""
     v, turning = _rates(body, h)
     return float(np.linalg.norm(v)) + (turning * body.size if turning else 0.0)
+
+
+def _acceleration(body: Rigid | Driven) -> float:
+    """Of what moves freely, m/s²: by its weight, and as in the last step."""
+    if isinstance(body, Driven):
+        return 0.0
+    return float(np.linalg.norm(body.gravity) + np.linalg.norm(body.turning[2]))
 
 
 def _gap(first: Rigid | Driven, second: Rigid | Driven) -> float:
