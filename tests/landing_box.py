@@ -11,6 +11,8 @@ BALL = '[effects.contact.obstacles.ball]\nshape = "sphere"\ncenter = [0.15, 0.1,
 WALL = '[effects.contact.obstacles.wall]\nshape = "half-space"\npoint = [-1.0, 0, 0]\nnormal = [1, 0, 0]\n'
 BODY = "inertia = {}\ndamping = { alpha = 5.0, beta = 2e-3 }\ngravity = { acceleration = [0, 0, -9.81] }\n"
 ROUGH = "[effects.friction]\ncoefficient = 0.4\n"
+RELAXING = "[effects.viscoelasticity]\nratios = [0.5, 0.3]\ntimes = [2e-3, 0.1]\n"
+SPRINGS = '[effects.springs.bed]\nsurface = "top"\nstiffness = 100.0\n'
 PARTS = {
     "contacts": '[contacts.bottom]\nsurface = "bottom"\n',
     "supports": None,
@@ -23,6 +25,8 @@ CASES = {
     "ball": "[effects.contact]\n" + BALL + ROUGH,
     "springs": "[effects.contact]\nmethod = 'penalty'\nstiffness = 1e5\ndamping = 10.0\n" + FLOOR + ROUGH,
     "two": "[effects.contact]\n" + FLOOR + WALL + ROUGH,
+    "relaxing": "[effects.contact]\n" + FLOOR + ROUGH + RELAXING,
+    "relaxing, on springs": "[effects.contact]\n" + FLOOR + ROUGH + RELAXING + SPRINGS,
 }
 
 

@@ -77,7 +77,7 @@ class CompiledBending(CompiledBodies):
             stepper.restore(name, self._at_rest(name), self._dt)
             loops = self._kernel.loops
             if states is None:
-                sizes = (2, m), (0,), (4, 0 if loops.touch is None else len(loops.touch.R))
+                sizes = (2, m), (0,), (4, 0 if loops.touch is None else len(loops.touch.R)), (0, 2, 0), (0, 2, 0)
                 states = State(*(np.zeros((size, *shape)) for shape in sizes * 2))
             self._modes.append(Mode(name, loops.body, loops.touch, states))
         if first:

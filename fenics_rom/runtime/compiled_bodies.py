@@ -22,7 +22,7 @@ from fenics_rom.mechanics.step import StepInput
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import distinct, stacked_state
 from fenics_rom.runtime.compiled.linear_bodies import Obstacles, look_at_bodies, step_bodies
-from fenics_rom.runtime.compiled.linear_step import State
+from fenics_rom.runtime.compiled.linear_step import PARTS, State
 from fenics_rom.runtime.compiled.touching import LOST, Clearance
 from fenics_rom.runtime.compiled_state import LOST_IN_SWITCHING, CompiledState, Mode
 from fenics_rom.runtime.simulator import Simulator
@@ -70,7 +70,13 @@ class CompiledBodies(CompiledState):
         now, states = stepper.snapshot(), self._modes[self._mode[body]].states
         states.halves[body] = now.state.reshape(2, -1)
         states.rigid[body] = now.rigid_displacement
-        states.beyond[body] = now.auxiliary.reshape(4, -1) if states.beyond.size else 0.0
+        ends = np.cumsum([states.beyond[body].size, states.relaxed_beyond[body].size])
+        beyond, relaxed_beyond, relaxed = np.split(now.auxiliary, ends)
+        states.beyond[body] = beyond.reshape(states.beyond[body].shape)
+        states.relaxed_beyond[body] = relaxed_beyond.reshape(states.relaxed_beyond[body].shape)
+        share, (strains, forces) = self._modes[self._mode[body]].body.share, states.relaxed[body].transpose(1, 0, 2)
+        strains[:] = relaxed.reshape(strains.shape)
+        forces[:] = strains @ share if len(share) else strains
 
     def _step_alone(self, body: int, u: Array, obstacles: Obstacles) -> None:
         """Takes a step as a single body does.
@@ -89,7 +95,7 @@ class CompiledBodies(CompiledState):
         if not np.isfinite(energy):
             stepper.rollback()
             raise StepError(OVERFLOWS)
-        for kept, part in zip(mode.states[3:], mode.states[:3], strict=True):
+        for kept, part in zip(mode.states[PARTS:], mode.states[:PARTS], strict=True):
             kept[body] = part[body]
         self._leave(body)
         if self._interface is not None:
@@ -115,18 +121,19 @@ class CompiledBodies(CompiledState):
         orders = np.array([model.order for model in self._models])[self._mode[bodies]]
         if state[:, np.arange(self._m) >= orders[:, None]].any():
             raise StepError("state: beyond the order of a body's contact mode only zeros are allowed")
-        saved = [(mode, bodies, [part[bodies] for part in mode.states[:3]]) for mode in self._modes]
+        saved = [(mode, bodies, [part[bodies] for part in mode.states[:PARTS]]) for mode in self._modes]
         given = np.zeros((2, self.size, self._m))
         given[:, bodies] = state
         for own, mode in self._by_mode(bodies):
             q, r = given[:, own, : len(mode.body.ω)]
             mode.states.halves[own] = np.stack([mode.body.ω * q, r], axis=1)
             mode.states.rigid[own] = q[:, : self.rom.rigid]
-            mode.states.beyond[own] = 0.0
+            for part in mode.states[2:PARTS]:
+                part[own] = 0.0
         inside = self._inside(bodies, self._offsets)
         if inside.any() and on_error == "raise":
             for mode, own, parts in saved:
-                for kept, part in zip(mode.states[:3], parts, strict=True):
+                for kept, part in zip(mode.states[:PARTS], parts, strict=True):
                     kept[own] = part
             raise StepError(_inside_message(bodies[inside.argmax()]))
         self._begin(bodies, inside)
@@ -143,7 +150,7 @@ class CompiledBodies(CompiledState):
         if inside.any() and on_error == "raise":
             raise StepError(_inside_message(bodies[inside.argmax()]))
         self._mode[bodies], self._offsets, self._velocities[bodies] = 0, offsets, 0.0
-        for part in self._modes[0].states[:3]:
+        for part in self._modes[0].states[:PARTS]:
             part[bodies] = 0.0
         self._begin(bodies, inside)
         self._begun.forces[bodies], self._begun.swung[bodies] = 0.0, 0
@@ -225,7 +232,7 @@ class CompiledBodies(CompiledState):
     def _take_back(self, bodies: Array) -> None:
         """Puts bodies where they were before the last step."""
         for own, mode in self._by_mode(bodies):
-            for kept, part in zip(mode.states[:3], mode.states[3:], strict=True):
+            for kept, part in zip(mode.states[:PARTS], mode.states[PARTS:], strict=True):
                 kept[own] = part[own]
         self._clearance[:, bodies] = 0.0
 

@@ -17,6 +17,7 @@ from fenics_rom.mechanics.step import StepperState
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_skin import BatchSkin
+from fenics_rom.runtime.compiled.branches import RATIO
 from fenics_rom.runtime.compiled.linear_bodies import Told
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.touching import Begun
@@ -104,7 +105,8 @@ class CompiledState:
         for name, model in self.rom.contact_models.items():
             stepper.restore(name, self._at_rest(name), self._dt)
             body = stepper.kernel.compiled_step.body  # type: ignore[attr-defined]
-            sizes = (2, model.order), (self.rom.rigid,), (4, len(body.R))
+            n, m, k = body.branches.shape[1], model.order, len(body.R)
+            sizes = (2, m), (self.rom.rigid,), (4, k), (n, 2, m), (n, 2, k)
             states = known.get(name) or State(*(np.zeros((self.size, *shape)) for shape in sizes * 2))
             self._modes.append(Mode(name, body, body, states, stretch_of(body.points)))
 
@@ -154,7 +156,9 @@ class CompiledState:
         """The simulator's stepper where a body is."""
         mode, stepper = self._modes[self._mode[body]], self._single.integrator
         states, search = mode.states, self._search_of(body)
-        now = states.halves[body].ravel(), states.rigid[body], states.beyond[body].ravel()
+        relaxed = states.relaxed_beyond[body], states.relaxed[body, :, 0]
+        auxiliary = np.concatenate([part.ravel() for part in (states.beyond[body], *relaxed)])
+        now = states.halves[body].ravel(), states.rigid[body], auxiliary
         stepper.restore(mode.name, StepperState(*now, None, search, {}, np.empty(0)), self._dt)
         return stepper
 
@@ -196,6 +200,8 @@ class CompiledState:
         for bodies, mode in self._by_mode():
             halves, (g, y, ġ, ẏ) = mode.states.halves[bodies], mode.states.beyond[bodies].transpose(1, 0, 2)
             stored = np.einsum("bp,bp->b", g, y) + mode.body.τ**2 * np.einsum("bp,bp->b", ġ, ẏ)
+            for relaxed in (mode.states.relaxed[bodies], mode.states.relaxed_beyond[bodies]):
+                stored += np.einsum("n,bnk,bnk->b", mode.body.branches[RATIO], relaxed[:, :, 0], relaxed[:, :, 1])
             energy[bodies] = (np.einsum("bim,bim->b", halves, halves) + stored) / 2
         return energy
 

@@ -35,6 +35,7 @@ def both(rom, **given):
     """A compiled body, and one of NumPy."""
     body = fr.Simulator(rom, DT, **given)
     assert isinstance(body.integrator.interface.solver, CompiledContact)
+    assert body.integrator.kernel.compiled_step is not None
     with numpy_alone():
         return body, fr.Simulator(rom, DT, **given)
 

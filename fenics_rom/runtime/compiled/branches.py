@@ -6,16 +6,33 @@ Of each of N branches there is its strain w and C₀ w, (N, 2, size), and a colu
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.runtime.compiled.small_matrices import dot
+from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.runtime.compiled.small_matrices import dot, multiply
 
 PULL, KEPT, MOVED, DECAY, GAIN, VISCOUS, NUMERICAL, RATIO = range(8)  # rows, as `MaxwellBranches.numbers` has them
 
 
 @jit_part
-def add_pull(numbers: Array, branches: Array, stress: Array) -> None:
-    """Adds the stress (size,) that the strains at the start of a step add in it."""
+def set_force(share: Array, strain: Array, force: Array) -> None:
+    """Sets the force (size,) of a strain: a share (size, size) of it, or itself where that is (0, 0)."""
+    if len(share) > 0:
+        multiply(share, strain, force)
+    else:
+        copy(strain, force)
+
+
+@jit_part
+def set_forces(share: Array, branches: Array) -> None:
+    """Sets those of the strains of branches."""
     for b in range(len(branches)):
-        size, own = numbers[PULL, b], branches[b, 1]
+        set_force(share, branches[b, 0], branches[b, 1])
+
+
+@jit_part
+def add_pull(numbers: Array, branches: Array, row: int, stress: Array) -> None:
+    """Adds the stress (size,) that the strains at the start of a step add in it; of row 0 the strain."""
+    for b in range(len(branches)):
+        size, own = numbers[PULL, b], branches[b, row]
         for k in range(len(own)):
             stress[k] += size * own[k]
 

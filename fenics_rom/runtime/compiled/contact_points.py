@@ -175,7 +175,7 @@ def end_points(points: Points, h: float) -> tuple[float, float]:
     copy_rows(points.beyond, points.beyond_before)
     times, f = points.times, points.seen.reshape(n)
     yielding = Beyond(points.R, times[INERTIA], times[WHOLE], times[LOST], times[TAU])
-    lost, _, stored = step_beyond(yielding, h, points.beyond, f, np.empty(n))
+    lost, _, stored = step_beyond(yielding, h, points.beyond, points.R[:0], f, np.empty(n))
     if not points.pushed.any() and stored < 2 * FORGOTTEN:
         points.beyond[:] = 0.0
         return 0.0, 0.0

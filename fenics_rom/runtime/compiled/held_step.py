@@ -209,7 +209,8 @@ def _find_contact(r: Array, motion: Motion, among: Among, w: Array, pull: Pull |
     touch, found = among.touch, among.found
     space = work_space(3 * len(touch.places))
     look_around(touch, among.shapes, among.start, motion.q, among.beyond, found, space)
-    ask_points(touch, among.law, w, among.w_before, among.begun, r, motion.velocity, among.beyond, found, space)
+    moving = w, among.w_before, among.begun, r, motion.velocity, among.beyond, touch.R[:0]
+    ask_points(touch, among.law, *moving, found, space)
     if found.pairs.chosen.any():
         _set_delassus(touch, motion.factor, among.spread, among.W)
         if pull is not None and holds:
@@ -256,7 +257,7 @@ def _end_touched(
     step = end_step(body, r, strains, motion)
     dissipated = step.dissipated
     if yields:
-        lost, power_beyond, stored = step_beyond(touch, h, among.beyond, forces, found.motion[3])
+        lost, power_beyond, stored = step_beyond(touch, h, among.beyond, touch.R[:0], forces, found.motion[3])
         dissipated, power = dissipated + lost, power + power_beyond
         if contact.status == NOTHING and stored < 2 * FORGOTTEN:
             stored = 0.0

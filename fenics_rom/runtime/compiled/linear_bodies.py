@@ -14,7 +14,7 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pai
 from fenics_rom.mechanics.compiled.copying import copy, fill
 from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.compiled.work_space import release, taken, work_space
-from fenics_rom.runtime.compiled.linear_step import ROOM_FOR_MODES, Body, State, restore, step_in
+from fenics_rom.runtime.compiled.linear_step import Body, State, restore, room_for, step_in
 from fenics_rom.runtime.compiled.touching import LOST, Begun, Clearance, StepContact, Touched, hand_on, is_settled
 
 
@@ -65,7 +65,7 @@ def step_bodies(
         told: set.
     """
     P, N = len(body.places), begun.forces.shape[1]
-    found, space = contact_of(N, P), work_space(ROOM_FOR_MODES * len(body.ω) + 3 * (P + len(shapes)))
+    found, space = contact_of(N, P), work_space(room_for(body, len(shapes)))
     given = unowned(body), law, unowned(friction), unowned(shapes), unowned(bodies), unowned(inputs)
     known = unowned(obstacles), unowned(begun), unowned(after), unowned(states), unowned(clearance), unowned(told)
     _step_bodies(*given, *known, found, space)
@@ -106,8 +106,9 @@ def _step_bodies(
         fill(sought.friction, friction[b])
         numbers = law.rate, law.compliance, law.is_at_rest, law.swings, law.radius
         own = Law(law.h, law.restitution, friction[b], *numbers)
-        now = states.halves[b], states.rigid[b], states.beyond[b]
-        state = State(*now, states.halves_before[b], states.rigid_before[b], states.beyond_before[b])
+        now = states.halves[b], states.rigid[b], states.beyond[b], states.relaxed[b], states.relaxed_beyond[b]
+        before = states.halves_before[b], states.rigid_before[b], states.beyond_before[b]
+        state = State(*now, *before, states.relaxed_before[b], states.relaxed_beyond_before[b])
         past = Begun(begun.forces[b], begun.swung[b])
         moving = obstacles.start[b], obstacles.end[b], obstacles.before[b]
         own_numbers = clearance.gap[b : b + 1], clearance.untouched[b : b + 1], clearance.still[b : b + 1]

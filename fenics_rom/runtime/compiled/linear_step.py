@@ -2,7 +2,8 @@
 
     A v̂ = G u + 2/h r - ω e + Sᵀ f,    e⁺ = e + h ω v̂,    r⁺ = 2 v̂ - r
 
-and beside it what the contact points do beyond the basis (`steppers.residual_motion`).
+and beside it what the contact points do beyond the basis (`steppers.residual_motion`). Branches of a material that
+relaxes pull beside e, and beside what points do: see `steppers.contact_midpoint`.
 """
 
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE,
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.work_space import take, take_rows
+from fenics_rom.runtime.compiled.branches import add_pull, set_force, set_forces, step_branches, stored_in
 from fenics_rom.runtime.compiled.small_matrices import dot, multiply
 from fenics_rom.runtime.compiled.touching import (
     FORGOTTEN,
@@ -31,8 +33,6 @@ from fenics_rom.runtime.compiled.touching import (
     step_beyond,
 )
 
-ROOM_FOR_MODES = 6  # numbers of the work space for each mode, beside three for each point and obstacle
-
 
 class Body(NamedTuple):
     """A linear body in steps of h s, with m modes, ρ of them rigid, p inputs and P contact points."""
@@ -47,10 +47,15 @@ class Body(NamedTuple):
     W: Array  # the Delassus operator (3P, 3P), with R/a, m/s/N
     inverse: Array  # of W, (0, 0) where there is none that tells forces apart
     R: Array  # residual compliance (3P, 3P), m/N; (0, 0) where there is none
+    branches: Array  # coefficients of a step of N branches, (8, N), as in `branches`
+    share: Array  # P (m, m) of `MaxwellBranches`; (0, 0) where forces of branches are their strains
     inertia: float  # 2τ²/h, s, of what carries a force beyond the basis
     whole: float  # a, s
     lost: float  # β + (θ - ½) h, s
     τ: float  # s
+
+
+PARTS = 5  # of a State, before those that note them
 
 
 class State(NamedTuple):
@@ -59,9 +64,13 @@ class State(NamedTuple):
     halves: Array  # e and r, (2, m)
     rigid: Array  # displacements (ρ,)
     beyond: Array  # g, y and their rates, (4, 3P)
+    relaxed: Array  # strains of branches in energy coordinates, and their forces, (N, 2, m)
+    relaxed_beyond: Array  # those beyond the basis, (N, 2, 3P)
     halves_before: Array  # the same before the step
     rigid_before: Array
     beyond_before: Array
+    relaxed_before: Array
+    relaxed_beyond_before: Array
 
 
 class Step(NamedTuple):
@@ -76,6 +85,12 @@ class Step(NamedTuple):
     contact: float  # dissipated in impacts, J
     friction: float  # dissipated, J
     normal_power: float  # Σ λ s of the pairs, W
+
+
+@jit_part
+def room_for(body: Body, obstacles: int) -> int:
+    """Numbers of the work space that a step takes."""
+    return 8 * len(body.ω) + 9 * len(body.places) + 3 * obstacles
 
 
 @jit_apart
@@ -96,7 +111,7 @@ def step_in(
     """Takes a step.
 
     Args:
-        space: with `ROOM_FOR_MODES` numbers for each mode, and three for each point and obstacle.
+        space: with `room_for` the step.
         body, law: of it.
         shapes: of the obstacles, (O, 17).
         u: the input (p,).
@@ -110,18 +125,29 @@ def step_in(
     pairs, _, motion, forces = found
     h, m, P = law.h, len(body.ω), len(body.places)
     e, r, ρ = state.halves[0], state.halves[1], len(state.rigid)
-    yields = len(body.R) > 0
+    yields, relaxes = len(body.R) > 0, len(state.relaxed) > 0
     pushed, right, v, q = take(space, m), take(space, m), take(space, m), take(space, m)
     by_contact, heat, w = take(space, m), take(space, m), take_rows(space, len(shapes), 3)
+    rate, stress = take(space, m), take(space, m)
+    pull = take_rows(space, 2 if relaxes and yields else 0, 3 * P)
     multiply(body.inputs, u, pushed)
     for i in range(m):
         right[i] = pushed[i] + 2 / h * r[i] - body.ω[i] * e[i]
         q[i] = state.rigid[i] if i < ρ else e[i] * body.inverse_ω[i]
+    if relaxes:
+        set_forces(body.share, state.relaxed)
+        fill(stress, 0.0)
+        add_pull(body.branches, state.relaxed, 1, stress)
+        for i in range(m):
+            right[i] -= body.ω[i] * stress[i]
+        for row in range(len(pull)):
+            fill(pull[row], 0.0)
+            add_pull(body.branches, state.relaxed_beyond, row, pull[row])
     multiply(body.A, right, v)
     for o in range(len(w)):
         for k in range(3):
             w[o, k] = (end[o, k] - start[o, k]) / h
-    contact, going = Found(NOTHING, 0, 0.0), (r, v, state.beyond, w, w_before)
+    contact, going = Found(NOTHING, 0, 0.0), (r, v, state.beyond, pull, w, w_before)
     is_clear = is_out_of_reach(clearance, body, h, *going)
     if not is_clear:
         look_around(body, shapes, start, q, state.beyond, found, space)
@@ -131,7 +157,7 @@ def step_in(
         forget_pairs(pairs)
     else:
         copy(begun.forces, pairs.forces)
-        ask_points(body, law, w, w_before, begun, r, v, state.beyond, found, space)
+        ask_points(body, law, w, w_before, begun, r, v, state.beyond, pull, found, space)
         contact = find_forces(law, body.W, in_one_piece(body.inverse), P, begun.swung, pairs)
     if contact.status == OTHERWISE:
         return Step(OTHERWISE, contact.sweeps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -145,17 +171,27 @@ def step_in(
         power = dot(by_contact, v)
     multiply(body.heat, right, heat)
     supplied, dissipated = h * dot(pushed, v), h * dot(heat, heat)
-    stored = 0.0
+    stored = in_branches = 0.0
+    if relaxes:
+        for i in range(m):
+            rate[i] = body.ω[i] * v[i]
+        set_force(body.share, rate, stress)
+        dissipated += step_branches(body.branches, state.relaxed, rate, stress)
+        in_branches = 2 * stored_in(body.branches, state.relaxed)
     touches = contact.status == FOUND
-    is_still = not touches and (is_settled(clearance.still) or largest_of(state.beyond) == 0.0)
+    is_still = not touches and (is_settled(clearance.still) or _is_at_rest(state))
     clearance.still[0] = clearance.still[0] + 1 if is_still else 0.0
     if yields and is_still:
         fill(motion[3], 0.0)
     elif yields:
-        lost, power_beyond, stored = step_beyond(body, h, state.beyond, forces, motion[3])
+        lost, power_beyond, stored = step_beyond(body, h, state.beyond, pull, forces, motion[3])
         dissipated, power = dissipated + lost, power + power_beyond
+        if relaxes:
+            dissipated += step_branches(body.branches, state.relaxed_beyond, pull[0], pull[1])
+            stored += 2 * stored_in(body.branches, state.relaxed_beyond)
         if contact.status == NOTHING and stored < max(2 * FORGOTTEN, NEGLIGIBLE * (dot(e, e) + dot(r, r))):
             fill(state.beyond, 0.0)
+            fill(state.relaxed_beyond, 0.0)
             stored = 0.0
     for i in range(m):
         e[i] += h * body.ω[i] * v[i]
@@ -165,7 +201,7 @@ def step_in(
     go_on(clearance, h, v, motion[3], w)
     whole = power - by_obstacles
     normal = contact.normal_power if law.friction > 0 else whole
-    square = dot(e, e) + dot(r, r) + stored
+    square = dot(e, e) + dot(r, r) + stored + in_branches
     return Step(
         contact.status,
         contact.sweeps,
@@ -180,12 +216,20 @@ def step_in(
 
 
 @jit_part
+def _is_at_rest(state: State) -> bool:
+    """Whether nothing is carried beyond the basis."""
+    return largest_of(state.beyond) == 0.0 and largest_of(state.relaxed_beyond) == 0.0
+
+
+@jit_part
 def _remember(state: State, is_still: bool) -> None:
     """Notes what is there before a step; is_still: nothing is, nor was, carried beyond the basis."""
     copy(state.halves, state.halves_before)
     copy(state.rigid, state.rigid_before)
+    copy(state.relaxed, state.relaxed_before)
     if not is_still:
         copy(state.beyond, state.beyond_before)
+        copy(state.relaxed_beyond, state.relaxed_beyond_before)
 
 
 @jit_part
@@ -194,3 +238,5 @@ def restore(state: State) -> None:
     copy(state.halves_before, state.halves)
     copy(state.rigid_before, state.rigid)
     copy(state.beyond_before, state.beyond)
+    copy(state.relaxed_before, state.relaxed)
+    copy(state.relaxed_beyond_before, state.relaxed_beyond)

@@ -13,13 +13,13 @@ from fenics_rom.compiled_arrays import unowned
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs
 from fenics_rom.mechanics.compiled.copying import are_equal, copy
 from fenics_rom.mechanics.compiled.work_space import take, take_flags, take_frames, take_integers, take_rows, work_space
-from fenics_rom.runtime.compiled.arrays_at import matrix_at, vector_at
-from fenics_rom.runtime.compiled.linear_step import ROOM_FOR_MODES, Body, State, Step, restore, step_in
+from fenics_rom.runtime.compiled.arrays_at import cube_at, matrix_at, vector_at
+from fenics_rom.runtime.compiled.linear_step import Body, State, Step, restore, room_for, step_in
 from fenics_rom.runtime.compiled.touching import Begun, Clearance, StepContact, hand_on
 from fenics_rom.runtime.steppers.clearance import stretch_of
 
 OF_A_STEP = 10  # numbers that a record begins with: a `Step`, and how many pairs friction was not asked to stop
-_STATE, _OTHERS = 10, 16  # where a table has these after the body
+_STATE, _OTHERS = 12, 22  # where a table has these after the body
 
 
 class Taken(NamedTuple):
@@ -42,18 +42,18 @@ class Clear(NamedTuple):
     """How far a body is from obstacles, and where it and they were when that was known."""
 
     clearance: Clearance
-    left: Array  # e, r, rigid displacements, what is beyond the basis, and displacements of the obstacles
+    left: Array  # e, r, rigid displacements, what is beyond the basis, and its branches; displacements of the obstacles
 
 
 def arrays_of(body: Body, state: State, shapes: Array, friction: Array) -> tuple[Array, ...]:
     """What a table has, in its order; shapes (O, 17) and friction (O P,) are those of the obstacles and pairs."""
-    left = sum(part.size for part in state[:3]) + 3 * len(shapes)
-    return *body[:10], *state, shapes, friction, np.zeros(3), stretch_of(body.points), np.zeros(left)
+    left = sum(part.size for part in (*state[:3], state.relaxed_beyond)) + 3 * len(shapes)
+    return *body[:12], *state, shapes, friction, np.zeros(3), stretch_of(body.points), np.zeros(left)
 
 
 def numbers_of(law: Law, body: Body) -> Array:
     """What goes with a table: numbers of the law, and of the body."""
-    return np.array([*law, *body[10:]], dtype=float)
+    return np.array([*law, *body[12:]], dtype=float)
 
 
 def _places_in_record(N: int, P: int) -> list[slice]:
@@ -113,6 +113,8 @@ def _body_at(table: Array, numbers: Array) -> Body:
         matrix_at(table[7]),
         matrix_at(table[8]),
         matrix_at(table[9]),
+        matrix_at(table[10]),
+        matrix_at(table[11]),
         numbers[8],
         numbers[9],
         numbers[10],
@@ -123,7 +125,9 @@ def _body_at(table: Array, numbers: Array) -> Body:
 @jit_part
 def _state_at(table: Array) -> State:
     t = table[_STATE:]
-    return State(matrix_at(t[0]), vector_at(t[1]), matrix_at(t[2]), matrix_at(t[3]), vector_at(t[4]), matrix_at(t[5]))
+    now = matrix_at(t[0]), vector_at(t[1]), matrix_at(t[2]), cube_at(t[3]), cube_at(t[4])
+    before = matrix_at(t[5]), vector_at(t[6]), matrix_at(t[7]), cube_at(t[8]), cube_at(t[9])
+    return State(now[0], now[1], now[2], now[3], now[4], before[0], before[1], before[2], before[3], before[4])
 
 
 @jit_part
@@ -141,20 +145,30 @@ def _clear_at(table: Array) -> Clear:
 
 @jit_part
 def _space_for(body: Body, shapes: Array) -> Array:
-    return work_space(ROOM_FOR_MODES * len(body.ω) + 3 * (len(body.places) + len(shapes)))
+    return work_space(room_for(body, len(shapes)))
+
+
+@jit_part
+def _parts_of(left: Array, state: State) -> tuple[Array, Array, Array, Array, Array]:
+    """What was left of each part of a state, and of the obstacles."""
+    a = state.halves.size
+    b = a + len(state.rigid)
+    c = b + state.beyond.size
+    d = c + state.relaxed_beyond.size
+    return left[:a], left[a:b], left[b:c], left[c:d], left[d:]
 
 
 @jit_part
 def _begin_clear(clear: Clear, state: State, start: Array) -> None:
     """Forgets what is known where the body or an obstacle was put elsewhere since."""
-    left, m, ρ, n = clear.left, state.halves.size, len(state.rigid), state.beyond.size
-    gap, still = clear.clearance.gap, clear.clearance.still
+    left, gap, still = _parts_of(clear.left, state), clear.clearance.gap, clear.clearance.still
     if not (
         gap[0] > 0.0
-        and are_equal(state.halves, left[:m])
-        and are_equal(state.rigid, left[m : m + ρ])
-        and are_equal(state.beyond, left[m + ρ : m + ρ + n])
-        and are_equal(start, left[m + ρ + n :])
+        and are_equal(state.halves, left[0])
+        and are_equal(state.rigid, left[1])
+        and are_equal(state.beyond, left[2])
+        and are_equal(state.relaxed_beyond, left[3])
+        and are_equal(start, left[4])
     ):
         gap[0] = still[0] = 0.0
 
@@ -163,11 +177,12 @@ def _begin_clear(clear: Clear, state: State, start: Array) -> None:
 def _end_clear(clear: Clear, state: State, end: Array) -> None:
     """Notes where the body and the obstacles are."""
     if clear.clearance.gap[0] > 0.0:
-        left, m, ρ, n = clear.left, state.halves.size, len(state.rigid), state.beyond.size
-        copy(state.halves, left[:m])
-        copy(state.rigid, left[m : m + ρ])
-        copy(state.beyond, left[m + ρ : m + ρ + n])
-        copy(end, left[m + ρ + n :])
+        left = _parts_of(clear.left, state)
+        copy(state.halves, left[0])
+        copy(state.rigid, left[1])
+        copy(state.beyond, left[2])
+        copy(state.relaxed_beyond, left[3])
+        copy(end, left[4])
 
 
 @jit_part

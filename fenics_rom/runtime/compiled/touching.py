@@ -123,6 +123,7 @@ def ask_points(
     r: Array,
     v: Array,
     beyond: Array,
+    pull: Array,
     found: StepContact,
     space: Array,
 ) -> None:
@@ -134,6 +135,7 @@ def ask_points(
         begun: what the step begins with.
         r, v: rates at its start, and v̂ without contact, (m,).
         beyond: g, y and their rates, (4, 3P).
+        pull: what branches of the material add to g and y in the step, (2, 3P); (0, 3P) where there are none.
         found: set but for forces.
         space: not used up.
     """
@@ -147,7 +149,7 @@ def ask_points(
         y, rate = beyond[1], beyond[3]
         for k in range(len(rate)):
             velocity[k] += rate[k]
-            free[k] += (body.inertia * rate[k] - y[k]) / body.whole
+            free[k] += (body.inertia * rate[k] - y[k] - (pull[1, k] if len(pull) > 0 else 0.0)) / body.whole
     at = rows_of(free, 3), rows_of(velocity, 3)
     ask(law, found.gaps, *at, w, w_before, begun.forces, take(space, 0), found.pairs)
 
@@ -163,7 +165,15 @@ def _speed_of(clearance: Clearance, v: Array) -> float:
 
 @jit_part
 def is_out_of_reach(
-    clearance: Clearance, body: Touched, h: float, r: Array, v: Array, beyond: Array, w: Array, w_before: Array
+    clearance: Clearance,
+    body: Touched,
+    h: float,
+    r: Array,
+    v: Array,
+    beyond: Array,
+    pull: Array,
+    w: Array,
+    w_before: Array,
 ) -> bool:
     """Whether no pair takes part in a step of h s for sure.
 
@@ -175,7 +185,7 @@ def is_out_of_reach(
         body: with points.
         h: s.
         r, v: rates at its start, and v̂ without contact, (m,).
-        beyond: g, y and their rates, (4, 3P).
+        beyond, pull: as in `ask_points`.
         w, w_before: velocities of the obstacles in this step and in the one before, (O, 3), m/s.
     """
     gap = clearance.gap[0]
@@ -184,6 +194,7 @@ def is_out_of_reach(
     speed = max(_speed_of(clearance, r), _speed_of(clearance, v))
     if len(body.R) > 0 and clearance.still[0] == 0:
         y, rate = largest_of(beyond[1]), largest_of(beyond[3])
+        y += largest_of(pull[1]) if len(pull) > 0 else 0.0
         speed += DIAGONAL * max(rate, (body.inertia * rate + y) / body.whole)
     obstacles = DIAGONAL * max(largest_of(w), largest_of(w_before))
     return gap > 2.5 * h * (speed + 2 * obstacles)
@@ -235,10 +246,12 @@ def add_up_forces(contact: Found, w: Array, found: StepContact) -> float:
 
 
 @jit_part
-def step_beyond(body: Yielding, h: float, beyond: Array, f: Array, rates: Array) -> tuple[float, float, float]:
+def step_beyond(
+    body: Yielding, h: float, beyond: Array, pull: Array, f: Array, rates: Array
+) -> tuple[float, float, float]:
     """Takes the step of what points do beyond the basis: what it loses, J, the power of f there, W, twice its energy.
 
-    Sets the rates (3P,) of y in it.
+    Sets the rates (3P,) of y in it; and those of g and y in `pull`, of `ask_points`, where there are branches.
     """
     g, y, g_rate, y_rate = beyond[0], beyond[1], beyond[2], beyond[3]
     lost = power = stored = 0.0
@@ -249,9 +262,12 @@ def step_beyond(body: Yielding, h: float, beyond: Array, f: Array, rates: Array)
             for j in range(len(f)):
                 rates[j] += row[j] * force
     for k in range(len(f)):
-        g_mid = (body.inertia * g_rate[k] - g[k] + f[k]) / body.whole
-        y_mid = (body.inertia * y_rate[k] - y[k] + rates[k]) / body.whole
+        less, less_y = (pull[0, k], pull[1, k]) if len(pull) > 0 else (0.0, 0.0)
+        g_mid = (body.inertia * g_rate[k] - g[k] + f[k] - less) / body.whole
+        y_mid = (body.inertia * y_rate[k] - y[k] + rates[k] - less_y) / body.whole
         rates[k] = y_mid
+        if len(pull) > 0:
+            pull[0, k], pull[1, k] = g_mid, y_mid
         g[k], y[k] = g[k] + h * g_mid, y[k] + h * y_mid
         g_rate[k], y_rate[k] = 2 * g_mid - g_rate[k], 2 * y_mid - y_rate[k]
         lost += g_mid * y_mid

@@ -1,7 +1,7 @@
 """Steps of a linear body among obstacles by one compiled function: what `ContactMidpoint` tries first."""
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -28,6 +28,9 @@ from fenics_rom.runtime.compiled.linear_table import (
     take_steps_at,
 )
 from fenics_rom.runtime.compiled.touching import StepContact
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 
 LARGEST_CONDITION, MOST_ROWS = 1e8, 300  # of Delassus operators whose inverses are kept
 
@@ -114,6 +117,35 @@ class StepsTaken(NamedTuple):
     last: StepTaken
 
 
+class Relaxing:
+    """Strains of the branches of a material as loops have them.
+
+    Args:
+        branches: whose strains they are; None: there are none.
+        count: N of them.
+        size: of the strain of each.
+
+    Attributes:
+        rows, rows_before: of each its strain and the force of that (N, 2, size), now and before the last step.
+    """
+
+    def __init__(self, branches: "MaxwellBranches | None", count: int, size: int):
+        self._branches = branches
+        self.rows, self.rows_before = np.zeros((2, count, 2, size))
+
+    def begin(self) -> None:
+        """Has the loops go on from where the branches are."""
+        if self._branches is not None:
+            self.rows[:, : self._branches.state.shape[1]] = self._branches.state
+
+    def end(self) -> None:
+        """Has the branches be where the loops went."""
+        if self._branches is not None:
+            kept = self._branches.state.shape[1]
+            for rows in (self.rows_before, self.rows):
+                self._branches.took(rows[:, :kept].copy())
+
+
 class CompiledStep:
     """Steps of h s of a body.
 
@@ -122,13 +154,14 @@ class CompiledStep:
         state: what steps change, and where they note it before.
         solver: finds forces.
         h: s.
+        relaxing: branches of its material, whose strains are in the state.
 
     Attributes:
         body: as given.
     """
 
-    def __init__(self, body: Body, state: State, solver: CompiledContact, h: float):
-        self.body, self._solver, self._h = body, solver, h
+    def __init__(self, body: Body, state: State, solver: CompiledContact, h: float, relaxing: Sequence[Relaxing]):
+        self.body, self._solver, self._h, self._relaxing = body, solver, h, relaxing
         self._pairs, self._points = len(solver.shapes) * len(solver.points), len(solver.points)
         self._size, self._after = size_of_record(self._pairs, self._points), after_in_record(self._pairs, self._points)
         self._friction = np.empty(self._pairs)
@@ -147,6 +180,8 @@ class CompiledStep:
         if law is not self._law:
             self._law = law
             self._know_law()
+        for each in self._relaxing:
+            each.begin()
         return self._solver.search
 
     @or_numpy
@@ -178,6 +213,8 @@ class CompiledStep:
     def _note(self, record: Array, search: ContactSearch, obstacles: ObstacleMotion) -> StepTaken:
         """A step that began with a search; the next one begins with what it found."""
         solver, after = self._solver, self._after
+        for each in self._relaxing:
+            each.end()
         step = StepTaken(record, self._in, self._law, solver, search, obstacles)
         forces, swung = search.forces, None
         if step.touches:

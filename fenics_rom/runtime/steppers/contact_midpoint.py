@@ -71,24 +71,32 @@ class ContactMidpoint(FollowingMidpoint):
     def _make_compiled_step(self) -> "CompiledStep | None":
         """What takes steps where loops are compiled, and there is nothing that they do not know."""
         solver = None if self._interface is None else self._interface.solver
-        if not compiled() or solver is None or self._actuators is not None or self.branches is not None:
+        if not compiled() or solver is None or self._actuators is not None:
             return None
         from fenics_rom.mechanics.compiled_contact import CompiledContact  # here, as numba takes time to import
         from fenics_rom.runtime.compiled.linear_step import Body, State
-        from fenics_rom.runtime.steppers.compiled_step import CompiledStep, inverse_of
+        from fenics_rom.runtime.steppers.compiled_step import CompiledStep, Relaxing, inverse_of
 
         if not isinstance(solver, CompiledContact):
             return None
+        branches, beside = self.branches, None if self.residual is None else self.residual.branches
+        coefficients, share = np.zeros((8, 0)), np.empty((0, 0))
+        if branches is not None:
+            coefficients, share = branches.numbers, share if branches.share is None else in_plain(branches.share)
         A, heat = (each if each.ndim == 2 else np.diag(each) for each in (self._a, self._Ra))
         (R, *times), (beyond, beyond_before) = (np.empty((0, 0)), 0.0, 1.0, 0.0, 0.0), np.zeros((2, 4, 0))
         if self.residual is not None:
             (R, *times), (beyond, beyond_before) = self.residual.numbers, self.residual.states
         ω, inverse_ω, inputs, A, heat = map(in_plain, (self._ω, self._inverse_ω, self._model.inputs, A, heat))
         points, places, W, R = map(in_plain, (self._Sᵀ, solver.points, self._delassus, R))
-        body = Body(ω, inverse_ω, inputs, A, heat, points, places, W, inverse_of(W), R, *times)
+        of_branches = coefficients, share
+        body = Body(ω, inverse_ω, inputs, A, heat, points, places, W, inverse_of(W), R, *of_branches, *times)
+        count = coefficients.shape[1]
+        relaxing = Relaxing(branches, count, len(ω)), Relaxing(beside, count, len(R))
+        now = self._halves, self._rigid_displacement, beyond, *(each.rows for each in relaxing)
         before = self._state_before.reshape(2, -1), self._rigid_before, beyond_before
-        state = State(self._halves, self._rigid_displacement, beyond, *before)
-        return CompiledStep(body, state, solver, self.h)
+        state = State(*now, *before, *(each.rows_before for each in relaxing))
+        return CompiledStep(body, state, solver, self.h, relaxing)
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""

@@ -107,6 +107,11 @@ class ResidualMotion:
         return self._R, *self._relaxation, self._τ
 
     @property
+    def branches(self) -> "MaxwellBranches | None":
+        """How the material relaxes."""
+        return self._branches
+
+    @property
     def relaxes(self) -> bool:
         """Whether branches of the material are beside it."""
         return self._branches is not None
