@@ -30,9 +30,11 @@ class FrameRollout:
             every: the outputs of these names are read after every so many of its steps.
         """
         body, rows, taken = self._body, list[Array](), 0
+        bends_among = body.rom.deformation is not None and body.integrator.interface is not None
+        end = len(u) - 1 if bends_among else len(u)  # the last step is by itself: all that it leaves behind is its own
         while taken < len(u):
-            block = slice(taken, taken + LONGEST_BLOCK)
-            steps = self._roll(u[block], None if bases is None else bases[block])
+            block = slice(taken, min(taken + LONGEST_BLOCK, end))
+            steps = self._roll(u[block], None if bases is None else bases[block]) if taken < end else None
             if steps is not None:
                 if names:
                     due = slice(every - 1 - (first + taken) % every, None, every)

@@ -186,6 +186,32 @@ def test_among_obstacles_motion_and_forces_are_those_of_numpy(made, frame, law):
     assert_account_closes(bodies[0], first)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("frame", FRAMES)
+def test_rollouts_among_obstacles_are_steps(made, frame):
+    """To the bit, with forces and what is noted; and so are steps after them."""
+    rom = made(frame, LAWS[1], touched=True)
+    body, rolled = (fr.Simulator(rom, DT, stepper="linearly-implicit") for _ in range(2))
+    inputs = np.array([SCALES[name] for name in rom.actuators]) * (np.arange(STEPS) % 20 < 10)[:, None]
+    for u in inputs:
+        body.step(u)
+    calls, kernel = [], rolled.integrator.kernel
+    roll = kernel.roll
+    kernel.roll = lambda *given: calls.append(len(given[0])) or roll(*given)
+    rolled.rollout(inputs[:45])
+    assert sum(calls) >= 45 - 2  # all but the first one and the last one
+    for u in inputs[45:]:
+        rolled.step(u)
+    for a, b in zip(body.state, rolled.state, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert_same(rolled, body)
+    np.testing.assert_array_equal(rolled.contact_forces(), body.contact_forces())
+    assert body.contact_forces().any()
+    assert rolled.integrator.kernel.notes == pytest.approx(body.integrator.kernel.notes, rel=1e-12)
+    sums = np.array([[total for total, _ in one.ledger.sums] for one in (body, rolled)])
+    np.testing.assert_allclose(*sums, rtol=0, atol=1e-12 * np.abs(sums).max())
+
+
 def test_bodies_of_a_batch_are_single_ones_to_the_bit(made):
     rom = made("carried", LAWS[0])
     batch, bodies = fr.Batch(rom, 3, DT), [fr.Simulator(rom, DT) for _ in range(3)]

@@ -29,12 +29,18 @@ def set_forces(share: Array, branches: Array) -> None:
 
 
 @jit_part
-def add_pull(numbers: Array, branches: Array, row: int, stress: Array) -> None:
-    """Adds the stress (size,) that the strains at the start of a step add in it; of row 0 the strain."""
+def add_pull(numbers: Array, branches: Array, stress: Array) -> None:
+    """Adds the stress (size,) that the strains at the start of a step add in it."""
+    add_row_of_pull(numbers, branches, 1, stress)
+
+
+@jit_part
+def add_row_of_pull(numbers: Array, branches: Array, row: int, to: Array) -> None:
+    """Adds (size,) what the strains at the start of a step add in it, of row 0, or its stress, of row 1."""
     for b in range(len(branches)):
         size, own = numbers[PULL, b], branches[b, row]
         for k in range(len(own)):
-            stress[k] += size * own[k]
+            to[k] += size * own[k]
 
 
 @jit_part

@@ -15,7 +15,14 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE,
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.work_space import take, take_rows
-from fenics_rom.runtime.compiled.branches import add_pull, set_force, set_forces, step_branches, stored_in
+from fenics_rom.runtime.compiled.branches import (
+    add_pull,
+    add_row_of_pull,
+    set_force,
+    set_forces,
+    step_branches,
+    stored_in,
+)
 from fenics_rom.runtime.compiled.small_matrices import dot, multiply
 from fenics_rom.runtime.compiled.touching import (
     FORGOTTEN,
@@ -137,12 +144,12 @@ def step_in(
     if relaxes:
         set_forces(body.share, state.relaxed)
         fill(stress, 0.0)
-        add_pull(body.branches, state.relaxed, 1, stress)
+        add_pull(body.branches, state.relaxed, stress)
         for i in range(m):
             right[i] -= body.ω[i] * stress[i]
         for row in range(len(pull)):
             fill(pull[row], 0.0)
-            add_pull(body.branches, state.relaxed_beyond, row, pull[row])
+            add_row_of_pull(body.branches, state.relaxed_beyond, row, pull[row])
     multiply(body.A, right, v)
     for o in range(len(w)):
         for k in range(3):

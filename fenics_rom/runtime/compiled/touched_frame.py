@@ -14,12 +14,13 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, Found, Law, ask, find_forces
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE as UNKNOWN
-from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.copying import copy, fill
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.contact_pairs import FIRST
 from fenics_rom.mechanics.frame_contact import PATIENCE, ROUND_OFF, TOLERANCE
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
+from fenics_rom.runtime.compiled.bent_frame import Bending
 from fenics_rom.runtime.compiled.contact_points import WHOLE, Points, arm_of, begin_points, end_points, see_forces
 from fenics_rom.runtime.compiled.frame_tables import keep_step
 from fenics_rom.runtime.compiled.frames import (
@@ -93,6 +94,7 @@ class TouchedTaken(NamedTuple):
     moved: Taken
     contact: Array  # (n, 3), J: by obstacles, lost in impacts, friction
     carried: Array  # g (n, 3P) beyond the basis after it, N; (n, 0) where there is nothing
+    by_obstacle: Array  # forces of the obstacles in it (n, O, 3), N; (n, 0, 3) where nobody asks
 
 
 @jit_part
@@ -336,10 +338,12 @@ def end_touched(among: Among, step: Step, contact: Found, by_obstacles: float) -
 
 
 @jit_part
-def keep_touched(table: Array, among: Among, touched: Touched, last: Last, taken: TouchedTaken, count: int) -> bool:
+def keep_touched(
+    table: Array, among: Among, touched: Touched, last: Last, taken: TouchedTaken, count: int, bent: Bending | None
+) -> bool:
     """As `keep_step`; with what of contact the next step begins with."""
     points = among.points
-    if not keep_step(table, touched.step, taken.moved, count, None):
+    if not keep_step(table, touched.step, taken.moved, count, bent):
         if touched.step.status == TAKEN:
             copy(points.beyond_before, points.beyond)
         return False
@@ -348,5 +352,10 @@ def keep_touched(table: Array, among: Among, touched: Touched, last: Last, taken
     if len(points.R):
         copy(points.beyond[0], taken.carried[count])
     keep_found(among.begun, among.found, last.begun, last.found)
-    hand_on(among.law, among.begun, touched.contact.status == FOUND, among.found.pairs, among.begun)
+    touches, of_each, forces = touched.contact.status == FOUND, taken.by_obstacle[count], among.found.pairs.forces
+    fill(of_each, 0.0)
+    for c in range(len(forces) if touches and len(of_each) > 0 else 0):
+        for k in range(3):
+            of_each[c // len(points.rest), k] += forces[c, k]
+    hand_on(among.law, among.begun, touches, among.found.pairs, among.begun)
     return True

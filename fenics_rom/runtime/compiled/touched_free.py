@@ -200,7 +200,22 @@ def take_touched_free_steps(
     for count in range(len(inputs)):
         copy(among.begun.forces, among.found.pairs.forces)
         after = take_touched_free_step(table, inputs[count], among)
-        if not keep_touched(table, among, after, last, taken, count):
+        if not keep_touched(table, among, after, last, taken, count, None):
+            return count, touched
+        touched = after
+    return len(inputs), touched
+
+
+@jit
+def take_touched_bent_free_steps(
+    table: Array, inputs: Array, among: Among, last: Last, taken: TouchedTaken
+) -> tuple[int, Touched]:
+    """The same of a body that deforms largely."""
+    touched = nothing_taken()
+    for count in range(len(inputs)):
+        copy(among.begun.forces, among.found.pairs.forces)
+        after = take_touched_bent_free_step(table, inputs[count], among)
+        if not keep_touched(table, among, after, last, taken, count, bent_at(table)):
             return count, touched
         touched = after
     return len(inputs), touched

@@ -89,7 +89,11 @@ class BentInLoops:
                 arrays.slopes[:], arrays.inverse[:], arrays.kept[IS_INVERSE_KNOWN] = ahead[1], ahead[2], 1.0
         self.pressed_before = None if contact is None else contact.forces
         if contact is not self._contact:
-            self._contact, arrays.pressed[:] = contact, 0.0 if contact is None else contact.forces
+            self.press(contact)
+
+    def press(self, contact: ContactSolution | None) -> None:
+        """Has the next step begin with contact in the last one."""
+        self._contact, self.arrays.pressed[:] = contact, 0.0 if contact is None else contact.forces
 
     def hand_on(self, q: Array, contact: ContactSolution | None) -> Ahead | None:
         """Has the law know what a step to q (m,) carries along; T of a free body with inverse slopes, if it has one."""

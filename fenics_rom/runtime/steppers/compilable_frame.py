@@ -165,7 +165,7 @@ class CompilableFrame(PartedKernel):
         if isinstance(self.elastic, StrainsCarried) and self._extent is not None and self._compiled.bent is not None:
             self.notes, (strained, felt) = dict(self.notes), np.split(steps.noted, [2], axis=1)
             self.elastic.note_all(self.notes, strained)
-            self._extent.look_along(self.notes, inputs[:count], steps.q, np.zeros((count, 0, 3)), self.h)
+            self._extent.look_along(self.notes, inputs[:count], steps.q, taken.by_obstacle, self.h)
             self._extent.look_at_frame(self.notes, *self._compiled.bent.motions(np.abs(felt).max(axis=0)))
         return taken
 

@@ -43,12 +43,14 @@ from fenics_rom.runtime.compiled.free_step import (
 )
 from fenics_rom.runtime.compiled.touched_carried import (
     take_touched_bent_carried_step,
+    take_touched_bent_carried_steps,
     take_touched_carried_step,
     take_touched_carried_steps,
 )
 from fenics_rom.runtime.compiled.touched_frame import Touched, TouchedTaken
 from fenics_rom.runtime.compiled.touched_free import (
     take_touched_bent_free_step,
+    take_touched_bent_free_steps,
     take_touched_free_step,
     take_touched_free_steps,
 )
@@ -75,9 +77,11 @@ TOUCHED: dict[tuple[bool, bool], Callable[..., Touched]] = {
     (False, True): jit(take_touched_bent_free_step),
     (True, True): jit(take_touched_bent_carried_step),
 }
-TOUCHED_STEPS: dict[bool, Callable[..., tuple[int, Touched]]] = {
-    False: take_touched_free_steps,
-    True: take_touched_carried_steps,
+TOUCHED_STEPS: dict[tuple[bool, bool], Callable[..., tuple[int, Touched]]] = {
+    (False, False): take_touched_free_steps,
+    (True, False): take_touched_carried_steps,
+    (False, True): take_touched_bent_free_steps,
+    (True, True): take_touched_bent_carried_steps,
 }
 NOTES = BENT, TURNED, "misfit", "misfit of turn"  # of a kernel, in the order of those of a watch
 
@@ -96,6 +100,7 @@ class FrameSteps(NamedTuple):
     steps: Taken
     carried: Array  # g (n, 3P) beyond the basis after each, N; (n, 0) where there is nothing
     works: Array  # of contact, J: (n, 3); (n, 0) where there is none
+    by_obstacle: Array  # forces of the obstacles (n, O, 3), N; (n, 0, 3) where nobody asks
     last: FrameStep
 
 
@@ -208,20 +213,21 @@ class CompiledFrame:
         )
         given = self._table, in_plain(inputs), *on
         if self.touch is not None and obstacles is not None:
-            if self.bent is not None:
-                return None  # one by one
             return self._take_many_touched(self.touch, given, obstacles, taken)
         count, last = STEPS[self._kind][1](*given, taken)
-        return _first(count, TouchedTaken(taken, *np.empty((2, n, 0))), FrameStep(last))
+        return _first(count, TouchedTaken(taken, *np.empty((2, n, 0)), np.empty((n, 0, 3))), FrameStep(last))
 
     def _take_many_touched(
         self, touch: FrameTouch, given: tuple[Any, ...], obstacles: ObstacleMotion, moved: Taken
     ) -> FrameSteps | None:
         """The same among obstacles."""
         n, (among, last) = len(moved.q), touch.for_many(touch.among(obstacles))
-        taken = TouchedTaken(moved, np.empty((n, 3)), np.empty((n, among.points.beyond.shape[1])))
-        count, touched = TOUCHED_STEPS[self._carried](*given, among, last, taken)
+        asked = n, 0 if self.bent is None else len(among.start), 3
+        taken = TouchedTaken(moved, np.empty((n, 3)), np.empty((n, among.points.beyond.shape[1])), np.empty(asked))
+        count, touched = TOUCHED_STEPS[self._kind](*given, among, last, taken)
         contact = touch.keep_last(touched, among, last) if count else None
+        if count and self.bent is not None:
+            self.bent.press(contact)
         return _first(count, taken, FrameStep(touched.step, contact))
 
     @property
@@ -299,7 +305,8 @@ def _frame_in(now: Array) -> FrameState:
 def _first(count: int, taken: TouchedTaken, last: FrameStep) -> FrameSteps | None:
     """The first of some steps; None where there are none."""
     moved = Taken(*(rows[:count] for rows in taken.moved))
-    return FrameSteps(moved, taken.carried[:count], taken.contact[:count], last) if count else None
+    of_contact = taken.contact[:count], taken.by_obstacle[:count]
+    return FrameSteps(moved, taken.carried[:count], *of_contact, last) if count else None
 
 
 def body_of(
