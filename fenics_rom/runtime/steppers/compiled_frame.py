@@ -215,7 +215,8 @@ class CompiledFrame:
         if self.touch is not None and obstacles is not None:
             return self._take_many_touched(self.touch, given, obstacles, taken)
         count, last = STEPS[self._kind][1](*given, taken)
-        return _first(count, TouchedTaken(taken, *np.empty((2, n, 0)), np.empty((n, 0, 3))), FrameStep(last))
+        nothing = np.empty((n, 0))
+        return _first(count, TouchedTaken(taken, nothing, nothing, np.empty((n, 0, 3))), FrameStep(last))
 
     def _take_many_touched(
         self, touch: FrameTouch, given: tuple[Any, ...], obstacles: ObstacleMotion, moved: Taken

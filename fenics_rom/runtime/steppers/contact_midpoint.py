@@ -92,11 +92,11 @@ class ContactMidpoint(FollowingMidpoint):
         of_branches = coefficients, share
         body = Body(ω, inverse_ω, inputs, A, heat, points, places, W, inverse_of(W), R, *of_branches, *times)
         count = coefficients.shape[1]
-        relaxing = Relaxing(branches, count, len(ω)), Relaxing(beside, count, len(R))
-        now = self._halves, self._rigid_displacement, beyond, *(each.rows for each in relaxing)
+        within, outside = Relaxing(branches, count, len(ω)), Relaxing(beside, count, len(R))
+        now = self._halves, self._rigid_displacement, beyond, within.rows, outside.rows
         before = self._state_before.reshape(2, -1), self._rigid_before, beyond_before
-        state = State(*now, *before, *(each.rows_before for each in relaxing))
-        return CompiledStep(body, state, solver, self.h, relaxing)
+        state = State(*now, *before, within.rows_before, outside.rows_before)
+        return CompiledStep(body, state, solver, self.h, (within, outside))
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
