@@ -58,7 +58,7 @@ def main() -> None:
     heads = ("body, unknowns", "order", "error", "bound / error", "estimate / error")
     table = markdown(heads, rows)
     print(table)
-    (out / "bounds.md").write_text(table + "\n")
+    (out / "bounds.md").write_text(table)
     draw(runs, out / "bounds.png")
     every = [each for _, errors in runs.values() for each in errors]
     claims = [
