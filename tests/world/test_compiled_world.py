@@ -61,7 +61,7 @@ def test_the_law_of_pairs_is_that_of_numpy(seed):
     swung = random.integers(0, SWINGS + 3, C)
     asked = _Asked(level, target[:, None] * normals, sliding, Braking(sliding.T.copy(), swung), np.zeros(C, dtype=bool))
     none = np.zeros(C, dtype=bool)
-    asked_pairs = Pairs((), *np.zeros((2, C, 3)), normals, np.zeros(C), friction, np.zeros(C), none, none, *[none] * 2)
+    asked_pairs = Pairs((), *np.zeros((2, C, 3)), normals, np.zeros(C), friction, np.zeros(C), *[none] * 5)
     expected = _law(asked_pairs, Guide(W, ~none), free, start, asked)
     pairs = pairs_from(start, friction)
     pairs.axes[:, 0], pairs.level[:], pairs.helped[:] = normals, level, False
