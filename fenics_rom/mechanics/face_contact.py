@@ -156,7 +156,8 @@ class FaceContact(MeshContact):
             motion = motion._replace(end=motion.start)
         for _ in range(MOST_SWEEPS):
             self.search = self.search._replace(laws=(), slots=self._slots)  # no step is followed: S is another in each
-            self._planes = None  # of other faces
+            gaps, normals = zip(*((met.gaps, met.normals) for met in self._met), strict=True)
+            self._renew(self._at_faces, np.concatenate(gaps), np.concatenate(normals))
             of_step = dt, motion, quasi_static, settled, is_patient
             contact = super().solve(points, delassus, *of_step)
             self.search, self.clear = self.search._replace(slots=self._slots), 0.0

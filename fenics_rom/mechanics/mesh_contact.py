@@ -105,6 +105,19 @@ class MeshContact(ContactSolver):
         missing = np.full(len(placed) * (len(self.obstacles) - len(self._given)), np.inf)
         return np.concatenate([*(gaps for gaps, _ in found), missing]), np.concatenate(normals)
 
+    def _renew(self, pairs: slice, gaps: Array, normals: Array) -> None:
+        """Puts gaps and normals of some pairs, which are others than in the sweep before, beside planes."""
+        if (planes := self._planes) is None:
+            return
+
+        def renewed(known: tuple[Array, Array]) -> tuple[Array, Array]:
+            both = known[0].copy(), known[1].copy()  # others have kept those before
+            both[0][pairs], both[1][pairs] = gaps, normals
+            return both
+
+        at_end = None if planes.at_end is None else renewed(planes.at_end)
+        self._planes = planes._replace(at_start=renewed(planes.at_start), at_end=at_end)
+
     def _moved_by(self, pairs: Array) -> tuple[Array, Array]:
         """Points (C, k) that pairs (C,) move with, and what the velocity of each adds to theirs, (C, k, 3, 3)."""
         return pairs[:, None] % len(self.points), np.tile(np.eye(3), (len(pairs), 1, 1, 1))

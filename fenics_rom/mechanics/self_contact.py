@@ -139,7 +139,11 @@ class SelfContact(MeshContact):
         is_patient: bool = True,
     ) -> ContactSolution | None:
         """As in ContactSolver."""
+        planes = self._planes if settled is not None and settled is self._settled else None
         self._look_around(points, dt)
+        if planes is not None:  # which points met in sweeps before
+            self._planes = planes
+            self._renew(self._own, *self._itself.distance(self.points + points.displacement))
         self.search = self.search._replace(laws=())  # no step is followed, as S is another in each
         of_step = beside(obstacles), quasi_static, settled, is_patient
         contact = super().solve(points, delassus, dt, *of_step)

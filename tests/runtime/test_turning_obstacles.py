@@ -38,6 +38,7 @@ friction = { coefficient = 0.6 }
 """
 HELD = FREE.replace('frame = "moving"', "").replace("[contacts", '[supports]\nclamped = ["left"]\n[contacts')
 TABLE = 'shape = "box"\ncenter = [0, 0, -0.01]\nsize = [0.5, 0.5, 0.02]\n'
+VEE = 'shape = "mesh"\nfile = "vee.stl"\nposition = [0, 0, -0.03]\n'
 CAM = 'shape = "box"\ncenter = [0.04, 0.01, 0.01]\nsize = [0.03, 0.01, 0.04]\n'
 AXIS = np.array([-0.06, 0.0, 0.0])
 pytestmark = pytest.mark.filterwarnings("ignore:.*surface is|the time step is long")
@@ -100,14 +101,15 @@ def test_a_table_that_turns_carries_what_lies_on_it(folder, h):
 
 
 @pytest.mark.parametrize(
-    ("shape", "seed"),
-    [(TABLE, 0), ('shape = "mesh"\nfile = "vee.stl"\nposition = [0, 0, -0.03]\n', 1), ("plane", 2)],
-    ids=["box", "groove", "half-space"],
+    ("shape", "seed", "points"),
+    [(TABLE, 0, "nodes"), (VEE, 1, "nodes"), ("plane", 2, "nodes"), (VEE, 0, "faces")],
+    ids=["box", "groove", "half-space", "faces on a groove"],
 )
-def test_random_drops_on_what_turns_end_outside(folder, shape, seed):
+def test_random_drops_on_what_turns_end_outside(folder, shape, seed, points):
     """At 1 to 10 ms, turned about any axis at up to 10 rad/s and shaken: no point is inside after any step."""
     text = 'shape = "half-space"\npoint = [0, 0, -0.005]\nnormal = [0, 0, 1]\n' if shape == "plane" else shape
-    rom = rom_of(folder, f"{FREE}{text}motion = {{}}")
+    free = FREE.replace("[effects.contact", f'[effects.contact]\npoints = "{points}"\n[effects.contact')
+    rom = rom_of(folder, f"{free}{text}motion = {{}}")
     rng, touched = np.random.default_rng(seed), 0
     away = fr.BaseState(np.array([0, 0, -1.0]), np.array([1.0, 0, 0, 0]), NOTHING, NOTHING)
     body = fr.Simulator(rom, 1e-3, signals={"thing": away})
