@@ -59,6 +59,7 @@ COMMANDS = {
         "--count",
         "--time",
         "--scale",
+        "--colour",
         "--seconds",
         "--dark",
         "--dt",
