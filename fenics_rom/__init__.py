@@ -29,7 +29,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from fenics_rom.lazy_import import load
 
-    return load(MODULE_OF[name], name)
+    globals()[name] = found = load(MODULE_OF[name], name)  # motions ask for their states in every step
+    return found
 
 
 def __dir__() -> list[str]:

@@ -16,6 +16,7 @@ from fenics_rom.mechanics.skin import Intruder, Skin
 
 STRIDE = 0.5  # of its inner radius: so far something goes between two looks, if it is near
 CHECK_INTERVAL = 4  # steps: how often it is asked who moved far
+QUICK = 4  # times as many compiled steps pass between two looks: bodies are looked at on their way between these
 MOST_PLACES = 256  # between two looks: what needs more goes hundreds of its diameters in a step
 _ONES = np.ones(3)
 

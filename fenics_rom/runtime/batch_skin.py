@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.skin import MovedIntruder
-from fenics_rom.mechanics.skin_path import CHECK_INTERVAL, Instant, Placement, on_the_way, stride_of
+from fenics_rom.mechanics.skin_path import CHECK_INTERVAL, QUICK, Instant, Placement, on_the_way, stride_of
 from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
 
 if TYPE_CHECKING:
@@ -25,13 +25,15 @@ class BatchSkin:
         batch: whose bodies they are.
         watch: of a skin.
         obstacles: by name.
+        are_quick: whether its steps are compiled: then it is asked more rarely who moved far, by QUICK.
 
     Attributes:
         depth: (size,) how deep an obstacle was in each body since its last reset, m; 0 where none was seen in it.
     """
 
-    def __init__(self, batch: Batch, watch: SkinWatch, obstacles: "Mapping[str, Obstacle]"):
+    def __init__(self, batch: Batch, watch: SkinWatch, obstacles: "Mapping[str, Obstacle]", are_quick: bool = False):
         self._batch, self._watch, self._obstacles = batch, watch, obstacles
+        self._check = (QUICK if are_quick else 1) * CHECK_INTERVAL
         skin, rom = watch.skin, batch.rom
         self._nodes = skin.nodes[skin.few_rows]
         self._rows = rom.rows_of(self._nodes).reshape(3 * len(self._nodes), -1)
@@ -61,7 +63,7 @@ class BatchSkin:
         body = turn % self._batch.size
         if not left and not self._batch.frozen[body]:
             self.look(body)
-        if not self._batch.steps % CHECK_INTERVAL:
+        if not self._batch.steps % self._check:
             most = max(1, CHECK_INTERVAL * self._batch.size // BODY_STEPS)
             for body in self._due()[-most:].tolist():
                 self.look(body)

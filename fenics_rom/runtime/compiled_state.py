@@ -91,7 +91,7 @@ class CompiledState:
         self._make_modes()
         self._skin = None
         if self._interface is not None and self._interface.skin is not None:
-            self._skin = BatchSkin(self, self._interface.skin, self._environment.obstacles)
+            self._skin = BatchSkin(self, self._interface.skin, self._environment.obstacles, are_quick=True)
 
     def _nothing(self, count: int) -> tuple[Array, Array, Array]:
         """Contact of bodies that nothing touches, as in `Told`."""

@@ -51,9 +51,25 @@ class LinearityMonitor:
         return min(2 * self._gauge.safe_energy, sys.float_info.max)  # infinite is never safe
 
     @property
-    def steps_to_look(self) -> int:
-        """After how many high states the next look is due."""
-        return max(1, self._interval - self._since)
+    def in_loops(self) -> tuple[int, int, float]:
+        """What tells loops when to look.
+
+        After how many high states a look is due, how many there were, and how far coordinates e may then be from
+        those of the last look without one, √J.
+        """
+        is_turned = len(self._last[1]) > 0  # by rigid motions, of which e does not tell
+        return self._interval, self._since, 0.0 if is_turned else self._margin * self._gauge.strained_at
+
+    @property
+    def looked_at(self) -> Array:
+        """Coordinates e of the last look; (0,) before the first one."""
+        return self._last[0]
+
+    def go_on(self, e: Array, time: float, since: int, is_due: bool) -> None:
+        """Goes on from where loops led: so many high states after a look was due, and to one that may be due."""
+        self._since = since
+        if is_due:
+            self.look(e, time, 0)
 
     def look(self, e: Array, time: float, steps: int = 1) -> None:
         """Looks at the state e = ω q (m,) of an energy that is not safe in itself, unless the last look says it is.
@@ -102,12 +118,13 @@ class ReducedGauges:
 
     Attributes:
         safe_energy: with no more than this stored energy nothing is beyond its limit, J; inf without rows.
+        strained_at: coordinates e of this size may be at the limit of strain, √J.
     """
 
     def __init__(self, rows: Array, eigenvalues: Array):
         self._rows = rows
         self.safe_energy = _safe_energy((rows / safe_frequencies(eigenvalues)).reshape(-1, 2, 3, len(eigenvalues)))
-        self._strained_at, self._turns = math.sqrt(2 * self.safe_energy), rows[:3, eigenvalues == 0]
+        self.strained_at, self._turns = math.sqrt(2 * self.safe_energy), rows[:3, eigenvalues == 0]
         slopes = np.abs(rows)
         if slopes[:, eigenvalues == 0].max(initial=0.0) > ROTATION_ROUND_OFF * slopes.max(initial=0.0):
             self.safe_energy = 0.0  # translations turn nothing but by round-off
@@ -119,7 +136,7 @@ class ReducedGauges:
     def largest_change(self, e: Array, s: Array) -> float:
         """The most by which severity changes with energy coordinates, by e (m,), and along rigid motions, by s (ρ,)."""
         strained, turned = math.sqrt(e.dot(e)), self._turns.dot(s)
-        by_strain = strained / self._strained_at if self._strained_at else math.inf
+        by_strain = strained / self.strained_at if self.strained_at else math.inf
         return by_strain + math.sqrt(turned.dot(turned)) / ROTATION_LIMIT
 
 

@@ -179,22 +179,20 @@ class MovingBody(SimulatedBody):
         if self._frame is None or e.dot(e) > self._monitor_threshold:
             self._monitor.look(e, self.time)
 
-    def watch_in_loops(self) -> tuple[float, float, float]:
-        """What tells loops when the surface is to be looked at.
+    def watch_in_loops(self, watched: Array, looked_at: Array) -> None:
+        """Sets what tells loops when the surface is to be looked at: (6,), see `world.compiled.tables`, and e (m,)."""
+        interval, since, radius = self._monitor.in_loops
+        watched[:] = self._monitor_threshold, self._frame is None, interval, since, radius, 0.0
+        if radius > 0:
+            looked_at[: self._order] = self._monitor.looked_at
 
-        Twice the energy, J, that is safe; 1 if it is the whole energy, 0 if that of the shape in its frame; and the
-        number of steps to higher ones after which a look is due.
-        """
-        return self._monitor_threshold, float(self._frame is None), float(self._monitor.steps_to_look)
-
-    def end_steps(self, u: Array, twice: float, steps: int, high: int) -> None:
-        """Ends steps that loops took under u, with so many to an energy that is not safe; the last one led to twice."""
+    def end_steps(self, u: Array, twice: float, steps: int, since: float, is_due: float) -> None:
+        """Ends steps that loops took under u, of which the last one led to twice; others as of `LinearityMonitor`."""
         self.steps += steps
-        if high:
-            if not math.isfinite(twice):
-                self.steps -= 1
-                self._leave_finite(u)
-            self._monitor.look(self._stepper.state[: self._order], self.time, high)
+        if not math.isfinite(twice):
+            self.steps -= 1
+            self._leave_finite(u)
+        self._monitor.go_on(self._stepper.state[: self._order], self.time, int(since), is_due != 0.0)
 
     def watch(self, e: Array, square: float, time: float, steps: int = 1) -> None:
         """Looks at a state √γ q (m,) that some steps of a rollout led to; `square` is twice its stored energy, J."""

@@ -14,7 +14,7 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, Spots
 from fenics_rom.world.compiled.many_steps import exchange_pairs, take_steps
-from fenics_rom.world.compiled.tables import ENDED, GIVEN, PAIRS, SWUNG, TAKEN, GivenContacts, Near
+from fenics_rom.world.compiled.tables import ENDED, GIVEN, IS_DUE, PAIRS, SINCE, SWUNG, TAKEN, GivenContacts, Near
 from fenics_rom.world.compiled.world_step import NEEDS_CONTACTS, OTHERWISE, count_pushing, force_on
 from fenics_rom.world.contact_step import Found
 from fenics_rom.world.driven import Driven
@@ -76,7 +76,9 @@ class CompiledWorld:
         self._soft = [SoftOne(n, name, body, tables[n]) for n, name, body in soft]
         self._free = 1 if any(isinstance(body, FreeSoft) for body in self._bodies) else None
         self._switching = [each for each in self._soft if len(each.body.rom.contact_models) > 1]
-        self._watched, self._told = np.zeros((len(self._soft), 4)), np.zeros(4, dtype=np.int64)
+        orders = [each.order for each in self._soft]
+        self._watched, self._told = np.zeros((len(orders), 6)), np.zeros(4, dtype=np.int64)
+        self._looked_at = np.zeros((len(orders), max(orders, default=0)))
         self._placed = dict[int, Placed]()  # where what lies still was seen first
         self._arrays = world_arrays(self._bodies, meetings, joints, tables, pairs.dissipated)
         self._table, self._none = table_of_world(self._arrays), given_contacts([])
@@ -173,8 +175,8 @@ class CompiledWorld:
             most = 1 if self._switching else min(most, BOOKED_TOGETHER - self._row)
         if not (self._given.set(inputs, time) and (most := self._given.set_ends(most))):
             return None
-        for each, watched in zip(self._soft, self._watched, strict=True):
-            watched[:] = *each.body.watch_in_loops(), 0.0
+        for each, watched, looked_at in zip(self._soft, self._watched, self._looked_at, strict=True):
+            each.body.watch_in_loops(watched, looked_at)
         taken, ended = self._take_steps(most)
         if taken:
             self._end(taken)
@@ -192,8 +194,9 @@ class CompiledWorld:
             self.book()
         for _, moved in self._driven:
             moved.time = next_time(moved.time, self._h, taken)
-        for each, (*_, high) in zip(self._soft, self._watched.tolist(), strict=True):
-            each.body.end_compiled(each.kernel, each.contact, each.told, each.u, taken, int(high))
+        for each, watched in zip(self._soft, self._watched.tolist(), strict=True):
+            looks = watched[SINCE], watched[IS_DUE]
+            each.body.end_compiled(each.kernel, each.contact, each.told, each.u, taken, *looks)
         for each in self._switching:
             each.body.note_near(*self._nearest_to(each.number))
 
@@ -205,7 +208,8 @@ class CompiledWorld:
             ends, told[TAKEN] = self._given.ends[taken:most], 0
             try:
                 take_steps(
-                    self._table, given, self._h, self._row + taken, goes_on, self._free, ends, self._watched, told
+                    *(self._table, given, self._h, self._row + taken, goes_on, self._free, ends),
+                    *(self._watched, self._looked_at, told),
                 )
             except np.linalg.LinAlgError:
                 exchange_pairs(self._table)

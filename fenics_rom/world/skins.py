@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.placed_surface import PlacedSurface
 from fenics_rom.mechanics.skin import BESIDE, BETWEEN, Intrusion, Skin
-from fenics_rom.mechanics.skin_path import CHECK_INTERVAL, MOST_PLACES, Instant, Placement, moved_between
+from fenics_rom.mechanics.skin_path import CHECK_INTERVAL, MOST_PLACES, QUICK, Instant, Placement, moved_between
 from fenics_rom.mechanics.skin_watch import SkinWatch
 from fenics_rom.runtime.skin_looks import Mark, SkinPlaces
 from fenics_rom.runtime.steppers.contact_interface import skin_of
@@ -24,7 +24,6 @@ from fenics_rom.world.soft import Soft
 
 _Way = tuple[Array, float]  # of a body as a whole, (3,), and how far its points went beside that, m
 
-QUICK = 4  # times as many compiled steps pass between two looks: bodies are looked at on their way between these
 CALM = 4  # times as many again, while none goes far relative to another one, and
 NOT_FAR = 1 / 8  # of how far it could go before it is looked at
 

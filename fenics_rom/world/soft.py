@@ -369,14 +369,14 @@ class Soft(Simulator, Body):
         np.minimum.at(self._handed.point_gaps, nodes, gaps)
 
     def end_compiled(
-        self, kernel: BookedKernel, contact: Callable[[], Handed | None], told: Array, u: Array, steps: int, high: int
+        self, kernel: BookedKernel, contact: Callable[[], Handed | None], told: Array, u: Array, *steps: Any
     ) -> None:
-        """Ends compiled steps under u and contact; told: twice the energy, and that within the shape, J."""
+        """Ends compiled steps, as of `end_steps`; told: twice the energy, and that within the shape, J."""
         self._twice, within = told[:2].tolist()
         kernel.contact = contact
         if isinstance(kernel, CompilableFrame):
             kernel.end_in_world(self._twice, within)
-        self.end_steps(u, self._twice, steps, high)
+        self.end_steps(u, self._twice, *steps)
 
     def _commit_rest(self) -> None:
         """Books what others do by the forces that they feel, those at the end of a step, and notes how points went.

@@ -26,6 +26,7 @@ class SoftOne:
     def __init__(self, number: int, name: str, body: Soft, table: SoftTable):
         self.number, self.name, self.body, self.kernel, step = number, name, body, table.kernel, table.step
         self.u, self.told, self.contact = step.u, step.told, partial(handed_in, table.points.forces)
+        self.order = len(step.rate)
         self.begun = None if isinstance(table.kernel, ContactMidpoint) else table.kernel
         assert body.environment is not None
         self.environment = body.environment

@@ -1,5 +1,7 @@
 """Steps of a world one after the other, of which Python knows when they end."""
 
+import math
+
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
@@ -10,11 +12,13 @@ from fenics_rom.world.compiled.tables import (
     ARRAYS_OF_PAIRS,
     COUNTED,
     ENDED,
-    HIGH,
+    INTERVAL,
+    IS_DUE,
     IS_WHOLE,
-    LOOK,
     PAIRS,
     PAIRS_BEFORE,
+    RADIUS,
+    SINCE,
     SWEPT,
     TAKEN,
     THRESHOLD,
@@ -34,6 +38,7 @@ def take_steps(
     free: int | None,
     ends: Array,
     watched: Array,
+    looked_at: Array,
     told: Array,
 ) -> None:
     """Takes steps of h s under inputs that stay: as many as there are ends, or until Python is to do something.
@@ -41,9 +46,11 @@ def take_steps(
     Args:
         world, given, h, row, goes_on, free: as of `take_step`, of the first one.
         ends: (n, D, 13) where bodies that are driven are when each step ends.
-        watched: (S, 4) of each soft body twice the energy, J, beyond which its surface may go too far, and whether that
+        watched: (S, 6) of each soft body twice the energy, J, beyond which its surface may go too far, and whether that
             is the whole energy or that of the shape; after how many such steps it is looked at, and how many there
-            were, which is set.
+            were, which is set; how far coordinates e may be from those of the last look, √J, without one; and whether
+            one is due, which is set, and ends steps.
+        looked_at: these e, (S, m).
         told: (4,) set, see `TAKEN`; the last is 0, or OTHERWISE or NEEDS_CONTACTS of a step that was not taken.
     """
     driven = driven_at(world)
@@ -60,7 +67,7 @@ def take_steps(
             told[ENDED] = C
             return
         told[TAKEN], told[COUNTED], told[SWEPT] = k + 1, C, sweeps
-        if _is_to_be_looked_at(world, watched):
+        if _is_to_be_looked_at(world, watched, looked_at):
             return
 
 
@@ -74,14 +81,22 @@ def exchange_pairs(world: Array) -> None:
 
 
 @jit_part
-def _is_to_be_looked_at(world: Array, watched: Array) -> bool:
-    """Whether a soft body is, as it has ended so many steps at a high energy."""
+def _is_to_be_looked_at(world: Array, watched: Array, looked_at: Array) -> bool:
+    """Whether a soft body is, as it has ended so many steps at a high energy, and has gone far: `LinearityMonitor`."""
     softs, some = softs_at(world), False
     for s in range(len(watched)):
-        energy, e = step_at(softs[s]).told[SQUARE], state_at(softs[s]).halves[0]
-        if watched[s, IS_WHOLE] == 0.0:
+        of, energy, e = watched[s], step_at(softs[s]).told[SQUARE], state_at(softs[s]).halves[0]
+        if of[IS_WHOLE] == 0.0:
             energy = e.dot(e) + 0 * energy
-        if not energy <= watched[s, THRESHOLD]:
-            watched[s, HIGH] += 1
-            some = some or watched[s, HIGH] >= watched[s, LOOK]
+        if energy <= of[THRESHOLD]:
+            continue
+        of[SINCE] += 1
+        if of[SINCE] >= of[INTERVAL]:
+            square = 0.0
+            for i in range(len(e)):
+                square += (e[i] - looked_at[s, i]) ** 2
+            if math.sqrt(square) < of[RADIUS]:
+                of[SINCE] = 0.0
+            else:
+                of[IS_DUE], some = 1.0, True
     return some

@@ -28,7 +28,7 @@ BY_IMPACTS, BY_FRICTION, BY_JOINTS, NUMERICAL = range(4)  # in `Owed.met`
 OF_JOINT = -1  # in place of a meeting
 PAIRS, PAIRS_BEFORE, ARRAYS_OF_PAIRS = 36, 66, 16  # where those of a step, and of the step before, are in the table
 TAKEN, COUNTED, SWEPT, ENDED = range(4)  # of `take_steps`: how many, contacts and sweeps of the last, and why they end
-THRESHOLD, IS_WHOLE, LOOK, HIGH = range(4)  # of `take_steps`, of a soft body
+THRESHOLD, IS_WHOLE, INTERVAL, SINCE, RADIUS, IS_DUE = range(6)  # of `take_steps`, of a soft body
 
 
 class Bodies(NamedTuple):
