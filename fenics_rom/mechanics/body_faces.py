@@ -17,8 +17,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.obstacle_outline import Outline
-from fenics_rom.mechanics.smooth_surface import unit_normals
-from fenics_rom.mechanics.surface_pairs import Boxes, near_boxes
+from fenics_rom.mechanics.surface_pairs import Boxes, near_boxes, unit_normals
 from fenics_rom.mechanics.triangle_surface import edges_of
 from fenics_rom.mechanics.triangles import covering_radius, weights_in_planes
 

@@ -12,8 +12,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled, in_plain
-from fenics_rom.mechanics.smooth_surface import Bent, bends_of, corner_normals, unit_normals
-from fenics_rom.mechanics.surface_pairs import DEEPEST, Border, Boxes, OnSurface, near_boxes, nearest_of
+from fenics_rom.mechanics.surface_pairs import DEEPEST, Border, Boxes, OnSurface, near_boxes, nearest_of, unit_normals
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 
 _WALL = 2 * DEEPEST  # of the longest side of a triangle's box: what is nearer at rest, and behind a point, is its wall
@@ -54,7 +53,7 @@ class OwnSurface:
         carrier = _nearest_triangles(points[inside], points[triangles])
         self._point, self._triangle = np.concatenate([corner, inside]), np.concatenate([owner, carrier])
         beside = _beside(self._point, self._triangle, triangles)
-        self._border, self._bends = _border(triangles, len(points)), bends_of(points, triangles)
+        self._border = _border(triangles, len(points))
         self._left_out = np.unique(np.concatenate([beside, self._behind(points)]))
 
     def _behind(self, points: Array) -> Array:
@@ -113,9 +112,8 @@ class OwnSurface:
         faces = np.einsum("ij,ij->i", self._outwards(normals)[row], normals[triangle]) < 0
         row, triangle = row[faces], triangle[faces]
         of_these = self.triangles[triangle], points[self.triangles[triangle]], normals[triangle]
-        bent = Bent(self._bends[triangle], corner_normals(points[self.triangles], self._bends[:, :3]))
         border = Border(*(part[triangle] for part in self._border))
-        return nearest_of(points, row, *of_these, size, margin, reach, bent, border)
+        return nearest_of(points, row, *of_these, size, margin, reach, border)
 
     def _find_compiled(
         self, points: Array, boxes: Boxes, normals: Array, size: float, margin: float, reach: float
@@ -127,14 +125,13 @@ class OwnSurface:
         on, weights, along, gaps = np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
         plain = (self.triangles, normals, *self._candidates(points, boxes), boxes.low, boxes.high, *self._border)
         triangles, normals, row, triangle, low, high, sides, corners = map(in_plain, plain)
-        bends = in_plain(self._bends)
         near = row, triangle, low, high
         facing, limits, found = (
             (triangles, normals, self._outwards(normals)),
             (size, margin, reach),
             (on, weights, along, gaps),
         )
-        find_facing(places, *facing, bends, *near, sides, corners, *limits, *found)
+        find_facing(places, *facing, *near, sides, corners, *limits, *found)
         row = (on != NONE).nonzero()[0]
         nodes, weights = self.triangles[on[row]], weights[row]
         feet = (weights[:, :, None] * points[nodes]).sum(axis=1)

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.smooth_surface import Bent, smoothed
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 
 DEEPEST = 0.5  # of the longest side of a triangle's box: points that are deeper inside have passed it
@@ -70,7 +69,6 @@ def nearest_of(
     size: float,
     margin: float,
     reach: float,
-    bent: Bent | None = None,
     border: Border | None = None,
 ) -> OnSurface:
     """Of points and triangles (k,) that may be near one another, those that are: of each point the nearest triangle.
@@ -82,7 +80,6 @@ def nearest_of(
         size: of the longest side of a triangle's box, m.
         margin: m, at most, of points outside.
         reach: m, at most, of points inside.
-        bent: how the triangles are joined to others; None: they are flat.
         border: of a surface that goes on a little beyond; None: it does not.
     """
     points = points[row]
@@ -102,12 +99,17 @@ def nearest_of(
         is_flat = is_on | (is_beside & (away * away - above * above <= (BORDER * size) ** 2))
         kept |= is_flat & (above <= margin) & (above >= -reach)
     best, away, above, clear = best[kept], away[kept], above[kept], ~is_flat[kept]
-    flat, offsets, corners, weights = normals[best], offsets[best], corners[best], weights[best]
-    normals, gaps = flat.copy(), np.where(clear, np.copysign(away, above), above)
-    normals[clear] = (1 / gaps[clear])[:, None] * offsets[clear]
-    if bent is not None:
-        normals, gaps = smoothed(bent.of(best), weights, corners, offsets, flat, clear, normals, gaps)
-    return OnSurface(row[best], nodes[best], weights, feet[best], normals, gaps)
+    normals, gaps = normals[best], np.where(clear, np.copysign(away, above), above)
+    normals[clear] = (1 / gaps[clear])[:, None] * offsets[best][clear]
+    return OnSurface(row[best], nodes[best], weights[best], feet[best], normals, gaps)
+
+
+def unit_normals(corners: Array) -> Array:
+    """Units (k, 3) of triangles (k, 3, 3)."""
+    (a, b, c), (x, y, z) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
+    normals = np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
+    normals /= np.sqrt(_dot(normals, normals))[:, None]
+    return normals
 
 
 def near_boxes(points: Array, boxes: Boxes) -> tuple[Array, Array]:

@@ -18,7 +18,6 @@ from fenics_rom.mechanics.compiled.coulomb import frame_along
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.mechanics.placed_surface import PlacedSurface
-from fenics_rom.mechanics.smooth_surface import bends_of
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Points
 from fenics_rom.world.collision.soft_surfaces import soft_on_soft
 from fenics_rom.world.compiled import rigid_bodies
@@ -400,8 +399,7 @@ def test_surfaces_meet_as_with_numpy(seed):
     surfaces = []
     for height, order in ((0.0, [0, 1, 2]), (random.uniform(-0.008, 0.01), [0, 2, 1])):
         places = flat + random.uniform(-0.003, 0.003, flat.shape) + [0.0, 0.0, height]
-        bends = bends_of(flat + random.choice([0.0, 3e-3]) * random.uniform(-1, 1, flat.shape), triangles[:, order])
-        surfaces.append(PlacedSurface(places, triangles[:, order], np.arange(36), bends))
+        surfaces.append(PlacedSurface(places, triangles[:, order], np.arange(36)))
     found = soft_on_soft(*surfaces, 0.006)
     with numpy_alone():
         expected = soft_on_soft(*surfaces, 0.006)

@@ -1,4 +1,4 @@
-"""Ironing: a block is pressed on a soft slab and dragged over it; what it feels does not jump from step to step."""
+"""Ironing: a block is pressed on a soft slab and dragged over it: the force is steady, also from step to step."""
 
 from functools import partial
 
@@ -15,32 +15,40 @@ SPEED, RISE, SLIDE, ABOVE = 0.1, 0.05, 0.015, 5.0  # m/s, reached within s; m; m
 DT, FRICTION, ORDER = 1e-3, 0.3, 30
 
 
-@pytest.mark.parametrize(("bow", "slab", "iron"), [(0.0, (16, 7, 3), (5, 5, 3)), (10.0, (16, 7, 3), (6, 5, 3))])
-def test_nothing_jumps_as_points_pass_from_one_element_to_another(tmp_path, bow, slab, iron):
-    """A flat block, whose edges press themselves in, and a round one: 0.16 and 0.25 % of the force in a step.
-
-    A step is 1.3 % of an element. With normals of flat triangles it is 1.0 and 0.5 %.
-    """
-    low = block_system(tmp_path, (0.12, 0.05, THICK), slab, (0, 0, 0), "top", "bottom", "fixed", 1e5, 0.3)
-    up = block_system(tmp_path, (0.03, 0.03, 0.02), iron, (0.02, 0.01, THICK), "bottom", "top", "moving", 1e6, 0.3, bow)
-    hand = fr.RigidBody(
-        Sphere(0.01), motion=partial(pressed, depth=PRESSED, ramp=RAMP, above=ABOVE, speed=SPEED, rise=RISE)
-    )
+def iron(folder, low, bricks, bow, at, speed, steps):
+    """A world whose block begins at x, m, is pressed on a slab and dragged, and forces on it in some steps, N."""
+    size, place = (0.03, 0.03, 0.02), (at, 0.01, THICK)
+    up = block_system(folder, size, bricks, place, "bottom", "top", "moving", 1e6, 0.3, bow)
+    way = partial(pressed, depth=PRESSED, ramp=RAMP, above=ABOVE, speed=speed, rise=RISE)
     bodies = {
-        "hand": hand,
-        "low": fr.SoftBody(fr.reduce(low, order=ORDER)),
+        "hand": fr.RigidBody(Sphere(0.01), motion=way),
+        "low": fr.SoftBody(low),
         "up": fr.SoftBody(fr.reduce(up, order=ORDER), on="hand", position=(0, 0, -ABOVE)),
     }
     world, forces = fr.World(bodies, DT, friction=FRICTION), []
-    for _ in range(round((RAMP + RISE + SLIDE / SPEED) / DT)):
+    for _ in range(steps):
         world.step()
         forces.append(-world.force_between("low", "up"))
+    return world, np.array(forces)
+
+
+@pytest.mark.parametrize(("bow", "slab", "bricks"), [(0.0, (16, 7, 3), (5, 5, 3)), (10.0, (16, 7, 3), (6, 5, 3))])
+def test_the_force_is_steady_as_points_pass_from_one_element_to_another(tmp_path, bow, slab, bricks):
+    """A flat block, whose edges press themselves in, and a round one: 1.0 and 0.5 % of the force at most in a step.
+
+    At the end of the way it is what a block that is pressed in there has: points do not sink in as they slide.
+    """
+    low = block_system(tmp_path, (0.12, 0.05, THICK), slab, (0, 0, 0), "top", "bottom", "fixed", 1e5, 0.3)
+    low, steps = fr.reduce(low, order=ORDER), round((RAMP + RISE + SLIDE / SPEED) / DT)
+    world, forces = iron(tmp_path, low, bricks, bow, 0.02, SPEED, steps)
     gone = world.ledger
     left = world.energy - gone.supplied + gone.dissipated + gone.numerical + gone.lost_in_switching
     assert abs(left) <= 1e-13 * gone.supplied
-    slides = np.array(forces)[round((RAMP + 2 * RISE) / DT) :]
+    slides = forces[round((RAMP + 2 * RISE) / DT) :]
     jumps = np.linalg.norm(np.diff(slides, axis=0), axis=1) / np.linalg.norm(slides[1:], axis=1)
-    assert jumps.max() < 0.005
+    assert jumps.max() < 0.015
     normal, along = slides[:, 2], -slides[:, 0]
     assert np.abs(normal / normal.mean() - 1).max() < 0.05
     np.testing.assert_allclose(along / normal, FRICTION, rtol=0.1)  # and what the block pushes before it
+    _, there = iron(tmp_path, low, bricks, bow, 0.02 + SLIDE + SPEED * RISE / 2, 0.0, round(1.5 * RAMP / DT))
+    assert normal[-1] == pytest.approx(there[-1, 2], rel=0.02)

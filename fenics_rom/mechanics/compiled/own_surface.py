@@ -7,7 +7,6 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.copying import add_row, put
-from fenics_rom.mechanics.compiled.smooth_surface import normals_at_corners, smoothed
 from fenics_rom.mechanics.compiled.triangles import dot, nearest_on_triangle, offset_from
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.mechanics.surface_pairs import BORDER, MORE_ABOVE, ON_IT, SIDEWAYS
@@ -21,7 +20,6 @@ def find_facing(
     triangles: Array,
     normals: Array,
     outwards: Array,
-    bends: Array,
     row: Array,
     triangle: Array,
     low: Array,
@@ -41,7 +39,6 @@ def find_facing(
     Args:
         points, triangles: (n, 3), m, and (t, 3) rows of them.
         normals, outwards: of the triangles (t, 3), units, and of the points (n, 3), of any length.
-        bends: of the triangles (t, 9), of `smooth_surface.bends_of`.
         row, triangle: points and triangles (k,) that may touch.
         low, high: ends of boxes (t, 3), m, outside of which no point is near.
         sides, corners: of the triangles on the border, (t, 3).
@@ -64,7 +61,6 @@ def find_facing(
             best[p], high_above[p], gaps[p], on[p] = away - MORE_ABOVE * abs(above), above, away, t
             put(weights[p], share[0], share[1], share[2])
             put(along[p], off[0], off[1], off[2])
-    at_corners = normals_at_corners(points, triangles, bends)
     for p in range(len(points)):
         t, above, away = on[p], high_above[p], gaps[p]
         if t == NONE:
@@ -78,15 +74,12 @@ def find_facing(
         is_kept = is_on or (away <= margin if above >= 0 else inside) or (is_flat and -reach <= above <= margin)
         if not is_kept:
             on[p] = NONE
-            continue
-        offset, n, gap = _row(along, p), _row(normals, t), above
-        if not is_flat:
-            gap = math.copysign(away, above)
-            n = offset[0] / gap, offset[1] / gap, offset[2] / gap
-        a, b, c = _row(points, triangles[t, 0]), _row(points, triangles[t, 1]), _row(points, triangles[t, 2])
-        given = offset, _row(normals, t), not is_flat, n, gap
-        n, gaps[p] = smoothed(bends[t], at_corners, _row(weights, p), a, b, c, *given)
-        put(along[p], n[0], n[1], n[2])
+        elif is_flat:
+            gaps[p] = above
+            put(along[p], normals[t, 0], normals[t, 1], normals[t, 2])
+        else:
+            gaps[p] = math.copysign(away, above)
+            put(along[p], along[p, 0] / gaps[p], along[p, 1] / gaps[p], along[p, 2] / gaps[p])
 
 
 @jit

@@ -65,8 +65,7 @@ def _found_on(first: PlacedSurface, second: PlacedSurface, margin: float) -> OnS
     points, P = first.points[first.touching], len(first.touching)
     on, weights, normals, gaps = np.empty(P, dtype=np.int64), np.empty((P, 3)), np.empty((P, 3)), np.empty(P)
     triangles = np.ascontiguousarray(second.triangles, dtype=np.int64)
-    bends = np.empty((0, 9), dtype=np.int64) if second.bends is None else second.bends
-    find_nearest(points, in_plain(second.points), triangles, in_plain(bends), margin, on, weights, normals, gaps)
+    find_nearest(points, in_plain(second.points), in_plain(triangles), margin, on, weights, normals, gaps)
     found = (on != NONE).nonzero()[0]
     nodes, weights = second.triangles[on[found]], weights[found]
     feet = (weights[:, :, None] * second.points[nodes]).sum(axis=1)

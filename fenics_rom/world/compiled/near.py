@@ -188,8 +188,8 @@ def _points_on_surface(world: Array, m: int, h: float, side: int, C: int) -> int
         len(corners) if side == 1 else 0,
     )  # those of the first are counted first
     on, weights, normals, gaps = np.empty(P, dtype=np.int64), np.empty((P, 3)), np.empty((P, 3)), np.empty(P)
-    triangles, bends = surface.triangles, surface.bends
-    find_nearest(points, corners, triangles, bends, meetings.margins[m], on, weights, normals, gaps)
+    triangles = surface.triangles
+    find_nearest(points, corners, triangles, meetings.margins[m], on, weights, normals, gaps)
     for p in range(P):
         if on[p] == NONE:
             continue

@@ -65,7 +65,7 @@ from fenics_rom.runtime.compiled.frames import (
 )
 
 # Rows of the table of a body: after those of `frame_tables`, of `contact_points.Points`, then of `Step`.
-POINTS, STEP, ROWS = FRAME_ROWS, 38, 50
+POINTS, STEP, ROWS = FRAME_ROWS, 38, 49
 SQUARE, WITHIN, SUPPLIED, DISSIPATED, BY_OTHERS = range(5)  # in `Step.told`
 START, END, MIDDLE, TURN, V, Ω, V_END, Ω_END, ORIGIN, SPUN = 0, 9, 18, 27, 30, 33, 36, 39, 42, 45  # in `Step.turn`
 CENTRE, FORCE, TORQUE, POWER, TURNS = 48, 51, 54, 57, 58  # there, of free bodies
@@ -87,7 +87,6 @@ class Step(NamedTuple):
     velocities: Array  # (P, 3), m/s
     told: Array  # (5,): twice the stored energy, and within, supplied and dissipated, and by others, J
     triangles: Array  # of the contact surface, (T, 3) rows of points, counterclockwise from outside
-    bends: Array  # (T, 9) how these are joined, as of `smooth_surface.bends_of`
 
 
 @jit_part
@@ -110,8 +109,7 @@ def step_at(table: Array) -> Step:
     u, mount, base, turn, modal = given
     found = vector_at(t[5]), vector_at(t[6]), matrix_at(t[7]), matrix_at(t[8]), vector_at(t[9])
     rate, changed, places, velocities, told = found
-    surface = integer_rows_at(t[10]), integer_rows_at(t[11])
-    return Step(u, mount, base, turn, modal, rate, changed, places, velocities, told, *surface)
+    return Step(u, mount, base, turn, modal, rate, changed, places, velocities, told, integer_rows_at(t[10]))
 
 
 @jit_part

@@ -4,7 +4,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
-from fenics_rom.mechanics.compiled.smooth_surface import normals_at_corners, smoothed
 from fenics_rom.mechanics.compiled.triangles import nearest_on_triangle, offset_from
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.mechanics.surface_pairs import DEEPEST, MORE_ABOVE, ON_IT, SIDEWAYS
@@ -18,7 +17,6 @@ def find_nearest(
     points: Array,
     corners: Array,
     triangles: Array,
-    bends: Array,
     margin: float,
     on: Array,
     weights: Array,
@@ -30,7 +28,6 @@ def find_nearest(
     Args:
         points: (P, 3), m.
         corners, triangles: of the surface, (Q, 3), m, and (T, 3) rows of these, counterclockwise from outside.
-        bends: of `smooth_surface.bends_of`, (T, 9); none, (0, 9), of one that is as flat as its triangles.
         margin: m.
         on: (P,) set to triangles; NONE where none is near.
         weights: (P, 3) set to those of their corners.
@@ -43,7 +40,6 @@ def find_nearest(
     reach = margin + DEEPEST * size
     near = _among(points, points, low, high, reach)
     boxes = _among(low, high, points[near], points[near], reach)
-    at_corners = normals_at_corners(corners, triangles, bends) if len(near) and len(boxes) else np.empty((0, 3))
     for p in near:
         point, least, n, away, above = vector(points[p], 0), np.inf, (0.0, 0.0, 0.0), 0.0, 0.0
         offset = (0.0, 0.0, 0.0)
@@ -62,19 +58,13 @@ def find_nearest(
                 put(weights[p], 0, share)
         if on[p] == NONE:
             continue
-        flat, clear = n, away > ON_IT * size
-        if not clear:
+        if away <= ON_IT * size:
             gaps[p] = above
         elif away <= margin if above >= 0 else above < -SIDEWAYS * away and away <= reach:
             gaps[p] = away if above >= 0 else -away
             n = (offset[0] / gaps[p], offset[1] / gaps[p], offset[2] / gaps[p])
         else:
             on[p] = NONE
-            continue
-        if len(bends):
-            t = on[p]
-            a, b, c = _corners_of(corners, triangles[t])
-            n, gaps[p] = smoothed(bends[t], at_corners, vector(weights[p], 0), a, b, c, offset, flat, clear, n, gaps[p])
         put(normals[p], 0, n)
 
 
