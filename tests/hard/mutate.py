@@ -206,7 +206,7 @@ MUTATIONS = [
     ("runtime/steppers/residual_motion.py", "+ y - here.basis_points.dot(e)", "+ y"),
     ("runtime/steppers/residual_motion.py", "if stored > most else 1.0", "if stored > 2 * most else 1.0"),
     ("runtime/batch_residual.py", "over = held > most", "over = held > 2 * most"),
-    ("rom/residual_part.py", "lacking[:, : len(Y)] -= HY @ Y.T", "pass"),
+    ("rom/residual_part.py", "np.hstack([H - HY @ Y.T,", "np.hstack([H,"),
     ("reduction/residual_compliance.py", "solved - Q @ C[:, columns]", "solved + Q @ C[:, columns]"),
     ("reduction/residual_compliance.py", "np.sqrt(np.maximum(τ2, 0.0))[::-1]", "np.sqrt(np.maximum(τ2, 0.0))"),
     ("rom/residual_part.py", "[1 / κ[model.rigid :], residual", "[0 / κ[model.rigid :], residual"),
