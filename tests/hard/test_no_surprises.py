@@ -31,7 +31,7 @@ STARTED = {  # scripts and commands of this package, in processes of their own, 
     PACKAGE / "deployment" / "fmu.py": "[*compiler, *FLAGS, *files, '-o', 'library']",
 }
 PICKLES = {  # in code that numba compiled for this package, and keeps where its own pickles are
-    PACKAGE / "compiled_calls.py": ["pickle.dumps((name, kinds))", "pickle.loads(string_at(text, length))"],
+    PACKAGE / "compiled_calls.py": ["pickle.dumps((name, kinds))", "pickle.loads(string_at(text, length))"]
 }
 IMPORTS = {  # modules that the package names itself, when they are asked for
     PACKAGE / "compiled_calls.py",
