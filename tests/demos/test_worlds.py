@@ -27,6 +27,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
         "feed/feed",
         "feed/drops",
         "squeeze/squeeze",
+        "ironing/ironing",
         "pipe/pipe",
     ],
 )
