@@ -295,7 +295,7 @@ class CompiledWorld:
 
     def pushes(self, number: int) -> Pushes:
         """What contacts did to a soft body in the last step."""
-        C, near = self._count, self._arrays.near
+        C, near = self._count, self._near
         c, end = (near.ends[:C] == number).nonzero()
         forces = near.forces[c]
         pressing, signs = (forces * near.normals[c]).sum(axis=1), np.where(end, -1.0, 1.0)

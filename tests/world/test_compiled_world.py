@@ -193,6 +193,7 @@ def told_of_soft(world):
             body = world.simulator(name)
             yield from (*body.state, body.contact_forces(), [world.account(name).obstacles])
             yield from body.base_wrench or ()
+            yield from body.nodal_contact[1:]
 
 
 def assert_closes(world, start, steps):
