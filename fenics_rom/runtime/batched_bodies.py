@@ -73,8 +73,8 @@ class BatchedBodies:
         bodies = getattr(self._bodies, "bodies", None)
         if bodies is None:
             raise StepError(
-                f"errors are not known: allowed is a ROM of fr.reduce(system, errors=True), which {self.rom.name!r} is "
-                "not, or errors = False was given"
+                f"errors are not known: ROM {self.rom.name!r} was not made by fr.reduce(system, errors=True), or "
+                "errors = False was given"
             )
         stated = [getattr(body, what) for body in bodies]
 

@@ -30,7 +30,7 @@ class ErringBody(MovingBody):
 
     @property
     def error_bound(self) -> "StatedError":
-        """What the error against the full order, with the same steps, is no larger than: see `StatedError`.
+        """What the error against the full order, with the same steps, is no larger than, but for round-off.
 
         It is of the full order under the same inputs, and counted from rest, or from the last state that was put in,
         which the full order is taken to be in, too.
@@ -61,20 +61,25 @@ class ErringBody(MovingBody):
         Raises:
             StepError: they are asked for, and cannot be known.
         """
-        rom = self.rom
-        if rom.error_model is not None and asked is not False:
+        rom, given = self.rom, self._origin[0]  # what acts here, as it was made
+        if asked is False:
+            self._untold = "errors = False was given"
+        elif given.error_model is None:
+            made = "fr.reduce(system, errors=True), reduce --errors, or with run.errors = true in its scene"
+            self._untold = f"ROM {rom.name!r} was not made by {made}"
+        else:
             from fenics_rom.rom.error_model import untold_errors  # here, as few runs tell their errors
             from fenics_rom.runtime.error_maps import ErrorMaps
             from fenics_rom.runtime.error_watch import ErrorWatch
 
             acting = rom.environment if self.environment is None else self.environment.environment
             reason = untold_errors(acting, deforms=rom.deformation is not None)
-            self._untold = f"of a run with {reason}" if reason else ""
-            if not reason:
+            if not reason and rom.error_model is None:
+                reason = "no damping"
+            if reason:
+                self._untold = f"a run with {reason} does not know its error"
+            else:
                 self.errors = ErrorWatch(rom, ErrorMaps(rom, touched=acting.contact_law is not None))
-        else:
-            made = "fr.reduce(system, errors=True), or with run.errors = true in its scene"
-            self._untold = "errors = False was given" if asked is False else f"ROM {rom.name!r} was not made by {made}"
         if asked and self.errors is None:
             raise StepError(f"errors = True: {self._untold}")
 

@@ -92,7 +92,8 @@ class Soft(Simulator, Body):
             rom, acting, self._said = acting_in_world(rom)
         except SceneError as error:
             raise SceneError(f"body {name!r}: {error}") from error
-        super().__init__(rom, dt, scene=acting, signals=signals)
+        super().__init__(rom, dt, scene=acting, signals=signals, errors=False)
+        self._untold = "a body of a world with others does not know its error; allowed is one that is alone"
         assert self._stepper.interface is not None
         assert self.ledger is not None
         self.account, self.size = self.ledger, float(np.linalg.norm(np.ptp(self.contact_coordinates, axis=0))) / 2

@@ -2,6 +2,7 @@
 
 import copy
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -265,8 +266,6 @@ def test_files_keep_it(rom, tmp_path):
     again = fr.read_rom(tmp_path / "rom.h5")
     assert again == rom
     assert stepped(again).error_bound.norm == stepped(rom).error_bound.norm
-    from dataclasses import replace
-
     broken = replace(rom, error_model=replace(rom.error_model, eigenvalues=rom.error_model.eigenvalues[1:]))
     with pytest.raises(RomFileError, match="/error_model: coordinates of shape"):
         fr.write_rom(tmp_path / "broken.h5", broken)
@@ -301,6 +300,14 @@ class TestRefused:
         for body in (fr.Simulator(plain, H), fr.Batch(plain, 2, H)):
             with pytest.raises(StepError, match=r"errors are not known: .*fr.reduce\(system, errors=True\)"):
                 body.error_bound  # noqa: B018
+
+    def test_a_scene_without_its_damping(self, box_file):
+        scenes = [acted_on(box_file, f"inertia = {{}}\n{more}") for more in ("damping = { beta = 1e-3 }", "")]
+        rom = fr.reduce(fr.assemble(scenes[0]), order=5, errors=True)
+        with pytest.raises(StepError, match="errors are not known: a run with no damping does not know its error"):
+            fr.Simulator(rom, H, scene=scenes[1]).error_bound  # noqa: B018
+        with pytest.raises(StepError, match="errors = True: a run with no damping"):
+            fr.Simulator(rom, H, scene=scenes[1], errors=True)
 
     def test_names_and_kinds(self, rom):
         with pytest.raises(StepError, match="errors are not known: errors = False was given"):
