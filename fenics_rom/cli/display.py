@@ -222,7 +222,7 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
         share = f" ({100 * stated.norm.max() / scale:.2g} % of the run's largest)" if scale else ""
         lines[f"error, {kind}"] = f"{stated.norm.max():.3g} J^1/2 in the energy norm{share}; {stated.why}"
         for name, off in stated.outputs.items():
-            lines[f"error of {name}, {kind}"] = f"{np.abs(off).max():.3g} m in each direction"
+            lines[f"error of {name}, {kind}"] = f"{np.abs(off).max():.3g} m at most in any direction"
     print_lines(lines, run.warnings)
     if run.profile:
         print()

@@ -51,7 +51,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "--errors",
         action="store_true",
         default=None,
-        help="tell the error of the run itself, a bound and an estimate, of a ROM that was made so: reduce --errors",
+        help="refuse a ROM whose runs do not tell their error; those of reduce --errors do anyway: a bound and an "
+        "estimate, among obstacles the estimate alone",
     )
 
 

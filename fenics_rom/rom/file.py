@@ -1,6 +1,6 @@
 """The ROM file: one HDF5 file with everything the runtime needs.
 
-Format 2.3. The first 512 bytes are a user block with the SHA-256 of the rest (see io.hdf5).
+Format 2.6. The first 512 bytes are a user block with the SHA-256 of the rest (see io.hdf5).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom", software, name,
 method, switching, weighting, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
 Sizes: n free displacement components, k shared basis vectors, N nodes, F triangles; for each contact mode m order,
@@ -76,7 +76,8 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         first_lame, shear as above, of T values or twice as many    of stress at points
         foot (3, k) kg^-1/2, gradients (2, 3, k) kg^-1/2/m, tangents (2, 3), offset (3,) m  of marker
 
-Files of format 2.4 have an inertia in residual_compliance, which is not read, and no time_constants: these are 0 then.
+Files before format 2.6 have no error_model. Those of 2.4 have an inertia in residual_compliance, which is not read, and
+no time_constants: these are 0 then.
 Those of 2.2 have no base path and moving_frame; those of 2.1 no residual_compliance; those of 2.0 no readings,
 cells and force_validation, and nothing in trained; those of format 1.x are read, too: rom.format_1 makes them such.
 """

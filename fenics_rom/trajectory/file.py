@@ -42,7 +42,7 @@ shapes, N nodes, F triangles, P points of an output.
 Format 2.0 named the snapshots anew; files of format 1.x are read, too. Those of 1.0 and 1.1 name no effects, and have
 no forces, obstacles and profile; those of 1.2 have neither velocities nor obstacles; none before 2.1 have inputs,
 tendons and readings, none before 2.2 reactions, none before 2.3 a moving frame, none before 2.4 bodies, none before 2.6
-contact on nodes.
+contact on nodes and errors.
 """
 
 from pathlib import Path

@@ -30,14 +30,6 @@ class ContactFields:
             self._surfaces.append((of_nodes, rows, surface))
             self.touchable[of_triangles] = surface.touchable
 
-    @property
-    def areas(self) -> Array:
-        """Of the surface that each node stands for, (N,), m²; 0 of those that cannot be touched."""
-        areas = np.zeros(self._count)
-        for _, rows, surface in self._surfaces:
-            areas[rows] = surface.areas
-        return areas
-
     def pressure(self, row: int) -> Array:
         """Of the shape in a row, (N,), Pa."""
         return self._density(self._touched.pressing[row])

@@ -17,9 +17,10 @@ import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FileError, MissingPackageError, SceneError
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix
+from fenics_rom.mechanics.nodal_contact import ContactSurface
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.visualization import optional_dependencies
-from fenics_rom.visualization.contact_fields import ContactFields, traction_arrows
+from fenics_rom.visualization.contact_fields import traction_arrows
 from fenics_rom.visualization.contact_surface import on_kept_surface
 from fenics_rom.visualization.exports import mode_shapes
 from fenics_rom.visualization.exports.body_renderer import DARK, BodyRenderer
@@ -82,7 +83,7 @@ def test_series_holds_the_run_to_the_last_bit(run, tmp_path):
         np.testing.assert_array_equal(grid.cells.reshape(-1, 4)[:, 1:], run.triangles)
         np.testing.assert_array_equal(grid.point_data["displacement"], run.snapshots[row])
         np.testing.assert_array_equal(grid.point_data["velocity"], run.velocities[row])
-        areas = ContactFields(run).areas
+        areas = ContactSurface(run.nodes, run.triangles, run.touched.nodes).areas
         pressing = run.touched.pressing[row].sum()
         assert areas @ grid.point_data["contact pressure"] == pytest.approx(pressing, rel=1e-13, abs=1e-300)
         force, scale = run.touched.forces[row].sum(axis=0), 1e-13 * np.abs(run.touched.forces[row]).sum()
