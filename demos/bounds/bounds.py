@@ -1,6 +1,6 @@
 """Bound, estimate and truth of the error of three bodies over time, also where the contact mode changes at every step.
 
-    python demos/bounds/bounds.py           # half a minute
+    python demos/bounds/bounds.py           # 1 min
     python demos/bounds/bounds.py --quick   # the plate alone, fewer steps
 
 Everything is written to demos/bounds/out/. The checks at the end fail if a claim does not hold.

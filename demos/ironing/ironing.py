@@ -64,7 +64,6 @@ class Ironed(NamedTuple):
     force: Array  # on the block (n, 3), N
     places: list[Array]  # of nodes in the end, (N, 3), m
     balance: float  # what the energy account misses, of what was supplied
-    touching: int
     rate: float  # steps per second
 
     @property
@@ -181,7 +180,7 @@ def iron(roms: list[fr.Rom], steps: int) -> Ironed:
     rate, gone = steps / (time.process_time() - begun), world.ledger
     left = world.energy - gone.supplied + gone.dissipated + gone.numerical + gone.lost_in_switching
     places = [world.simulator(name).node_places() for name in ("slab", "block")]
-    return Ironed(roms, force, places, abs(left) / gone.supplied, world.touching, rate)
+    return Ironed(roms, force, places, abs(left) / gone.supplied, rate)
 
 
 def draw(whole: Ironed, file: Path) -> None:

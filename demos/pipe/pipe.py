@@ -215,7 +215,7 @@ def draw(rom: fr.Rom, whole: Pushed, best: Pushed, file: Path) -> None:
     """The finger in the pipe that is cut open, the pressure on its unrolled skin, and the force over the way."""
     figure, axes = plt.subplots(4, 1, figsize=(9, 9), layout="constrained", height_ratios=(1.3, 1, 1, 1))
     way = 1e3 * SPEED * STEP * np.arange(1, len(whole.force) + 1)
-    mouth, x = 1e3 * AHEAD * -1 - way[-1], np.linspace(0.0, PIPE, 800)
+    mouth, x = -1e3 * AHEAD - way[-1], np.linspace(0.0, PIPE, 800)
     for side, angle in ((1, np.pi / 2), (-1, -np.pi / 2)):
         inside, outside = 1e3 * (ASIDE + side * bore(x, np.array(angle))), 1e3 * (ASIDE + side * OUTSIDE)
         axes[0].fill_between(mouth + 1e3 * x, inside, outside, color="#bdbdbd")
