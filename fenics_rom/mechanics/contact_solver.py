@@ -15,8 +15,8 @@ it: all there is with e = 0, and with 0 < e < 1 what would be back within the st
 takes part if without it the body would come closer than it needs to be stopped by the next step, whether it leaves or
 not: g + h s + h/2 min(2 s - a, 0) < 0. So an impact with e > 0 is up to 1 + e/2 times a step's motion before the
 surface, and what is pressed back while it leaves has room to be stopped. In steps of one length nothing enters an
-obstacle that moves at a constant speed, but where a point that moves freely is thrown back within one step: by at most
-half a step's motion. What keeps touching an obstacle that accelerates has its a against the obstacle's velocity then.
+obstacle that moves at a constant speed, but a point that moves freely and is thrown back within one step: by at most
+half of its motion. What keeps touching an obstacle that accelerates has its a against the obstacle's velocity then.
 What is deeper than the way of a step, h (|a| + |n·(free - w)| + |w|), has c = 0. What would end deeper than the largest
 ball that the obstacle holds has c = min(-g/h, 0): it ends before it, and leaves as fast as it came (`HeldBack`).
 

@@ -71,7 +71,7 @@ class FaceContact(MeshContact):
 
     Args:
         faces: of the body.
-        own: what else a base wants.
+        own: the surface of the body, where it touches itself.
     """
 
     def __init__(
@@ -81,10 +81,8 @@ class FaceContact(MeshContact):
         self._met = [MetFaces(P) for _ in obstacles]
         super().__init__(points, (*obstacles, *self._met), law, *own)
         self._at_faces = slice(self._solids * P, 2 * self._solids * P)
-        self.keeps_out = law.stiffness is None  # no gap of a face ends below 0, whatever it turned by
-        self._w = np.zeros(
-            (self._solids, P, 3)
-        )  # of what of obstacles is where points are in the middle of a step, m/s
+        self.keeps_out = True  # no gap of a face ends below 0, whatever it turned by
+        self._w = np.zeros((self._solids, P, 3))  # material of obstacles, where points are in mid-step, m/s
         self._last_found: list[Places] | None = None  # in the last sweep
         self._nearest = np.inf  # gap of the points that were looked at last, m
         self._face_operator: tuple[Array, _Between, bytes, tuple[Array, Delassus]] | None = None

@@ -106,7 +106,7 @@ class MeshContact(ContactSolver):
         return np.concatenate([*(gaps for gaps, _ in found), missing]), np.concatenate(normals)
 
     def _renew(self, pairs: slice, gaps: Array, normals: Array) -> None:
-        """Puts gaps and normals of some pairs, which are others than in the sweep before, beside planes."""
+        """Sets gaps and normals of some pairs, which change from sweep to sweep, in what planes were added to."""
         if (planes := self._planes) is None:
             return
 

@@ -44,7 +44,7 @@ class MetFaces:
 
 
 def slots_of(places: Places, keys: Array, at: Array, parts: int) -> Array:
-    """Slots (k,) of places among P, by what they had before; of one that passes to another face the same.
+    """Slots (k,), among P, of places: those of the step before, also of a place that went on to another face.
 
     Args:
         places: k of them.

@@ -6,8 +6,8 @@ of the facets around node i, of n nodes each, it has the share a_i = Σ A_f / n 
     n = 3:  p_i = F_i / a_i
     n = 6:  p_f = Σ_{i of f} F_i / (6 a_i),   p_i = Σ A_f p_f / (6 a_i)
 
-Σ a_i p_i = Σ F_i exactly, and a uniform pressure is found exactly on flat surfaces: on facets of six nodes it leaves
-nothing to the corners, or has shares by area where the four parts of a facet touch.
+Σ a_i p_i = Σ F_i exactly. On flat surfaces a uniform pressure is found exactly. On facets of six nodes it may leave
+nothing to the corners, or be shared by area where the four parts of a facet touch.
 """
 
 from typing import NamedTuple

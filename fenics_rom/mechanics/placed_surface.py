@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.body_faces import BodyFaces
@@ -16,11 +15,6 @@ class PlacedSurface(NamedTuple):
     triangles: Array  # (t, 3) rows of points, counterclockwise from outside
     touching: Array  # rows of the points that may touch
     faces: BodyFaces | None = None  # of a body whose faces others meet, and not its points alone
-
-
-def surface_at_rest(points: Array, triangles: Array) -> PlacedSurface:
-    """That of a body whose points (n, 3), m, may all touch."""
-    return PlacedSurface(points, triangles, np.arange(len(points)))
 
 
 def points_near(first: PlacedSurface, second: PlacedSurface, margin: float) -> OnSurface:

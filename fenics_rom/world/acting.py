@@ -9,7 +9,7 @@ from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.environment import Environment
-from fenics_rom.mechanics.placed_surface import PlacedSurface, surface_at_rest
+from fenics_rom.mechanics.placed_surface import PlacedSurface
 from fenics_rom.mechanics.triangles import triangles_among
 from fenics_rom.rom.rom import Rom
 
@@ -47,7 +47,7 @@ def touched_surface(rom: Rom, points: ContactPoints) -> PlacedSurface:
     """Where others can touch a body: at its contact points at rest, and at faces between them if its scene says so."""
     triangles, places = triangles_among(points.nodes, rom.triangles), points.coordinates
     faces = points.faces(rom.triangles) if rom.environment.touches_faces else None
-    return surface_at_rest(places, triangles)._replace(faces=faces)
+    return PlacedSurface(places, triangles, np.arange(len(places)), faces)
 
 
 def _with_points(rom: Rom) -> Rom:

@@ -64,7 +64,7 @@ class Pairs(NamedTuple):
     restitution: Array  # e (C,)
     are_rigid: Array  # (C,) whether of two rigid bodies
     yield_at_once: Array  # (C,) whether of a body without inertia
-    are_static: Array  # (C,) whether neither body has inertia, or one is driven: a gap may close within the step
+    are_static: Array  # (C,) whether of bodies without inertia, or that are driven: gaps may close within the step
     out: Array  # (C,) speeds that those are to have at the end that are let out of one another, m/s; else 0
     halves: Array  # (C, 1): 1/2 where there is friction, else 0
     swung: Array | None = None  # (C,) in how many steps in a row friction did not stop them; None: in none

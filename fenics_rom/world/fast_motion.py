@@ -1,10 +1,10 @@
 """Steps of a world in which rigid bodies may pass through one another, as they go farther than they are thick.
 
 Where two bodies touch is looked for where they are expected in the middle of a step. What went by more than both are
-thick by then may be on the other side. So such a step is cut: in a part two bodies go, relative to one another, by no
-more than a share of their thickness, or of the gap between them while that is more. Parts are halves of halves of a
-step. Thick is the largest ball that a body holds, gaps are those of balls around bodies, at least: parts are rather too
-short. It is looked whether bodies are fast where that may be, and they may speed up twofold until it is looked again.
+thick by then may be on the other side. So such a step is cut. In a part two bodies go, relative to one another, by at
+most a share of their thickness, or of the gap between them while that is more. Parts are halves of halves of a step.
+Thick is the largest ball that a body holds. Gaps are those of balls around bodies, at least: parts are rather too
+short. How fast bodies are is looked at again before one could be fast if all sped up twofold.
 """
 
 import math
@@ -86,8 +86,7 @@ class CutWorld(ReadWorld):
         if not self._wait:
             self._tell()
             self._wait = self._steps_to_wait()
-        if self._wait < 1:
-            self._wait = 0
+        if not self._wait:
             if self._parts(self._dt) > 1:
                 self._step_in_parts(inputs)
                 return 1
@@ -160,8 +159,7 @@ def _rates(body: Rigid | Driven, h: float) -> tuple[Array, float]:
         gone = (np.asarray(end.position) - body.pose.position) / h
         turned = 2 * math.acos(min(1.0, abs(float(np.dot(end.rotation, body.pose.rotation))))) / h
         return (gone if gone.dot(gone) > v.dot(v) else v), max(turning, turned)
-    g = body.gravity
-    return v + h * g, turning
+    return v + h * body.gravity, turning
 
 
 def _speed(body: Rigid | Driven, h: float) -> float:

@@ -188,7 +188,7 @@ class ReadWorld:
 
     @property
     def compiled_steps(self) -> int:
-        """Number of steps that compiled functions took whole; NumPy took the others, and all of one soft body alone."""
+        """Number of steps that compiled functions took whole; 0 of one soft body alone, as its simulator takes them."""
         return self._compiled_steps
 
     @property

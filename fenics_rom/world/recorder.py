@@ -58,7 +58,7 @@ class WorldRecorder:
         self.sample(0)
 
     def steps_to_sample(self, step: int) -> int:
-        """After how many more something is to be kept, when so many were taken, before the last."""
+        """In how many steps something is to be kept next; so many were taken, and the last one was not."""
         return int(self._due[self._due.searchsorted(step, "right")]) - step
 
     def sample(self, step: int) -> None:

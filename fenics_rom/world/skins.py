@@ -86,10 +86,10 @@ class WorldSkins:
         self._slowness = (CALM if self._are_calm else 1) * QUICK if are_quick else 1
         return bool(self._watched) and (self._is_time(steps) or steps % (self._slowness * CHECK_INTERVAL) == 0)
 
-    def steps_to_ask(self, steps: int, most: int, are_quick: bool) -> int:
-        """After how many more `asks` will say so, or so many at most, when so many steps were taken."""
+    def steps_to_ask(self, steps: int, most: int) -> int:
+        """In how many compiled steps `asks` is true next, or so many at most; `steps` were taken so far."""
         ahead = 1
-        while ahead < most and not self.asks(steps + ahead, are_quick):
+        while ahead < most and not self.asks(steps + ahead, True):
             ahead += 1
         return ahead
 

@@ -372,7 +372,7 @@ class Soft(Simulator, Body):
     def end_compiled(
         self, kernel: BookedKernel, contact: Callable[[], Handed | None], told: Array, u: Array, *steps: Any
     ) -> None:
-        """Ends compiled steps, as of `end_steps`; told: twice the energy, and that within the shape, J."""
+        """Ends compiled steps; told: twice the energy, and that within the shape, J; steps: the rest of `end_steps`."""
         self._twice, within = told[:2].tolist()
         kernel.contact = contact
         if isinstance(kernel, CompilableFrame):

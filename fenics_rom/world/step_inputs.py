@@ -85,9 +85,9 @@ class StepInputs:
         return True
 
     def set_ends(self, most: int) -> int:
-        """Sets where bodies that are driven go to in steps; in how many, so many at most, that is told in arrays.
+        """Sets where driven bodies are when each of the next steps ends: in how many steps, so many at most.
 
-        In one, where loads change with time.
+        One where loads change with time. Fewer where a motion raises an error, or gives what are no arrays.
         """
         if most > 1 and not all(each.environment.has_constant_loads for each in self._soft):
             most = 1

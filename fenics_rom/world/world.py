@@ -261,7 +261,7 @@ class World(CutWorld):
         if self._loops is not None:
             if most > 1:
                 room = (self._joints.next_change - self._time) / h - 1
-                most = self._skins.steps_to_ask(self._steps, max(1, int(min(most, room))), True)
+                most = self._skins.steps_to_ask(self._steps, max(1, int(min(most, room))))
             if taken := self._loops.take(inputs or {}, self._time, most):
                 self._compiled_steps += taken
                 return self._end_steps(taken)

@@ -34,9 +34,8 @@ def test_two_soft_blocks_press_one_another_as_they_are_told(tmp_path):
             traction, pressure = body.contact_traction(), body.contact_pressure()
             areas, size = body.contact_surface.areas, np.abs(force).max()
             np.testing.assert_allclose(areas @ traction, sign * force, atol=ROUND_OFF * size)
-            assert areas @ pressure == pytest.approx(
-                abs(force[2]), rel=1e-6, abs=ROUND_OFF
-            )  # but for the tilt of faces
+            pressing = pytest.approx(abs(force[2]), rel=1e-6, abs=ROUND_OFF)  # but for the tilt of faces
+            assert areas @ pressure == pressing
             world.energy  # noqa: B018, it has all bodies told
             np.testing.assert_array_equal(body.contact_traction(), traction)
         recorder.sample(step + 1)

@@ -1,6 +1,7 @@
 """Faces of soft bodies between their points: what sticks out of rigid shapes meets them, and sharp edges of others."""
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.body_faces import DEEPEST, BodyFaces, Places
 from fenics_rom.mechanics.obstacle_outline import Outline
@@ -41,8 +42,8 @@ def edges_on_edges(first: PlacedSurface, second: PlacedSurface, margin: float) -
     return Contacts(mine, Spots(foot, nodes, weights, mine.feature), found.normals, found.gaps)
 
 
-def _thinned(found: Places, parts: int) -> np.ndarray:
-    """Rows of places, of which few are on any one triangle or edge, as of a rim that lies there; of so many parts."""
+def _thinned(found: Places, parts: int) -> Array:
+    """Rows of places, at most `MOST` on any triangle or edge, as where a rim lies on one; parts: as of BodyFaces."""
     own, of = np.unique(found.keys % parts, return_inverse=True)
     kept = np.ones(len(of), dtype=bool)
     for part in (np.bincount(of, minlength=len(own)) > MOST).nonzero()[0]:
@@ -52,6 +53,6 @@ def _thinned(found: Places, parts: int) -> np.ndarray:
     return kept.nonzero()[0]
 
 
-def _spots(found: Places, at: np.ndarray) -> Spots:
+def _spots(found: Places, at: Array) -> Spots:
     """Where they are; points have features that are not negative."""
     return Spots(at, found.nodes, found.weights, -1 - found.keys)
