@@ -67,6 +67,8 @@ def print_rom(rom: "fr.Rom", file: Path | str) -> None:
         "actuators": ", ".join(rom.actuators) or "none",
         **({"loads": ", ".join(rom.loads)} if rom.loads else {}),
     }
+    if rom.error_model is not None:
+        lines["errors"] = f"told by runs, by a finer model of {len(rom.error_model.eigenvalues)} displacements"
     if rom.readings:
         read = ((name, reading.quantity) for name, reading in rom.readings.items())
         lines["readings"] = ", ".join(f"{name} ({READING_WORDS[of]} in {READING_UNITS[of]})" for name, of in read)
@@ -220,7 +222,7 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
     scale = np.sqrt(2 * run.energy.max())
     for kind, stated in run.errors.items():
         share = f" ({100 * stated.norm.max() / scale:.2g} % of the run's largest)" if scale else ""
-        lines[f"error, {kind}"] = f"{stated.norm.max():.3g} J^1/2 in the energy norm{share}; {stated.why}"
+        lines[f"error, {kind}"] = f"{stated.norm.max():.3g} J^1/2 at most in the energy norm{share}; {stated.why}"
         for name, off in stated.outputs.items():
             lines[f"error of {name}, {kind}"] = f"{np.abs(off).max():.3g} m at most in any direction"
     print_lines(lines, run.warnings)

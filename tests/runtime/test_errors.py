@@ -361,6 +361,8 @@ class TestScenes:
         assert "error, bound" in said
         assert "the body is linear and damped" in said
         assert "error of tip, estimate" in said
+        run_command("info", folder / "box.h5")
+        assert "told by runs, by a finer model of" in " ".join(capsys.readouterr().out.split())
         panels = fr.plot(reduced, folder / "plots")
         assert "error.png" in {file.name for file in panels}
 

@@ -101,7 +101,7 @@ def _draw_error(figure: Any, runs: Runs) -> None:
                 time * run.times, np.where(stated.norm > 0, stated.norm / scale, np.nan), color=colours[kind], **line
             )
     _draw_legend(figure, axes, colours, shown)
-    axes.set(ylabel="error in the energy norm (1)", title="error that the run states")
+    axes.set(ylabel="error, of largest energy norm (1)", title="error that the run states")
 
 
 def _draw_input(figure: Any, runs: Runs, name: str) -> None:
