@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from turns import NOTHING, spin
 
 import fenics_rom as fr
 from fenics_rom.mechanics.frame_motion import rotation_matrix
@@ -76,6 +77,22 @@ def test_what_has_tumbled_lies_on_the_floor(shape, dt):
         assert lowest(world, "body") == pytest.approx(0.0, abs=EXACT)
         assert mechanical_energy(world) + world.ledger.dissipated == pytest.approx(start, rel=1e-12)
     assert deepest < -1e-6  # some were inside
+
+
+@pytest.mark.parametrize("dt", [2.5e-3, 1e-2])
+def test_what_slides_on_a_plane_that_turns_towards_it_is_let_out(dt):
+    """It is never deeper than a hundredth of what the plane turns in a step times the way, and outside at the end."""
+    radius, rate, begins = 0.02, 1.0, 0.6
+    plane = fr.RigidBody(HalfSpace(), motion=spin(NOTHING, [0, -1, 0], rate, 0.1))
+    ball, deepest = fr.RigidBody(Sphere(radius), mass=1.0, position=(begins, 0, radius)), 0.0
+    world = fr.World({"plane": plane, "ball": ball}, dt, gravity=(0, 0, -G))
+    for _ in range(round(0.8 / dt)):
+        world.step()
+        x, _, z = rotation_matrix(world.pose("plane").rotation).T.dot(world.pose("ball").position)
+        deepest = max(deepest, radius - z)
+    assert begins - x > 0.5
+    assert deepest < 1e-2 * rate * dt * (begins - x)
+    assert radius - z < EXACT
 
 
 @pytest.mark.parametrize("dt", [1e-2, 5e-2])

@@ -46,7 +46,7 @@ def test_two_rollers_feed_a_sheet(dt, length):
         left = max(left, left_of(world, begun))
     pose = world.pose("sheet")
     np.testing.assert_allclose(pose.velocity, [RATE * R, 0.0, 0.0], atol=1e-3 * RATE * R)
-    np.testing.assert_allclose(pose.position[1:], [0.0, 0.005], atol=2e-8)  # 1e-3 R/2 of a slope
+    np.testing.assert_allclose(pose.position[1:], [0.0, 0.005], atol=2e-8)  # 1e-8 is (1e-3)² R/2, of a slope
     work = -world.account("a").obstacles - world.account("b").obstacles
     assert work == pytest.approx(mass * (RATE * R) ** 2 / 2, rel=1e-3)
     assert left <= 1e-13 * work
