@@ -168,7 +168,7 @@ class NormalLaw(NamedTuple):
 Asked = Callable[[Array, Array], NormalLaw]
 
 
-_LOWEST = -1e300
+_LOWEST = -1e300  # of targets, beside gaps that are infinite, m/s
 BACK = 1 + 1e-9  # beside 1 + e: points alike, whose speeds differ by round-off, all bounce, or none of them
 
 
@@ -184,7 +184,8 @@ class NormalRule:
     Attributes:
         key: law, dt and quasi_static.
         is_elastic: whether impacts of the rigid law lose nothing.
-        too_far: (O P,) how many times as deep as it may the law last let each pair go; None where none was held back.
+        too_far: (O P,) how deep the law last let each pair go, over the radius of its obstacle: more than 1 was held
+            back. None where no pair goes as deep as the smallest radius.
     """
 
     too_far: Array | None = None

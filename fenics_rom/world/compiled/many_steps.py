@@ -46,10 +46,10 @@ def take_steps(
     Args:
         world, given, h, row, goes_on, free: as of `take_step`, of the first one.
         ends: (n, D, 13) where bodies that are driven are when each step ends.
-        watched: (S, 6) of each soft body twice the energy, J, beyond which its surface may go too far, and whether that
-            is the whole energy or that of the shape; after how many such steps it is looked at, and how many there
-            were, which is set; how far coordinates e may be from those of the last look, √J, without one; and whether
-            one is due, which is set, and ends steps.
+        watched: (S, 6) of each soft body. `THRESHOLD`: twice the energy, J, beyond which its surface may go too far;
+            `IS_WHOLE`: whether that is the whole energy, or that of the shape. `INTERVAL`: after how many such steps it
+            is looked at; `SINCE`, set: how many there were. `RADIUS`: how far e may be from those of the last look, √J,
+            without another one. `IS_DUE`, set: whether one is due, which ends steps.
         looked_at: these e, (S, m).
         told: (4,) set, see `TAKEN`; the last is 0, or OTHERWISE or NEEDS_CONTACTS of a step that was not taken.
     """

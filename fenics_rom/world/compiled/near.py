@@ -188,8 +188,7 @@ def _points_on_surface(world: Array, m: int, h: float, side: int, C: int) -> int
         len(corners) if side == 1 else 0,
     )  # those of the first are counted first
     on, weights, normals, gaps = np.empty(P, dtype=np.int64), np.empty((P, 3)), np.empty((P, 3)), np.empty(P)
-    triangles = surface.triangles
-    find_nearest(points, corners, triangles, meetings.margins[m], on, weights, normals, gaps)
+    find_nearest(points, corners, surface.triangles, meetings.margins[m], on, weights, normals, gaps)
     for p in range(P):
         if on[p] == NONE:
             continue
@@ -200,7 +199,7 @@ def _points_on_surface(world: Array, m: int, h: float, side: int, C: int) -> int
         if side == 1:
             place = (0.0, 0.0, 0.0)  # that of the first body
         for k in range(3):
-            corner, share = triangles[on[p], k], weights[p, k]
+            corner, share = surface.triangles[on[p], k], weights[p, k]
             near.nodes[C, 1 - side, k], near.weights[C, 1 - side, k] = corner, share
             if side == 1:
                 place = added(place, share, vector(corners[corner], 0))
