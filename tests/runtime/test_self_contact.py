@@ -99,7 +99,7 @@ def test_accounts_close_and_momenta_stay(tmp_path, frame, held, parts, bound):
     assert left <= bound * scale
     assert touched >= 2
     assert body.ledger.contact >= 0
-    assert body.ledger.friction >= -1e-12 * scale
+    assert body.ledger.friction >= -1e-11 * scale  # round-off where all pairs stick: 8e-13 is seen
     if is_free:
         (P, L), (P_begun, L_begun) = body.momentum, begun
         np.testing.assert_allclose(P, P_begun, rtol=0, atol=1e-12 * rom.moving_frame.mass * 8.0 * LONG)

@@ -26,6 +26,7 @@ from fenics_rom.mechanics.compiled.work_space import release, take, take_frames,
 OPEN, SLIPS, STICKS, NO_PAIR = range(4)
 MOST_SEARCHES = 6  # where W is not quite what the inverse is of
 MOST_SOLVES = 12  # where they suffice they are rarely more than six
+SURE_SOLVES = 5  # before all is given up at the first one that does not halve what is missed
 
 
 class Inverse(NamedTuple):
@@ -126,6 +127,8 @@ def find_by_newton(
         missed = _look(kinds, ρ, μ, forces, v, z)
         if missed <= ACCURATE * speed or (missed <= SOLVED * speed and missed >= before / 2):
             break
+        if count > SURE_SOLVES and not missed < before / 2:
+            return count, False
         before = missed
     if not missed <= SOLVED * speed:
         return count, False
