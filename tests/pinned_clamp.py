@@ -2,7 +2,7 @@
 
 import numpy as np
 from forks import GAP, HIGH, ROPE, cleft, fork_text
-from turns import csv_of, path_of
+from turning import csv_of, path_of
 
 import fenics_rom as fr
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector

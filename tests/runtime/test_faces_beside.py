@@ -7,7 +7,7 @@ import pytest
 from forks import CLAMPED
 from pads import RUBS, UP, L, R, depth_of, pad_scene, shape
 from pinned_clamp import FACES, clamp_scene, left_of, rises
-from turns import NOTHING, spin
+from turning import NOTHING, spin
 
 import fenics_rom as fr
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix

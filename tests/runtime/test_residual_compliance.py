@@ -178,7 +178,7 @@ def test_points_between_nodes_are_of_these_as_where_columns_are_made_of_them(mes
     points = '[effects.contact]\npoints = "surface"\n'
     system = fr.assemble(acted_on(mesh, MOVING + points + BALLS, **PARTS))
     assert system.body.points_between is not None
-    columns, rows = system.points_of_contact().columns(system.at_nodes), offline._PointRows(system)
+    columns, rows = system.points_of_contact().columns(system.at_nodes), offline.PointRows(system)
     np.testing.assert_allclose(rows.at(np.eye(system.size)), columns.T, rtol=0, atol=1e-15)
     np.testing.assert_allclose(rows.forces(np.eye(rows.count)), columns, rtol=0, atol=1e-15)
     np.testing.assert_allclose(rows.columns(slice(3, 9)), columns[:, 3:9], rtol=0, atol=1e-15)

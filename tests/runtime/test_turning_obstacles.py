@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bodies import box_arrays, write_arrays
 from triangle_meshes import groove, write_stl
-from turns import NOTHING, csv_of, path_of, spin
+from turning import NOTHING, csv_of, path_of, spin
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError, StepError

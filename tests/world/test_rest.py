@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from turns import NOTHING, spin
+from turning import NOTHING, spin
 
 import fenics_rom as fr
 from fenics_rom.mechanics.frame_motion import rotation_matrix

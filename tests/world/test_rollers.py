@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from test_soft_motion import TOUCHED, reduced
-from turns import spin
+from turning import spin
 
 import fenics_rom as fr
 from fenics_rom.mechanics.base_path import quaternion_product

@@ -7,7 +7,7 @@ import pytest
 from pads import RUBS, UP, L, R, pad_scene, shape
 from test_soft_motion import momenta, ride
 from triangle_meshes import groove
-from turns import spin
+from turning import spin
 
 import fenics_rom as fr
 from fenics_rom.compilation import compiled, numpy_alone
