@@ -12,12 +12,12 @@ from fenics_rom.io.mpi_ranks import is_rank_0, is_root_process
 from fenics_rom.io.overwriting import check_outputs_in
 from fenics_rom.studies.method_configs import METHOD_CONFIGS
 from fenics_rom.studies.pareto import describe_choice, describe_full_steps, select_per_decade
-from fenics_rom.studies.report import COST_HEADING, FILES, FORCE_HEADING, cost_rows, force_rows, remarks, write_report
+from fenics_rom.studies.report import FILES, FORCE_HEADING, cost_heading, cost_rows, force_rows, remarks, write_report
 from fenics_rom.studies.study_results import PICTURES, StudyResults
 from fenics_rom.visualization.figure import figure_class
 
 SUMMARY = "what accuracy costs in time, for a scene; runs under mpirun"
-CHOICES = ("methods", "orders", "steps", "meshes", "quick", "resume", "force")
+CHOICES = ("methods", "orders", "steps", "meshes", "quick", "without_reference", "resume", "force")
 ROM = "rom.h5"  # in the folder of a study for a tolerance
 
 
@@ -30,6 +30,11 @@ def add_options(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--quick", action="store_true", help="a first look, of a long run at its beginning: fewer methods and steps"
+    )
+    command.add_argument(
+        "--without-reference",
+        action="store_true",
+        help="do not run full order: errors are estimates, and bounds, that reduced runs state of themselves",
     )
     command.add_argument("--methods", nargs="+", choices=METHOD_CONFIGS, help="where the bases come from")
     command.add_argument("--orders", nargs="+", type=int, metavar="M", help="displacements per contact mode")
@@ -46,11 +51,15 @@ def run(choice: argparse.Namespace) -> None:
         given = [name for name in ("quick", "methods", "orders", "steps", "meshes") if getattr(choice, name)]
         if given:
             choice.wrong_usage(f"--tolerance finds method, order and step itself; it goes without --{given[0]}")
+    if choice.without_reference and choice.meshes:
+        choice.wrong_usage("--mesh compares meshes at full order, which --without-reference does not run")
     figure_class()
     check_folder(choice.output)
     scene = fr.read_scene(choice.scene)
     command = shlex.join(["fenics-rom", *choice.words])
     if scene.effects.large_deformation is not None:
+        if choice.without_reference:
+            choice.wrong_usage("--without-reference: a run with large_deformation does not know its error")
         given = [name for name in ("tolerance", "methods", "orders", "steps", "meshes") if getattr(choice, name)]
         if given:
             choice.wrong_usage(f"with large_deformation a study goes over the size of the load, without --{given[0]}")
@@ -65,7 +74,7 @@ def run(choice: argparse.Namespace) -> None:
         else:
             from fenics_rom.studies.study import study_for_tolerance
 
-            chosen = {name: getattr(choice, name) for name in ("resume", "force")}
+            chosen = {name: getattr(choice, name) for name in ("without_reference", "resume", "force")}
             results, row, rom = study_for_tolerance(scene, choice.output, choice.tolerance, **chosen, report=report)
             fr.write_rom(choice.output / ROM, rom, force=True)  # or it was refused at the beginning
     write_report(choice.output, results, command)
@@ -99,12 +108,15 @@ def _study_amplitudes(scene: "fr.Scene", choice: argparse.Namespace, command: st
 def _print_results(results: StudyResults, folder: Path) -> None:
     """What each decimal costs, and which model to choose for it."""
     title = f"study {results.name}: what each decimal costs"
-    print_table(title, COST_HEADING, cost_rows(results))
+    print_table(title, cost_heading(results), cost_rows(results))
     if results.reference_forces:
         print_table("contact forces: errors as shares of the reference's", FORCE_HEADING, force_rows(results))
+    rate, reference = "not run", "none: errors are estimates; "
+    if results.full_rate is not None:
+        rate, reference = f"{results.full_rate:,.0f} steps/s {describe_full_steps(results)}", ""
     lines = {
-        "full order": f"{results.size:,} unknowns, {results.full_rate:,.0f} steps/s {describe_full_steps(results)}",
-        "reference": f"steps of {results.reference_step:.3g} s, own error {results.reference_error:.1e}",
+        "full order": f"{results.size:,} unknowns, {rate}",
+        "reference": f"{reference}steps of {results.reference_step:.3g} s, own error {results.reference_error:.1e}",
         "tables": f"{folder / 'study.md'}, {folder / 'study.csv'}",
         "pictures": ", ".join(str(folder / f"{name}.png") for name in PICTURES),
     }

@@ -81,7 +81,8 @@ class BatchedBodies:
         def of_output(name: str) -> Array:
             return np.array([each.output(name) for each in stated])
 
-        return replace(stated[0], norm=np.array([each.norm for each in stated]), outputs=of_output)
+        shape = None if stated[0].shape is None else np.array([each.shape for each in stated])
+        return replace(stated[0], norm=np.array([each.norm for each in stated]), outputs=of_output, shape=shape)
 
     @property
     def inputs(self) -> int:

@@ -41,6 +41,8 @@ class StatedError:
         why: it is one, in words.
         norm: in the energy norm, √(vᵀMv + xᵀKx) of the error; J^1/2. Of a batch (size,).
         names: of the outputs that it is told of.
+        shape: in the mass norm, √(xᵀMx) of the error of displacements, kg^1/2 m; of a batch (size,). None of a bound,
+            or where it is not known.
     """
 
     kind: str
@@ -48,6 +50,7 @@ class StatedError:
     norm: float | Array
     names: tuple[str, ...]
     outputs: Callable[[str], Array] = field(repr=False)
+    shape: float | Array | None = None
 
     def output(self, name: str) -> Array:
         """Of the displacement of a named output, m; in the shape that `displacement(name)` has.
@@ -144,12 +147,15 @@ class ErrorWatch:
                     "of the former takes no energy; allowed is the energy norm"
                 )
             check_output(name, self._rom.outputs)
-            strained = np.where(self._ω > 0, self._ω, np.inf)
-            return self._rom.by_point(self._model.outputs[name] @ (error[: len(self._ω)] / strained))
+            return self._rom.by_point(self._model.outputs[name] @ displacements)
 
-        names = () if self._model.couples_rigid_motions else tuple(self._model.outputs)
+        displacements = error[: len(self._ω)] / np.where(self._ω > 0, self._ω, np.inf)
+        known = not self._model.couples_rigid_motions
+        names, shape = (
+            (tuple(self._model.outputs), math.sqrt(displacements.dot(displacements))) if known else ((), None)
+        )
         why = ESTIMATE.format(len(self._ω)) + self.maps.touched * SAME_FORCES + self._start
-        return StatedError("estimate", why, math.sqrt(error.dot(error)), names, of_output)
+        return StatedError("estimate", why, math.sqrt(error.dot(error)), names, of_output, shape)
 
     @property
     def _start(self) -> str:

@@ -61,11 +61,14 @@ def largest_model(rows: Sequence[BenchmarkRow]) -> list[BenchmarkRow]:
 def describe_choice(results: StudyResults, tolerance: float, row: BenchmarkRow) -> str:
     """The choice in words."""
     step = "the same step" if results.full_step is None else f"steps of {format_step(results.full_step)}"
+    estimated, than_full = ", as estimated", ""
+    if results.full_rate is not None:
+        estimated = ""
+        than_full = f" and {format_factor(row.rate / results.full_rate)} as fast as full order at {step}"
     return (
-        f"For {tolerance:.0e} of the whole shape: {METHOD_CONFIGS[row.method].label}, order {row.order}, "
+        f"For {tolerance:.0e} of the whole shape{estimated}: {METHOD_CONFIGS[row.method].label}, order {row.order}, "
         f"step {format_step(row.dt)}; "
-        f"{format_factor(row.real_time)} {'faster than' if row.real_time >= 1 else 'of'} real time and "
-        f"{format_factor(row.rate / results.full_rate)} as fast as full order at {step}."
+        f"{format_factor(row.real_time)} {'faster than' if row.real_time >= 1 else 'of'} real time{than_full}."
     ).replace("e-0", "e-")
 
 

@@ -46,9 +46,14 @@ def _draw_speed(axes: Any, results: StudyResults) -> None:
         axes.plot([], [], MARKERS[method], color=COLOURS[method], label=METHOD_CONFIGS[method].label)
     axes.axhline(results.reference_error, color="black", linewidth=0.8, linestyle=":")
     place = {"xy": (0.01, results.reference_error), "xycoords": ("axes fraction", "data"), "xytext": (0, 3)}
-    axes.annotate("error of the reference", **place, **note)
+    axes.annotate(_own_error(results), **place, **note)
     axes.margins(x=0.2)
-    axes.set(xscale="log", yscale="log", xlabel="seconds simulated in a second", ylabel="error of the whole shape")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="seconds simulated in a second",
+        ylabel=f"{results.error_name} of the whole shape",
+    )
     top = axes.secondary_xaxis("top", functions=(lambda x: x / results.dt, lambda x: x * results.dt))
     top.set_xlabel(f"steps per second, if all were of {format_step(results.dt)}")
     axes.legend(fontsize=8, loc="lower right")
@@ -61,6 +66,11 @@ def _draw_orders(axes: Any, results: StudyResults) -> None:
         points = ((row.order, row.reduction) for row in results.rows if row.method == method)
         style = {"color": COLOURS[method], "label": METHOD_CONFIGS[method].label, "markersize": 5}
         _plot(axes, points, MARKERS[method] + "-", **style)
+        bounds = [(row.order, row.bound) for row in results.rows if row.method == method and row.bound is not None]
+        if bounds:
+            _plot(axes, bounds, "--", color=COLOURS[method], linewidth=1)
+    if any(row.bound is not None for row in results.rows):
+        axes.plot([], [], "--", color="0.5", linewidth=1, label="bounds of these, in the energy norm")
     validated = [(row.order, row.transfer_error) for row in results.rows if row.method == first and row.transfer_error]
     if validated:
         label = f"validation of {METHOD_CONFIGS[first].label}: transfer error"
@@ -70,7 +80,7 @@ def _draw_orders(axes: Any, results: StudyResults) -> None:
         shown = np.array(σ[: largest + 1])
         once = "σ of each contact mode / σ_1" if name == next(iter(results.hankel)) else None
         axes.plot(np.arange(1, len(shown) + 1), shown / shown[0], color="0.6", linewidth=1, label=once, zorder=0)
-    axes.set(yscale="log", xlabel=ORDER_LABEL, ylabel="error of the whole shape, reduction alone")
+    axes.set(yscale="log", xlabel=ORDER_LABEL, ylabel=f"{results.error_name} of the whole shape, reduction alone")
     axes.legend(fontsize=8)
 
 
@@ -89,9 +99,15 @@ def _draw_parts(axes: Any, results: StudyResults) -> None:
     axes.plot([], [], color="0.5", linewidth=0.8, linestyle="--", label="step alone")
     if results.mesh_error is not None:
         axes.axhline(results.mesh_error, color="tab:green", linestyle="-.", label="mesh, at the outputs")
-    axes.axhline(results.reference_error, color="black", linewidth=0.8, linestyle=":", label="error of the reference")
-    axes.set(yscale="log", xlabel=ORDER_LABEL, ylabel="error of the whole shape")
+    axes.axhline(results.reference_error, color="black", linewidth=0.8, linestyle=":", label=_own_error(results))
+    axes.set(yscale="log", xlabel=ORDER_LABEL, ylabel=f"{results.error_name} of the whole shape")
     axes.legend(fontsize=8, ncols=2)
+
+
+def _own_error(results: StudyResults) -> str:
+    """What the smallest step leaves unknown, in words."""
+    step = f"steps of {format_step(results.reference_step)}"
+    return f"error of {step}" if results.without_reference else "error of the reference"
 
 
 def _methods(results: StudyResults) -> list[str]:

@@ -11,6 +11,7 @@ import fenics_rom as fr
 from fenics_rom.errors import CompareError, SceneError
 from fenics_rom.io.progress import Report
 from fenics_rom.mechanics.environment import Run
+from fenics_rom.reduction.error_model import UNDAMPED, check_errors_known
 from fenics_rom.scene.scene import Scene
 from fenics_rom.studies.study_results import MeshRow
 from fenics_rom.system.system import System
@@ -35,6 +36,17 @@ def measurable_run(scene: Scene, meshes: Sequence[Path] = ()) -> Run:
             f"{scene.source}: meshes are compared at outputs, and the scene names none; add [outputs.NAME]"
         )
     return scene.run
+
+
+def check_dispensable(system: System) -> None:
+    """A SceneError where reduced runs of a body do not state their errors, so that it takes a reference."""
+    try:
+        check_errors_known(system)
+        if system.rayleigh is not None and max(system.rayleigh) <= 0:
+            raise SceneError(UNDAMPED.format("the body has none"))
+    except SceneError as error:
+        source = system.scene.source if system.scene else "system"
+        raise SceneError(f"{source}: without_reference: the study takes errors that runs state; {error}") from error
 
 
 def richardson_divisor(scene: Scene) -> float:
@@ -81,8 +93,8 @@ def _distance(values: np.ndarray, reference: np.ndarray) -> float:
     return float(np.linalg.norm(values - reference) / size)
 
 
-def fingerprint(scene: Scene, reference_step: float, shapes: int) -> str:
-    """What two studies share only when they measure against the same run."""
+def fingerprint(scene: Scene, reference_step: float, shapes: int, without_reference: bool = False) -> str:
+    """What two studies share only when they measure against the same run, or both against none."""
     digest = hashlib.sha256(scene.text.encode())
     for name in sorted(scene.tables):
         digest.update(np.ascontiguousarray(scene.tables[name]).tobytes())
@@ -91,5 +103,5 @@ def fingerprint(scene: Scene, reference_step: float, shapes: int) -> str:
     except OSError as error:
         raise SceneError(f"{scene.mesh_file}: cannot be read: {error.strerror}") from error
     duration = 0.0 if scene.run is None else scene.run.duration
-    digest.update(repr((reference_step, shapes, duration)).encode())
+    digest.update(repr((reference_step, shapes, duration) + ("alone",) * without_reference).encode())
     return digest.hexdigest()

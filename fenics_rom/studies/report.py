@@ -22,6 +22,11 @@ from fenics_rom.trajectory.comparison import FORCE_MEASURES
 FILES = ("study.csv", "study.md", *(f"{name}.{ending}" for name in PICTURES for ending in ("png", "pdf")))
 FORCE_HEADING = ("obstacle", "model", "order", "step", *FORCE_MEASURES)
 COST_HEADING = ("for", "method", "order", "step", "error", "steps per second", "times real time", "times full order")
+WITHOUT = (
+    "Errors are estimates: r of the reduction by a finer model, in the run itself at steps of {}, and t of the step "
+    "against that run; both together are taken to be √(r² + t²)."
+)
+BOUND = "bound of reduction, energy norm"
 REFERENCE_ERROR_SHARE = 0.1  # share of the smallest error reported that the reference's own may be
 FORCE_ERROR = 0.05  # of a contact force, that is worth a word where its own sensitivity is less
 
@@ -42,7 +47,11 @@ def write_report(folder: Path, results: StudyResults, command: str) -> None:
 
 
 def csv_table(results: StudyResults) -> str:
-    """Every row with every number; the columns name their units, errors are shares of the reference's size."""
+    """Every row with every number; the columns name their units, errors are shares of the reference's size.
+
+    Without a reference they are estimates, beside a bound; what is not known is empty.
+    """
+    error, bounds = results.error_name, [BOUND] if results.without_reference else []
     outputs, obstacles = (
         (list(of) for of in (results.rows[0].outputs, results.rows[0].forces)) if results.rows else ([], [])
     )
@@ -51,12 +60,13 @@ def csv_table(results: StudyResults) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(
         [
-            *("method", "order", "step (s)", "error of shape", "largest error of shape"),
-            *(f"{what} of {name}" for name in outputs for what in ("error", "largest error")),
-            *("error of energy", "error of reduction alone", "error of step alone", "steps per second"),
+            *("method", "order", "step (s)", f"{error} of shape", f"largest {error} of shape"),
+            *(f"{what} of {name}" for name in outputs for what in (error, f"largest {error}")),
+            *("error of energy", f"{error} of reduction alone", "error of step alone", "steps per second"),
             *("times real time", "offline (s)", "file (bytes)", "static error", "transfer error"),
             *("share of σ left out", "on the Pareto front"),
             *(f"error of {what} of {name}" for name in obstacles for what in FORCE_MEASURES),
+            *bounds,
         ]
     )
     for row in results.rows:
@@ -66,11 +76,12 @@ def csv_table(results: StudyResults) -> str:
         writer.writerow(
             [
                 *(row.method, row.order, f"{row.dt:.9g}"),
-                *(f"{error:.4e}" for error in errors),
+                *("" if value is None else f"{value:.4e}" for value in errors),
                 *(f"{row.rate:.0f}", f"{row.real_time:.4g}", f"{row.offline:.3f}", row.file_size),
                 *("" if value is None else f"{value:.3e}" for value in validation),
                 "yes" if row in front else "no",
-                *(f"{error:.4e}" for name in obstacles for error in row.forces[name]),
+                *(f"{value:.4e}" for name in obstacles for value in row.forces[name]),
+                *("" if row.bound is None else f"{row.bound:.4e}" for _ in bounds),
             ]
         )
     return text.getvalue()
@@ -83,15 +94,16 @@ def markdown_report(results: StudyResults, command: str) -> str:
         f"Made by `{command}`.",
         _settings(results),
         "## What each decimal costs",
-        markdown(COST_HEADING, cost_rows(results)),
+        markdown(cost_heading(results), cost_rows(results)),
         "\n".join(
             f"- {describe_choice(results, tolerance, row)}" for tolerance, row in select_per_decade(results.rows)
         ),
-        "## Error of the reduction alone",
-        "The whole shape at the reference's own step.",
+        f"## {results.error_name.capitalize()} of the reduction alone",
+        f"The whole shape at steps of {format_step(results.reference_step)}.",
         reduction_table(results),
         "## Error of the time step alone",
-        "The largest balanced model (or the largest there is) against itself at the reference's step.",
+        "The largest balanced model (or the largest there is) against itself at "
+        f"steps of {format_step(results.reference_step)}.",
         step_table(results),
     ]
     if results.reference_forces:
@@ -113,17 +125,29 @@ def markdown_report(results: StudyResults, command: str) -> str:
 
 def _settings(results: StudyResults) -> str:
     runs = "of one run" if results.rate_runs == 1 else f"the fastest of {results.rate_runs} runs"
+    step, own = format_step(results.reference_step), f"{results.reference_error:.1e} (from a run at twice the step)"
+    if results.full_rate is None:
+        reference = f"full order was not run. {WITHOUT.format(step)} These steps themselves make {own}"
+        full = "that of full order is not known"
+    else:
+        reference = f"the reference is the full order at steps of {step}, whose own error is {own}"
+        full = f"the full order, {describe_full_steps(results)}, makes {results.full_rate:,.0f} steps a second"
     return (
         f"{results.size:,} unknowns at full order, {results.duration:g} s. Errors are of the whole shape over the "
-        f"whole run, in the mass norm, as a share of its size; the reference is the full order at steps of "
-        f"{format_step(results.reference_step)}, whose own error is {results.reference_error:.1e} (from a run at twice "
-        f"the step). Rates are of single steps with the energy account kept, one thread, {runs}; the "
-        f"full order, {describe_full_steps(results)}, makes {results.full_rate:,.0f} steps a second."
+        f"whole run, in the mass norm, as a share of its size; {reference}. Rates are of single steps with the energy "
+        f"account kept, one thread, {runs}; {full}."
     )
 
 
+def cost_heading(results: StudyResults) -> tuple[str, ...]:
+    """Columns of cost_rows: COST_HEADING, or without a reference what is known."""
+    if not results.without_reference:
+        return COST_HEADING
+    return (*COST_HEADING[:4], results.error_name, *COST_HEADING[5:7], BOUND)
+
+
 def cost_rows(results: StudyResults) -> list[tuple[str, ...]]:
-    """What each decimal costs, and what to choose for it; columns are COST_HEADING."""
+    """What each decimal costs, and what to choose for it; columns are those of cost_heading."""
     return [
         (
             f"{tolerance:.0e}".replace("e-0", "e-"),
@@ -133,7 +157,11 @@ def cost_rows(results: StudyResults) -> list[tuple[str, ...]]:
             f"{row.error:.1e}",
             f"{row.rate:,.0f}",
             f"{row.real_time:,.3g}" if row.real_time < 100 else f"{row.real_time:,.0f}",
-            f"{row.rate / results.full_rate:,.0f}",
+            (
+                f"{row.rate / results.full_rate:,.0f}"
+                if results.full_rate is not None
+                else ("not known" if row.bound is None else f"{row.bound:.1e}")
+            ),
         )
         for tolerance, row in select_per_decade(results.rows)
     ]
@@ -186,9 +214,17 @@ def remarks(results: StudyResults) -> list[str]:
     """What the user should know of these numbers."""
     smallest = results.smallest_error
     messages = list(results.notes)
-    if smallest is not None and results.reference_error > REFERENCE_ERROR_SHARE * smallest:
+    if results.without_reference:
         messages.append(
-            f"the reference's own error, {results.reference_error:.1e}, is more than a tenth of the smallest error "
+            "full order was not run: errors are estimates that the reduced runs state of themselves; how fast full "
+            "order is, and errors of energy and contact forces are not known"
+        )
+    if smallest is not None and results.reference_error > REFERENCE_ERROR_SHARE * smallest:
+        own = f"the error of steps of {format_step(results.reference_step)}, where the reduction alone is told"
+        if not results.without_reference:
+            own = "the reference's own error"
+        messages.append(
+            f"{own}, {results.reference_error:.1e}, is more than a tenth of the smallest error "
             f"reported, {smallest:.1e}: the smallest errors are known to their order of magnitude only"
         )
     messages += _doubted_forces(results)

@@ -1,13 +1,13 @@
 """The study: the full order once, then reduced models over methods, orders and steps; what is found is kept at once."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import fenics_rom as fr
-from fenics_rom.arguments import path_in
+from fenics_rom.arguments import check_flag, path_in
 from fenics_rom.errors import FileError, SceneError, SolverError, StepError, check_type
 from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.simulate import plain_rate
@@ -28,7 +28,7 @@ from fenics_rom.studies.method_configs import (
 )
 from fenics_rom.studies.study_results import BenchmarkRow, StudyResults
 from fenics_rom.system.system import System
-from fenics_rom.trajectory.comparison import compare, force_errors
+from fenics_rom.trajectory.comparison import Difference, ForceErrors, compare, force_errors
 from fenics_rom.trajectory.trajectory import Trajectory
 
 RESULTS_FILE = "study.json"
@@ -48,6 +48,7 @@ def study(
     steps: Sequence[float] | None = None,
     meshes: Sequence[str | Path] = (),
     quick: bool = False,
+    without_reference: bool = False,
     resume: bool = False,
     force: bool = False,
     report: Report = silent,
@@ -55,7 +56,8 @@ def study(
     """Measures what accuracy costs in a scene; every rank must call it, rank 0 runs the reduced models and writes.
 
     The reference is the full order at a quarter of the smallest step. Each reduced model is run at its step too, which
-    leaves the error of the reduction alone, and at all steps of the grid.
+    leaves the error of the reduction alone, and at all steps of the grid. Without a reference the full order is not
+    run: errors are estimates that the reduced runs state of themselves, and nothing is said of its speed.
 
     Args:
         scene: with a run in which something acts.
@@ -65,12 +67,13 @@ def study(
         steps: s, each a whole multiple of the smallest.
         meshes: files of finer meshes of the same body: how far the scene's own is from the finest at its outputs.
         quick: a first look: a coarser grid and reference, one reduction for each method, the beginning of a long run.
+        without_reference: do not run the full order; of bodies whose runs state their errors, and without `meshes`.
         resume: go on from what an interrupted study left in the folder.
         force: whether files of other kinds in the folder are written over.
         report: called with the stage, how much of it is done, and of how much.
 
     Raises:
-        SceneError: nothing to benchmark, or a choice that does not exist.
+        SceneError: nothing to benchmark, a choice that does not exist, or no reference where errors are not stated.
         FileError: the folder cannot be written, holds another study, or a file there is read for this, or of another
             kind.
         SolverError: not one reduced model could be made.
@@ -84,10 +87,15 @@ def study(
     finer = [path_in("meshes", file) for file in (meshes if isinstance(meshes, list | tuple) else [meshes])]
     folder = path_in("study", folder)
     run = reference.measurable_run(scene, finer)
+    check_flag("without_reference", without_reference, SceneError)
+    if finer and without_reference:
+        raise SceneError("meshes: are compared at full order, which is not run without_reference; give one of them")
     check_outputs_in(Path(folder), FILES, FILES, inputs=[*scene.files, *finer], force=force)
     system = fr.assemble(scene)
+    if without_reference:
+        reference.check_dispensable(system)
     grid = make_grid(scene, run, system.elastic_size, quick=quick, methods=methods, orders=orders, steps=steps)
-    results = _StudyRun(scene, system, Path(folder), grid, resume, report).run(finer)
+    results = _StudyRun(scene, system, Path(folder), grid, resume, report, without_reference).run(finer)
     if not results.rows:
         raise SolverError(f"{scene.source}: no reduced model could be measured: {'; '.join(results.notes)}")
     return results
@@ -98,6 +106,7 @@ def study_for_tolerance(
     folder: str | Path,
     tolerance: float,
     *,
+    without_reference: bool = False,
     resume: bool = False,
     force: bool = False,
     report: Report = silent,
@@ -113,10 +122,12 @@ def study_for_tolerance(
     run = reference.measurable_run(scene)
     check_outputs_in(Path(folder), FILES, FILES, inputs=scene.files, force=force)
     system = fr.assemble(scene)
+    if without_reference:
+        reference.check_dispensable(system)
     step = _longest_step(scene, run, system, tolerance, report)
     for _ in range(MAX_STEP_HALVINGS):
         grid = make_grid(scene, run, system.elastic_size, methods=[first_method(scene)], steps=[step])
-        attempt = _StudyRun(scene, system, Path(folder), grid, resume, report, begin_if_other=True)
+        attempt = _StudyRun(scene, system, Path(folder), grid, resume, report, without_reference, begin_if_other=True)
         results = attempt.run([], enough=lambda row: row.error <= tolerance)
         row = pareto.select_cheapest(results.rows, tolerance)
         if row is not None:
@@ -130,7 +141,8 @@ def study_for_tolerance(
 class _StudyRun:
     """A study on its way; rank 0 measures and writes, every rank knows the results so far.
 
-    With `begin_if_other`, where what is there is of another study, it begins instead of refusing.
+    With `begin_if_other`, where what is there is of another study, it begins instead of refusing. With `alone` full
+    order is not run.
     """
 
     def __init__(
@@ -141,24 +153,25 @@ class _StudyRun:
         grid: StudyGrid,
         resume: bool,
         report: Report,
+        alone: bool = False,
         begin_if_other: bool = False,
     ):
-        self._folder, self._grid, self._report = folder, grid, report
+        self._folder, self._grid, self._report, self._alone = folder, grid, report, alone
         self._comm = system.algebra.comm  # type: ignore[attr-defined]
         run, step = reference.measurable_run(scene), grid.reference_step
-        part = grid.duration(run.duration, system.size)
+        part = run.duration if alone else grid.duration(run.duration, system.size)
         duration, shapes = select_compared_instants(part, (*grid.steps, 2 * step, step), len(system.body.nodes))
         loads = tuple(load for load in run.loads if load.start < duration - grid.steps[0])
         self._run = replace(run, duration=duration, snapshots=shapes, loads=loads)
         self._whole, self._is_cut = run.duration, part < run.duration
         self._scene = replace(scene, run=self._run)
         self._system = replace(system, scene=self._scene)
-        self._fingerprint = reference.fingerprint(self._scene, step, shapes)
+        self._fingerprint = reference.fingerprint(self._scene, step, shapes, alone)
         self._reference: Trajectory | None = None
         self._last: Rom | None = None
         self._largest: dict[str, tuple[Rom, float]] = {}  # of each method, in a quick study
         earlier = run_on_rank_0(self._comm, lambda: self._resume_results(resume, begin_if_other))
-        self.results = earlier or self._run_reference(step)
+        self.results = earlier or (self._run_steps if alone else self._run_reference)(step)
         self._add()
 
     def run(self, meshes: Sequence[Path], enough: Callable[[BenchmarkRow], bool] = lambda row: False) -> StudyResults:
@@ -185,7 +198,8 @@ class _StudyRun:
         if self._last is not None and benchmark.largest_order(self._last) == row.order:
             return self._last
         frame, rigid = self._system.moving_frame, self._system.rigid.shape[1]
-        return benchmark.reduce_timed(self._system, row.method, row.order - (rigid if frame is None else 0))[0]
+        order = row.order - (rigid if frame is None else 0)
+        return benchmark.reduce_timed(self._system, row.method, order, errors=self._alone or None)[0]
 
     def _resume_results(self, resume: bool, begin_if_other: bool) -> StudyResults | None:
         """What an earlier study left, and its reference; on rank 0."""
@@ -196,8 +210,12 @@ class _StudyRun:
         if earlier.fingerprint != self._fingerprint:
             if begin_if_other:
                 return None
-            raise FileError(f"{file}: is of another scene, mesh, smallest step or length; start without resume")
-        self._reference = fr.read_trajectory(self._folder / REFERENCE_FILE)
+            differs = "is of another scene, mesh, smallest step or length"
+            if earlier.without_reference != self._alone:
+                differs = f"has {'no' if earlier.without_reference else 'a'} reference, other than this"
+            raise FileError(f"{file}: {differs}; start without resume")
+        if not self._alone:
+            self._reference = fr.read_trajectory(self._folder / REFERENCE_FILE)
         return earlier
 
     def _run_reference(self, step: float) -> StudyResults:
@@ -207,52 +225,84 @@ class _StudyRun:
         total = coarse + fine
         coarse_run = fr.simulate(self._system, dt=2 * step, report=lambda _, k, of: self._report(stage, k, total))
         full = fr.simulate(self._system, dt=step, report=lambda _, k, of: self._report(stage, coarse + k, total))
-        if not full.snapshots.any():
-            part = f"the first {self._run.duration:g} s of " if self._is_cut else ""
-            raise SceneError(f"{self._scene.source}: nothing moves in {part}its run, so there is nothing to measure")
-        divisor = reference.richardson_divisor(self._scene)
+        self._check_moves(full)
         own = compare(coarse_run, full)
         touches = self._scene.effects.contact is not None  # then steps cost what happens in them
         of_run = coarse / coarse_run.settings["seconds"]
         discard_record(self._folder / RESULTS_FILE)
         fr.write_trajectory(self._folder / REFERENCE_FILE, full, force=True)  # or it was refused at the beginning
         self._reference = full
+        results = self._first_results(
+            own,
+            full,
+            full_rate=of_run if touches else plain_rate(self._system, self._run.dt),
+            full_step=2 * step if touches else None,
+        )
+        forces: dict[str, ForceErrors] = {
+            name: tuple(error / results.divisor for error in errors)  # type: ignore[misc]
+            for name, errors in force_errors(own).items()
+        }
+        return replace(results, reference_forces=forces)
+
+    def _run_steps(self, step: float) -> StudyResults:
+        """What is known without a reference: what its step would do, by the largest model of the first method."""
+        rom, _ = benchmark.reduce_timed(self._system, self._grid.methods[0], self._grid.orders[-1])
+
+        def runs() -> tuple[Trajectory, Trajectory]:
+            coarse, fine = (
+                fr.simulate(rom, scene=self._scene, dt=dt, report=lambda _, k, of: self._report("time step", k, of))
+                for dt in (2 * step, step)
+            )
+            return coarse, fine
+
+        coarse, fine = run_on_rank_0(self._comm, runs)
+        self._check_moves(fine)
+        discard_record(self._folder / RESULTS_FILE)
+        return self._first_results(compare(coarse, fine), fine, full_rate=None)
+
+    def _first_results(
+        self, own: Mapping[str, Difference], run: Trajectory, *, full_rate: float | None, full_step: float | None = None
+    ) -> StudyResults:
+        """What is known before any model: a run at the reference's step, and how far it is from one at twice that."""
+        divisor = reference.richardson_divisor(self._scene)
         return StudyResults(
             name=self._scene.name,
             fingerprint=self._fingerprint,
             size=self._system.size,
             dt=self._run.dt,
             duration=self._run.duration,
-            reference_step=step,
+            reference_step=self._grid.reference_step,
             reference_error=own["shape"].relative / divisor,
-            reference_forces={
-                name: tuple(error / divisor for error in errors)  # type: ignore[misc]
-                for name, errors in force_errors(own).items()
-            },
             divisor=divisor,
-            full_rate=of_run if touches else plain_rate(self._system, self._run.dt),
-            full_step=2 * step if touches else None,
+            full_rate=full_rate,
+            full_step=full_step,
             rate_runs=self._grid.rate_runs,
-            notes=(*full.warnings, *self._settings(full)),
+            notes=(*run.warnings, *self._settings(run)),
         )
+
+    def _check_moves(self, run: Trajectory) -> None:
+        if not run.snapshots.any():
+            part = f"the first {self._run.duration:g} s of " if self._is_cut else ""
+            raise SceneError(f"{self._scene.source}: nothing moves in {part}its run, so there is nothing to measure")
 
     def _settings(self, full: Trajectory) -> list[str]:
         """What was done otherwise than in a whole study, and what the run lacks."""
         said = []
         if self._grid.quick:
             part = f", of the {self._whole:g} s of the run the first {self._run.duration:g} s"
-            said.append(
-                "a first look: each method was reduced once, to its largest order, rates are of one run"
-                + (part if self._is_cut else "")
-            )
+            once = "" if self._alone else "each method was reduced once, to its largest order, "
+            said.append(f"a first look: {once}rates are of one run" + (part if self._is_cut else ""))
         if full.forces and not any(force.any() for force in full.forces.values()):
             said.append("no obstacle is touched in this run")
         return said
 
     def _reduce(self, method: str, order: int, report: Report) -> tuple[Rom, float]:
-        """The model and the seconds that its reduction took; of a quick study a truncation of the largest."""
-        if not self._grid.quick:
-            return benchmark.reduce_timed(self._system, method, order, report)
+        """The model and the seconds that its reduction took; of a quick study a truncation of the largest.
+
+        Not without a reference: truncations do not state their errors.
+        """
+        if self._alone or not self._grid.quick:
+            return benchmark.reduce_timed(self._system, method, order, report, errors=self._alone or None)
         if method not in self._largest:
             self._largest[method] = benchmark.reduce_timed(self._system, method, self._grid.orders[-1], report)
         rom, seconds = self._largest[method]
@@ -271,7 +321,7 @@ class _StudyRun:
         notes: tuple[str, ...] = ()
 
         def measure() -> tuple[tuple[BenchmarkRow, ...], tuple[str, ...]]:
-            assert self._reference is not None  # on rank 0 it is there
+            assert self._alone or self._reference is not None  # on rank 0 it is there
             return benchmark.measure_model(rom, seconds, method, self._scene, self._reference, self._grid, report)
 
         if not self.results.of(method, largest):  # else more was asked for than is numerically there

@@ -32,14 +32,16 @@ class Timed(Record):
 class BenchmarkRow(Timed):
     """One reduced model at one time step. Errors are shares of the reference's size, L² in time, if not said otherwise.
 
+    Of a study without a reference they are estimates, as shares of the run's own size (without_reference.py).
+
     Attributes:
         method: name of the method, as in STUDIED_METHODS.
         order: displacements of the contact mode that has most.
         dt: time step, s.
         error: of the whole shape in the mass norm, against the reference: all that reduction and time step do.
-        largest: largest distance of any node at any instant, as a share of the largest displacement.
+        largest: largest distance of any node at any instant, as a share of the largest displacement; None: not known.
         outputs: the same two numbers for each named output, of a moving frame also for the "elastic shape" (compare).
-        energy: error of the stored energy.
+        energy: error of the stored energy; None: not known.
         forces: errors of each obstacle's force over the run, its peak and its impulse.
         reduction: error of the whole shape where the reduced model takes the reference's own step.
         time_step: distance of the whole shape from the same model at the reference's step.
@@ -48,15 +50,16 @@ class BenchmarkRow(Timed):
         file_size: of the ROM, bytes.
         static_error, transfer_error: its validation, of the worst contact mode; None where there is none.
         neglected: share of the sum of σ left out, of the worst contact mode; None where the method has no σ.
+        bound: of the reduction's error, in the energy norm; None: not known.
     """
 
     method: str
     order: int
     dt: float
     error: float
-    largest: float
+    largest: float | None
     outputs: Mapping[str, tuple[float, float]]
-    energy: float
+    energy: float | None
     reduction: float
     time_step: float
     rate: float
@@ -66,6 +69,7 @@ class BenchmarkRow(Timed):
     transfer_error: float | None
     neglected: float | None
     forces: Mapping[str, ForceErrors] = field(default_factory=dict)
+    bound: float | None = None
 
 
 @dataclass(frozen=True)
@@ -96,12 +100,12 @@ class StudyResults(Record):
         reference_step: s.
         reference_error: what the reference's own step does to its whole shape: its distance from the run at twice the
             step, divided by `divisor`, which is 3 where the midpoint rule converges with the square of the step, and 1
-            with contact.
+            with contact. Without a reference it is told by the largest reduced model of the first method.
         divisor: see there.
         reference_forces: the same of the forces of each obstacle: over the run, peak, impulse.
         rate_runs: runs of which the fastest tells the rate of a reduced model.
         full_rate: steps per second at full order: without an account, where all steps cost the same; with contact those
-            of a whole run, with one.
+            of a whole run, with one. None: full order was not run, and errors are estimates.
         full_step: of these, s, where it matters; None: it does not.
         tried: methods and orders that are done, as they were asked for.
         rows: reduced models at each step.
@@ -118,7 +122,7 @@ class StudyResults(Record):
     reference_step: float
     reference_error: float
     divisor: float
-    full_rate: float
+    full_rate: float | None
     full_step: float | None = None
     rate_runs: int = RATE_RUNS
     tried: tuple[tuple[str, int], ...] = ()
@@ -127,6 +131,16 @@ class StudyResults(Record):
     reference_forces: Mapping[str, ForceErrors] = field(default_factory=dict)
     hankel: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    @property
+    def without_reference(self) -> bool:
+        """Whether errors are estimates of the runs themselves, as full order was not run."""
+        return self.full_rate is None
+
+    @property
+    def error_name(self) -> str:
+        """What errors are called."""
+        return "estimated error" if self.without_reference else "error"
 
     @property
     def mesh_error(self) -> float | None:

@@ -17,17 +17,21 @@ class ErrorSeries:
         why: it is one, in words.
         norm: in the energy norm √(vᵀMv + xᵀKx), (S,), J^1/2.
         outputs: of named outputs (S, points, 3), m: a bound of each component, or an estimate to be added.
+        shape: in the mass norm √(xᵀMx), (S,), kg^1/2 m; None of a bound, or where it is not known.
     """
 
     why: str
     norm: Array
     outputs: Mapping[str, Array]
+    shape: Array | None = None
 
 
 def stated_numbers(stated: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """What is kept of an instant: the norm, and each output as "of NAME"."""
     return {
-        PREFIX + kind: {"norm": error.norm} | {f"of {name}": error.output(name) for name in error.names}
+        PREFIX + kind: {"norm": error.norm}
+        | ({} if error.shape is None else {"shape": error.shape})
+        | {f"of {name}": error.output(name) for name in error.names}
         for kind, error in stated.items()
     }
 
@@ -37,6 +41,6 @@ def error_series(why: Mapping[str, str], kept: dict[str, Any]) -> dict[str, Erro
     found = {}
     for kind, words in why.items():
         values = kept.pop(PREFIX + kind)
-        norm = values.pop("norm")
-        found[kind] = ErrorSeries(words, norm, {name.removeprefix("of "): of for name, of in values.items()})
+        norm, shape = values.pop("norm"), values.pop("shape", None)
+        found[kind] = ErrorSeries(words, norm, {name.removeprefix("of "): of for name, of in values.items()}, shape)
     return found

@@ -36,7 +36,7 @@ shapes, N nodes, F triangles, P points of an output.
                                      dissipated, exchanged (S,) J, rows (2,) of its nodes; attribute `kind`; forces are
                                      then of pairs of bodies, FIRST-SECOND on the first
     errors/bound/, errors/estimate/  of a reduced run that stated its own; attribute `why`; may be absent
-        norm (S,) J^1/2, outputs/NAME (S, P, 3) m
+        norm (S,) J^1/2, shape (S,) kg^1/2 m (may be absent), outputs/NAME (S, P, 3) m
     profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
 
 Format 2.0 named the snapshots anew; files of format 1.x are read, too. Those of 1.0 and 1.1 name no effects, and have
@@ -101,7 +101,8 @@ ALIKE = {  # groups of arrays by name, each with sizes of its own beside those o
 }
 GROUPS = (*("settings", "obstacles", "profile", "inputs", "readings", "bodies", "errors"), *ALIKE)
 MOTION = {"motion": Entry("m", ("s", 3)), "turn": Entry("1", ("s", 4), optional=True)}
-ERROR_NORM, ERROR_KINDS = {"norm": Entry("J^1/2", ("S",))}, ("bound", "estimate")
+ERROR_NORMS = {"norm": Entry("J^1/2", ("S",)), "shape": Entry("kg^1/2 m", ("S",), optional=True)}
+ERROR_KINDS = ("bound", "estimate")
 SECONDS_PER_STEP = Entry("s", (1,))
 
 
@@ -178,7 +179,7 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
     for kind, stated in run.errors.items():
         part = h5.require_group("errors").create_group(kind)
         hdf5.put_text(part, why=stated.why)
-        hdf5.put_arrays(part, ERROR_NORM, sizes, vars(stated))
+        hdf5.put_arrays(part, ERROR_NORMS, sizes, vars(stated))
         hdf5.put_each(part, "outputs", ALIKE["outputs"], stated.outputs, sizes)
     put_series(h5, run, sizes)
     if run.bodies:
@@ -240,9 +241,9 @@ def _dimensions(shape: str) -> dict[str, Entry]:
 
 def _take_errors(group: h5py.Group, sizes: Sizes) -> ErrorSeries:
     check_known("kind of error", group.name.rpartition("/")[2], ERROR_KINDS, FileError)
-    norm = hdf5.get_record(group, ERROR_NORM, sizes, ("outputs",))["norm"]
+    norms = hdf5.get_record(group, ERROR_NORMS, sizes, ("outputs",))
     outputs = hdf5.get_each(hdf5.get_group(group, "outputs"), ALIKE["outputs"], sizes)
-    return ErrorSeries(hdf5.get_text(group, "why"), norm, outputs)
+    return ErrorSeries(hdf5.get_text(group, "why"), outputs=outputs, **norms)
 
 
 def _take_profile(group: Any) -> dict[str, float]:

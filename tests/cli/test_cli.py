@@ -48,7 +48,17 @@ COMMANDS = {
         "--arc-length",
         "--output",
     ],
-    "study": ["--tolerance", "--quick", "--methods", "--orders", "--steps", "--mesh", "--resume", "--output"],
+    "study": [
+        "--tolerance",
+        "--quick",
+        "--without-reference",
+        "--methods",
+        "--orders",
+        "--steps",
+        "--mesh",
+        "--resume",
+        "--output",
+    ],
     "identify": ["--also", "--data", "--parameters", "--output"],
     "info": ["--surfaces", "--output"],
     "view": ["--port", "--no-browser", "--dt"],
@@ -417,6 +427,7 @@ def test_help_lists_every_command(say):
         ["study", "scene.toml", "-o", "out", "--methods", "best"],
         ["study", "scene.toml", "-o", "out", "--tolerance", "1e-3", "--quick"],
         ["study", "scene.toml", "-o", "out", "--tolerance", "1e-3", "--mesh", "fine.msh"],
+        ["study", "scene.toml", "-o", "out", "--without-reference", "--mesh", "fine.msh"],
     ],
 )
 def test_wrong_usage_ends_with_status_2(inside, say, database, arguments):
