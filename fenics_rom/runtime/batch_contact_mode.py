@@ -69,5 +69,5 @@ class BatchContactMode:
 
 def by_axis(rows: Array, axes: Array) -> Array:
     """Rows (3P, n) of points one after the other, along x, y and z, as all along the first of the axes (3, 3), ..."""
-    turned = np.einsum("ab,pbn->apn", axes, rows.reshape(-1, 3, rows.shape[1]))
+    turned = np.einsum("ab,pbn->apn", axes, rows.reshape(len(rows) // 3, 3, rows.shape[1]))
     return turned.reshape(rows.shape)
