@@ -169,7 +169,7 @@ class _StudyRun:
         self._fingerprint = reference.fingerprint(self._scene, step, shapes, alone)
         self._reference: Trajectory | None = None
         self._last: Rom | None = None
-        self._largest: dict[str, tuple[Rom, float]] = {}  # of each method, in a quick study
+        self._largest: dict[str, tuple[Rom, float]] = {}  # of methods, and the seconds of its reduction
         earlier = run_on_rank_0(self._comm, lambda: self._resume_results(resume, begin_if_other))
         self.results = earlier or (self._run_steps if alone else self._run_reference)(step)
         self._add()
@@ -246,11 +246,12 @@ class _StudyRun:
 
     def _run_steps(self, step: float) -> StudyResults:
         """What is known without a reference: what its step would do, by the largest model of the first method."""
-        rom, _ = benchmark.reduce_timed(self._system, self._grid.methods[0], self._grid.orders[-1])
+        rom, _ = self._reduce(self._grid.methods[0], self._grid.orders[-1], silent)
+        of_run: dict[str, Any] = {"scene": self._scene, "errors": False}
 
         def runs() -> tuple[Trajectory, Trajectory]:
             coarse, fine = (
-                fr.simulate(rom, scene=self._scene, dt=dt, report=lambda _, k, of: self._report("time step", k, of))
+                fr.simulate(rom, dt=dt, **of_run, report=lambda _, k, of: self._report("time step", k, of))
                 for dt in (2 * step, step)
             )
             return coarse, fine
@@ -301,10 +302,12 @@ class _StudyRun:
 
         Not without a reference: truncations do not state their errors.
         """
-        if self._alone or not self._grid.quick:
-            return benchmark.reduce_timed(self._system, method, order, report, errors=self._alone or None)
+        largest, errors = self._grid.orders[-1], self._alone or None
+        truncates = self._grid.quick and not self._alone
+        if not truncates and order < largest:
+            return benchmark.reduce_timed(self._system, method, order, report, errors=errors)
         if method not in self._largest:
-            self._largest[method] = benchmark.reduce_timed(self._system, method, self._grid.orders[-1], report)
+            self._largest[method] = benchmark.reduce_timed(self._system, method, largest, report, errors=errors)
         rom, seconds = self._largest[method]
         return (fr.truncate(rom, order) if order < benchmark.largest_order(rom) - rom.rigid else rom), seconds
 
