@@ -8,27 +8,20 @@ Everything is written to demos/squeeze/out/. The checks at the end fail if a cla
 
 import argparse
 import sys
-import time
 from pathlib import Path
-from typing import NamedTuple
 
 import gmsh
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.collections import PolyCollection
-from numpy import ndarray as Array
+from dragged import STEP, Dragged, Vector, Way, drag, draw_front, off
 
 import fenics_rom as fr
 from fenics_rom.io.markdown import markdown
 from fenics_rom.scene.file import parse_scene
-from fenics_rom.world.shapes import Box
 
-Vector = tuple[float, float, float]
 HERE = Path(__file__).parent
 LOW, UPPER, BEGINS = (0.12, 0.10, 0.02), (0.09, 0.07, 0.02), (0.01, 0.015, 0.02)  # m: sizes, and where the upper one is
-PRESSED, DOWN = 1e-3, 0.1  # m, within s
-SPEED, RISE = 0.05, 0.05  # m/s aside, reached within s
-STEP, FRICTION, PLATE = 1e-3, 0.5, 4e-3  # s, coefficient, m: thickness of the plate that carries the upper pad
+WAY, FRICTION = Way(UPPER, BEGINS, pressed=1e-3, down=0.1, speed=0.05, rise=0.05), 0.5
 
 SCENE = """
 frame = "{frame}"
@@ -52,18 +45,6 @@ normal = [0, 0, 1]
 """
 
 
-class Squeezed(NamedTuple):
-    """Two pads that have been squeezed."""
-
-    roms: list[fr.Rom]
-    force: Array  # on the lower pad (n, 3), N
-    places: list[Array]  # of nodes in the end, (N, 3), m
-    pressure: Array  # of contact on the lower one then, (N,), Pa
-    push: int  # points that push then
-    balance: float  # what the energy account misses, of what was supplied
-    rate: float  # steps per second
-
-
 def main() -> None:
     """Runs the demo; exits with 1 where a claim fails."""
     parser = argparse.ArgumentParser(description="Two soft pads squeezed into one another.")
@@ -75,9 +56,10 @@ def main() -> None:
     low = pad(out / "low.msh", LOW, (0, 0, 0), sizes[0], ("top", "bottom"), "fixed", 5e4)
     upper = pad(out / "upper.msh", UPPER, BEGINS, sizes[1], ("bottom", "top"), "moving", 1e5)
     systems = low, upper
-    whole = squeeze([fr.reduce(each, order=each.elastic_size, method="modal") for each in systems], steps)
+    all_modes = [fr.reduce(each, order=each.elastic_size, method="modal") for each in systems]
+    whole = drag(all_modes, WAY, FRICTION, steps)
     orders = (30,) if quick else (20, 40)
-    models = [squeeze([fr.reduce(each, order=order) for each in systems], steps) for order in orders]
+    models = [drag([fr.reduce(each, order=order) for each in systems], WAY, FRICTION, steps) for order in orders]
 
     points = [len(rom.contact_models["face"].contact_points) for rom in whole.roms]
     print(f"{points[0]} and {points[1]} points; {low.elastic_size} and {upper.elastic_size} unknowns\n")
@@ -97,17 +79,11 @@ def main() -> None:
     sys.exit(0 if all(holds for _, holds in claims) else 1)
 
 
-def off(found: Array, expected: Array) -> float:
-    """Relative error in the 2-norm."""
-    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
-
-
-def row_of(each: Squeezed, whole: Squeezed) -> tuple[str, ...]:
+def row_of(each: Dragged, whole: Dragged) -> tuple[str, ...]:
     """What the table says of a model."""
     errors = ("-", "-") if each is whole else (f"{off(each.force[:, k], whole.force[:, k]):.2%}" for k in (2, 0))
-    orders = " and ".join(dict.fromkeys(str(rom.contact_models["face"].order) for rom in each.roms))
-    numbers = f"{each.balance:.0e}", str(each.push), f"{each.rate:.0f}"
-    return (orders + ", all" * (each is whole), *errors, *numbers)
+    push = each.world.contact_forces("low", "upper")[1].any(axis=1).sum()
+    return (each.name + ", all" * (each is whole), *errors, f"{each.balance:.0e}", str(push), f"{each.rate:.0f}")
 
 
 def pad(file: Path, size: Vector, at: Vector, edge: float, faces: tuple[str, str], frame: str, E: float) -> fr.System:
@@ -132,50 +108,14 @@ def pad(file: Path, size: Vector, at: Vector, edge: float, faces: tuple[str, str
     return fr.assemble(parse_scene(SCENE.format(file=file, **given)))
 
 
-def moved(time: float) -> fr.BaseState:
-    """The plate that carries the upper pad: down, then aside, smoothly."""
-    s, aside = min(time / DOWN, 1.0), max(0.0, time - DOWN)
-    down, sinking = PRESSED * s * s * (3 - 2 * s), PRESSED * 6 * s * (1 - s) / DOWN
-    gone = SPEED * (aside**2 / (2 * RISE) if aside < RISE else aside - RISE / 2)
-    place = np.array(BEGINS) + np.array(UPPER) * [0.5, 0.5, 1.0] + np.array([gone, 0.0, PLATE / 2 - down])
-    velocity = np.array([SPEED * min(aside / RISE, 1.0), 0.0, -sinking])
-    return fr.BaseState(place, np.array([1.0, 0, 0, 0]), velocity, np.zeros(3))
-
-
-def squeeze(roms: list[fr.Rom], steps: int) -> Squeezed:
-    """The upper pad is pressed on the lower one and moved aside, for some steps."""
-    low, upper = roms
-    bodies = {
-        "plate": fr.RigidBody(Box((*UPPER[:2], PLATE)), motion=moved),
-        "low": fr.SoftBody(low),
-        "upper": fr.SoftBody(upper, on="plate", position=tuple(-moved(0.0).position)),
-    }
-    world = fr.World(bodies, STEP, friction=FRICTION, apart=[["plate", "low"]])
-    world.step()  # compiles what steps need
-    begun, force = time.process_time(), np.zeros((steps, 3))
-    for step in range(steps):
-        world.step()
-        force[step] = world.force_between("low", "upper")
-    rate, gone = steps / (time.process_time() - begun), world.ledger
-    left = world.energy - gone.supplied + gone.dissipated + gone.numerical + gone.lost_in_switching
-    places = [world.simulator(name).node_places() for name in ("low", "upper")]
-    push = int(world.contact_forces("low", "upper")[1].any(axis=1).sum())
-    pressure = world.simulator("low").contact_pressure()
-    return Squeezed(roms, force, places, pressure, push, abs(left) / gone.supplied, rate)
-
-
-def draw(whole: Squeezed, file: Path) -> None:
+def draw(whole: Dragged, file: Path) -> None:
     """The pads from the side, the pressure on the lower one, and the forces over time."""
     figure, (side, above, forces) = plt.subplots(1, 3, figsize=(13, 3.6), layout="constrained")
-    for rom, nodes, colour in zip(whole.roms, whole.places, ("#9ecae1", "#fdae6b"), strict=True):
-        front = np.isclose(rom.nodes[rom.triangles, 1], rom.nodes[:, 1].min()).all(axis=1)
-        corners = 1e3 * nodes[rom.triangles[front]][..., [0, 2]]
-        side.add_collection(PolyCollection(corners, facecolor=colour, edgecolor="#444444", linewidth=0.4, alpha=0.8))
-    side.autoscale_view()
-    side.set(title="from the front", xlabel="x (mm)", ylabel="z (mm)", aspect="equal")
-    low, nodes = whole.roms[0], whole.places[0]
+    draw_front(side, whole)
+    low, pad = whole.roms[0], whole.world.simulator("low")
+    nodes, pressure = pad.node_places(), pad.contact_pressure()
     top = low.triangles[np.isclose(low.nodes[low.triangles, 2], LOW[2]).all(axis=1)]
-    shown = above.tripcolor(*(1e3 * nodes[:, :2].T), top, 1e-3 * whole.pressure, shading="gouraud", cmap="magma")
+    shown = above.tripcolor(*(1e3 * nodes[:, :2].T), top, 1e-3 * pressure, shading="gouraud", cmap="magma")
     figure.colorbar(shown, ax=above, label="pressure (kPa)", shrink=0.8)
     above.set(title="on the lower pad", xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
     times = STEP * np.arange(1, len(whole.force) + 1)
