@@ -28,6 +28,7 @@ from fenics_rom.identification.write import write_identification as write_identi
 from fenics_rom.mechanics.base_path import BasePath as BasePath
 from fenics_rom.mechanics.base_path import BaseState as BaseState
 from fenics_rom.mechanics.environment import Environment as Environment
+from fenics_rom.reduction.enrichment import Enrichment as Enrichment
 from fenics_rom.reduction.reduce import reduce as reduce
 from fenics_rom.rom.file import read_rom as read_rom
 from fenics_rom.rom.file import write_rom as write_rom

@@ -56,6 +56,10 @@ class FenicsRomWarning(UserWarning):
     """The result is usable, but not quite what was asked for; the message says what was done instead."""
 
 
+class ToleranceWarning(FenicsRomWarning):
+    """A run is further off than it was allowed to be: told at that moment, also by commands."""
+
+
 def unknown(kind: str, given: str, allowed: Iterable[str]) -> str:
     """Sentence about a name that does not exist: what was given, what there is, the nearest."""
     names = sorted(allowed)

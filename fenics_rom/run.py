@@ -16,6 +16,7 @@ from fenics_rom.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import SignalLike
+    from fenics_rom.runtime.exceedings import Enriches
     from fenics_rom.system.system import System
 
 
@@ -31,14 +32,16 @@ def simulate(
     stepper: str | None = None,
     step_error: float | None = None,
     errors: bool | None = None,
+    error_tolerance: float | None = None,
+    enrich: "System | Enriches | None" = None,
     arc_length: bool = False,
     report: Report = silent,
 ) -> Trajectory:
     """Runs a model through a load history from rest.
 
     A scene, or the system assembled from it, is run at full order, which every MPI rank must call; a ROM is run
-    reduced, and a world with its ROMs. `scene`, `profile`, `rate`, `stepper`, `step_error` and `errors` are for ROMs; a
-    world has `rate`, too; `arc_length` is for full order.
+    reduced, and a world with its ROMs. `scene`, `profile`, `rate`, `stepper`, `step_error`, `errors`,
+    `error_tolerance` and `enrich` are for ROMs; a world has `rate`, too; `arc_length` is for full order.
 
     Args:
         model: what to run, or the name of the file of a scene, a world or a ROM.
@@ -55,6 +58,10 @@ def simulate(
             costs least of those that have it, as runs with whole and half steps measure; where none has, it is told
             which dt would do.
         errors: whether the run is to state its own error, a bound and an estimate; None: if the ROM was made for that.
+        error_tolerance: what the estimate of any output's error is to be no larger than, m, as in Simulator; the first
+            time that it is, a ToleranceWarning says so at once, and `tolerance` of the run keeps it.
+        enrich: the system that the ROM was reduced of: where the tolerance is exceeded, directions are added to the
+            basis, and the run goes on without a jump; or an Enrichment, whose `rom` has them afterwards.
         arc_length: whether loads are to grow and shrink along the equilibrium path of a body that deforms largely and
             has no inertia, on beyond its limit points: from nothing to what the run has at its end, in as many steps as
             the run has, or fewer, the first with about an equal share. Beside them there is what always acts; `inputs`
@@ -80,7 +87,8 @@ def simulate(
         model = load(*reader)(model)
     if isinstance(model, WorldScene):
         refused: dict[str, Any] = {"scene": scene, "signals": signals, "profile": profile, "stepper": stepper}
-        refused |= {"step_error": step_error, "errors": errors, "arc_length": arc_length}
+        told: dict[str, Any] = {"step_error": step_error, "errors": errors, "error_tolerance": error_tolerance}
+        refused |= told | {"enrich": enrich, "arc_length": arc_length}
         given = [name for name, value in refused.items() if value]
         if given:
             raise SceneError(f"simulate: {', '.join(given)} cannot be used with a WorldScene")
@@ -89,13 +97,18 @@ def simulate(
         return run_world(model, dt, every, rate, report)
     of_any: dict[str, Any] = {"dt": dt, "every": every, "signals": signals, "report": report}
     of_roms: dict[str, Any] = {"scene": scene, "profile": profile, "rate": rate}
-    of_roms |= {"stepper": stepper, "step_error": step_error, "errors": errors}
+    of_roms |= {"stepper": stepper, "step_error": step_error, "errors": errors, "error_tolerance": error_tolerance}
+    of_roms["enrich"] = enrich
     if isinstance(model, Rom):
         if arc_length:
             raise SceneError("simulate: arc_length cannot be used with a Rom; allowed with a Scene or a System")
         from fenics_rom.runtime.simulate import simulate as simulate_rom
 
-        return simulate_rom(model, **of_roms, **of_any)
+        del of_roms["enrich"]
+        adding: Any = (
+            load("reduction.enrichment", "Enrichment")(model, enrich) if hasattr(enrich, "stiffness") else enrich
+        )
+        return simulate_rom(model if adding is None else adding.rom, **of_roms, enrichment=adding, **of_any)
     if not (isinstance(model, Scene) or hasattr(model, "stiffness")):
         raise SceneError(
             f"simulate: {shown(model)} was given; allowed are a Scene, a WorldScene, a System, a Rom, or a file's name"

@@ -24,6 +24,7 @@ from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.rom import ForceValidation
 from fenics_rom.runtime.steppers.selection import longest_linearly_implicit_step
+from fenics_rom.trajectory.error_series import ErrorTolerance
 from fenics_rom.trajectory.series import FRAME_SERIES, ReadingSeries
 from fenics_rom.visualization.optional_dependencies import load_package
 
@@ -225,12 +226,21 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
         lines[f"error, {kind}"] = f"{stated.norm.max():.3g} J^1/2 at most in the energy norm{share}; {stated.why}"
         for name, off in stated.outputs.items():
             lines[f"error of {name}, {kind}"] = f"{np.abs(off).max():.3g} m at most in any direction"
+    if run.tolerance is not None:
+        lines["error tolerance"] = _tolerance_words(run.tolerance)
     print_lines(lines, run.warnings)
     if run.profile:
         print()
         title = "what a step costs (with the clock read between its parts)"
         microseconds = [(part, 1e6 * seconds) for part, seconds in run.profile.items()]
         _print_costs(title, ("part", "microseconds", "share"), microseconds, repeat(()))
+
+
+def _tolerance_words(tolerance: ErrorTolerance) -> str:
+    """A tolerance, and where it did not hold."""
+    orders = [f", order {before} to {after}" * (after > before) for before, after in tolerance.orders.tolist()]
+    at = [f"{time:.4g} s{order}" for time, order in zip(tolerance.times, orders, strict=True)]
+    return f"{tolerance.value:g} m of outputs, by the estimate; " + ("exceeded at " + "; ".join(at) if at else "kept")
 
 
 def _stresses(name: str, reading: ReadingSeries) -> dict[str, str]:

@@ -1,12 +1,18 @@
 """`fenics-rom simulate`: a scene at full order, or a ROM, through a load history."""
 
 import argparse
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import fenics_rom as fr
 from fenics_rom.cli.display import print_trajectory, progress
 from fenics_rom.cli.output import add_output
+from fenics_rom.errors import ToleranceWarning
 from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
@@ -14,7 +20,8 @@ from fenics_rom.run import is_rom_file
 from fenics_rom.scene.world_file import files_of_world, is_world_file
 
 SUMMARY = "run a scene at full order (also under mpirun), a ROM or a world through its load history"
-FOR_ROMS = ("scene", "order", "profile", "rate", "stepper", "step_error", "errors")  # options
+OF_RUNS = ("dt", "every", "profile", "rate", "stepper", "step_error", "errors", "error_tolerance")  # options of a ROM
+FOR_ROMS = ("scene", "order", "enrich", "enriched", *OF_RUNS[2:])
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -54,11 +61,50 @@ def add_options(command: argparse.ArgumentParser) -> None:
         help="refuse a ROM whose runs do not tell their error; those of reduce --errors do anyway: a bound and an "
         "estimate, among obstacles the estimate alone",
     )
+    group.add_argument(
+        "--error-tolerance",
+        type=float,
+        metavar="M",
+        help="say so at once where the estimate of an output's error is larger, m; instead of the scene's",
+    )
+    group.add_argument(
+        "--enrich", action="store_true", help="add directions to the basis there, by solves with the system of --scene"
+    )
+    group.add_argument("--enriched", type=Path, metavar="ROM.h5", help="write the ROM with these directions")
 
 
 def option(name: str) -> str:
     """As it is given."""
     return f"--{name.replace('_', '-')}"
+
+
+@contextmanager
+def _told_at_once() -> Iterator[None]:
+    """In which a tolerance that is exceeded is told on standard error as it is, not at the end alone."""
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        print(f"fenics-rom: {message}", file=sys.stderr, flush=True)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ToleranceWarning)
+        warnings.showwarning = show
+        yield
+
+
+def _enrichment(choice: argparse.Namespace, rom: "fr.Rom", scene: "fr.Scene | None") -> "fr.Enrichment | None":
+    """What adds directions, if that is asked for on the line or in the scene."""
+    asked = choice.enrich or (scene is not None and scene.run is not None and scene.run.enrich)
+    if choice.enriched is not None:
+        if not asked:
+            choice.wrong_usage("--enriched: writes what --enrich adds, which is not asked for")
+        named = [choice.model, choice.scene, choice.output]
+        check_outputs(choice.enriched, content="rom", inputs=[*filter(None, named)], force=choice.force)
+    if not asked:
+        return None
+    if scene is None:
+        choice.wrong_usage("--enrich: solves with the full system, which --scene SCENE is of")
+        return None
+    return fr.Enrichment(rom, fr.assemble(scene))
 
 
 def run(choice: argparse.Namespace) -> None:
@@ -81,11 +127,12 @@ def run(choice: argparse.Namespace) -> None:
                 rom = fr.truncate(rom, choice.order)
             scene = fr.read_scene(choice.scene) if choice.scene else None
             check(*(scene.files if scene else ()))
-            chosen = {
-                name: getattr(choice, name)
-                for name in ("dt", "every", "profile", "rate", "stepper", "step_error", "errors")
-            }
-            trajectory = fr.simulate(rom, scene=scene, **chosen, report=report)
+            chosen = {name: getattr(choice, name) for name in OF_RUNS}
+            enrichment = _enrichment(choice, rom, scene)
+            with _told_at_once():
+                trajectory = fr.simulate(rom, scene=scene, **chosen, enrich=enrichment, report=report)
+            if choice.enriched is not None and enrichment is not None:
+                fr.write_rom(choice.enriched, enrichment.rom, force=choice.force)
         elif is_world_file(choice.model):
             given = [option(name) for name in FOR_ROMS if name != "rate" and getattr(choice, name)]
             if given or choice.petsc_words:

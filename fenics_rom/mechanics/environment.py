@@ -87,6 +87,8 @@ class Run:
     every: int = 1  # steps from one instant that is kept to the next
     detail: str = "full"  # of a moving frame, one of DETAILS
     errors: bool = False  # whether a reduced run is to tell its error
+    error_tolerance: float | None = None  # of its outputs, m: beyond it the run says so
+    enrich: bool = False  # whether directions are added then
 
 
 @dataclass(frozen=True)

@@ -39,15 +39,19 @@ def check_errors_known(system: System) -> None:
         )
 
 
-def with_error_model(problem: ReductionProblem, rom: Rom, whole: System) -> Rom:
+def with_error_model(
+    problem: ReductionProblem, rom: Rom, whole: System, finer: tuple[Array, Array] | None = None
+) -> Rom:
     """The ROM with what its runs need to know their errors; `rom` and `whole` are of all motions, rigid ones too.
+
+    `finer`: basis and eigenvalues of the finer model, as of `finer_basis`; None: those.
 
     Raises:
         SceneError: damping does not resist all that strains the body.
     """
     elastic, rigid, inner = problem.system, rom.rigid, whole.algebra.inner
     with problem.stages("error model"):
-        E, γ = _finer_basis(problem, rom, whole, rom.basis[whole.algebra.rows()])
+        E, γ = finer or finer_basis(problem, rom, whole, rom.basis[whole.algebra.rows()])
         ME, KE = whole.mass @ E, whole.stiffness @ E
         KE[:, :rigid] = 0.0
         B = {name: whole.input_matrix(name) for name in rom.contact_models}
@@ -85,7 +89,7 @@ def with_error_model(problem: ReductionProblem, rom: Rom, whole: System) -> Rom:
     return replace(rom, error_model=model, stages=problem.stages.done)
 
 
-def _finer_basis(problem: ReductionProblem, rom: Rom, whole: System, Q: Array) -> tuple[Array, Array]:
+def finer_basis(problem: ReductionProblem, rom: Rom, whole: System, Q: Array) -> tuple[Array, Array]:
     """E (rows here, f), EᵀME = I, EᵀKE = diag(γ), and γ (f,): Q, shapes at rest under inputs, further eigenvectors."""
     system, rigid = problem.system, rom.rigid
     inner, M = whole.algebra.inner, whole.mass
@@ -97,10 +101,14 @@ def _finer_basis(problem: ReductionProblem, rom: Rom, whole: System, Q: Array) -
     new = np.sqrt(column_dots(whole.algebra, beyond, M @ beyond)) > NEW
     candidates = np.hstack([problem.factor.solve(pushed), V[:, new][:, :FURTHER]])
     U, _, _ = orthonormalize_against(whole, candidates, Q, MQ)
-    strained = np.hstack([Q[:, rigid:], U])
-    K = inner(strained, whole.stiffness @ strained)
+    return ritz_vectors(whole, Q[:, :rigid], np.hstack([Q[:, rigid:], U]))
+
+
+def ritz_vectors(whole: System, rigid: Array, strained: Array) -> tuple[Array, Array]:
+    """E (rows here, f), which begins with rigid motions, and γ (f,), of M-orthonormal columns."""
+    K = whole.algebra.inner(strained, whole.stiffness @ strained)
     γ, rotation = np.linalg.eigh((K + K.T) / 2)
-    return np.hstack([Q[:, :rigid], strained @ rotation]), np.concatenate([np.zeros(rigid), γ])
+    return np.hstack([rigid, strained @ rotation]), np.concatenate([np.zeros(rigid.shape[1]), γ])
 
 
 @contextmanager

@@ -16,8 +16,9 @@ obstacles/NAME/              attribute `shape`; what describes it (point, normal
 self_contact/                attributes NAME, yes, of contact modes; absent where the body does not touch itself
 viscoelasticity/             ratios (b,), times (b,) s; absent where the material is elastic
 contact_law/                 restitution, friction (1,); stiffness N/m, damping N s/m (1,); absent without contact
-run/                         dt, duration (1,) s, snapshots (1,), every (1,); attributes detail, absent where it is
-                             full, and errors (yes), absent where none are told; absent where the scene has none
+run/                         dt, duration (1,) s, snapshots (1,), every (1,), error_tolerance (1,) m, absent where
+                             there is none; attributes detail, absent where it is full, errors and enrich (yes), absent
+                             where not asked for; absent where the scene has none
     initial/                 equilibrium (1,), 0 or 1; the four motions (3,); absent where it is rest
         instant/             nodes, displacement, velocity (N, 3), of another run; may be absent
     loads/NUMBER/            attributes contact, actuator (one is empty); start, stop (1,) s; a signal
@@ -65,6 +66,7 @@ RUN = {
     "duration": Entry("s", (1,)),
     "snapshots": Entry("1", (1,), "i"),
     "every": Entry("1", (1,), "i", optional=True),
+    "error_tolerance": Entry("m", (1,), optional=True),
 }
 INITIAL = {
     "equilibrium": Entry("1", (1,), "i"),
@@ -142,6 +144,8 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
             put_text(part, detail=run.detail)
         if run.errors:
             put_text(part, errors=YES)
+        if run.enrich:
+            put_text(part, enrich=YES)
         put_arrays(part, RUN, {}, vars(run) | {"every": run.every if run.every > 1 else None})
         if run.initial is not None:
             start = part.create_group("initial")
@@ -268,7 +272,8 @@ def _run(group: h5py.Group) -> Run:
         applied.append(AppliedLoad(contact, actuator, **span, signal=signal))
     initial = _initial(get_group(group, "initial")) if "initial" in group else None
     numbers["every"] = numbers["every"] or 1
-    said: dict[str, Any] = {"detail": _word(group, "detail", DETAILS), "errors": "errors" in group.attrs}
+    said: dict[str, Any] = {name: name in group.attrs for name in ("errors", "enrich")}
+    said["detail"] = _word(group, "detail", DETAILS)
     return Run(**numbers, loads=tuple(applied), initial=initial, **said)
 
 

@@ -63,6 +63,7 @@ class Batch(BatchedBodies):
             in Simulator.
         detail: of a moving frame, as in Simulator.
         errors: whether to keep bound and estimate of each body's error, as in Simulator.
+        error_tolerance: of each body, m, as in Simulator; `exceeded` tells when.
 
     Attributes:
         rom: the reduced model, of what acts in its scene.
@@ -94,6 +95,7 @@ class Batch(BatchedBodies):
         signals: "Mapping[str, SignalLike] | None" = None,
         detail: str | None = None,
         errors: bool | None = None,
+        error_tolerance: float | None = None,
     ):
         rom = given_rom("Batch", rom)
         if not (is_number(size, whole=True) and 0 < size <= MOST_BODIES):
@@ -102,7 +104,8 @@ class Batch(BatchedBodies):
             raise StepError(f"dtype = {shown(dtype)}: allowed are float64 and float32")
         signals, ledger = mapping_in("signals", signals, StepError), check_flag("ledger", ledger, StepError)
         self._errors = errors if errors is None else check_flag("errors", errors, StepError)
-        keeps = bool(errors) or (errors is None and rom.error_model is not None)
+        keeps = bool(errors) or error_tolerance is not None or (errors is None and rom.error_model is not None)
+        self._error_tolerance = error_tolerance
         self.size, self.dtype, self._why = int(size), np.dtype(dtype), "errors" if keeps else _why_one_by_one(rom)
         self._given, self._ledger, self._signals, self._detail = rom, ledger, signals, detail
         h = checked_dt(dt)
@@ -133,7 +136,7 @@ class Batch(BatchedBodies):
     def _one_by_one(self, dt: float) -> "SeparateBodies":
         from fenics_rom.runtime.separate_bodies import SeparateBodies  # here, as few scenes need it
 
-        others = self._ledger, self._signals, self._detail, self._errors
+        others = self._ledger, self._signals, self._detail, self._errors, self._error_tolerance
         return SeparateBodies(self._given, self.size, dt, *others)
 
     def __copy__(self) -> "Batch":

@@ -69,6 +69,12 @@ class BatchedBodies:
         """
         return self._stated("error_estimate")
 
+    @property
+    def exceeded(self) -> Array:
+        """Times (size,) at which an estimate was first larger than the tolerance, s; NaN where none was."""
+        found = [body.exceeded for body in getattr(self._bodies, "bodies", [])]
+        return np.array([np.nan if one is None else one.time for one in found] or [np.nan] * self.size)
+
     def _stated(self, what: str) -> "StatedError":
         bodies = getattr(self._bodies, "bodies", None)
         if bodies is None:

@@ -1,5 +1,6 @@
 """A body that knows how far it is from the full order; `Simulator` moves it."""
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.runtime.error_tolerance import ADVICE, Exceeded, checked_tolerance, tell
 from fenics_rom.runtime.moving_body import MovingBody
 
 if TYPE_CHECKING:
@@ -18,7 +20,25 @@ class ErringBody(MovingBody):
 
     errors: "ErrorWatch | None" = None
     _untold = ""  # why there are none
-    _errors_before: "ErrorState | None" = None  # the last step that was noted by its forces
+    _errors_before: "ErrorState | None" = None  # the last step that was noted by itself
+    whose, advice = "", ADVICE  # beginning and end of what is said of the tolerance
+
+    @property
+    def error_tolerance(self) -> float | None:
+        """What the estimate of any output's error is to be no larger than, m; None: whatever it is."""
+        return None if self.errors is None else self.errors.tolerance
+
+    @property
+    def exceeded(self) -> Exceeded | None:
+        """Where the estimate was first larger than the tolerance: time, s, error, m, output; None where it was not."""
+        return None if self.errors is None else self.errors.exceeded
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """As in SimulatedBody; and where the error was beyond its tolerance."""
+        exceeded, tolerance = self.exceeded, self.error_tolerance
+        told = () if exceeded is None or tolerance is None else (exceeded.message(tolerance, self.advice),)
+        return super().warnings + told
 
     @property
     def stated_errors(self) -> "dict[str, StatedError]":
@@ -55,13 +75,14 @@ class ErringBody(MovingBody):
         self._stepper.flush()
         return self.errors
 
-    def _watch_errors(self, asked: bool | None) -> None:
-        """Begins to keep errors, if that is asked for; None: if the ROM knows how.
+    def _watch_errors(self, asked: bool | None, tolerance: float | None) -> None:
+        """Begins to keep errors, if that is asked for; None: if the ROM knows how, within what the scene says.
 
         Raises:
-            StepError: they are asked for, and cannot be known.
+            StepError: they, or a tolerance, are asked for, and cannot be known.
         """
         rom, given = self.rom, self._origin[0]  # what acts here, as it was made
+        tolerance = None if tolerance is None else checked_tolerance(tolerance)
         if asked is False:
             self._untold = "errors = False was given"
         elif given.error_model is None:
@@ -79,28 +100,41 @@ class ErringBody(MovingBody):
             if reason:
                 self._untold = f"a run with {reason} does not know its error"
             else:
-                self.errors = ErrorWatch(rom, ErrorMaps(rom, touched=acting.contact_law is not None))
+                if tolerance is None and acting.run is not None:
+                    tolerance = acting.run.error_tolerance
+                self.errors = ErrorWatch(rom, ErrorMaps(rom, touched=acting.contact_law is not None), tolerance)
         if asked and self.errors is None:
             raise StepError(f"errors = True: {self._untold}")
+        if tolerance is not None and self.errors is None:
+            raise StepError(f"error_tolerance = {tolerance:g}: errors are not known: {self._untold}")
 
     @property
-    def notes_forces(self) -> bool:
-        """Whether errors are kept by contact forces, which are known after each step."""
-        return self.errors is not None and not self._stepper.kernel.holds_steps
+    def notes_each_step(self) -> bool:
+        """Whether errors are kept step by step: by contact forces, known after each, or as they are looked at."""
+        if self.errors is None:
+            return False
+        return self.errors.tolerance is not None or not self._stepper.kernel.holds_steps
 
     def _note_step(self, u: Array) -> None:
-        """Takes in a step under inputs (p,), and the contact forces that were found in it."""
+        """Takes in a step under inputs (p,), and the contact forces that were found in it, if steps are noted so."""
         errors = self.errors
-        if errors is None or self._stepper.kernel.holds_steps:
+        if errors is None or not self.notes_each_step:
             return
-        contact = self._stepper.contact  # asked for here alone: telling it takes as long as half a compiled step
-        forces = np.zeros(len(self.contact_coordinates) * 3) if contact is None else contact.forces.ravel()
+        inputs = u
+        if errors.maps.touched:
+            contact = self._stepper.contact  # asked for here alone: telling it takes as long as half a compiled step
+            forces = np.zeros(len(self.contact_coordinates) * 3) if contact is None else contact.forces.ravel()
+            inputs = np.concatenate([u, forces])
         self._errors_before = errors.state
-        errors.note(self.contact, self._dt, np.concatenate([u, forces])[None])
+        errors.note(self.contact, self._dt, inputs[None])
+        if errors.tolerance is not None:
+            beyond = self.beyond_shared if errors.maps.touched else None
+            if found := errors.look(self.contact, self._stepper.state, beyond, self.time + self._dt):
+                tell(self.whose + found.message(errors.tolerance, self.advice))
 
     def take_back_step(self, acted: tuple[Any, ...]) -> None:
         """As in MovingBody."""
-        if self.errors is not None and self._errors_before is not None and self.notes_forces:
+        if self.errors is not None and self._errors_before is not None and self.notes_each_step:
             self.errors.state = self._errors_before
         super().take_back_step(acted)
 
@@ -120,7 +154,18 @@ class ErringBody(MovingBody):
     def _way_to_advance(self) -> Callable[[Array], float]:
         """As in MovingBody."""
         advance = super()._way_to_advance()
-        if self.errors is not None:
+        if self.errors is None:
+            return advance
+        if not self.notes_each_step:
             kernel: Any = self._stepper.kernel
             kernel.note_inputs = self._note_inputs
+        elif self.environment is None:
+
+            def advance_and_note(u: Array) -> float:
+                twice = advance(u)
+                if math.isfinite(twice):
+                    self._note_step(u)
+                return twice
+
+            return advance_and_note
         return advance

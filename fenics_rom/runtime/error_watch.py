@@ -21,6 +21,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError, unknown
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.error_maps import ErrorMaps, squared_length
+from fenics_rom.runtime.error_tolerance import Exceeded, OutputErrors
 
 BOUND = "the body is linear and damped, so that the residual of a finer model bounds what the estimate misses"
 ESTIMATE = "a finer model, of {} displacements, takes the same steps"
@@ -69,6 +70,8 @@ class ErrorState(NamedTuple):
     square: float  # bound of 2H, J
     finer: Array  # [e, r] (2f,) of the finer model
     from_rest: bool  # or from a state that was put in
+    exceeded: Exceeded | None = None  # the tolerance, if there is one
+    apart: Array | None = None  # [e, r] (2f,) of an error that does not count, as it goes on by itself
 
 
 class ErrorWatch:
@@ -77,30 +80,44 @@ class ErrorWatch:
     Args:
         rom: with an error model.
         maps: that runs of this ROM may share.
+        tolerance: of outputs, m; None: whatever they are.
+
+    Attributes:
+        exceeded: where the estimate was first beyond the tolerance.
+        last_inputs: (p,) of the last step that was taken in; None before the first.
     """
 
-    def __init__(self, rom: Rom, maps: ErrorMaps):
+    def __init__(self, rom: Rom, maps: ErrorMaps, tolerance: float | None = None):
         assert rom.error_model is not None
         self._rom, self.maps, self._model = rom, maps, rom.error_model
         self._ω = np.sqrt(self._model.eigenvalues)
+        self.last_inputs: Array | None = None
+        self.tolerance, self._outputs = tolerance, None if tolerance is None else OutputErrors(rom)
         self.state = ErrorState(0.0, np.zeros(2 * len(self._ω)), True)
 
     @property
     def state(self) -> ErrorState:
         """To go on from."""
-        return ErrorState(self._square, self._finer.copy(), self._from_rest)
+        return ErrorState(self._square, self._finer.copy(), self._from_rest, self.exceeded, self._apart)
 
     @state.setter
     def state(self, state: ErrorState) -> None:
         self._square, self._finer, self._from_rest = state.square, state.finer.copy(), state.from_rest
+        self.exceeded, self._apart = state.exceeded, state.apart
 
     def begin(self, contact: str, state: Array) -> None:
         """Begins anew at a state [e, r] (2m,) of a contact mode, which the full order is taken to begin at, too."""
-        self._square, self._finer, self._from_rest = 0.0, self._lifted(contact, state), not state.any()
+        self.state = ErrorState(0.0, self._lifted(contact, state), not state.any())
 
     def note(self, contact: str, h: float, inputs: Array) -> None:
         """Takes in steps of h s in a contact mode under inputs (n, p), and contact forces where there may be some."""
         state, left, squares = self._finer, len(inputs), 0.0
+        if not left:
+            return
+        self.last_inputs = inputs[-1].copy()
+        if left == 1:
+            self._note_one(contact, h, inputs[0])
+            return
         for length, carry, push, F in self.maps.blocks(contact, h):
             if length <= left:
                 times = left // length
@@ -114,6 +131,41 @@ class ErrorWatch:
                 state, left = states[-1], left - times * length
         self._finer = state
         self._square += h / 2 * squares
+
+    def _note_one(self, contact: str, h: float, inputs: Array) -> None:
+        """The same of one step, with as few products as it takes."""
+        _, carry, push, F = self.maps.blocks(contact, h)[-1]
+        state, after = self._finer, np.empty_like(self._finer)
+        carry(state, after)
+        self._finer = after + inputs.dot(push)
+        if len(F):
+            ρ = F.dot(np.concatenate((state, inputs)))
+            self._square += h / 2 * float(ρ.dot(ρ))
+        if self._apart is not None:
+            apart = np.empty_like(state)
+            carry(self._apart, apart)
+            self._apart = apart
+
+    def look(self, contact: str, state: Array, beyond: Array | None, time: float) -> Exceeded | None:
+        """Compares the estimate with the tolerance, at a time, s; what to say, the first time that it is larger.
+
+        Other arguments as in `estimate`.
+        """
+        if self._outputs is None or self.tolerance is None or self.exceeded is not None:
+            return None
+        error, name = self._outputs.largest(contact, self._finer, state, beyond)
+        if error <= self.tolerance:
+            return None
+        if self._apart is not None:
+            since, _ = self._outputs.largest(contact, self._finer - self._apart, state, beyond)
+            if since <= self.tolerance:
+                return None
+        self.exceeded = Exceeded(time, error, name)
+        return self.exceeded
+
+    def set_apart(self, contact: str, state: Array) -> None:
+        """From now on a tolerance is for what comes to the error that there is, which goes on without inputs."""
+        self._apart, self.exceeded = self._finer - self._lifted(contact, state), None
 
     def bound(self, contact: str, state: Array) -> StatedError:
         """What the error of a state [e, r] (2m,) of a contact mode is no larger than.

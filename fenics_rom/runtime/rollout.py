@@ -292,7 +292,7 @@ class Rollout:
         if bases is None and body.bends_compiled:
             return self._step_or_roll(u, taken, every, names)
         is_alone = body.relaxes and not body.needs_each_step  # loops may take those among obstacles
-        one_by_one = body.needs_single_steps or is_alone or body.notes_forces or bases is not None
+        one_by_one = body.needs_single_steps or is_alone or body.notes_each_step or bases is not None
         if one_by_one or (body.rom.rigid and not body.needs_each_step):  # there is more than energy coordinates hold
             return self._step_each(u, bases, taken, every, names)
         if body.needs_each_step:

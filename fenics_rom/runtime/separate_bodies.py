@@ -65,8 +65,10 @@ class SeparateBodies:
         signals: "Mapping[str, SignalLike]",
         detail: str | None,
         errors: bool | None,
+        error_tolerance: float | None,
     ):
-        first = Simulator(rom, dt, ledger=ledger, signals=signals, detail=detail, errors=errors)
+        told: dict[str, Any] = {"errors": errors, "error_tolerance": error_tolerance}
+        first = Simulator(rom, dt, ledger=ledger, signals=signals, detail=detail, **told)
         self.bodies = _copies([first] * size)
         self.rom, self.steps, self.frozen = first.rom, 0, np.zeros(size, bool)
         law = first.rom.environment.contact_law
@@ -375,7 +377,8 @@ class SeparateBodies:
 def _copies(bodies: list[Simulator]) -> list[Simulator]:
     """Of bodies of one ROM, which share the maps of its errors."""
     copies = [copy(body) for body in bodies]
-    for body in copies:
+    for k, body in enumerate(copies):
+        body.whose = f"body {k}: "
         if body.errors is not None and bodies[0].errors is not None:
             body.errors.maps = bodies[0].errors.maps
     return copies

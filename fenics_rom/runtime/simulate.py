@@ -3,6 +3,7 @@
 import time
 import warnings
 from collections.abc import Callable, Container, Iterator, Mapping
+from dataclasses import replace
 from itertools import islice
 from typing import Any
 
@@ -17,6 +18,8 @@ from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.error_tolerance import ADDED
+from fenics_rom.runtime.exceedings import Enriches, Exceedings
 from fenics_rom.runtime.initial_state import begin
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.contact_interface import CONTACT, MOTION
@@ -38,6 +41,8 @@ def simulate(
     stepper: str | None = None,
     step_error: float | None = None,
     errors: bool | None = None,
+    error_tolerance: float | None = None,
+    enrichment: Enriches | None = None,
     report: Report = silent,
 ) -> Trajectory:
     """Runs a ROM through a load history from rest: `fenics_rom.simulate` of a ROM, where arguments and errors are."""
@@ -46,8 +51,9 @@ def simulate(
     signals, reason = mapping_in("signals", signals, SceneError), ""
     if step_error is not None:
         stepper, reason = _by_error(rom, scene, dt, every, signals, stepper, step_error)
-    environment, history, fresh = _prepared(rom, scene, dt, every, signals, stepper, errors)
+    environment, history, fresh = _prepared(rom, scene, dt, every, signals, stepper, errors, error_tolerance)
     body, lost = fresh()
+    _check_tolerance(body, environment, errors, enrichment)
     recorder = TrajectoryRecorder(
         rom,
         environment,
@@ -58,26 +64,54 @@ def simulate(
     )
     recorder.sample(0, body)
     monitor = TimeStepMonitor()
-    in_blocks = body.steps_in_blocks and not history.automatic and body.errors is None  # these are read after each
-    run = _run_in_blocks if in_blocks else _run_step_by_step
-    run(body, history, recorder, monitor, report)
-    return recorder.record(
+    exceedings = Exceedings(enrichment)
+    if body.steps_in_blocks and not history.automatic and body.errors is None:  # these are read after each
+        _run_in_blocks(body, history, recorder, monitor, report)
+    else:
+        body = _run_step_by_step(body, history, recorder, monitor, exceedings, report)
+    told = *body.warnings, *exceedings.messages(body.error_tolerance), *filter(None, [monitor.message])
+    run = recorder.record(
         name=rom.name,
         model="reduced",
         settings=body.settings | ({"seconds": _seconds(fresh()[0], history)} if rate else {}),
-        warnings=tuple(
-            dict.fromkeys((*rom.warnings, *lost, *history.warnings, *body.warnings, *filter(None, [monitor.message])))
-        ),
+        warnings=tuple(dict.fromkeys((*rom.warnings, *lost, *history.warnings, *told))),
         tendons=rom.environment.tendons,
         profile=_profile(fresh()[0], history) if profile else None,
         stepping=f"{body.stepper}: {reason or body.stepping}" if rom.deformation is not None else "",
     )
+    return replace(run, tolerance=exceedings.kept(body.error_tolerance))
+
+
+def _check_tolerance(
+    body: Simulator, environment: Environment, errors: bool | None, enrichment: Enriches | None
+) -> None:
+    """A SceneError where the scene asks for a tolerance that is not watched, or directions that nothing adds."""
+    run = environment.run
+    if run is not None and errors is not False and run.error_tolerance is not None and body.errors is None:
+        raise SceneError(
+            f"run.error_tolerance = {run.error_tolerance:g}: the ROM's runs do not tell their errors; allowed is one "
+            "of fr.reduce(system, errors=True), or errors = False"
+        )
+    if run is not None and errors is not False and run.enrich and enrichment is None:
+        raise SceneError(
+            "run.enrich: adds directions by solves with the full system; allowed is with fr.simulate(rom, "
+            "enrich=system), simulate --enrich --scene SCENE, or errors = False"
+        )
+    if enrichment is not None:
+        if body.error_tolerance is None:
+            raise SceneError("enrich: adds directions beyond an error_tolerance; allowed is with that")
+        body.advice = ADDED
 
 
 def _run_step_by_step(
-    body: Simulator, history: LoadHistory, recorder: TrajectoryRecorder, monitor: TimeStepMonitor, report: Report
-) -> None:
-    """Takes all steps, and keeps what is to be kept after each."""
+    body: Simulator,
+    history: LoadHistory,
+    recorder: TrajectoryRecorder,
+    monitor: TimeStepMonitor,
+    exceedings: Exceedings,
+    report: Report,
+) -> Simulator:
+    """Takes all steps, and keeps what is to be kept after each; the body that took the last."""
     has_inertia = body.environment is None or body.environment.environment.has_inertia
     for step, (contact, u) in enumerate(history, start=1):
         if not history.automatic:
@@ -91,7 +125,9 @@ def _run_step_by_step(
         else:
             body.step(u)
         recorder.sample(step, body, u)
+        body = exceedings.follow(body)
         report("steps", step, history.steps)
+    return body
 
 
 def _run_in_blocks(
@@ -192,6 +228,7 @@ def _prepared(
     signals: Mapping[str, SignalLike] | None,
     stepper: str | None,
     errors: bool | None = None,
+    error_tolerance: float | None = None,
 ) -> tuple[Environment, LoadHistory, Callable[[], tuple[Simulator, list[str]]]]:
     """What acts in the run, the inputs of its steps, and what makes a simulator at its start, and says what it lost."""
     if len(rom.nodes) == 0:
@@ -200,8 +237,8 @@ def _prepared(
     history = LoadHistory(environment, rom.contacts, rom.actuators, dt, every)
 
     def fresh() -> tuple[Simulator, list[str]]:
-        said: dict[str, Any] = {"scene": scene, "signals": signals, "stepper": stepper, "errors": errors}
-        simulator = Simulator(rom, history.dt, **said)
+        told: dict[str, Any] = {"errors": errors, "error_tolerance": error_tolerance}
+        simulator = Simulator(rom, history.dt, scene=scene, signals=signals, stepper=stepper, **told)
         simulator.switch(history.first_contact())
         return simulator, begin(simulator, rom, environment, history)
 

@@ -54,6 +54,8 @@ class Simulator(ErringBody):
             None: the one that suits dt.
         detail: of a moving frame: "full", or "quasi-rigid", with inertia of the shape at rest; None: as the scene says.
         errors: whether to keep bound and estimate of the error; None: if the ROM was made for that.
+        error_tolerance: what the estimate of any output's error is to be no larger than, m: the first time that it is,
+            a ToleranceWarning says so at once, and `exceeded` keeps it; None: as the scene's run says.
 
     Attributes:
         steps: number of steps taken.
@@ -86,9 +88,10 @@ class Simulator(ErringBody):
         stepper: str | None = None,
         detail: str | None = None,
         errors: bool | None = None,
+        error_tolerance: float | None = None,
     ):
         rom, signals = given_rom("Simulator", rom), mapping_in("signals", signals, StepError)
-        self._origin = rom, scene, signals, stepper, detail, errors
+        self._origin = rom, scene, signals, stepper, detail, errors, error_tolerance
         self.environment: ActiveEnvironment | None = None
         self._source = None
         if not rom.environment.is_plain or scene is not None or signals:  # others start sooner without this import
@@ -105,7 +108,7 @@ class Simulator(ErringBody):
         self._monitor, self.tensions = LinearityMonitor(rom, self._rigid_displacement), TensionWatch(rom)
         self._output_rows: dict[tuple[str, str], Array] = {}
         self._rollout: Rollout | None = None
-        self._watch_errors(errors)
+        self._watch_errors(errors, error_tolerance)
         self._enter()
         self._watch_skin()
 
@@ -377,12 +380,12 @@ def _revived(
     stepper: str | None,
     detail: str | None,
     errors: bool | None,
+    error_tolerance: float | None,
     given: "Mapping[str, SignalLike]",
     state: SimulatorState,
 ) -> Simulator:
-    ledger = state.sums is not None
-    said: dict[str, Any] = {"scene": scene, "signals": signals, "stepper": stepper, "detail": detail, "errors": errors}
-    simulator = Simulator(rom, state.dt, ledger=ledger, **said)
+    said: dict[str, Any] = {"ledger": state.sums is not None, "errors": errors, "error_tolerance": error_tolerance}
+    simulator = Simulator(rom, state.dt, scene=scene, signals=signals, stepper=stepper, detail=detail, **said)
     for name, signal in given.items():  # after the start: an obstacle may since have gone where the body was
         simulator.set_signal(name, signal)
     simulator.restore(state)

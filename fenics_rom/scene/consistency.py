@@ -26,6 +26,7 @@ def check_consistency(file: SceneFile) -> None:
     _check_together(file)
     _check_effects(file.effects, file.contacts, file.actuators)
     _check_frame(file)
+    _check_tolerance(file)
     for k, held in enumerate(file.supports.held):
         if held.normal is not None and not any(held.normal):
             raise SceneError(f"supports.held[{k}].normal: allowed is any but zero")
@@ -182,6 +183,18 @@ def _check_branches(viscous: Viscoelasticity) -> None:
             f"effects.viscoelasticity: ratios are {len(viscous.ratios)}, times {len(viscous.times)}: allowed is one of "
             "each for every branch"
         )
+
+
+def _check_tolerance(file: SceneFile) -> None:
+    """Checks that errors of outputs are told where they are to be small, and looked at where a model follows them."""
+    run = file.run
+    if run is None:
+        return
+    if run.error_tolerance is not None and not (run.errors and file.outputs):
+        lacks = "run.errors = true" if file.outputs else "[outputs]"
+        raise SceneError(f"run.error_tolerance: is of errors of outputs that a run tells; allowed is with {lacks}")
+    if run.enrich and run.error_tolerance is None:
+        raise SceneError("run.enrich: adds directions beyond run.error_tolerance; allowed is with that")
 
 
 def _check_frame(file: SceneFile) -> None:

@@ -177,7 +177,8 @@ def _run(file: SceneFile, folder: Path | None) -> Run | None:
     check_pushes(loads, file.effects, together)
     loads.sort(key=lambda load: load.start)
     initial = None if run.initial is None else _initial(run.initial, file.effects, folder)
-    return Run(run.dt, run.duration, run.snapshots, tuple(loads), initial, run.every, run.detail, run.errors)
+    told: dict[str, Any] = {"errors": run.errors, "error_tolerance": run.error_tolerance, "enrich": run.enrich}
+    return Run(run.dt, run.duration, run.snapshots, tuple(loads), initial, run.every, run.detail, **told)
 
 
 def _initial(table: Initial, effects: Effects, folder: Path | None) -> InitialState:

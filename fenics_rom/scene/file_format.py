@@ -123,6 +123,14 @@ class RunTable:
     errors: Annotated[
         bool, Flag(), "whether a reduced run is to tell its error: a bound, and an estimate; of small strains"
     ] = False
+    error_tolerance: Annotated[
+        float | None,
+        Number(above=0.0, unit="m"),
+        "of the outputs of a reduced run: it says so at once where its estimate of their error is larger; with errors",
+    ] = None
+    enrich: Annotated[
+        bool, Flag(), "whether directions are added to the basis then; the run is given the scene, for the full system"
+    ] = False
     initial: Annotated[Initial | None, "where it begins, if not at rest"] = None
     load: Annotated[tuple[LoadEntry, ...], Items(), "what acts on contact modes and actuators"] = ()
 

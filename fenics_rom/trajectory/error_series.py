@@ -26,6 +26,25 @@ class ErrorSeries:
     shape: Array | None = None
 
 
+@dataclass(frozen=True)
+class ErrorTolerance:
+    """An error that a reduced run was to keep to, and where it did not.
+
+    Attributes:
+        value: what the estimate of any output's error is to be no larger than, m.
+        times: at which it was, (x,), s: the first one; of a run to which directions are added each one.
+        errors: how large it was then, (x,), m, of
+        outputs: these, x names.
+        orders: of the active contact mode before and after, (x, 2).
+    """
+
+    value: float
+    times: Array
+    errors: Array
+    outputs: tuple[str, ...]
+    orders: Array
+
+
 def stated_numbers(stated: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """What is kept of an instant: the norm, and each output as "of NAME"."""
     return {

@@ -37,6 +37,8 @@ shapes, N nodes, F triangles, P points of an output.
                                      then of pairs of bodies, FIRST-SECOND on the first
     errors/bound/, errors/estimate/  of a reduced run that stated its own; attribute `why`; may be absent
         norm (S,) J^1/2, shape (S,) kg^1/2 m (may be absent), outputs/NAME (S, P, 3) m
+    tolerance/                       that such a run was to keep to; attribute `outputs`, a line each; may be absent
+        value (1,) m, times (x,) s, errors (x,) m, orders (x, 2)
     profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
 
 Format 2.0 named the snapshots anew; files of format 1.x are read, too. Those of 1.0 and 1.1 name no effects, and have
@@ -61,7 +63,7 @@ from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of, shape_of
 from fenics_rom.trajectory.bodies import put_bodies, take_bodies
 from fenics_rom.trajectory.contact_snapshots import CONTACT, contact_arrays, take_contact
-from fenics_rom.trajectory.error_series import ErrorSeries
+from fenics_rom.trajectory.error_series import ErrorSeries, ErrorTolerance
 from fenics_rom.trajectory.series_file import check_series, put_series, take_series
 from fenics_rom.trajectory.trajectory import CONTACT_ACCOUNT, Trajectory
 
@@ -99,10 +101,16 @@ ALIKE = {  # groups of arrays by name, each with sizes of its own beside those o
     "tendons": Entry("m", ("K", 3)),
     "reactions": Entry("N or Pa", ("S",)),
 }
-GROUPS = (*("settings", "obstacles", "profile", "inputs", "readings", "bodies", "errors"), *ALIKE)
+GROUPS = (*("settings", "obstacles", "profile", "inputs", "readings", "bodies", "errors", "tolerance"), *ALIKE)
 MOTION = {"motion": Entry("m", ("s", 3)), "turn": Entry("1", ("s", 4), optional=True)}
 ERROR_NORMS = {"norm": Entry("J^1/2", ("S",)), "shape": Entry("kg^1/2 m", ("S",), optional=True)}
 ERROR_KINDS = ("bound", "estimate")
+TOLERANCE = {
+    "value": Entry("m", (1,)),
+    "times": Entry("s", ("x",)),
+    "errors": Entry("m", ("x",)),
+    "orders": Entry("1", ("x", 2), "i"),
+}
 SECONDS_PER_STEP = Entry("s", (1,))
 
 
@@ -181,6 +189,10 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
         hdf5.put_text(part, why=stated.why)
         hdf5.put_arrays(part, ERROR_NORMS, sizes, vars(stated))
         hdf5.put_each(part, "outputs", ALIKE["outputs"], stated.outputs, sizes)
+    if run.tolerance is not None:
+        part = h5.create_group("tolerance", track_order=True)
+        hdf5.put_text(part, outputs="\n".join(run.tolerance.outputs))
+        hdf5.put_arrays(part, TOLERANCE, sizes, vars(run.tolerance))
     put_series(h5, run, sizes)
     if run.bodies:
         put_bodies(h5, run.bodies, sizes)
@@ -217,6 +229,7 @@ def _take(h5: h5py.File) -> Trajectory:
         bodies=take_bodies(groups["bodies"], sizes),
         touched=take_contact(arrays, sizes["N"]),
         errors={kind: _take_errors(hdf5.get_group(groups["errors"], kind), sizes) for kind in groups["errors"]},
+        tolerance=_take_tolerance(hdf5.get_group(h5, "tolerance")) if "tolerance" in h5 else None,
         **alike,
         **arrays,
     )
@@ -244,6 +257,14 @@ def _take_errors(group: h5py.Group, sizes: Sizes) -> ErrorSeries:
     norms = hdf5.get_record(group, ERROR_NORMS, sizes, ("outputs",))
     outputs = hdf5.get_each(hdf5.get_group(group, "outputs"), ALIKE["outputs"], sizes)
     return ErrorSeries(hdf5.get_text(group, "why"), outputs=outputs, **norms)
+
+
+def _take_tolerance(group: h5py.Group) -> ErrorTolerance:
+    outputs = tuple(filter(None, hdf5.get_text(group, "outputs").split("\n")))
+    found = ErrorTolerance(outputs=outputs, **hdf5.get_record(group, TOLERANCE))
+    if len(outputs) != len(found.times):
+        raise FileError(f"{group.name}: {len(outputs)} outputs at {len(found.times)} times")
+    return found
 
 
 def _take_profile(group: Any) -> dict[str, float]:

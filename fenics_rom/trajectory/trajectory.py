@@ -17,7 +17,7 @@ from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.readings import Reading
 from fenics_rom.trajectory.bodies import BodyTrack
 from fenics_rom.trajectory.contact_snapshots import ContactSnapshots
-from fenics_rom.trajectory.error_series import ErrorSeries, error_series, stated_numbers
+from fenics_rom.trajectory.error_series import ErrorSeries, ErrorTolerance, error_series, stated_numbers
 from fenics_rom.trajectory.series import FRAME_SERIES, ReadingSeries, Series, input_series, reading_series
 
 NOTHING = np.empty(0)
@@ -78,6 +78,7 @@ class Trajectory:
             these are at the start, and forces of pairs of bodies, FIRST-SECOND on the first.
         momentum: (steps + 1, 6): N s, and angular momentum about the frame's origin, N m s, in world axes.
         errors: of a reduced run that stated its own, "bound" and "estimate".
+        tolerance: that it was to keep to, and where it did not; None where there was none.
 
     Example:
         >>> run = fr.read_trajectory("run.h5")
@@ -122,6 +123,7 @@ class Trajectory:
     bodies: Mapping[str, BodyTrack] = field(default_factory=dict)
     touched: NodalContact | None = None
     errors: Mapping[str, ErrorSeries] = field(default_factory=dict)
+    tolerance: ErrorTolerance | None = None
 
     @property
     def frame_series(self) -> dict[str, Series]:

@@ -88,7 +88,7 @@ def worst_case(monkeypatch):
     The finer model is made to have no directions of its own: else it would be all of the body.
     """
     shared = lambda problem, rom, whole, Q: (Q, rom.stiffness)  # noqa: E731
-    monkeypatch.setattr(error_model, "_finer_basis", shared)
+    monkeypatch.setattr(error_model, "finer_basis", shared)
     M, K, D = np.eye(2), np.diag([1.0, 100.0]), np.diag([1.0, 4.0])
     system = fr.System(mass=M, stiffness=K, damping=D, contacts={"one": np.eye(2)})
     rom = fr.reduce(system, order=1, method="modal", errors=True)
@@ -113,8 +113,8 @@ def test_a_bound_that_is_five_percent_too_small_is_caught(monkeypatch):
 @pytest.mark.parametrize("given", [{}, {"damping": dashpots(), "rayleigh": None}, {"rayleigh": (0.0, 2e-3)}])
 def test_the_residual_is_that_of_the_full_order(given, monkeypatch):
     """Of each step of the finer model, ρᵀD⁻¹ρ by dense matrices."""
-    system, found, whole = chain(**given), [], error_model._finer_basis
-    monkeypatch.setattr(error_model, "_finer_basis", lambda *of: found.append(whole(*of)) or found[0])
+    system, found, whole = chain(**given), [], error_model.finer_basis
+    monkeypatch.setattr(error_model, "finer_basis", lambda *of: found.append(whole(*of)) or found[0])
     rom, h, random = fr.reduce(system, order=7, errors=True), 3e-3, np.random.default_rng(0)
     M, D, K = (dense(getattr(system, name), system.size) for name in ("mass", "damping", "stiffness"))
     errors, B = rom.error_model, system.input_matrix("one")

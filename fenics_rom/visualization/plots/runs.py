@@ -221,6 +221,11 @@ def _draw_time_axis(axes: Any, runs: Runs) -> float:
     if len(switches) <= MAX_MARKED_SWITCHES:
         for t in switches:
             axes.axvline(scale * t, color="0.6", linewidth=0.5, zorder=0)
+    exceeded = np.concatenate([[], *(run.tolerance.times for run in runs.values() if run.tolerance is not None)])
+    for t in exceeded:
+        axes.axvline(scale * t, color="C3", linewidth=1.0, linestyle="--", zorder=0)
+    if len(exceeded):
+        axes.plot([], [], color="C3", linewidth=1.0, linestyle="--", label="beyond error tolerance")
     return scale
 
 

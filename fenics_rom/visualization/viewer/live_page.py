@@ -191,6 +191,8 @@ class LivePage(LiveLoop):
             f"damping: {100 * ratio:.2g} % of critical at {frequency:.3g} Hz",
         ]
         lines += error_words(body.simulator.stated_errors)
+        if exceeded := body.simulator.exceeded:
+            lines.append(f"**beyond its error tolerance** since {exceeded.time:.3g} s")
         numbers = [name for name, reading in body.rom.readings.items() if reading.quantity in OFF_SURFACE]
         lines += reading_words({name: body.reading(name) for name in numbers}, 0)
         units = body.rom.environment.force_units
