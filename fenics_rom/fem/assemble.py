@@ -26,6 +26,7 @@ from fenics_rom.fem.readings import readings_of
 from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.rigid_surfaces import bars_of
 from fenics_rom.fem.supports import of_whole_nodes, unknowns_of
+from fenics_rom.fem.taxels import unreached
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.body_facts import implausible, quality_of
 from fenics_rom.scene.places import given_piece
@@ -117,6 +118,7 @@ def _with_unknowns(
     loads, load_units = loads_of(scene, nodes, matrices.weight, matrices.translations, unknowns)
     motions = mass_orthonormal(matrices.mass, rigid_motions(nodes, matrices.node_mass, kept)[rows], algebra)
     rigid = without_energy(matrices.mass, matrices.stiffness, motions, algebra)
+    readings = readings_of(scene, nodes, material, kept)
     system = System(
         mass=matrices.mass,
         damping=matrices.damping,
@@ -129,7 +131,7 @@ def _with_unknowns(
         outputs={
             name: output_rows(nodes, output, kept, f"outputs.{name}")[rows] for name, output in scene.outputs.items()
         },
-        readings=readings_of(scene, nodes, material, kept),
+        readings=readings,
         algebra=algebra,
         rayleigh=(effects.damped.alpha, effects.damped.beta) if is_proportional else None,
         springs=None if effects.large_deformation is not None else matrices.external[1],
@@ -146,7 +148,11 @@ def _with_unknowns(
             named_surfaces(scene, nodes) if scene.environment.contact_law is not None else {},
         ),
         scene=scene,
-        warnings=(*warnings_of(scene, mesh, rigid), *implausible(nodes.coordinates, matrices.node_mass.sum(), young)),
+        warnings=(
+            *warnings_of(scene, mesh, rigid),
+            *unreached(readings, scene, nodes, kept),
+            *implausible(nodes.coordinates, matrices.node_mass.sum(), young),
+        ),
     )
     units = actuator_units | load_units
     return system, matrices, {name: units.get(name, 1.0) * columns for name, columns in (actuators | loads).items()}

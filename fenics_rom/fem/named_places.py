@@ -66,8 +66,8 @@ def survey_places(scene: Scene) -> Survey:
     mesh = read_mesh(scene.mesh_file, scene.mesh_groups, scene.mesh_scale)
     nodes = canonical_nodes(mesh, scene.degree)
     supports = {"clamped": scene.clamped, "held": scene.held, "rigid": scene.rigid}
-    others = ("contacts", "actuators", "outputs", "readings", "effects", "materials")
-    whole: dict[str, Any] = {"supports": supports} | {key: getattr(scene, key) for key in others}
+    whole: dict[str, Any] = {"supports": supports, "contacts": scene.contacts, "actuators": scene.actuators}
+    whole |= scene.read | {"effects": scene.effects, "materials": scene.materials}
     places: list[PickedPlace] = []
     mistakes = []
     for name, place in _places_in(whole, ""):
@@ -91,7 +91,7 @@ def survey_places(scene: Scene) -> Survey:
 def named_surfaces(scene: Scene, nodes: Nodes) -> dict[str, Array]:
     """Nodes of the surfaces that have names: groups of the mesh, and places of the scene by where they are in it."""
     found = {}
-    others = {key: getattr(scene, key) for key in ("actuators", "outputs", "readings", "effects")}
+    others = {"actuators": scene.actuators, **scene.read, "effects": scene.effects}
     groups = ((name, Place(surface=name)) for name, triangles in nodes.mesh.surfaces.items() if len(triangles))
     for name, place in (*groups, *_places_in(others, "")):
         if isinstance(place, Place) and (place.surface is None or name == place.surface):

@@ -9,7 +9,7 @@ from fenics_rom.fem.nodes import Nodes, mean_over, shape_functions
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.mechanics.readings import MarkerReading
 from fenics_rom.mechanics.triangles import nearest_on_triangles
-from fenics_rom.scene.scene import Output
+from fenics_rom.scene.outputs import Output
 from fenics_rom.system.body import Unknowns
 
 SAME_DISTANCE = 1e-9  # share of the body's size by which triangles may differ and be equally near

@@ -14,16 +14,19 @@ from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES, signed_volumes, 
 from fenics_rom.fem.nodes import Nodes, cell_at, face_keys, rim_edges, triangle_areas
 from fenics_rom.fem.outputs import marker_reading
 from fenics_rom.fem.places import patch_triangles
+from fenics_rom.fem.taxels import touch_reading
+from fenics_rom.mechanics.readable_body import ReadableBody
 from fenics_rom.mechanics.readings import (
     ContactPressure,
-    ReadableBody,
     Reading,
     StressReading,
     StrokeReading,
     SurfaceReading,
     swept_volume,
 )
+from fenics_rom.mechanics.rubbing import rubbing_of
 from fenics_rom.mechanics.tendon import cable_length
+from fenics_rom.scene.outputs import OutputEntry
 from fenics_rom.scene.scene import ReadingEntry, Scene
 from fenics_rom.system.body import Unknowns
 from fenics_rom.system.system import System
@@ -46,16 +49,15 @@ def readings_of(scene: Scene, nodes: Nodes, material: Array, unknowns: Unknowns)
     Raises:
         MeshError, SceneError: a place that does not exist, or a surface that encloses no volume.
     """
-    return {
-        name: _reading(entry, scene, nodes, material, unknowns, f"readings.{name}")
-        for name, entry in scene.readings.items()
-    }
+    return {name: _reading(entry, scene, nodes, material, unknowns, name) for name, entry in scene.readings.items()}
 
 
 def _reading(
-    entry: ReadingEntry, scene: Scene, nodes: Nodes, material: Array, unknowns: Unknowns, where: str
+    entry: "ReadingEntry | OutputEntry", scene: Scene, nodes: Nodes, material: Array, unknowns: Unknowns, name: str
 ) -> Reading:
-    of = entry.of or ""
+    if isinstance(entry, OutputEntry):
+        return touch_reading(entry, scene, nodes, unknowns, f"outputs.{name}")
+    of, where = entry.of or "", f"readings.{name}"
     if entry.quantity == "length":
         return StrokeReading("length", of, cable_length(np.array(scene.effects.tendon[of].points)))
     if entry.quantity == "volume":
@@ -216,8 +218,11 @@ def _can_sweep(nodes: Nodes, rim: Array, cap: Array, unknowns: Unknowns) -> bool
     return not is_flat or bool(np.abs(across.data).max(initial=0.0) > ROUND_OFF)
 
 
-def readable(system: System, body: FullOrderBody) -> ReadableBody:
-    """A body at full order, as readings ask for it, by its unknowns (n,); every rank must make every call."""
+def readable(system: System, body: FullOrderBody, touched: Array) -> ReadableBody:
+    """A body at full order, as readings ask for it, by its unknowns (n,); every rank must make every call.
+
+    `touched`: velocities (P, 3) of the contact points in the middle of the last step, m/s.
+    """
     deformation, algebra, interface = system.deformation, system.algebra, body.interface
 
     def coordinates() -> Array:
@@ -233,5 +238,16 @@ def readable(system: System, body: FullOrderBody) -> ReadableBody:
             lambda x: algebra.gather(deformation.follower(x[algebra.rows()])[actuator])[:, 0], coordinates()
         )
 
-    law, points = None if deformation is None else deformation.law, None if interface is None else interface.points
-    return ReadableBody(law, coordinates, stroke, points, body.contact and body.contact.normal_forces)
+    law, contact = None if deformation is None else deformation.law, body.contact
+    if interface is None or contact is None:
+        return ReadableBody(law, coordinates, stroke, None if interface is None else interface.points)
+    return ReadableBody(
+        law,
+        coordinates,
+        stroke,
+        interface.points,
+        contact.normal_forces,
+        contact.forces,
+        lambda: rubbing_of(contact, touched, interface.solver.law.friction),
+        lambda: system.body.nodes + body.displacement(),
+    )

@@ -19,6 +19,8 @@ from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.initial_state import InitialState, lost_messages, missing_share
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.nodal_contact import Touch, TouchedBody
+from fenics_rom.mechanics.readings import Reading
+from fenics_rom.mechanics.sensor import SensedTouch
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.system.system import System
@@ -72,6 +74,8 @@ class FullOrderSimulator(TouchedBody):
         self.displacement, self.velocity = self.stepper.displacement, self.stepper.velocity
         self.switch, self.close = self.stepper.switch, self.stepper.close
         self._follows = environment.switches_itself
+        self._sensed, self._steps = SensedTouch(system.readings, self._felt), 0
+        self._touched = np.empty((0, 3))  # velocities (P, 3) of contact points in the middle of the last step, m/s
 
     contact = property(attrgetter("stepper.contact_mode"))
     time = property(attrgetter("stepper.time"))
@@ -124,6 +128,7 @@ class FullOrderSimulator(TouchedBody):
         follows the obstacles. A step that fails leaves everything as it was.
         """
         stepper, interface, before = self.stepper, self.stepper.interface, self.stepper.contact_mode
+        start = stepper.point_displacement() if self._sensed.feels else self._touched
         try:
             if self._follows and interface is not None:
                 gaps = interface.solver.gaps(stepper.point_displacement(), self.environment.state.offsets)
@@ -135,6 +140,10 @@ class FullOrderSimulator(TouchedBody):
             stepper.switch(before)
             raise
         self.environment.commit(inputs, stepper.dt)
+        self._steps += 1
+        if self._sensed.feels:
+            self._touched = (stepper.point_displacement() - start) / stepper.dt
+        self._sensed.note(self.time, stepper.dt, self._steps)
 
     def step_along(self, path: ArcLength, u: Array, end: float) -> None:
         """Takes a step along the equilibrium path of u, of contact columns and actuators, that grows from nothing.
@@ -157,7 +166,15 @@ class FullOrderSimulator(TouchedBody):
             StepError: no such reading.
         """
         check_known("reading", name, self.system.readings, StepError)
-        return self.system.readings[name].read(readable(self.system, self.stepper))
+        return self._sensed.shown(name, self.time, self._steps)
+
+    @property
+    def _readings(self) -> Mapping[str, Reading]:
+        return self.system.readings
+
+    def _felt(self, name: str) -> Array:
+        """A reading without what a sensor adds."""
+        return self.system.readings[name].read(readable(self.system, self.stepper, self._touched))
 
     def obstacle_forces(self) -> Array:
         """Forces of the obstacles on the body in the last step, (O, 3), N."""

@@ -10,13 +10,17 @@ of the facets around node i, of n nodes each, it has the share a_i = Σ A_f / n 
 nothing to the corners, or be shared by area where the four parts of a facet touch.
 """
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact_points import ContactPoints
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.touch import TouchState
 
 
 class NodalContact(NamedTuple):
@@ -107,6 +111,25 @@ class TouchedBody:
     """A body whose contact is read on its nodes."""
 
     _contact_surface: ContactSurface | None = None
+
+    @property
+    def _readings(self) -> Mapping[str, Any]:
+        """By name."""
+        raise NotImplementedError
+
+    def reading(self, name: str) -> Array:
+        """Numbers of a reading."""
+        raise NotImplementedError
+
+    def touch(self, name: str) -> "TouchState":
+        """What a sense of touch shows of the last step: an output of quantity "touch", with what its sensor adds.
+
+        Raises:
+            StepError: there is none of that name.
+        """
+        from fenics_rom.mechanics.touch import touch_of  # here, as few bodies have one
+
+        return touch_of(self._readings, name, self.reading)
 
     def _touch(self) -> tuple[ContactPoints, Touch | None] | None:
         """Its contact points, and what pushes them in the last step; None where nothing can touch it."""

@@ -14,12 +14,11 @@ deformation s is that of the moved cable or chamber, E the Green strain, σ = F 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.hyperelastic import (
     VOIGT_INDEX,
     VOIGT_PAIRS,
@@ -30,6 +29,8 @@ from fenics_rom.mechanics.hyperelastic import (
     stress,
 )
 from fenics_rom.mechanics.nodal_contact import FacetShares
+from fenics_rom.mechanics.readable_body import ReadableBody
+from fenics_rom.mechanics.touch import TOUCH, TouchReading
 
 READING_UNITS = {
     "length": "m",
@@ -39,6 +40,7 @@ READING_UNITS = {
     "von_mises_stress": "Pa",
     "stress": "Pa",
     "marker": "m",
+    TOUCH: "N, N m, m, m2, m/s, Pa and 1",
 }
 COMPONENTS = ("xx", "yy", "zz", "yz", "xz", "xy")
 PRINCIPAL = ("principal 1", "principal 2", "principal 3")
@@ -47,32 +49,8 @@ VON_MISES = STRESS_PARTS.index("von Mises")
 READING_WORDS = {name: name.replace("_", " ") for name in READING_UNITS} | {
     "von_mises_stress": "von Mises stress",
     "marker": "displacement of a marker",
+    TOUCH: "touch",
 }
-
-
-class ReadableBody(NamedTuple):
-    """What readings ask a body for, as it is now.
-
-    Attributes:
-        law: as `hyperelastic` has them, of a body that deforms largely; None: linear.
-        coordinates: its displacement, in what the operators of readings are of: free components, or the shared basis,
-            (c,).
-        stroke: what 1 of an actuator's input does work on: how much shorter a tendon is (m), or larger a chamber (m³).
-        points: what obstacles can touch; None where there are none.
-        pressing: normal forces of obstacles on them in the last step, (P,), N; None where nothing touched.
-    """
-
-    law: str | None
-    coordinates: Callable[[], Array]
-    stroke: Callable[[str], float]
-    points: ContactPoints | None = None
-    pressing: Array | None = None
-
-    def normal_forces(self, nodes: Array) -> Array:
-        """Of obstacles in the last step, on nodes of the body (s,), N, (s,); 0 where none can touch."""
-        if self.points is None or self.pressing is None:
-            return np.zeros(len(nodes))
-        return self.points.on_nodes(self.pressing, nodes)
 
 
 @dataclass(frozen=True)
@@ -246,7 +224,7 @@ def _with_normal(pair: Array) -> Array:
 
 
 OfDisplacement = SurfaceReading | StressReading | MarkerReading  # with an operator on the body's coordinates
-Reading = StrokeReading | ContactPressure | OfDisplacement
+Reading = StrokeReading | ContactPressure | OfDisplacement | TouchReading
 
 
 def projected(reading: Reading, basis: Array) -> Reading:

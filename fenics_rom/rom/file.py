@@ -74,7 +74,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of strain, von_mises_stress
         points (G, 3) m, corner_points (K,), corner_weights (K,), value_corners (T,), value_shares (T,), operator,
         first_lame, shear as above, of T values or twice as many    of stress at points
-        foot (3, k) kg^-1/2, gradients (2, 3, k) kg^-1/2/m, tangents (2, 3), offset (3,) m  of marker
+        foot (3, k) kg^-1/2, gradients (2, 3, k) kg^-1/2/m, tangents (2, 3), offset (3,) m  of marker; touch: touch_file
 
 Files before format 2.6 have no error_model. Those of 2.4 have an inertia in residual_compliance, which is not read, and
 no time_constants: these are 0 then.

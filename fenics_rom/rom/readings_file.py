@@ -14,7 +14,9 @@ from fenics_rom.mechanics.readings import (
     StrokeReading,
     SurfaceReading,
 )
+from fenics_rom.mechanics.touch import TOUCH, TouchReading
 from fenics_rom.rom.rom import Rom
+from fenics_rom.rom.touch_file import check_indices, check_touch, put_touch, take_touch
 
 ROUND_OFF = 1e-9  # of unit vectors
 CONTACT = {"nodes": Entry("1", ("s",), "i"), "facets": Entry("1", ("F", "A"), "i"), "areas": Entry("m^2", ("F",))}
@@ -63,6 +65,8 @@ def put_readings(h5: h5py.File, rom: Rom) -> None:
             put_arrays(part, MARKER, sizes, arrays | {"foot": foot, "gradients": gradients.reshape(2, 3, -1)})
         elif isinstance(reading, ContactPressure):
             put_arrays(part, CONTACT, sizes, arrays)
+        elif isinstance(reading, TouchReading):
+            put_touch(part, reading)
         else:
             put_arrays(part, _rest(reading.quantity), sizes, arrays)
 
@@ -86,6 +90,8 @@ def _take(group: h5py.Group, sizes: dict[str, int]) -> Reading:
         arrays = get_record(group, MARKER, sizes)
         operator = np.concatenate([arrays["foot"], arrays["gradients"].reshape(6, -1)])
         return MarkerReading(operator, arrays["tangents"], np.array(arrays["offset"]))
+    if quantity == TOUCH:
+        return take_touch(group)
     tables = {"contact_pressure": CONTACT, "stress": STRESS}
     arrays = get_record(group, tables.get(quantity, SURFACE), sizes)
     if quantity == "contact_pressure":
@@ -109,14 +115,16 @@ def check_readings(rom: Rom) -> None:
     for name, reading in rom.readings.items():
         where = f"/readings/{name}"
         if isinstance(reading, SurfaceReading):
-            _check_indices(f"{where}/triangles", reading.triangles, len(rom.triangles))
+            check_indices(f"{where}/triangles", reading.triangles, len(rom.triangles))
             if not ((reading.shear > 0) & (3 * reading.first_lame + 2 * reading.shear > 0)).all():
                 raise FileError(f"{where}: moduli are not positive")
         elif isinstance(reading, StressReading):
             _check_stress(where, reading)
+        elif isinstance(reading, TouchReading):
+            check_touch(where, reading, len(rom.nodes), len(rom.triangles))
         elif isinstance(reading, ContactPressure):
-            _check_indices(f"{where}/nodes", reading.nodes, len(rom.nodes))
-            _check_indices(f"{where}/facets", reading.facets, len(reading.nodes))
+            check_indices(f"{where}/nodes", reading.nodes, len(rom.nodes))
+            check_indices(f"{where}/facets", reading.facets, len(reading.nodes))
             check_known("contact mode", reading.of, rom.contact_models, FileError, f"{where}: ")
             if reading.facets.shape[1] not in (3, 6) or not (reading.areas > 0).all():
                 raise FileError(f"{where}: facets have 3 or 6 nodes and an area")
@@ -135,7 +143,7 @@ def _check_stress(where: str, reading: StressReading) -> None:
         ("corner_points", reading.corner_points, reading.corner_weights, len(reading.points)),
         ("value_corners", reading.value_corners, reading.value_shares, len(reading.corner_points)),
     ):
-        _check_indices(f"{where}/{name}", indices, count)
+        check_indices(f"{where}/{name}", indices, count)
         if (np.diff(indices) < 0).any() or not np.isin(np.arange(count), indices).all():
             raise FileError(f"{where}/{name}: allowed are all numbers below {count}, ascending")
         if not (weights > 0).all() or np.abs(np.bincount(indices, weights) - 1).max() > ROUND_OFF:
@@ -146,8 +154,3 @@ def _check_stress(where: str, reading: StressReading) -> None:
         or not ((reading.shear >= 0) & (reading.first_lame + reading.shear > 0)).all()
     ):
         raise FileError(f"{where}: moduli are not positive, or not of {values} values")
-
-
-def _check_indices(where: str, indices: np.ndarray, count: int) -> None:
-    if not indices.size or not 0 <= indices.min() <= indices.max() < count:
-        raise FileError(f"{where}: allowed are some numbers below {count}")

@@ -104,9 +104,11 @@ class Batch(BatchedBodies):
             raise StepError(f"dtype = {shown(dtype)}: allowed are float64 and float32")
         signals, ledger = mapping_in("signals", signals, StepError), check_flag("ledger", ledger, StepError)
         self._errors = errors if errors is None else check_flag("errors", errors, StepError)
-        keeps = bool(errors) or error_tolerance is not None or (errors is None and rom.error_model is not None)
+        told = bool(errors) or error_tolerance is not None or (errors is None and rom.error_model is not None)
+        feels = any(reading.quantity == "touch" for reading in rom.readings.values())
+        keeps = "errors" if told else "a sense of touch" * feels
         self._error_tolerance = error_tolerance
-        self.size, self.dtype, self._why = int(size), np.dtype(dtype), "errors" if keeps else _why_one_by_one(rom)
+        self.size, self.dtype, self._why = int(size), np.dtype(dtype), keeps or _why_one_by_one(rom)
         self._given, self._ledger, self._signals, self._detail = rom, ledger, signals, detail
         h = checked_dt(dt)
         self._bodies = (None if keeps else self._compiled(h)) or (

@@ -15,6 +15,7 @@ from fenics_rom.runtime.batch_arrays import Bodies, select_bodies
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.base_path import BaseState
+    from fenics_rom.mechanics.touch import TouchState
     from fenics_rom.runtime.compiled_bodies import CompiledBodies
     from fenics_rom.runtime.error_watch import StatedError
     from fenics_rom.runtime.joint_bodies import JointBodies
@@ -331,3 +332,13 @@ class BatchedBodies:
             StepError: no such reading.
         """
         return self._bodies.reading(name)
+
+    def touch(self, name: str) -> "TouchState":
+        """What a sense of touch of every body shows, as `Simulator.touch`: arrays (size, ...).
+
+        Raises:
+            StepError: there is none of that name.
+        """
+        from fenics_rom.mechanics.touch import touch_of  # here, as few bodies have one
+
+        return touch_of(self.rom.readings, name, self._bodies.reading)

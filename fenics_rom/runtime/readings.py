@@ -1,12 +1,14 @@
 """A reduced body as readings ask for it."""
 
 from itertools import takewhile
+from typing import Any
 
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.contact_points import ContactPoints
-from fenics_rom.mechanics.readings import ReadableBody, Reading, swept_volume
+from fenics_rom.mechanics.readable_body import ReadableBody
+from fenics_rom.mechanics.readings import Reading, swept_volume
 from fenics_rom.rom.deformation import monomials
 from fenics_rom.rom.rom import Rom
 
@@ -28,6 +30,7 @@ def readable(
     shape: Array,
     points: ContactPoints | None = None,
     pressing: Array | None = None,
+    **touched: Any,
 ) -> ReadableBody:
     """A state of a ROM, as readings ask for it.
 
@@ -38,6 +41,7 @@ def readable(
         shape: (k,) in the shared basis, with what contact points yield beyond the contact mode.
         points: what obstacles can touch; None where there are none.
         pressing: normal forces on them in the last step, (P,), N; None where nothing touched.
+        touched: what else `ReadableBody` has of contact.
     """
     model, body = rom.contact_models[contact_mode], rom.deformation
 
@@ -51,4 +55,4 @@ def readable(
         return swept_volume(lambda q: body.pressures[actuator] @ monomials(q), q)
 
     law = None if body is None else body.law
-    return ReadableBody(law, lambda: shape, stroke, points, pressing)
+    return ReadableBody(law, lambda: shape, stroke, points, pressing, **touched)

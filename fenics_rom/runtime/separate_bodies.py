@@ -86,6 +86,7 @@ class SeparateBodies:
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         self.friction = self._friction  # which simulators do not keep
+        _number(self.bodies)
 
     def take_over(self, joint: "JointBodies") -> None:
         """Goes on where bodies are that were stepped together, without contact."""
@@ -381,4 +382,12 @@ def _copies(bodies: list[Simulator]) -> list[Simulator]:
         body.whose = f"body {k}: "
         if body.errors is not None and bodies[0].errors is not None:
             body.errors.maps = bodies[0].errors.maps
+    _number(copies)
     return copies
+
+
+def _number(bodies: list[Simulator]) -> None:
+    """Gives the sensors of each body noise of their own."""
+    for number, body in enumerate(bodies):
+        if body.sensed is not None:
+            body.sensed.body = number

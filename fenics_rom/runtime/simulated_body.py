@@ -62,6 +62,8 @@ class SimulatorState:
     told: "tuple[Told, ...]" = ()  # what went through the skin
     belongs: "Belongs | None" = None  # what it is a state of
     errors: "ErrorState | None" = None  # None where none are kept
+    sensed: tuple[Any, ...] = ()  # what sensors remember
+    rubbed: tuple[Any, ...] | None = None  # what friction did in the last step
 
 
 class SimulatedBody(ContactReadings):
@@ -259,23 +261,20 @@ class SimulatedBody(ContactReadings):
         """
         return self._field(self._stepper.state[self._order :], output)
 
-    def reading(self, name: str) -> Array:
-        """A reading of the scene as it is now; contact pressure is that of the last step.
-
-        Length, m, and volume, m³, are (); contact pressure, Pa, is (s,) at the nodes of the contact surface; strain
-        (P, 6), with the components xx, yy, zz, yz, xz, xy, and von Mises stress, Pa, (P,) are on surface triangles;
-        stress at points, Pa, (G, 11) has the parts `mechanics.readings.STRESS_PARTS`; a marker's displacement, m, (3,).
-        Which nodes, triangles and points: `rom.readings[name]`.
-
-        Raises:
-            StepError: no such reading.
-        """
+    def felt(self, name: str) -> Array:
+        """As in ContactReadings."""
         from fenics_rom.runtime.readings import named_reading, readable  # here, as few bodies have readings
 
+        reading, state = named_reading(self.rom, name), (self.contact, self._q, self.shape_coordinates)
         points, pushed = self._touch() or (None, None)
-        pressing = None if pushed is None else pushed.pressing
-        body = readable(self.rom, self.contact, self._q, self.shape_coordinates, points, pressing)
-        return named_reading(self.rom, name).read(body)
+        if pushed is None:
+            return reading.read(readable(self.rom, *state, points))
+        touched: dict[str, Any] = {"forces": pushed.forces, "rubbing": self._rubbing, "places": self.node_places}
+        return reading.read(readable(self.rom, *state, points, pushed.pressing, **touched))
+
+    def node_places(self) -> Array:
+        """Of all nodes now, (N, 3) in world axes, m."""
+        return self.rom.nodes + self.displacement()
 
     def output_rows(self, output: str) -> Array:
         """Rows of a named output, (rows, m), in the active contact mode's basis.

@@ -109,6 +109,7 @@ class Simulator(ErringBody):
         self._output_rows: dict[tuple[str, str], Array] = {}
         self._rollout: Rollout | None = None
         self._watch_errors(errors, error_tolerance)
+        self._begin_sensing()
         self._enter()
         self._watch_skin()
 
@@ -258,6 +259,8 @@ class Simulator(ErringBody):
         source.environment.commit(inputs, self._dt)
         self.tensions.note(inputs.u)
         self._note_step(inputs.u)
+        if self.remembers_touch:
+            self.note_touch(1)
         return 2 * energy
 
     def rollout(
@@ -315,6 +318,7 @@ class Simulator(ErringBody):
         if self.environment is not None:
             self.environment.reset()
         self._begin_errors()
+        self._sense_again(())
         self._go_on(SwitchLoss(), SurfaceStrainPeak(), ())
 
     def save(self) -> SimulatorState:
@@ -325,7 +329,10 @@ class Simulator(ErringBody):
         told = () if self._skin is None else self._skin.watch.told
         errors = None if self.errors is None else self.errors.state
         when, peak, belongs = (self._dt, self.steps, self._since), self.surface_peak, self._belongs
-        return SimulatorState(self.contact, *when, stepper, sums, peak, self.loss, obstacles, told, belongs, errors)
+        sensed = self._senses
+        return SimulatorState(
+            self.contact, *when, stepper, sums, peak, self.loss, obstacles, told, belongs, errors, *sensed
+        )
 
     def restore(self, state: SimulatorState) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
@@ -344,6 +351,7 @@ class Simulator(ErringBody):
         if self.environment is not None and state.obstacles is not None:
             self.environment.state = state.obstacles
         self._begin_errors(state.errors)
+        self._sense_again(state.sensed, state.rubbed)
         self._go_on(state.loss, state.surface_peak, state.told)
 
     def _go_on(self, loss: SwitchLoss, peak: SurfaceStrainPeak, told: "tuple[Told, ...]") -> None:

@@ -8,10 +8,12 @@ from fenics_rom.errors import SceneError, check_known, exactly, unknown
 from fenics_rom.mechanics.environment import FACES, AppliedLoad
 from fenics_rom.mechanics.hyperelastic import isochoric_terms
 from fenics_rom.mechanics.initial_state import SMALL_ROTATION, ZERO
+from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import Contact, Effects, ObstacleMotion, RigidBase, Viscoelasticity
 from fenics_rom.scene.environment import guides_of, obstacle_of
 from fenics_rom.scene.file_format import LoadEntry, SceneFile
+from fenics_rom.scene.outputs import check_output
 from fenics_rom.scene.places import Patch, given_piece
 from fenics_rom.scene.scene import ReadingEntry, Reduction, check_order
 
@@ -42,6 +44,9 @@ def check_consistency(file: SceneFile) -> None:
     if file.reduction.cubature != Reduction.cubature and file.effects.large_deformation is None:
         raise SceneError("reduction.cubature: goes with effects.large_deformation")
     for name, output in file.outputs.items():
+        check_output(output, f"outputs.{name}", has_contact=file.effects.contact is not None)
+        if output.quantity == TOUCH and name in file.readings:
+            raise SceneError(f"outputs.{name}: the name is taken by readings.{name}")
         if output.markers is not None and file.effects.large_deformation is not None:
             raise SceneError(
                 f"outputs.{name}.markers: are for small turns; allowed with large_deformation are readings of quantity "

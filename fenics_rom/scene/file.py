@@ -20,6 +20,7 @@ from fenics_rom.io.units import QUANTITIES
 from fenics_rom.mechanics.environment import AppliedLoad, Run
 from fenics_rom.mechanics.initial_state import ZERO, InitialState, Instant
 from fenics_rom.mechanics.load_history import check_pull
+from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.scene.consistency import check_consistency, check_load, check_meshes, check_paths, check_pushes
 from fenics_rom.scene.effect_table import ACTUATORS
 from fenics_rom.scene.effects import Effects
@@ -135,8 +136,8 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
         rigid=file.supports.rigid,
         contacts={name: patch.joined(file.contacts) for name, patch in file.contacts.items()},
         actuators=file.actuators,
-        outputs=file.outputs,
-        readings=file.readings,
+        outputs={name: entry.displacement for name, entry in file.outputs.items() if entry.quantity != TOUCH},
+        readings={**file.readings, **{name: entry for name, entry in file.outputs.items() if entry.quantity == TOUCH}},
         effects=file.effects,
         reduction=file.reduction,
         run=_run(file, folder),

@@ -7,8 +7,9 @@ from typing import Annotated, ClassVar
 from fenics_rom.mechanics.environment import DETAILS, FRAMES
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import Angle, Effects, constant_signal
+from fenics_rom.scene.outputs import OutputEntry
 from fenics_rom.scene.places import Held, Patch, PlaceItem
-from fenics_rom.scene.scene import INTEGRATIONS, Elasticity, Material, Output, ReadingEntry, Reduction
+from fenics_rom.scene.scene import INTEGRATIONS, Elasticity, Material, ReadingEntry, Reduction
 from fenics_rom.scene.values import Flag, Items, Metres, Name, Number, Table, Text
 
 Group = Annotated[int, Number(integer=True, at_least=0)]
@@ -155,7 +156,8 @@ class SceneFile:
         default_factory=dict
     )
     outputs: Annotated[
-        Mapping[Name, Output], "displacements of points and surfaces by name: what runs, plots and comparisons show"
+        Mapping[Name, OutputEntry],
+        "displacements of points and surfaces, and what surfaces feel, by name: what runs, plots and comparisons show",
     ] = field(default_factory=dict)
     readings: Annotated[
         Mapping[Name, ReadingEntry],

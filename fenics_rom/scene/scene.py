@@ -14,8 +14,10 @@ import numpy as np
 from fenics_rom.errors import SceneError, check_known
 from fenics_rom.mechanics.environment import SWITCHINGS, Environment, Run
 from fenics_rom.mechanics.readings import READING_UNITS
+from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.scene.effects import Effects
 from fenics_rom.scene.environment import as_text, environment_of
+from fenics_rom.scene.outputs import Output, OutputEntry
 from fenics_rom.scene.places import PIECES, CellPlace, Held, Patch, Place, given_piece, only_name
 from fenics_rom.scene.values import Items, Number, OneOrByName, Point, Text
 
@@ -47,19 +49,6 @@ class Material(CellPlace, Elasticity):
     """Isotropic linear elastic material of some cells."""
 
 
-@dataclass(frozen=True)
-class Output(Place):
-    """Displacements that are read often: of points or markers, or the mean over a piece of the surface."""
-
-    ONE_OF = (("points", "markers", *PIECES),)
-    points: Annotated[tuple[Point, ...] | None, Items(at_least=1), "material points of the body"] = None
-    markers: Annotated[
-        tuple[Point, ...] | None,
-        Items(at_least=1),
-        "middles of markers off the surface, each rigidly on the triangle that is nearest; for small turns",
-    ] = None
-
-
 @dataclass(frozen=True, kw_only=True)
 class ReadingEntry(Place):
     """What is read beside outputs, at every instant that a run keeps; strain and stress of a place, or everywhere."""
@@ -68,7 +57,7 @@ class ReadingEntry(Place):
     AT_MOST_ONE: ClassVar = ("of", *PIECES)
     quantity: Annotated[
         str,
-        Text(choices=tuple(READING_UNITS)),
+        Text(choices=tuple(name for name in READING_UNITS if name != TOUCH)),
         '"length" of a tendon, "volume" of a chamber, "contact_pressure" at the nodes of a contact mode, "strain" (xx, '
         'yy, zz, yz, xz, xy) or "von_mises_stress" in the middle of each surface triangle (at degree 2 of each of its '
         'four parts), in the cell that adjoins it; "stress" at points: xx, yy, zz, yz, xz, xy, three principal ones '
@@ -136,6 +125,8 @@ class Scene:
         clamped: places that do not move.
         held: places that do not move, or do not move along a normal.
         rigid: surfaces that move as rigid bodies do.
+        outputs: displacements that are read by name.
+        readings: what else is, a sense of touch among them (`scene.outputs.OutputEntry`).
         text: of the file.
         tables: by the names of their files: time in s and what it is a signal of, (times, 1 + columns).
         source: for messages.
@@ -162,7 +153,7 @@ class Scene:
     contacts: Mapping[str, Patch]
     actuators: Mapping[str, Patch]
     outputs: Mapping[str, Output]
-    readings: Mapping[str, ReadingEntry]
+    readings: Mapping[str, ReadingEntry | OutputEntry]
     effects: Effects
     reduction: Reduction
     run: Run | None
@@ -182,13 +173,20 @@ class Scene:
         """What acts on the body in a run, and what a model of it has built in, which runs cannot change."""
         environment = environment_of(self.effects, self.frame, self.run, self.source)
         records: dict[str, Any] = {f"materials.{name}": material for name, material in self.materials.items()}
-        records |= {f"readings.{name}": entry for name, entry in self.readings.items()}
-        records |= {place: getattr(self, place) for place in ("contacts", "actuators", "outputs")}
+        records |= {f"readings.{name}": entry for name, entry in self.read["readings"].items()}
+        records |= {"contacts": self.contacts, "actuators": self.actuators, "outputs": self.read["outputs"]}
         clamped, rigid = (sorted(map(only_name, places), key=as_text) for places in (self.clamped, self.rigid))
         records["supports"] = {"clamped": clamped, "held": self.held} | ({"rigid": rigid} if rigid else {})
         built_in = {place: as_text(record) for place, record in records.items()}
         built_in["mesh"] = as_text(self._mesh)
         return replace(environment, built_in={**environment.built_in, **built_in}).with_bars(self.bars)
+
+    @property
+    def read(self) -> dict[str, dict[str, Any]]:
+        """Outputs and readings by name, where the file has them: a sense of touch is an output there."""
+        touch = {name: entry for name, entry in self.readings.items() if entry.quantity == TOUCH}
+        others = {name: entry for name, entry in self.readings.items() if name not in touch}
+        return {"outputs": {**self.outputs, **touch}, "readings": others}
 
     @property
     def _mesh(self) -> dict[str, Any]:

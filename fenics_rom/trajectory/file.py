@@ -25,8 +25,10 @@ shapes, N nodes, F triangles, P points of an output.
     inputs/NAME (S, w)               N, Pa, m, m3, m/s2 or 1; in the step that led to each instant; absent if always 0
     readings/NAME/                   absent where nothing is read; attribute `quantity`
         values                       of length (S,) m, volume (S,) m3, contact_pressure (S, n) Pa, strain (S, G, 6),
-                                     von_mises_stress (S, G) Pa, stress (S, p, 11) Pa, marker (S, 3) m
-        nodes (n,), triangles (G,), points (p, 3) m     where; one of them, or none
+                                     von_mises_stress (S, G) Pa, stress (S, p, 11) Pa, marker (S, 3) m; of touch
+                                     (S, V), see mechanics.touch
+        nodes (n,), triangles (G,), points (p, 3) m     where; one of them, or none; of touch the group taxels: see
+                                                        io.taxel_map
     tendons/NAME (K, 3) m            points of the body at rest that it leads through; absent where there are none
     pose (S, 7) m and 1              of a moving frame: position, quaternion w x y z; absent in a fixed one, as are
     base_wrench (S, 6) N and N m     force and torque that the base exerts on a carried body

@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.errors import StepError
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.mechanics.readings import (
     READING_UNITS,
@@ -17,6 +19,7 @@ from fenics_rom.mechanics.readings import (
     SurfaceReading,
     principal_size,
 )
+from fenics_rom.mechanics.touch import TOUCH, TaxelMap, TouchReading, TouchState, unpacked
 
 
 @dataclass(frozen=True)
@@ -35,10 +38,11 @@ class ReadingSeries:
         quantity: one of `mechanics.readings.READING_UNITS`, which has its unit.
         values: of a length or volume (S,), of contact pressure (S, s) at nodes, of von Mises stress (S, P) and of
             strain (S, P, 6) in the middle of surface triangles, of stress at points (S, G, 11), whose parts are
-            `mechanics.readings.STRESS_PARTS`, of a marker (S, 3).
+            `mechanics.readings.STRESS_PARTS`, of a marker (S, 3), of touch (S, V), which `touch` takes apart.
         nodes: (s,) which of the body's.
         triangles: (P,) which of the body's.
         points: (G, 3) at rest, m.
+        taxels: of touch.
     """
 
     quantity: str
@@ -46,11 +50,23 @@ class ReadingSeries:
     nodes: Array = field(default_factory=lambda: np.empty(0, dtype=int))
     triangles: Array = field(default_factory=lambda: np.empty(0, dtype=int))
     points: Array = field(default_factory=lambda: np.empty((0, 3)))
+    taxels: TaxelMap | None = None
+
+    @property
+    def touch(self) -> TouchState:
+        """Of touch: what was felt at each instant.
+
+        Raises:
+            StepError: it is another reading.
+        """
+        if self.taxels is None:
+            raise StepError(f"a reading of {READING_WORDS[self.quantity]} is no sense of touch")
+        return unpacked(self.values, self.taxels.grid)
 
     @property
     def unit(self) -> str:
-        """Of the values."""
-        return READING_UNITS[self.quantity]
+        """Of the values; of touch that of the normal force."""
+        return "N" if self.quantity == TOUCH else READING_UNITS[self.quantity]
 
     def at(self, instant: int) -> "ReadingSeries":
         """Of one instant."""
@@ -65,24 +81,37 @@ class ReadingSeries:
         if self.quantity == "stress":
             von_mises: Array = self.values[:, :, VON_MISES]
             return von_mises
+        if self.quantity == TOUCH:
+            return self.touch.normal_force
         if self.quantity == "marker":
             lengths: Array = np.linalg.norm(self.values, axis=1)
             return lengths
         return principal_size(self.values) if self.quantity == "strain" else self.values
 
     @property
+    def on_surface(self) -> Array:
+        """`sizes` at nodes or triangles, (S, places); of touch the pressures of taxels on triangles, Pa, (S, G)."""
+        if self.taxels is None:
+            return self.sizes
+        return self.taxels.on_triangles(self.touch.pressures)
+
+    @property
     def words(self) -> str:
         """What `sizes` are."""
+        if self.quantity == TOUCH:
+            return "normal force of touch"
         return {"strain": "largest principal ", "stress": "von Mises "}.get(self.quantity, "") + READING_WORDS[
             self.quantity
         ]
 
     @property
     def by_point(self) -> Array:
-        """The values, (S, points, components).
+        """The values, (S, points, components); of touch forces.
 
         Of a strain, and of stress at points, all nine of the tensor, whose length no choice of axes changes.
         """
+        if self.quantity == TOUCH:
+            return self.touch.force[:, None]
         values = self.values[..., VOIGT_INDEX] if self.quantity in ("strain", "stress") else self.values
         points = max(len(self.nodes), len(self.triangles), len(self.points), 1)
         return values.reshape(len(values), points, -1)
@@ -97,13 +126,15 @@ FRAME_SERIES = {  # of a moving frame: what each array of a trajectory consists 
 
 def reading_series(reading: Reading, values: Array) -> ReadingSeries:
     """What a run keeps of a reading."""
-    places = {}
+    places: dict[str, Any] = {}
     if isinstance(reading, ContactPressure):
         places = {"nodes": reading.nodes}
     elif isinstance(reading, SurfaceReading):
         places = {"triangles": reading.triangles}
     elif isinstance(reading, StressReading):
         places = {"points": reading.points}
+    elif isinstance(reading, TouchReading):
+        places = {"taxels": reading.map}
     return ReadingSeries(reading.quantity, values, **places)
 
 

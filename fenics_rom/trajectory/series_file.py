@@ -6,7 +6,9 @@ import h5py
 
 from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.hdf5 import Entry, Sizes, check_names, get_arrays, get_group, get_text, put_arrays, put_text
+from fenics_rom.io.taxel_map import TAXELS, check_shares
 from fenics_rom.mechanics.readings import READING_UNITS, STRESS_PARTS
+from fenics_rom.mechanics.touch import HEAD, OF_PATCH, TOUCH, TaxelMap
 from fenics_rom.trajectory.series import ReadingSeries, Series
 from fenics_rom.trajectory.trajectory import Trajectory
 
@@ -19,6 +21,7 @@ SHAPES: dict[str, tuple[str | int, ...]] = {
     "von_mises_stress": ("G",),
     "stress": ("p", len(STRESS_PARTS)),
     "marker": (3,),
+    TOUCH: ("V",),
 }
 PLACES = {
     "n": {"nodes": Entry("1", ("n",), "i")},
@@ -44,6 +47,8 @@ def put_series(h5: h5py.File, run: Trajectory, sizes: Sizes) -> None:
             group = readings.create_group(name, track_order=True)
             put_text(group, quantity=reading.quantity)
             put_arrays(group, _reading_table(reading.quantity), {"S": sizes["S"]}, vars(reading))
+            if reading.taxels is not None:
+                put_arrays(group.create_group("taxels", track_order=True), TAXELS, {}, reading.taxels._asdict())
 
 
 def take_series(h5: h5py.File, sizes: Sizes) -> tuple[dict[str, Series], dict[str, ReadingSeries]]:
@@ -61,7 +66,11 @@ def take_series(h5: h5py.File, sizes: Sizes) -> tuple[dict[str, Series], dict[st
         input_series[name] = Series(arrays[name], unit)
     for name in readings:
         quantity = get_text(group := get_group(readings, name), "quantity")
-        arrays = get_arrays(group, _reading_table(quantity), {"S": sizes["S"]})
+        further = ("taxels",) if quantity == TOUCH else ()
+        arrays = get_arrays(group, _reading_table(quantity), {"S": sizes["S"]}, further)
+        if further:
+            taxels: Any = get_arrays(get_group(group, "taxels"), TAXELS, {})
+            arrays["taxels"] = TaxelMap(**taxels)
         reading_series[name] = ReadingSeries(quantity, **arrays)
     return input_series, reading_series
 
@@ -89,3 +98,8 @@ def check_series(run: Trajectory) -> None:
             numbers = getattr(reading, what)
             if numbers.size and not 0 <= numbers.min() <= numbers.max() < count:
                 raise FileError(f"/readings/{name}/{what}: allowed are numbers below {count}")
+        if reading.taxels is not None:
+            check_shares(f"/readings/{name}/taxels", reading.taxels._asdict(), len(run.triangles))
+            length, taxels = reading.values.shape[1], len(reading.taxels.areas)
+            if length < taxels + HEAD + OF_PATCH or (length - taxels - HEAD) % OF_PATCH:
+                raise FileError(f"/readings/{name}/values: {length} numbers are none of touch with {taxels} taxels")

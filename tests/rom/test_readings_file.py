@@ -26,6 +26,8 @@ READINGS = {
     "readings.corner": 'quantity = "stress"\npoints = [[0.5, 0.2, 0.1], [0.7, 0.4, 0.3]]',
     "readings.ball": 'quantity = "marker"\npoint = [0.5, 0.2, 0.32]',
     "readings.gauge": 'quantity = "strain"\nnear = { point = [0.5, 0.2, 0.3], radius = 0.2 }',
+    "outputs.skin": 'quantity = "touch"\nsurface = "bottom"\ntaxels = { rows = 2, columns = 3 }\n'
+    "sensor = { rate = 50.0, force_noise = 0.1, seed = 4 }",
 }
 
 
@@ -46,7 +48,7 @@ def rom_file(tmp_path, rom):
 
 def test_readings_are_read_to_the_last_bit(rom, rom_file):
     again = fr.read_rom(rom_file)
-    assert list(again.readings) == ["cable", "sole", "stress", "corner", "ball", "gauge"]
+    assert list(again.readings) == ["cable", "sole", "stress", "corner", "ball", "gauge", "skin"]
     assert same(again, rom)
     bodies = [fr.Simulator(each, dt=0.01) for each in (rom, again)]
     for body in bodies:
@@ -78,6 +80,15 @@ LIES = {
     "/readings/sole/facets: allowed are some numbers below 15": put("readings/sole/facets", lambda there: there + 1),
     "/readings/sole: a node has no facets": put("readings/sole/facets", lambda there: 0 * there),
     "/readings/ball/tangents: are not orthonormal": put("readings/ball/tangents", lambda there: 2 * there),
+    "/readings/skin/nodes: allowed are some numbers below": put("readings/skin/nodes", lambda there: there + 10**6),
+    "/readings/skin: facets have 3 or 6 nodes and an area": put("readings/skin/areas", lambda there: -there),
+    "/readings/skin/shares: those of a node have not the sum 1": put("readings/skin/shares", lambda there: 2 * there),
+    "/readings/skin/map/grid: 2 x 2 taxels, of which there are 6": put("readings/skin/map/grid", [2, 2]),
+    "/readings/skin/map/triangles: allowed are numbers below 80": put(
+        "readings/skin/map/triangles", lambda there: there + 80
+    ),
+    "/readings/skin/sensor/rate is missing": without("readings/skin/sensor/rate"),
+    "/readings/skin/sensor: allowed are numbers >= 0": put("readings/skin/sensor/rate", [-1.0]),
     "/readings/sole: no contact mode 'soul'": lambda h5: says(of="soul")(h5["readings/sole"]),
 }
 

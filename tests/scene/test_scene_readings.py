@@ -26,6 +26,52 @@ def test_a_reading_is_of_a_name_or_of_a_place():
     assert scene_of('quantity = "strain"').readings["one"].place is None
 
 
+CONTACT = '[effects.contact.obstacles.floor]\nshape = "half-space"\npoint = [0, 0, -1]\nnormal = [0, 0, 1]'
+TOUCH = 'quantity = "touch"\nsurface = "top"\n'
+
+
+def touch_of(touch, effects=CONTACT, **others):
+    return acted_on("box.msh", effects, **{"outputs.skin": touch}, **others)
+
+
+def test_touch_is_an_output_of_the_file_and_a_reading_of_the_scene():
+    taxels, sensor = "taxels = { rows = 3, columns = 2 }\n", "sensor = { rate = 100.0, pressure_noise = 5.0 }"
+    scene = touch_of(TOUCH + taxels + sensor)
+    entry = scene.readings["skin"]
+    assert (entry.surface, entry.taxels.rows, entry.taxels.columns, entry.patches) == ("top", 3, 2, 4)
+    assert (entry.sensor.rate, entry.sensor.pressure_noise, entry.sensor.delay) == (100.0, 5.0, 0.0)
+    assert "skin" not in scene.outputs
+    assert '"sensor"' in scene.environment.built_in["outputs"]
+
+
+UNFELT = {
+    "points = [[0, 0, 0]]\npatches = 2": r"outputs.skin.patches: goes with quantity = 'touch'",
+    'surface = "top"\ntaxels = { rows = 2, columns = 2 }': r"outputs.skin.taxels: goes with quantity = 'touch'",
+    'quantity = "touch"\npoints = [[0, 0, 0]]': r"outputs.skin.points: touch is of a piece of the surface; allowed is",
+    'quantity = "tuch"\nsurface = "top"': r"outputs.skin.quantity: no choice 'tuch'.* did you mean 'touch'",
+    TOUCH + "taxels = { rows = 2 }": r"outputs.skin.taxels: columns is missing",
+    TOUCH
+    + "taxels = { rows = 100, columns = 100 }": r"outputs.skin.taxels: 100 x 100 are 10000 taxels; allowed are 4096",
+    TOUCH
+    + "taxels = { rows = 2, columns = 2, along = [0, 0, 0] }": r"outputs.skin.taxels.along: allowed is any but zero",
+    TOUCH + "sensor = {}": r"outputs.skin.sensor: adds nothing; give one of rate, delay, pressure_noise",
+    TOUCH + "sensor = { delay = 1.0, seed = 2 }": r"outputs.skin.sensor.seed: goes with noise, of which there is none",
+    TOUCH + "sensor = { pressure_step = 1.0 }": r"outputs.skin.sensor.pressure_step: goes with taxels",
+    TOUCH + '[readings.skin]\nquantity = "strain"': r"outputs.skin: the name is taken by readings.skin",
+}
+
+
+@pytest.mark.parametrize(("touch", "message"), UNFELT.items(), ids=UNFELT.values())
+def test_what_cannot_be_felt_is_told(touch, message):
+    with pytest.raises(SceneError, match=message):
+        touch_of(touch)
+
+
+def test_touch_means_nothing_without_contact():
+    with pytest.raises(SceneError, match=r"outputs.skin: touch means nothing without contact; name effects.contact"):
+        touch_of(TOUCH, effects=EFFECTS)
+
+
 MISTAKES = {
     'quantity = "lenght"\nof = "cable"': r"readings.one.quantity: no choice 'lenght'.* did you mean 'length'",
     'of = "cable"': r"readings.one: quantity is missing",

@@ -30,12 +30,16 @@ def test_example_reads_and_names_every_effect():
 
 
 def test_example_of_places_reads():
-    example = INTRODUCTION.read_text().partition("```toml\n")[2].partition("```")[0]
+    example, touch = (part.partition("```")[0] for part in INTRODUCTION.read_text().split("```toml\n")[1:])
     others = "[mesh]\nfile = 'a.msh'\n[contacts.all]\ninner = false\n[effects]\ninertia = {}\n[materials.core]\n"
     scene = parse_scene(f"{others}cells = 'core'\nyoung = 1\npoisson = 0\ndensity = 1\n{example}")
     assert [given_piece(place) for place in (*scene.clamped, *scene.held)] == ["surface", "box", "along"]
     assert given_piece(scene.effects.pressure["air"]) == "all"
     assert given_piece(scene.materials["skin"]) == "none"
+    floor = "[effects.contact.obstacles.floor]\nshape = 'half-space'\npoint = [0, 0, -1]\nnormal = [0, 0, 1]\n"
+    solid = "[material]\nyoung = 1\npoisson = 0\ndensity = 1\n"
+    felt = parse_scene(f"{others.partition('[materials')[0]}{floor}{solid}{touch}").readings["pad"]
+    assert (felt.taxels.columns, felt.sensor.pressure_step) == (6, 20.0)
 
 
 def test_example_of_a_world_reads():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from bodies import acted_on
 from matplotlib.figure import Figure
+from rom_files import put, refusal, same, tampered, without
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
@@ -40,6 +41,7 @@ READINGS = {
     "readings.strain": 'quantity = "strain"\nof = "back"',
     "readings.corner": 'quantity = "stress"\npoints = [[0.5, 0.2, 0.1], [0.7, 0.4, 0.3]]',
     "readings.ball": 'quantity = "marker"\npoint = [1.0, 0.2, 0.4]',
+    "outputs.skin": 'quantity = "touch"\nsurface = "bottom"\ntaxels = { rows = 2, columns = 4 }',
 }
 RUN = 'dt = 0.01\nduration = 0.1\nsnapshots = 2\nload = [{ actuator = "cable", start = 0.05, force = [50.0] }]'
 
@@ -76,7 +78,8 @@ def test_inputs_that_change_and_all_readings_have_panels(run):
     panels = run_panels({"run": run})
     assert list(panels) == [
         *("energy", "forces", "input_cable"),
-        *(f"reading_{name}" for name in ("cable", "sole", "stress", "strain", "corner", "ball")),
+        *(f"reading_{name}" for name in ("cable", "sole", "stress", "strain", "corner", "ball", "skin")),
+        *("taxels_skin", "slip_skin"),
     ]
     axes, (values,) = lines(panels["input_cable"])
     assert axes.get_ylabel() == "input (N)"
@@ -98,6 +101,17 @@ def test_inputs_that_change_and_all_readings_have_panels(run):
     axes, drawn = lines(panels["reading_ball"])
     assert axes.get_ylabel() == "displacement of a marker (µm)"
     np.testing.assert_allclose(np.transpose(drawn), 1e6 * run.readings["ball"].values)
+    touch = run.readings["skin"].touch
+    _, drawn = lines(panels["reading_skin"])
+    np.testing.assert_allclose(np.transpose(drawn) / np.abs(drawn).max(), touch.force / np.abs(touch.force).max())
+    _, drawn = lines(panels["slip_skin"])
+    pressed = touch.normal_force > 0
+    np.testing.assert_array_equal(np.isnan(drawn[0]), ~pressed)
+    np.testing.assert_array_equal(drawn[0][pressed], touch.patches.margin[pressed, 0])
+    figure = Figure()
+    panels["taxels_skin"](figure)
+    shown, peak = np.asarray(figure.axes[0].images[0].get_array()), touch.pressures[touch.normal_force.argmax()]
+    np.testing.assert_allclose(shown / shown.max(), peak / peak.max())
 
 
 def test_files_for_paraview_hold_inputs_and_readings(run, tmp_path):
@@ -114,6 +128,12 @@ def test_files_for_paraview_hold_inputs_and_readings(run, tmp_path):
         np.testing.assert_array_equal(grid.cell_data["reading.stress"], run.readings["stress"].values[row])
         np.testing.assert_array_equal(grid.field_data["reading.corner"], run.readings["corner"].values[row])
         np.testing.assert_array_equal(grid.field_data["reading.ball"], run.readings["ball"].values[row])
+        skin, touch = run.readings["skin"], run.readings["skin"].touch
+        np.testing.assert_array_equal(grid.field_data["reading.skin.force"], touch.force[row])
+        np.testing.assert_array_equal(grid.field_data["reading.skin.patches.margin"], touch.patches.margin[row])
+        pressures = grid.cell_data["reading.skin"]
+        assert np.isnan(pressures).sum() == len(run.triangles) - len(skin.taxels.triangles)
+        np.testing.assert_array_equal(pressures[skin.taxels.triangles], skin.taxels.on_triangles(touch.pressures[row]))
         sole, back = run.readings["sole"], run.readings["strain"]
         pressure = grid.point_data["reading.sole"]
         np.testing.assert_array_equal(pressure[sole.nodes], sole.values[row])
@@ -130,7 +150,12 @@ def test_colours_are_the_readings_where_they_are_read(run):
         "reading sole": "Pa",
         "reading stress": "Pa",
         "reading strain": "%",
+        "reading skin": "Pa",
     }
+    skin, felt = run.readings["skin"].at(10), run.readings["skin"].touch.pressures[10]
+    triangles = np.zeros(len(run.triangles))
+    triangles[skin.taxels.triangles] = skin.taxels.on_triangles(felt)
+    np.testing.assert_allclose(fields["reading skin"](skin.on_surface[0]), surface.of_triangles(triangles))
     stress = run.readings["stress"].at(10).sizes[0]
     np.testing.assert_allclose(fields["reading stress"](stress), surface.of_triangles(stress), rtol=1e-15)
     strain = run.readings["strain"].at(10)
@@ -145,6 +170,27 @@ def test_colours_are_the_readings_where_they_are_read(run):
     np.testing.assert_allclose(fields["reading sole"](even)[surface.faces[touched]], 1.0)
 
 
+def test_touch_is_kept_in_runs_and_is_what_obstacles_do(run, tmp_path):
+    fr.write_trajectory(tmp_path / "run.h5", run)
+    read = fr.read_trajectory(tmp_path / "run.h5").readings["skin"]
+    assert same(read, run.readings["skin"])
+    force = run.forces["floor"]
+    np.testing.assert_allclose(read.touch.force, force, atol=1e-13 * np.abs(force).max())
+    for message, lie in {
+        "/readings/skin/taxels/taxels: allowed are numbers below 8": put("readings/skin/taxels/taxels", _more),
+        "/readings/skin/values: 59 numbers are none of touch with 8 taxels": put(
+            "readings/skin/values", lambda there: there[:, 1:]
+        ),
+        "/readings/skin/taxels is missing": without("readings/skin/taxels"),
+    }.items():
+        fr.write_trajectory(tmp_path / "run.h5", run)
+        assert message in refusal(fr.read_trajectory, tampered(tmp_path / "run.h5", lie))
+
+
+def _more(numbers):
+    return numbers + 8
+
+
 def test_page_of_a_run_colours_by_readings_and_tells_lengths(run, viser_server):
     viser = optional_dependencies.viser_package()
     page = RunPage(viser, [run, run], ["one", "other"]).show_on(viser_server)
@@ -152,6 +198,7 @@ def test_page_of_a_run_colours_by_readings_and_tells_lengths(run, viser_server):
     page._draw(1)
     assert "reading stress up to" in page._status.content
     assert f"cable: {1e3 * run.readings['cable'].values[10]:.5g} mm" in page._status.content
+    assert re.search(r"skin: \S+ .?N on \S+ mm², margin to slip 0 %", page._status.content)
 
 
 def test_readings_of_another_instant_than_the_shape_are_told(run, viser_server):

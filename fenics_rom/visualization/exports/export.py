@@ -15,6 +15,7 @@ from fenics_rom.io.given import object_or_file
 from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.obstacle_poses import with_turns
+from fenics_rom.mechanics.touch import TouchState
 from fenics_rom.rom.file import ROM_FILE
 from fenics_rom.rom.rom import Rom
 from fenics_rom.trajectory.elastic_part import deformation
@@ -225,7 +226,12 @@ def _fields(run: Trajectory, row: int, touch: ContactFields | None = None) -> Fi
     whole |= {name: series.values[instant] for name, series in run.frame_series.items()}
     for name, reading in run.readings.items():
         values, key = reading.values[instant], f"reading.{name}"
-        if reading.quantity == "contact_pressure":
+        if reading.taxels is not None:
+            whole |= _felt(reading.at(instant).touch, key)
+            if len(reading.taxels.triangles):
+                pressures = reading.at(instant).on_surface[0]
+                on_triangles[key] = _spread(pressures, reading.taxels.triangles, len(run.triangles))
+        elif reading.quantity == "contact_pressure":
             on_nodes[key] = _spread(values, reading.nodes, len(run.nodes))
         elif not len(reading.triangles):
             whole[key] = np.atleast_1d(values)
@@ -233,6 +239,13 @@ def _fields(run: Trajectory, row: int, touch: ContactFields | None = None) -> Fi
             ordered = values[:, VTK_COMPONENTS] if reading.quantity == "strain" else values
             on_triangles[key] = _spread(ordered, reading.triangles, len(run.triangles))
     return Fields(on_nodes, on_triangles, whole)
+
+
+def _felt(felt: TouchState, key: str) -> dict[str, Array]:
+    """What a sense of touch tells of an instant on the whole, and of patches, by names."""
+    others = {name: of for name, of in felt._asdict().items() if name not in ("patches", "pressures")}
+    parts = others | {f"patches.{name}": of for name, of in felt.patches._asdict().items()}
+    return {f"{key}.{name}": of[0] if of[0].ndim else of for name, of in parts.items()}
 
 
 def _spread(values: Array, places: Array, count: int) -> Array:

@@ -10,9 +10,11 @@ from numpy import ndarray as Array
 from fenics_rom.io.units import prefixed
 from fenics_rom.mechanics.base_path import with_nearest_signs
 from fenics_rom.mechanics.readings import COMPONENTS, READING_WORDS
+from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.trajectory.series import FRAME_SERIES
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.figure import DASHES, Panel
+from fenics_rom.visualization.plots.touch import touch_panels
 
 Runs = Mapping[str, Trajectory]
 
@@ -53,7 +55,8 @@ def run_panels(runs: Runs) -> dict[str, Panel]:
     frames = dict.fromkeys(name for run in runs.values() for name in run.frame_series)
     panels |= {name.replace(" ", "_"): partial(_draw_frame, runs=runs, name=name) for name in frames}
     readings = dict.fromkeys(name for run in runs.values() for name in run.readings)
-    return panels | {f"reading_{name}": partial(_draw_reading, runs=runs, name=name) for name in readings}
+    panels |= {f"reading_{name}": partial(_draw_reading, runs=runs, name=name) for name in readings}
+    return panels | touch_panels(runs)
 
 
 def _draw_energy(figure: Any, runs: Runs) -> None:
@@ -134,17 +137,20 @@ def _draw_frame(figure: Any, runs: Runs, name: str) -> None:
 
 
 def _draw_reading(figure: Any, runs: Runs, name: str) -> None:
-    """A reading; of strain the largest principal one at each place; of a marker, and of stress, all components."""
+    """A reading; of strain the largest principal one at each place; of a marker, stress and touch's force all."""
     shown = {label: run for label, run in runs.items() if name in run.readings}
     readings = [run.readings[name] for run in shown.values()]
-    components: Sequence[str] = {"marker": "xyz", "stress": COMPONENTS}.get(readings[0].quantity, "")
+    components: Sequence[str] = {"marker": "xyz", "stress": COMPONENTS, TOUCH: "xyz"}.get(readings[0].quantity, "")
     values = [
-        reading.values.reshape(len(reading.values), -1, reading.values.shape[-1])[:, :, : len(components)]
+        reading.by_point
+        if reading.quantity == TOUCH
+        else reading.values.reshape(len(reading.values), -1, reading.values.shape[-1])[:, :, : len(components)]
         if components
         else reading.sizes.reshape(len(reading.values), -1, 1)
         for reading in readings
     ]
     words = READING_WORDS[readings[0].quantity] if components else readings[0].words
+    words = "force" if readings[0].quantity == TOUCH else words
     _draw_values(figure, shown, values, readings[0].unit, components, words, f"reading {name}")
 
 

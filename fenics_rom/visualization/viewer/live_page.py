@@ -10,6 +10,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomError
+from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.trajectory.elastic_part import elastic_part
 from fenics_rom.trajectory.file import write_trajectory
 from fenics_rom.trajectory.trajectory import Trajectory
@@ -172,7 +173,7 @@ class LivePage(LiveLoop):
             values = self._surface.of_nodes(pressure, simulator.contact_surface.touchable)
         elif name in self._readings:
             field = self._readings[name]
-            values, unit = field(self.body.reading(name.removeprefix(READING)).sizes[0]), field.unit
+            values, unit = field(self.body.reading(name.removeprefix(READING)).on_surface[0]), field.unit
         else:
             values, unit = self._fields[name](self._straining(whole), velocity), UNITS[name]
         largest = self._colours.cover(float(values.max()), unit)
@@ -193,7 +194,8 @@ class LivePage(LiveLoop):
         lines += error_words(body.simulator.stated_errors)
         if exceeded := body.simulator.exceeded:
             lines.append(f"**beyond its error tolerance** since {exceeded.time:.3g} s")
-        numbers = [name for name, reading in body.rom.readings.items() if reading.quantity in OFF_SURFACE]
+        told = (*OFF_SURFACE, TOUCH)
+        numbers = [name for name, reading in body.rom.readings.items() if reading.quantity in told]
         lines += reading_words({name: body.reading(name) for name in numbers}, 0)
         units = body.rom.environment.force_units
         return lines + [

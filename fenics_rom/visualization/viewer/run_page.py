@@ -205,7 +205,7 @@ class RunPage:
             values = [self._surface.of_nodes(np.linalg.norm(shapes[0] - shapes[1], axis=1))] * 2
         elif name in self._readings:
             kept = [run.readings[name.removeprefix(READING)] for run in self._runs]
-            sizes = [reading.at(k).sizes[0] for reading, k in zip(kept, self._instants(row), strict=True)]
+            sizes = [reading.at(k).on_surface[0] for reading, k in zip(kept, self._instants(row), strict=True)]
             values = [self._readings[name](of_run) for of_run in sizes]
         else:
             values = [self._fields[name](shape, shape) for shape in map(self._straining, self._runs, wholes)]

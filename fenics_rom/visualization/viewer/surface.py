@@ -8,6 +8,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.linearity import triangle_frames
+from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.trajectory.series import ReadingSeries
 from fenics_rom.visualization.viewer.colours import with_unit
 
@@ -15,7 +16,7 @@ from fenics_rom.visualization.viewer.colours import with_unit
 SurfaceField = Callable[[Array, Array], Array]
 
 READING = "reading "  # before the name of one, among the fields
-OFF_SURFACE = ("length", "volume", "stress", "marker")  # readings that are said in words
+OFF_SURFACE = ("length", "volume", "stress", "marker")  # readings that are said in words alone
 CONTACT_PRESSURE = "contact pressure"
 UNITS = {"displacement": "m", "speed": "m/s", "strain": "%", "energy density": "J/m³", CONTACT_PRESSURE: "Pa"}
 CREASE = math.radians(35)  # between triangles that turn by more, light and colours have an edge
@@ -162,6 +163,8 @@ class ReadingField:
     def __init__(self, surface: Surface, reading: ReadingSeries):
         self._surface, self._nodes, self._triangles = surface, reading.nodes, reading.triangles
         self._factor, self.unit = (100.0, "%") if reading.quantity == "strain" else (1.0, reading.unit)
+        if reading.taxels is not None:
+            self._triangles, self.unit = reading.taxels.triangles, "Pa"
 
     def __call__(self, sizes: Array) -> Array:
         """Values at all vertices, (V,), from those at the reading's places; 0 where nothing is read."""
@@ -179,14 +182,23 @@ def reading_fields(surface: Surface, readings: Mapping[str, ReadingSeries]) -> d
     return {
         READING + name: ReadingField(surface, reading)
         for name, reading in readings.items()
-        if reading.quantity not in OFF_SURFACE
+        if reading.quantity not in OFF_SURFACE and (reading.taxels is None or len(reading.taxels.triangles))
     }
 
 
 def reading_words(readings: Mapping[str, ReadingSeries], instant: int) -> list[str]:
-    """Lengths and volumes, as flexor: 98.231 mm, how far markers are displaced, and the largest von Mises stress."""
-    return [
-        f"{name}: {with_unit(float(reading.sizes[instant].max()), reading.unit, digits=5)}"
-        for name, reading in readings.items()
-        if reading.quantity in OFF_SURFACE
-    ]
+    """Lengths and volumes, as flexor: 98.231 mm, how far markers are displaced, and the largest von Mises stress.
+
+    Of touch the normal force, the area of contact, and the margin to slip of the patch that presses most.
+    """
+    words = []
+    for name, reading in readings.items():
+        if reading.quantity == TOUCH:
+            felt = reading.at(instant).touch
+            words.append(
+                f"{name}: {with_unit(float(felt.normal_force[0]), 'N')} on {1e6 * felt.area[0]:.3g} mm², "
+                f"margin to slip {100 * felt.patches.margin[0, 0]:.0f} %"
+            )
+        elif reading.quantity in OFF_SURFACE:
+            words.append(f"{name}: {with_unit(float(reading.sizes[instant].max()), reading.unit, digits=5)}")
+    return words

@@ -1,0 +1,186 @@
+"""A sense of touch in motion: forces, torque and slip are those of contact, and sensors show them as they say."""
+
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+from pads import RUBS, UP, L, pad_scene
+
+import fenics_rom as fr
+from fenics_rom.errors import StepError
+from fenics_rom.fem.simulator import FullOrderSimulator
+
+pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+FRICTION, FOUND = 0.4, 1e-9  # of velocities that contact stops, to which its forces are found
+ROUND_OFF = 1e-12  # of sums of some 100 numbers, of their sizes
+DT, STEPS = 1e-3, 40
+TOUCH = 'quantity = "touch"\nsurface = "top"\ntaxels = { rows = 4, columns = 5 }\n'
+RATE, DELAY, COUNTED = 100.0, 0.005, 0.01  # Hz, s, N
+SENSOR = f"sensor = {{ rate = {RATE}, delay = {DELAY}, force_step = {COUNTED}, pressure_noise = 20.0 }}"
+NOISE = 0.5  # N
+SENSES = {
+    "outputs.pad": TOUCH + "point = [0.01, 0.02, 0.03]",
+    "outputs.late": TOUCH + SENSOR,
+    "outputs.noisy": TOUCH + f"sensor = {{ force_noise = {NOISE}, seed = 3 }}",
+}
+PRESSED, SPEED = 0.02, np.array([15 * L, 0.0, -2 * L])  # s, when the ball sets off to the side, and m/s
+
+
+def pin(t):
+    """Displacement of the ball, m: down, and later to the side, too."""
+    return [SPEED[0] * max(0.0, t - PRESSED), 0.0, SPEED[2] * t]
+
+
+SIGNALS = {"pin": pin}
+
+
+def system_of(folder, points="nodes", frame="fixed", **parts):
+    x, y, radius = {"nodes": (1.9, 2.05, 20.0), "surface": (1.3, 1.55, 0.5), "faces": (1.3, 1.55, 0.05)}[points]
+    center = [x * L, y * L, (1.0001 + radius) * L]
+    ball = f'obstacles.pin = {{ shape = "sphere", center = {center}, radius = {radius * L} }}'
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return fr.assemble(pad_scene(folder, ball, None, frame, points, **UP | RUBS | SENSES | parts))
+
+
+@pytest.fixture(scope="module")
+def system(tmp_path_factory):
+    return system_of(tmp_path_factory.mktemp("touch"))
+
+
+@pytest.fixture(scope="module")
+def rom(system):
+    return fr.reduce(system, order=10)
+
+
+def check_forces(body, reading, places, origin):
+    """Force, torque and taxels against the forces on nodes, and where these are."""
+    felt, contact = body.touch("pad"), body.nodal_contact
+    size = np.abs(contact.forces).max()
+    np.testing.assert_allclose(felt.force, contact.forces.sum(axis=0), atol=ROUND_OFF * size)
+    arms = places[contact.nodes] - origin
+    np.testing.assert_allclose(felt.torque, np.cross(arms, contact.forces).sum(axis=0), atol=ROUND_OFF * size)
+    pressed = felt.pressures.ravel() @ reading.map.areas
+    assert pressed == pytest.approx(contact.pressing.sum(), rel=ROUND_OFF)
+    return felt
+
+
+@pytest.mark.parametrize(("points", "degree"), [("nodes", 2), ("surface", 1), ("faces", 1)])
+def test_it_feels_the_forces_on_nodes_of_any_contact(tmp_path, points, degree):
+    """At full order and reduced; the torque is about the middle of the surface as it is moved."""
+    system = system_of(tmp_path, points, degree=degree, **{"outputs.pad": TOUCH})
+    reading, touched = system.readings["pad"], 0
+    bodies = (
+        FullOrderSimulator(system, DT, system.scene.environment, SIGNALS),
+        fr.Simulator(fr.reduce(system, order=10), DT, signals=SIGNALS),
+    )
+    corners = reading.nodes[reading.facets[:, :3]]
+    for body in bodies:
+        for _ in range(STEPS // 2):
+            body.step(np.zeros(0))
+            places = system.body.nodes + body.displacement()
+            middle = reading.areas @ places[corners].mean(axis=1) / reading.areas.sum()
+            touched += check_forces(body, reading, places, middle).touching
+    assert touched > 10
+
+
+@pytest.mark.parametrize("model", ["full", "reduced", "free"])
+def test_slip_is_how_points_move_along_what_they_touch(tmp_path, system, rom, model):
+    """Of each step the way of the points less that of the ball, along it, weighed by normal forces."""
+    if model == "free":
+        system = system_of(tmp_path, frame="moving", supports=None)
+        body = fr.Simulator(fr.reduce(system, order=6), DT, signals=SIGNALS)
+    elif model == "full":
+        body = FullOrderSimulator(system, DT, system.scene.environment, SIGNALS)
+    else:
+        body = fr.Simulator(rom, DT, signals=SIGNALS)
+    nodes, slides, sticks = system.points_of_contact().nodes, 0, 0
+    for step in range(STEPS):
+        before = body.displacement()
+        body.step(np.zeros(0))
+        contact = (body.stepper if model == "full" else body.integrator).contact
+        felt = body.touch("pad")
+        if contact is None or felt.touching != 1:
+            continue
+        n, λ, point = contact.normals, (contact.normals * contact.pair_forces).sum(axis=1), contact.pairs
+        way = ((body.displacement() - before) / DT)[nodes[point]] - SPEED * [step >= PRESSED / DT - 0.5, 0, 1]
+        along = λ @ (way - (n * way).sum(axis=1)[:, None] * n) / λ.sum()
+        np.testing.assert_allclose(felt.patches.slip[0], along, atol=FOUND * np.linalg.norm(SPEED))
+        used = np.linalg.norm((contact.pair_forces - λ[:, None] * n).sum(axis=0)) / (FRICTION * λ.sum())
+        assert felt.patches.margin[0] == pytest.approx(max(0.0, 1 - used), abs=ROUND_OFF)
+        slides, sticks = slides + (felt.patches.sliding[0] > 0.9), sticks + (felt.patches.sliding[0] < 0.1)
+    assert model == "free" or (slides and sticks)
+
+
+def test_a_sensor_looks_at_its_rate_and_shows_it_late(rom):
+    """Every number is the rounded one that was felt at the last look before the delay."""
+    body, felt, shown = fr.Simulator(rom, DT, signals=SIGNALS), [np.zeros(3)], []
+    for _ in range(60):
+        body.step()
+        felt.append(body.touch("pad").force)
+        shown.append(body.touch("late").force)
+    every, late = round(1 / RATE / DT), round(DELAY / DT)
+    for step, force in enumerate(shown, start=1):
+        look = max(0, step - late) // every * every
+        expected = COUNTED * np.round(felt[look] / COUNTED)
+        np.testing.assert_allclose(force, expected, atol=ROUND_OFF)
+    assert np.ptp(shown, axis=0).max() > 10 * COUNTED
+
+
+def test_noise_is_normal_and_the_same_in_the_same_run(rom):
+    """Deviations of 3 x 200 numbers: their mean and size to four standard errors."""
+    body, off = fr.Simulator(rom, DT, signals=SIGNALS), []
+    for _ in range(200):
+        body.step()
+        off.append(body.touch("noisy").force - body.touch("pad").force)
+    off = np.ravel(off) / NOISE
+    assert abs(off.mean()) <= 4 / np.sqrt(len(off))
+    assert abs(off.std() - 1) <= 4 / np.sqrt(2 * len(off))
+    again = fr.Simulator(rom, DT, signals=SIGNALS)
+    again.rollout(np.zeros((200, again.inputs)))
+    for name in ("noisy", "late"):
+        np.testing.assert_array_equal(again.reading(name), body.reading(name))
+
+
+def test_what_is_felt_and_shown_is_saved_with_the_state(rom):
+    body = fr.Simulator(rom, DT, signals=SIGNALS)
+    for _ in range(23):
+        body.step()
+    state, now = body.save(), {name: body.reading(name) for name in rom.readings}
+    ahead = []
+    for _ in range(20):
+        body.step()
+        ahead.append([body.reading(name) for name in rom.readings])
+    body.restore(state)
+    for other in (body, pickle.loads(pickle.dumps(fr.Simulator(rom, DT)))):
+        other.restore(state)
+        for name, values in now.items():
+            np.testing.assert_array_equal(other.reading(name), values)
+    for expected in ahead:
+        body.step()
+        for name, values in zip(rom.readings, expected, strict=True):
+            np.testing.assert_array_equal(body.reading(name), values)
+    body.reset()
+    assert not body.touch("late").force.any()
+
+
+def test_bodies_of_a_batch_feel_what_single_ones_do_with_noise_of_their_own(rom):
+    single, bodies = fr.Simulator(rom, DT, signals=SIGNALS), fr.Batch(rom, size=2, dt=DT, signals=SIGNALS)
+    assert "a sense of touch" in bodies.stepping
+    for _ in range(30):
+        single.step()
+        bodies.step(np.zeros((2, bodies.inputs)))
+    for part, of_one in zip(bodies.touch("pad").patches, single.touch("pad").patches, strict=True):
+        np.testing.assert_array_equal(part, [of_one, of_one])
+    noisy = bodies.touch("noisy").force
+    np.testing.assert_array_equal(noisy[0], single.touch("noisy").force)
+    assert (noisy[0] != noisy[1]).all()
+    copied = pickle.loads(pickle.dumps(bodies))
+    np.testing.assert_array_equal(copied.touch("noisy").force, noisy)
+
+
+def test_what_is_no_sense_of_touch_is_refused(rom):
+    body = fr.Simulator(rom, DT, signals=SIGNALS)
+    with pytest.raises(StepError, match="no sense of touch 'pat'; there is late, noisy, pad; did you mean 'pad'"):
+        body.touch("pat")
