@@ -17,7 +17,7 @@ from fenics_rom.system.columns import column_dots, probe_columns
 from fenics_rom.system.protocols import Algebra, Factor
 from fenics_rom.system.system import System
 
-FURTHER = 20  # eigenvectors of the finer model beside the shared basis
+FURTHER = 20  # directions of the finer model beside those of a contact mode: of other modes, then eigenvectors
 NEW = 1e-2  # of the length of an eigenvector in mass, which the shared basis may lack before it is worth a direction
 NEW_STILL = 0.5  # of a unit vector that is orthogonalised again: less is left of round-off
 UNRESISTED = 1e-7  # of the damping of other motions: rigid ones are not damped then
@@ -94,12 +94,13 @@ def finer_basis(problem: ReductionProblem, rom: Rom, whole: System, Q: Array) ->
     system, rigid = problem.system, rom.rigid
     inner, M = whole.algebra.inner, whole.mass
     pushed = np.hstack([*system.contacts.values(), *system.actuators.values(), *system.loads.values()])
-    count = min(system.elastic_size, max(mode.order - rigid for mode in rom.contact_models.values()) + FURTHER)
+    order = max(mode.order for mode in rom.contact_models.values())
+    count, further = min(system.elastic_size, order - rigid + FURTHER), max(0, order + FURTHER - Q.shape[1])
     _, V = system.algebra.eigenpairs(system.mass, system.stiffness, count, problem.factor)
     MQ = M @ Q
     beyond = V - Q @ inner(MQ, V)
     new = np.sqrt(column_dots(whole.algebra, beyond, M @ beyond)) > NEW
-    candidates = np.hstack([problem.factor.solve(pushed), V[:, new][:, :FURTHER]])
+    candidates = np.hstack([problem.factor.solve(pushed), V[:, new][:, :further]])
     U, _, _ = orthonormalize_against(whole, candidates, Q, MQ)
     return ritz_vectors(whole, Q[:, :rigid], np.hstack([Q[:, rigid:], U]))
 

@@ -22,6 +22,7 @@ from fenics_rom.errors import StepError, unknown
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.error_maps import ErrorMaps, squared_length
 from fenics_rom.runtime.error_tolerance import Exceeded, OutputErrors
+from fenics_rom.trajectory.error_series import OF
 
 BOUND = "the body is linear and damped, so that the residual of a finer model bounds what the estimate misses"
 ESTIMATE = "a finer model, of {} displacements, takes the same steps"
@@ -145,6 +146,39 @@ class ErrorWatch:
             apart = np.empty_like(state)
             carry(self._apart, apart)
             self._apart = apart
+
+    def after_each(
+        self, before: ErrorState, contact: str, h: float, inputs: Array, states: Array
+    ) -> dict[str, dict[str, Array]]:
+        """What is stated after each of some steps of h s that were taken in, as `stated_numbers` has it of an instant.
+
+        Args:
+            before: the state that they began with.
+            contact: mode that they were in.
+            h: s.
+            inputs: (n, p).
+            states: [e, r] of the reduced model, which they begin with and lead to, (n + 1, 2m).
+        """
+        _, carry, push, F = self.maps.blocks(contact, h)[-1]
+        finer = np.empty((len(inputs) + 1, before.finer.size))
+        finer[0] = before.finer
+        for start, after, pushed in zip(finer[:-1], finer[1:], inputs.dot(push), strict=True):
+            carry(start, after)
+            np.add(after, pushed, after)
+        ρ, f = np.hstack([finer[:-1], inputs]) @ F.T, len(self._ω)
+        missed = np.sqrt(before.square + h / 2 * np.cumsum(np.einsum("ij,ij->i", ρ, ρ)))
+        by_e, by_r = self.maps.lift(contact)
+        off = finer[1:] - np.hstack([states[1:, : by_e.shape[1]] @ by_e.T, states[1:, by_e.shape[1] :] @ by_r.T])
+        norm, displacements = np.linalg.norm(off, axis=1), off[:, :f] / np.where(self._ω > 0, self._ω, np.inf)
+        bound, estimate = {"norm": norm + missed}, {"norm": norm}
+        if not self._model.couples_rigid_motions:
+            estimate["shape"] = np.linalg.norm(displacements, axis=1)
+            for name, rows in self._model.outputs.items():
+                near = displacements @ rows.T
+                estimate[OF + name] = self._rom.by_point(near)
+                compliances = self._model.output_compliances[name]
+                bound[OF + name] = self._rom.by_point(np.abs(near) + missed[:, None] * compliances)
+        return {"bound": bound, "estimate": estimate}
 
     def look(self, contact: str, state: Array, beyond: Array | None, time: float) -> Exceeded | None:
         """Compares the estimate with the tolerance, at a time, s; what to say, the first time that it is larger.

@@ -24,6 +24,7 @@ from fenics_rom.runtime.initial_state import begin
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.contact_interface import CONTACT, MOTION
 from fenics_rom.runtime.steppers.midpoint import PAGES
+from fenics_rom.trajectory.error_series import PREFIX
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
 
 UNTIMED = "what is no part of a step"
@@ -65,8 +66,9 @@ def simulate(
     recorder.sample(0, body)
     monitor = TimeStepMonitor()
     exceedings = Exceedings(enrichment)
-    if body.steps_in_blocks and not history.automatic and body.errors is None:  # these are read after each
+    if body.steps_in_blocks and not history.automatic and enrichment is None:
         _run_in_blocks(body, history, recorder, monitor, report)
+        exceedings.follow(body)
     else:
         body = _run_step_by_step(body, history, recorder, monitor, exceedings, report)
     told = *body.warnings, *exceedings.messages(body.error_tolerance), *filter(None, [monitor.message])
@@ -139,10 +141,11 @@ def _run_in_blocks(
     for contact, inputs in _blocks(history, recorder.snapshot_rows):
         body.switch(contact)
         sums = np.array([total for total, _ in ledger.sums[:4]])
+        told, before = body.errors, None if body.errors is None else body.errors.state
         states, acted, *works = body.step_in_block(inputs)
         m = states.shape[1] // 2
-        before, after = states[:-1, m:], states[1:, m:]
-        changed, doubled = after - before, after + before
+        start, end = states[:-1, m:], states[1:, m:]
+        changed, doubled = end - start, end + start
         monitor.add(float(np.vdot(changed, changed)), float(np.vdot(doubled, doubled)) / 4)
         account = np.empty((5, len(inputs)))
         account[0] = np.einsum("ij,ij->i", states[1:], states[1:]) / 2
@@ -150,7 +153,11 @@ def _run_in_blocks(
         account[3:] = sums[2:, None]
         q = states[1:, :m] / body.rom.contact_models[contact].safe_frequencies
         displacements = {name: (q @ body.output_rows(name).T).reshape(len(q), -1, 3) for name in outputs}
-        recorder.sample_block(taken, contact, acted, account, displacements)
+        series: dict[str, Mapping[str, Array]] = {"outputs": displacements}
+        if told is not None and before is not None:
+            stated = told.after_each(before, contact, body.dt, acted, states)
+            series |= {PREFIX + kind: of for kind, of in stated.items()}
+        recorder.sample_block(taken, contact, acted, account, series)
         taken += len(inputs)
         recorder.sample_shape(taken, body)
         report("steps", taken, history.steps)

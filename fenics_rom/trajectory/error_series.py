@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy import ndarray as Array
 
-PREFIX = "error "
+PREFIX, OF = "error ", "of "  # of what is kept of an instant, and of an output in it
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def stated_numbers(stated: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     return {
         PREFIX + kind: {"norm": error.norm}
         | ({} if error.shape is None else {"shape": error.shape})
-        | {f"of {name}": error.output(name) for name in error.names}
+        | {OF + name: error.output(name) for name in error.names}
         for kind, error in stated.items()
     }
 
@@ -61,5 +61,5 @@ def error_series(why: Mapping[str, str], kept: dict[str, Any]) -> dict[str, Erro
     for kind, words in why.items():
         values = kept.pop(PREFIX + kind)
         norm, shape = values.pop("norm"), values.pop("shape", None)
-        found[kind] = ErrorSeries(words, norm, {name.removeprefix("of "): of for name, of in values.items()}, shape)
+        found[kind] = ErrorSeries(words, norm, {name.removeprefix(OF): of for name, of in values.items()}, shape)
     return found

@@ -270,7 +270,7 @@ class TrajectoryRecorder:
         self.sample_shape(step, body)
 
     def sample_block(
-        self, taken: int, contact: str, inputs: Array, account: Array, outputs: Mapping[str, Array]
+        self, taken: int, contact: str, inputs: Array, account: Array, series: Mapping[str, Mapping[str, Array]]
     ) -> None:
         """Keeps what is to be kept of the steps after so many, in one contact mode, but for shapes.
 
@@ -279,15 +279,16 @@ class TrajectoryRecorder:
             contact: mode.
             inputs: (n, p) contact columns, actuators, loads.
             account: (5, n) stored, supplied, dissipated, lost in switching, numerical after each of them, J.
-            outputs: (n, points, 3), m.
+            series: by kind and name, (n, ...): "outputs", m, and what is stated of errors.
         """
         start, stop = np.searchsorted(self._kept, [taken + 1, taken + 1 + account.shape[1]])
         rows, steps = slice(start, stop), self._kept[start:stop] - taken - 1
         self._contact[rows] = self._contacts.index(contact)
         self._inputs[rows, self._inputs.shape[1] - inputs.shape[1] :] = inputs[steps]
         self._account[:, rows] = account[:, steps]
-        for name, values in outputs.items():
-            self._series["outputs"][name][rows] = values[steps]
+        for kind, named in series.items():
+            for name, values in named.items():
+                self._series[kind][name][rows] = values[steps]
 
     def sample_shape(self, step: int, body: RunningBody) -> None:
         """Keeps the whole shape of an instant, if it is one of those that are kept."""

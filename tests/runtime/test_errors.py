@@ -354,6 +354,21 @@ class TestScenes:
         assert (bound.norm >= estimate.norm).all()
         assert not full.errors
 
+    def test_they_are_the_same_read_in_blocks_and_after_each_step(self, scene_runs, monkeypatch):
+        rom = fr.read_rom(scene_runs[0] / "box.h5")
+        monkeypatch.setattr(fr.Simulator, "steps_in_blocks", property(lambda body: False))
+        stepped = fr.simulate(rom)
+        for kind, stated in scene_runs[1].errors.items():
+            expected = stepped.errors[kind]
+            assert stated.why == expected.why
+            for found, of_step in (
+                (stated.norm, expected.norm),
+                (stated.outputs["tip"], expected.outputs["tip"]),
+                (stated.shape, expected.shape),
+            ):
+                if of_step is not None:
+                    np.testing.assert_allclose(found, of_step, rtol=0, atol=1e-10 * np.abs(of_step).max())
+
     def test_they_are_printed_and_drawn(self, scene_runs, capsys):
         folder, reduced, _ = scene_runs
         run_command("simulate", folder / "box.h5", "-o", folder / "again.h5")
