@@ -1,7 +1,8 @@
 """Hertz: elastic balls on a rigid plane, on one another, and on a block (Johnson, Contact Mechanics, 1985, ch. 4).
 
 Frictionless bodies of revolution that approach one another by δ touch within a = √(R δ), 1/R the sum of their
-curvatures, and press with F = 4/3 E* √R δ^1.5, 1/E* = Σ (1 - ν²)/E. Theory is of half-spaces, a << R.
+curvatures, and press with F = 4/3 E* √R δ^1.5, 1/E* = Σ (1 - ν²)/E, by at most 3 F / (2 π a²) in the middle. Theory is
+of half-spaces, a << R. What a ball on a plane feels is read by taxels, rings of the sector that the wedge shows.
 
 A body is a thin wedge about its axis of symmetry, whose sides slide in their planes; what 2π of it feel is told. It has
 no inertia: every step ends in an equilibrium. Of two soft bodies the upper one is carried down by a hand. Balls are
@@ -27,6 +28,8 @@ Array = np.ndarray
 ANGLE, POISSON = np.radians(6.0), 0.3
 PATCH, GROWS = 2.2, 0.5  # of a: how far there are contact points, and per m: how elements grow beyond 1.5 a
 STEPS, ORDER, AWAY = 4, 40, 5.0  # m, where the hand is
+TAXELS = 20  # rings, of PATCH a / 20
+FELT = 0.03  # of the peak pressure and the area, beside theory
 ALLOWED, EXACT = 0.02, 1e-6  # of force: beside theory; of order 40 beside full order, as contact is exact at rest
 
 
@@ -127,6 +130,10 @@ surface = "right"
 normal = [{s}, {-c}, 0.0]
 [contacts.pole]
 surface = "pole"
+[outputs.skin]
+quantity = "touch"
+surface = "pole"
+taxels = {{ rows = 1, columns = {TAXELS}, along = [1, 0, 0] }}
 [effects.contact.obstacles.plane]
 shape = "half-space"
 point = [0.0, 0.0, 0.0]
@@ -149,6 +156,12 @@ def forces_on_plane(model: fr.System | fr.Rom, depth: float) -> Array:
     """Of a ball on which a plane is pressed by a depth, m, in STEPS, N."""
     run = fr.simulate(model, signals={"plane": lambda t: [0.0, 0.0, -depth * t]})
     return -run.forces["plane"][-STEPS:, 2] * 2 * np.pi / ANGLE
+
+
+def felt_on_plane(model: fr.System | fr.Rom, depth: float) -> tuple[float, float]:
+    """The largest pressure of taxels, Pa, and the area of contact, m², of a ball on which a plane is pressed."""
+    felt = fr.simulate(model, signals={"plane": lambda t: [0.0, 0.0, -depth * t]}).readings["skin"].touch
+    return float(felt.pressures[-1].max()), float(felt.area[-1]) * 2 * np.pi / ANGLE
 
 
 def forces_between(roms: list[fr.Rom], depth: float) -> Array:
@@ -180,6 +193,11 @@ def hertz(quick: bool) -> Iterator[Row]:
         if len(solids) == 1:
             full = forces_on_plane(systems[0], depth)[-1]
             yield Row(case, mesh, "the same, full order, µN", 1e6 * hertz_force(solids, depth), 1e6 * full, ALLOWED)
+            peak, area = 1.5 * hertz_force(solids, depth) / (np.pi * a**2), np.pi * a**2
+            for told, model in (("full order", systems[0]), (f"order {ORDER}", fr.reduce(systems[0], order=ORDER))):
+                pressure, touched = felt_on_plane(model, depth)
+                yield Row(case, mesh, f"largest pressure of {TAXELS} taxels, {told}, Pa", peak, pressure, FELT)
+                yield Row(case, mesh, f"area of contact, {told}, mm²", 1e6 * area, 1e6 * touched, FELT)
         else:
             systems = wedges(solids, a, 4, 1)
             mesh = f"linear, 4 edges on a, {' and '.join(f'{each.size:,}' for each in systems)} unknowns"

@@ -26,6 +26,8 @@ WHOLE = {"force": 3, "torque": 3, "centre": 3, "normal_force": 1, "area": 1, "to
 PATCH = {"normal_force": 1, "area": 1, "centre": 3, "slip": 3, "margin": 1, "sliding": 1}  # of each patch of contact
 HEAD, OF_PATCH = sum(WHOLE.values()), sum(PATCH.values())
 MARGIN = sum(width for name, width in PATCH.items() if name in ("normal_force", "area", "centre", "slip"))
+COVERED = np.linspace(0.0, 1.0, 21)  # parts f of what a node on the rim stands for
+RIM = COVERED**1.5 / (1.5 * np.sqrt(COVERED + 0.5))  # its pressure over that of the next one inside, if p² ~ distance
 PRESSES = 1e-9  # of the largest force on a node: what is less is round-off
 
 
@@ -175,7 +177,7 @@ class TouchReading:
         places = body.places()[self.nodes]
         values[:3] = forces.sum(axis=0)
         values[3:6] = np.cross(places - self._origin_at(places), forces).sum(axis=0)
-        areas, rubbing = self.shares_of_area, body.rubbing()
+        areas, rubbing = self._areas_of_contact(pressing, touches), body.rubbing()
         assert rubbing is not None
         t, limits, slipping, sliding = (body.points.on_nodes(of, self.nodes) for of in rubbing)
         labels = self._labels(touches)
@@ -198,6 +200,18 @@ class TouchReading:
     def _patches_in(self, values: Array) -> Array:
         """The part of them that is of patches, (Q, 10)."""
         return values[HEAD : HEAD + OF_PATCH * self.patches].reshape(-1, OF_PATCH)
+
+    def _areas_of_contact(self, pressing: Array, touches: Array) -> Array:
+        """Of nodes (s,), m²: of those on the rim of a patch that part which their pressure tells, see `RIM`."""
+        shares = self.shares_of_area
+        pressures = np.divide(pressing, shares, out=np.zeros(len(shares)), where=touches & (shares > 0))
+        nodes = self.facets if self.facets.shape[1] == 3 else self.facets[:, 3:]
+        around = np.zeros(len(shares))
+        np.maximum.at(around, nodes, pressures[nodes].max(axis=1)[:, None])
+        is_rim = np.zeros(len(shares), dtype=bool)
+        is_rim[nodes[~touches[nodes].all(axis=1)]] = True
+        ratio = np.divide(pressures, around, out=np.zeros(len(shares)), where=around > 0)
+        return shares * touches * np.where(is_rim, np.interp(ratio, RIM, COVERED), 1.0)
 
     def _pressures(self, pressing: Array) -> Array:
         """Of taxels (K,), Pa, under normal forces on the nodes (s,), N."""

@@ -57,10 +57,12 @@ class ContactReadings(TouchedBody):
 
     def _rubbing(self) -> "Rubbing | None":
         """What friction did at the contact points in the last step; None where nothing touched."""
+        return self.own_rubbing() if self.read_rubbing is None else self.read_rubbing()
+
+    def own_rubbing(self) -> "Rubbing | None":
+        """The same of obstacles of its own."""
         from fenics_rom.mechanics.rubbing import rubbing_of  # here, as few bodies have a sense of touch
 
-        if self.read_rubbing is not None:
-            return self.read_rubbing()
         interface, contact = self._stepper.interface, self._stepper.contact
         if interface is None or contact is None:
             return None

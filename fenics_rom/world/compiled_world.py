@@ -297,9 +297,9 @@ class CompiledWorld:
         """What contacts did to a soft body in the last step."""
         C, near = self._count, self._near
         c, end = (near.ends[:C] == number).nonzero()
-        forces = near.forces[c]
-        pressing, signs = (forces * near.normals[c]).sum(axis=1), np.where(end, -1.0, 1.0)
-        return Pushes(near.nodes[c, end], near.weights[c, end], signs[:, None] * forces, pressing)
+        signs = np.where(end, -1.0, 1.0)[:, None]
+        n, f, u = (signs * of[c] for of in (near.normals, near.forces, near.u))
+        return Pushes(near.nodes[c, end], near.weights[c, end], n, f, u, near.numbers[c, 1])
 
     @property
     def _near(self) -> Near:

@@ -7,7 +7,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.nodal_contact import Touch
+from fenics_rom.mechanics.rubbing import PairPlaces, Rubbing, rubbing_at
 from fenics_rom.world.collision.contacts import Contacts
+from fenics_rom.world.contact_step import Found
 from fenics_rom.world.meetings import Meeting
 
 
@@ -16,22 +18,23 @@ class Pushes(NamedTuple):
 
     nodes: Array  # (k, c) contact points that carry each
     weights: Array  # (k, c) of these
-    forces: Array  # (k, 3) on the body, in world axes, N
-    pressing: Array  # (k,) along their normals, N
+    normals: Array  # (k, 3) into the body
+    forces: Array  # (k, 3) on it, in world axes, N
+    velocities: Array  # (k, 3) relative to what pushes it, in the middle of the step, m/s
+    friction: Array  # μ (k,)
 
 
 def pushes_of(
-    number: int, meetings: Sequence[Meeting], contacts: Iterable[tuple[int, Contacts]], forces: Array
+    number: int, meetings: Sequence[Meeting], contacts: Iterable[tuple[int, Contacts]], found: Found
 ) -> Iterator[Pushes]:
-    """On a body by its number, from forces on the first of each pair, (C, 3), N, in the order of the contacts."""
+    """On a body by its number, from what a step found for each pair, in the order of the contacts."""
     row = 0
-    for met, found in contacts:
-        meeting, own = meetings[met], forces[row : row + len(found.gaps)]
-        row += len(found.gaps)
-        pressing = (own * found.normals).sum(axis=1)
-        for end, sign, spots in ((meeting.first, 1.0, found.first), (meeting.second, -1.0, found.second)):
+    for met, of in contacts:
+        meeting, own = meetings[met], slice(row, row := row + len(of.gaps))
+        n, f, u, μ = of.normals, found.forces[own], found.velocities[own], np.full(len(of.gaps), meeting.law.friction)
+        for end, sign, spots in ((meeting.first, 1.0, of.first), (meeting.second, -1.0, of.second)):
             if end == number:
-                yield Pushes(spots.nodes, spots.weights, sign * own, pressing)
+                yield Pushes(spots.nodes, spots.weights, sign * n, sign * f, sign * u, μ)
 
 
 def touch_of(pushes: Iterable[Pushes], count: int) -> Touch:
@@ -39,5 +42,14 @@ def touch_of(pushes: Iterable[Pushes], count: int) -> Touch:
     forces, pressing = np.zeros((count, 3)), np.zeros(count)
     for each in pushes:
         np.add.at(forces, each.nodes, each.weights[:, :, None] * each.forces[:, None])
-        np.add.at(pressing, each.nodes, each.weights * each.pressing[:, None])
+        np.add.at(pressing, each.nodes, each.weights * (each.forces * each.normals).sum(axis=1)[:, None])
     return Touch(forces, pressing)
+
+
+def rubbing_of(pushes: Iterable[Pushes], count: int) -> Rubbing:
+    """What friction does there."""
+    parts = []
+    for nodes, weights, *of_pairs in pushes:
+        parts.append(rubbing_at(count, [PairPlaces(nodes, weights, 1.0)], *of_pairs))
+    nothing = Rubbing(np.zeros((count, 3)), np.zeros(count), np.zeros((count, 3)), np.zeros(count))
+    return Rubbing(*(sum(arrays[1:], start=arrays[0]) for arrays in zip(nothing, *parts, strict=True)))

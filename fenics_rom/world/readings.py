@@ -1,7 +1,7 @@
 """What is read of a world: where its bodies are, what pushes them, and an energy account of each and of the whole."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -14,12 +14,13 @@ from fenics_rom.mechanics.contact import LEAST_TOLD
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.nodal_contact import Touch
+from fenics_rom.mechanics.rubbing import Rubbing
 from fenics_rom.world.contact_step import Found
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.joint_plan import JointPlan
 from fenics_rom.world.make_bodies import FIXED, AnyBody
 from fenics_rom.world.meetings import Meeting
-from fenics_rom.world.pushes import pushes_of, touch_of
+from fenics_rom.world.pushes import Pushes, pushes_of, rubbing_of, touch_of
 from fenics_rom.world.records import RigidBody, SoftBody
 from fenics_rom.world.skins import WorldSkins
 from fenics_rom.world.soft import Soft
@@ -150,6 +151,9 @@ class ReadWorld:
         for number, body in enumerate(self._bodies.values()):
             if isinstance(body, Soft):
                 body.read_touch = partial(self._touch_of, number, body)
+                body.read_rubbing = partial(self._rubbing_of, number, body)
+                if body.sensed is not None:
+                    body.sensed.body = number
 
     def _touch_of(self, number: int, body: Soft) -> Touch | None:
         """What others did to a soft body in the last step."""
@@ -157,10 +161,33 @@ class ReadWorld:
             contact, turns = body.integrator.contact, not body.rom.environment.is_moving
             R = rotation_matrix(body.pose.rotation) if turns else np.eye(3)
             return None if contact is None else Touch(contact.forces.dot(R.T), contact.normal_forces)
-        count = len(body.contact_coordinates)
+        return touch_of(self._pushes(number), len(body.contact_coordinates))
+
+    def _rubbing_of(self, number: int, body: Soft) -> Rubbing | None:
+        """What friction did there."""
+        if self._lone is not None:
+            own = body.own_rubbing()
+            R = np.eye(3) if body.rom.environment.is_moving else rotation_matrix(body.pose.rotation)
+            return own and own._replace(tangential=own.tangential.dot(R.T), slipping=own.slipping.dot(R.T))
+        return rubbing_of(self._pushes(number), len(body.contact_coordinates))
+
+    def _pushes(self, number: int) -> Iterable[Pushes]:
+        """What contacts did to a soft body in the last step."""
         if self._loops is not None and self._loops.is_ahead:
-            return touch_of([self._loops.pushes(number)], count)
-        return touch_of(pushes_of(number, self._meetings, self._step_pairs.contacts, self._found.forces), count)
+            return [self._loops.pushes(number)]
+        return pushes_of(number, self._meetings, self._step_pairs.contacts, self._found)
+
+    @property
+    def _remembers_touch(self) -> bool:
+        """Whether a sensor has to look after every step."""
+        return any(isinstance(body, Soft) and body.remembers_touch for body in self._bodies.values())
+
+    def _note_touch(self) -> None:
+        """Has sensors look."""
+        self._tell()
+        for body in self._bodies.values():
+            if isinstance(body, Soft) and body.remembers_touch:
+                body.note_touch()
 
     def joint_forces(self, which: str | int) -> Array:
         """Forces at the points of a joint on its first body in the last step, (k, 3), N; none where it does not hold.

@@ -10,8 +10,10 @@ from fenics_rom.errors import SceneError
 from fenics_rom.mechanics import obstacles
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.nodal_contact import NodalContact
+from fenics_rom.mechanics.touch import TOUCH, TouchReading
 from fenics_rom.trajectory.bodies import BodyTrack
 from fenics_rom.trajectory.contact_snapshots import ContactSnapshots
+from fenics_rom.trajectory.series import ReadingSeries
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.world.records import RigidBody
 from fenics_rom.world.shapes import HalfSpace
@@ -51,6 +53,12 @@ class WorldRecorder:
         self._nodes = self._places()
         self._snapshots = np.zeros((len(self._snapshot_steps), *self._nodes.shape))
         self._touched = ContactSnapshots(len(self._snapshot_steps))
+        self._senses = {name: _senses(world, name) for name in world.names}
+        self._felt = {
+            f"{body}-{name}": np.zeros((S, reading.size))
+            for body, senses in self._senses.items()
+            for name, reading in senses.items()
+        }
         poses = {name: world.pose(name) for name, body in world.bodies.items() if _is_half_space(body)}
         planes = {name: (pose.position, rotation_matrix(pose.rotation)[:, 2]) for name, pose in poses.items()}
         self._grounds = {name: obstacles.HalfSpace(tuple(at), tuple(normal)) for name, (at, normal) in planes.items()}
@@ -83,6 +91,9 @@ class WorldRecorder:
             track["energy"][row] = world.energy_of(name)
             track["supplied"][row] = account.supplied - account.obstacles
             track["dissipated"][row], track["exchanged"][row] = account.dissipated, account.obstacles
+        for body, senses in self._senses.items():
+            for name in senses:
+                self._felt[f"{body}-{name}"][row] = world.simulator(body).reading(name)
         for first, second in combinations(world.names, 2):
             force = world.force_between(first, second)
             if force.any():
@@ -113,7 +124,12 @@ class WorldRecorder:
     def record(self, name: str, settings: Mapping[str, float] | None = None) -> Trajectory:
         """The finished run; settings: more than the step and the number of coordinates."""
         world, tracks, triangles, end = self._world, dict[str, BodyTrack](), list[Array](), 0
+        readings, faces = dict[str, ReadingSeries](), 0
         for body, (vertices, of, _) in self._surfaces.items():
+            for sense, reading in self._senses[body].items():
+                taxels = reading.map._replace(triangles=reading.map.triangles + faces)
+                readings[f"{body}-{sense}"] = ReadingSeries(TOUCH, self._felt[f"{body}-{sense}"], taxels=taxels)
+            faces += len(of)
             triangles.append(of + end)
             rows = np.array([end, end := end + len(vertices)])
             kind = "rigid" if isinstance(world.bodies[body], RigidBody) else "soft"
@@ -145,6 +161,7 @@ class WorldRecorder:
             obstacles=self._grounds,
             obstacle_motion=self._moved,
             bodies=tracks,
+            readings=readings,
             touched=self._touched.kept,
         )
 
@@ -160,6 +177,14 @@ def _surface(world: World, name: str) -> tuple[Array, Array, Array]:
     vertices, triangles = body.shape.surface()
     mass = 0.0 if body.is_driven else body.mass_and_inertia()[0]
     return vertices, triangles.astype(np.int64), np.full(len(vertices), mass / len(vertices))
+
+
+def _senses(world: World, name: str) -> dict[str, TouchReading]:
+    """Senses of touch of a body, by name."""
+    if isinstance(world.bodies[name], RigidBody):
+        return {}
+    readings = world.simulator(name).rom.readings
+    return {own: reading for own, reading in readings.items() if isinstance(reading, TouchReading)}
 
 
 def _is_half_space(body: object) -> bool:

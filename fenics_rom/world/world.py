@@ -249,7 +249,7 @@ class World(CutWorld):
         """
         left = checked_count(count)
         while left > 0:
-            left -= self._advance(inputs, left)
+            left -= self._advance(inputs, 1 if self._remembers_touch else left)
 
     def _take_steps(self, inputs: Mapping[str, Mapping[str, Any]] | None, most: int) -> int:
         """Takes so many steps at most: how many."""
@@ -299,6 +299,8 @@ class World(CutWorld):
     def _end_steps(self, taken: int) -> int:
         """Ends steps, and looks at skins where it is due; how many steps."""
         self._steps, self._time = self._steps + taken, next_time(self._time, self._dt, taken)
+        if self._remembers_touch:
+            self._note_touch()
         if self._skins.asks(self._steps, self._loops is not None and self._loops.is_ahead):
             self._tell()
             if self._skins.is_due(self._steps):

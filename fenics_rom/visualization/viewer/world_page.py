@@ -11,8 +11,10 @@ from numpy import ndarray as Array
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics import obstacles
 from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.rom.rom import Rom
 from fenics_rom.trajectory.elastic_part import elastic_part
+from fenics_rom.trajectory.series import reading_series
 from fenics_rom.visualization.contact_surface import divide_contact_triangles
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.viewer.coloured_body import hide_what_is_behind
@@ -28,7 +30,7 @@ from fenics_rom.visualization.viewer.drawing import (
 from fenics_rom.visualization.viewer.live_loop import LiveLoop
 from fenics_rom.visualization.viewer.live_world import LiveWorld
 from fenics_rom.visualization.viewer.mouse_spring import closest_point
-from fenics_rom.visualization.viewer.surface import CONTACT_PRESSURE, UNITS, Surface, surface_fields
+from fenics_rom.visualization.viewer.surface import CONTACT_PRESSURE, UNITS, Surface, reading_words, surface_fields
 from fenics_rom.world.records import RigidBody
 from fenics_rom.world.shapes import HalfSpace
 from fenics_rom.world.world import World
@@ -106,8 +108,16 @@ class WorldPage(LiveLoop):
         return [
             f"{world.touching} points push",
             *(f"{first} - {second}: {with_unit(sizes[first, second], 'N')}" for first, second in most),
+            *(text for name in self._soft for text in self._felt(name)),
             *held,
         ]
+
+    def _felt(self, name: str) -> list[str]:
+        """What a body feels, in words."""
+        body = self.live.world.simulator(name)
+        senses = {own: reading for own, reading in body.rom.readings.items() if reading.quantity == TOUCH}
+        felt = {f"{name} - {own}": reading_series(of, body.reading(own)[None]) for own, of in senses.items()}
+        return reading_words(felt, 0)
 
 
 class _SoftBody:
