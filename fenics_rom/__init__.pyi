@@ -1,6 +1,11 @@
 """The public names and their modules: for type checkers and editors, and for `__init__.py`, which loads them."""
 
 from fenics_rom import errors as errors
+from fenics_rom.certification.certificate import Certificate as Certificate
+from fenics_rom.certification.certify import certify as certify
+from fenics_rom.certification.file import check_certificate as check_certificate
+from fenics_rom.certification.file import read_certificate as read_certificate
+from fenics_rom.certification.file import write_certificate as write_certificate
 from fenics_rom.compilation import compiled as compiled
 from fenics_rom.errors import CompareError as CompareError
 from fenics_rom.errors import DataError as DataError

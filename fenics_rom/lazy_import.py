@@ -13,6 +13,7 @@ PACKAGE_OF_FOLDER = {
     "fem": FENICSX,
     "studies": FENICSX,
     "identification": FENICSX,
+    "certification": PYDANTIC,
     "reduction": SCIPY,
     "system": SCIPY,
     "scene": PYDANTIC,

@@ -1,5 +1,6 @@
 """A world of its file: the bodies in motion, and a run of them."""
 
+from collections.abc import Mapping
 from time import perf_counter
 from typing import Any
 
@@ -32,12 +33,13 @@ SHAPES: dict[str, Any] = {
 REPORTS = 100  # of a run
 
 
-def make_world(scene: WorldScene, dt: float | None = None) -> World:
+def make_world(scene: WorldScene, dt: float | None = None, roms: Mapping[str, Rom] | None = None) -> World:
     """The bodies of a world file where they begin.
 
     Args:
         scene: as `read_world` gives it.
         dt: time step instead of that of its run, s.
+        roms: of soft bodies by name, instead of those that the file names.
 
     Raises:
         SceneError: a ROM that cannot be read or touched, a joint that cannot be closed.
@@ -54,7 +56,8 @@ def make_world(scene: WorldScene, dt: float | None = None) -> World:
     step = file.run.dt if dt is None and file.run is not None else dt
     assert step is not None
     laws = {pair.bodies: ContactLaw(pair.restitution, pair.friction) for pair in file.pairs}
-    bodies = {name: _body(name, body, scene) for name, body in file.bodies.items()}
+    roms = {} if roms is None else roms
+    bodies = {name: _body(name, body, scene, roms.get(name)) for name, body in file.bodies.items()}
     try:
         return World(
             bodies,
@@ -115,10 +118,10 @@ def inputs_at(scene: WorldScene, time: float, world: World) -> dict[str, dict[st
     return inputs
 
 
-def _body(name: str, body: WorldBody, scene: WorldScene) -> RigidBody | SoftBody:
+def _body(name: str, body: WorldBody, scene: WorldScene, rom: Rom | None) -> RigidBody | SoftBody:
     rotation = quaternion_of_vector(body.rotation)
     if body.shape is None:
-        rom = _rom(body, scene)
+        rom = _rom(body, scene) if rom is None else rom
         for k, each in enumerate(scene.file.run.input if scene.file.run else ()):
             if each.body == name and rom.environment.is_pulled(each.actuator):
                 check_pull(each.signal, f"run.input[{k}]: actuator {each.actuator!r}")

@@ -66,7 +66,8 @@ MAY_IMPORT = {
     "visualization": (BELOW_APPLICATIONS | {"deployment"}, DRAWING),
     "studies": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "matplotlib", "pydantic"}),
     "identification": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "scipy", "tomlkit"}),
-    "cli": (BELOW_APPLICATIONS | {"visualization", "studies", "identification"}, {"numpy", "rich"}),
+    "certification": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "matplotlib"}),
+    "cli": (BELOW_APPLICATIONS | {"visualization", "studies", "identification", "certification"}, {"numpy", "rich"}),
     "__main__": ({"cli"}, set()),
 }
 

@@ -13,6 +13,8 @@ from typing import Any, NoReturn
 
 import fenics_rom as fr
 from fenics_rom.cli import (
+    certify,
+    check,
     compare,
     compile,
     export,
@@ -38,6 +40,8 @@ COMMANDS = {
         reduce,
         simulate,
         study,
+        certify,
+        check,
         identify,
         info,
         view,

@@ -2,18 +2,21 @@
 
 import math
 import tomllib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from fenics_rom.arguments import path_in
 from fenics_rom.errors import SceneError, check_known, exactly
 from fenics_rom.mechanics.load_history import is_whole
+from fenics_rom.scene.certificate_checks import check_certificate_table
 from fenics_rom.scene.consistency import check_choices
 from fenics_rom.scene.file import mistake, read_scene, text_of, toml_of
 from fenics_rom.scene.signal_tables import SignalTables, UnreadTables
-from fenics_rom.scene.world_format import WORLD_SHAPES, WorldBody, WorldFile, WorldScene
+from fenics_rom.scene.world_format import STANDS_STILL, WORLD_SHAPES, WorldBody, WorldFile, WorldScene
 
 DIMENSIONS = {
     "half-space": (),
@@ -27,7 +30,6 @@ DIMENSIONS = {
 OF_MESH = ("scale", "open")  # beside its file
 MASSLESS = {"half-space": "a half-space", "mesh": "a mesh"}
 OF_RIGID = ("density", "mass", "path", *OF_MESH, *sorted({key for keys in DIMENSIONS.values() for key in keys}))
-STANDS_STILL = "world"
 _ADAPTER = TypeAdapter(WorldFile)
 assert tuple(DIMENSIONS) == WORLD_SHAPES
 
@@ -59,17 +61,24 @@ def read_world(file: str | Path) -> WorldScene:
     raw = toml_of(text_of(path), source)
     if "mesh" in raw and "bodies" not in raw:
         raise SceneError(f"{source}: is a scene, as it has a mesh, which fr.read_scene reads; allowed is a world")
+    return parse_world(raw, source, path.parent)
+
+
+def parse_world(
+    raw: Mapping[str, Any], source: str, folder: Path, given: Mapping[str, np.ndarray] | None = None
+) -> WorldScene:
+    """A world from the tables of its file; `given` are what the tables that it names hold, else they are read."""
     try:
         parsed = _ADAPTER.validate_python(raw, context=UnreadTables())
         _check(parsed)
         units = {each.get("table", ""): {"N"} for each in raw.get("run", {}).get("input", ())}
-        tables = SignalTables(path.parent, None, units)
+        tables = SignalTables(folder, given, units)
         parsed = _ADAPTER.validate_python(raw, context=tables)
     except ValidationError as error:
         raise SceneError(f"{source}: {mistake(error, WorldFile)}") from error
     except SceneError as error:
         raise SceneError(f"{source}: {error}") from error
-    return WorldScene(parsed, path.parent, source, tuple(tables.found))
+    return WorldScene(parsed, folder, source, raw, tables.found)
 
 
 def files_of_world(scene: WorldScene) -> tuple[Path, ...]:
@@ -107,6 +116,8 @@ def _check(file: WorldFile) -> None:
                 f"{joint.first!r}, which is rigid"
             )
     _check_joint_times(file)
+    if file.certificate is not None:
+        check_certificate_table(file)
     if file.run is None:
         return
     if file.run.dt > file.run.duration:

@@ -3,10 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
 
 from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.signals import Signal
+from fenics_rom.scene.certificate_format import CertificateTable
 from fenics_rom.scene.effects import Angle, constant_signal
 from fenics_rom.scene.file_format import AngularVelocity, Speed
 from fenics_rom.scene.surface_file import FileTriangles
@@ -19,6 +22,7 @@ Restitution = Annotated[float, Number(at_least=0.0, at_most=1.0), "part of the a
 Friction = Annotated[float, Number(at_least=0.0), "Coulomb's coefficient"]
 BodyName = Annotated[str, Text()]
 ZERO = (0.0, 0.0, 0.0)
+STANDS_STILL = "world"  # what joints may hold a body to
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,6 +170,7 @@ class WorldFile:
     ] = ()
     joints: Annotated[tuple[JointEntry, ...], Items(), "what holds bodies together"] = ()
     run: Annotated[WorldRun | None, "a load history"] = None
+    certificate: Annotated[CertificateTable | None, "of impacts: `fenics-rom certify`"] = None
 
 
 @dataclass(frozen=True)
@@ -176,13 +181,15 @@ class WorldScene:
         file: what it says.
         folder: what paths in it are relative to.
         source: its name, for messages.
-        tables: names of the tables that it was read from.
+        raw: what it says, as TOML has it.
+        tables: what the tables and surfaces hold that it was read from, by name, in SI units.
     """
 
     file: WorldFile
     folder: Path
     source: str
-    tables: tuple[str, ...] = ()
+    raw: Mapping[str, Any]
+    tables: Mapping[str, np.ndarray]
 
     def __repr__(self) -> str:
         file = self.file

@@ -1,0 +1,134 @@
+"""A certificate of impact: the runs that it rests on, and what follows from them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.certification.impacts import QUANTITIES
+from fenics_rom.certification.limits import Limits
+from fenics_rom.certification.ranges import Parameter, parameters_of
+from fenics_rom.certification.search import Cover
+from fenics_rom.rom.rom import Rom
+from fenics_rom.scene.world_format import WorldScene
+
+RICHARDSON = 2.0  # peaks of contact converge with the step, at least: an error is twice what half of the step changes
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is known of one quantity, in its unit.
+
+    Attributes:
+        largest: that was found in a run.
+        at: the parameters there.
+        bound: nowhere in the ranges it is larger, if nothing changes faster than `search.SAFETY` times what was seen.
+        reduction, time_step: largest errors that were measured.
+        limit: of the region, if there is one.
+    """
+
+    quantity: str
+    largest: float
+    at: tuple[float, ...]
+    bound: float
+    reduction: float
+    time_step: float
+    limit: float | None
+
+    @property
+    def certified(self) -> float:
+        """The bound with both errors."""
+        return self.bound + self.reduction + self.time_step
+
+    @property
+    def is_kept(self) -> bool | None:
+        """Whether the limit is kept."""
+        return None if self.limit is None else self.certified <= self.limit
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs at k points (k, d): reduced (k, 3), in all modes, and reduced with half of the step."""
+
+    points: Array
+    reduced: Array
+    full: Array
+    halved: Array
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The largest force, pressure and energy of an impact, over all of its ranges.
+
+    Attributes:
+        scene: the world.
+        cover: runs of the search.
+        corners: (c, 3) of the runs in the corners of the ranges, as `corners_of` gives these.
+        compared: runs that tell errors.
+        limits: of the region, if it was named.
+        roms: models of the soft bodies.
+        warnings: of all runs, each once.
+
+    Example:
+        >>> fr.read_certificate("impact.json").findings["force"].is_kept  # doctest: +SKIP
+        True
+    """
+
+    scene: WorldScene
+    cover: Cover
+    corners: Array
+    compared: Comparison
+    limits: Limits | None
+    roms: Mapping[str, Rom]
+    warnings: Sequence[str] = field(default=())
+
+    @cached_property
+    def parameters(self) -> list[Parameter]:
+        """What changes, in the order of the components of points."""
+        table = self.scene.file.certificate
+        assert table is not None
+        return parameters_of(table.ranges)
+
+    @cached_property
+    def findings(self) -> dict[str, Finding]:
+        """By quantity."""
+        points = np.concatenate([self.cover.middles, corners_of(len(self.parameters))[: len(self.corners)]])
+        values = np.concatenate([self.cover.values, self.corners])
+        bound = np.maximum(self.cover.bound, values.max(axis=0))
+        reduction = np.abs(self.compared.full - self.compared.reduced).max(axis=0)
+        step = RICHARDSON * np.abs(self.compared.halved - self.compared.reduced).max(axis=0)
+        found = {}
+        for k, quantity in enumerate(QUANTITIES):
+            at = self.values_at(points[values[:, k].argmax()])
+            limit = None if self.limits is None else self.limits.of.get(quantity)
+            most, of_model, of_step = (float(each[k]) for each in (bound, reduction, step))
+            found[quantity] = Finding(quantity, float(values[:, k].max()), at, most, of_model, of_step, limit)
+        return found
+
+    @property
+    def is_kept(self) -> bool | None:
+        """Whether all limits are kept; None where there are none."""
+        kept = [each.is_kept for each in self.findings.values() if each.is_kept is not None]
+        return all(kept) if kept else None
+
+    @property
+    def runs(self) -> int:
+        """How many impacts were run, those with finer models and steps not counted."""
+        return len(self.cover.middles) + len(self.corners)
+
+    def values_at(self, point: Array) -> tuple[float, ...]:
+        """The parameters at a point (d,) of [0, 1]^d."""
+        return tuple(each.at(float(share)) for each, share in zip(self.parameters, point, strict=True))
+
+    def __repr__(self) -> str:
+        parts = [f"{name} {each.certified:.4g} {QUANTITIES[name]}" for name, each in self.findings.items()]
+        return f"Certificate {self.scene.file.name!r} of {self.runs} runs: at most {', '.join(parts)}"
+
+
+def corners_of(dimension: int) -> Array:
+    """Of [0, 1]^d, (2^d, d), the last one first: there speeds and masses are largest."""
+    every: Any = np.indices((2,) * dimension).reshape(dimension, -1).T
+    return np.asarray(every[::-1], dtype=float)

@@ -1,0 +1,121 @@
+"""A certificate as a page (PDF, or a picture): what was found, what it covers, and beside which limits."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.certification.certificate import Certificate, corners_of
+from fenics_rom.certification.certify import Strikes
+from fenics_rom.certification.impacts import QUANTITIES
+from fenics_rom.certification.search import SAFETY
+from fenics_rom.io.units import prefixed
+from fenics_rom.visualization.figure import LIGHT, figure_class, write_figure
+
+PAGE = (8.27, 11.69)  # inches: A4
+HEADING = ("", "largest run", "bound over ranges", "reduction error", "step error", "certified", "limit", "")
+MOST_PANELS = 4  # of parameters
+
+
+def finding_rows(certificate: Certificate) -> list[tuple[str, ...]]:
+    """Cells of a row for each quantity, under HEADING."""
+    rows = []
+    for name, found in certificate.findings.items():
+        factor, unit = prefixed(QUANTITIES[name], max(found.certified, found.limit or 0.0))
+        numbers = (found.largest, found.bound, found.reduction, found.time_step, found.certified)
+        limit = "none" if found.limit is None else f"{factor * found.limit:.3g}"
+        verdict = {None: "", True: "kept", False: "EXCEEDED"}[found.is_kept]
+        rows.append((f"{name} ({unit})", *(f"{factor * number:.3g}" for number in numbers), limit, verdict))
+    return rows
+
+
+def coverage_lines(certificate: Certificate) -> list[str]:
+    """What was varied and looked at, in sentences."""
+    cover = certificate.cover
+    return [
+        *(f"{each.name}: {each.low:g} to {each.high:g} {each.unit}" for each in certificate.parameters),
+        f"{certificate.runs} runs: {len(cover.middles)} boxes cover all of these ranges, the narrowest "
+        f"{cover.widths.min():.2g} of a range; {len(certificate.corners)} corners.",
+        f"The bound holds if nothing changes faster than {SAFETY:g} times what was seen between neighbouring runs.",
+        f"Errors are the largest of {len(certificate.compared.points)} runs, with models in all modes and with half of "
+        "the step. Both are added to the bound.",
+    ]
+
+
+def write_report(file: Path, certificate: Certificate) -> None:
+    """Writes the page in the format of the file's ending; runs the worst impact once more to draw it.
+
+    Raises:
+        MissingPackageError: without Matplotlib.
+        FileError: it cannot be written.
+    """
+    figure_type = figure_class()
+    from matplotlib import rc_context
+
+    with rc_context(LIGHT.settings):
+        figure = figure_type(figsize=PAGE)
+        _draw_words(figure, certificate)
+        _draw_time(figure.add_axes((0.1, 0.36, 0.83, 0.15)), certificate)
+        shown = range(min(MOST_PANELS, len(certificate.parameters)))
+        width = 0.83 / len(shown)
+        for k in shown:
+            axes = figure.add_axes((0.1 + k * width, 0.08, 0.8 * width, 0.2))
+            _draw_parameter(axes, certificate, k)
+            axes.set_ylabel("largest force (N)" if k == 0 else "")
+        write_figure(figure, file, dpi=150)
+
+
+def _draw_words(figure: Any, certificate: Certificate) -> None:
+    table = certificate.scene.file.certificate
+    assert table is not None
+    figure.text(0.08, 0.95, f"Impact: {certificate.scene.file.name}", fontsize=15, weight="bold")
+    about = f"{' and '.join(table.by)} on {table.body}"
+    if certificate.limits is not None:
+        about += f"; limits of {certificate.limits.region} ({certificate.limits.source})"
+    figure.text(0.08, 0.928, about, fontsize=9)
+    axes = figure.add_axes((0.08, 0.79, 0.85, 0.12))
+    axes.set_axis_off()
+    drawn = axes.table(cellText=finding_rows(certificate), colLabels=HEADING, loc="upper center", edges="horizontal")
+    drawn.auto_set_font_size(False)
+    drawn.set_fontsize(7.5)
+    drawn.scale(1, 1.6)
+    lines = [*coverage_lines(certificate), *(f"Told by runs: {text}" for text in certificate.warnings)]
+    figure.text(0.08, 0.775, "\n".join(_wrapped(lines)), fontsize=7.5, va="top", linespacing=1.5)
+
+
+def _wrapped(lines: Sequence[str]) -> list[str]:
+    from textwrap import wrap
+
+    return [part for line in lines for part in wrap(line, 120)][:24]
+
+
+def _draw_time(axes: Any, certificate: Certificate) -> None:
+    """Force over time in the worst run."""
+    run, points = certificate.scene.file.run, _points(certificate)
+    assert run is not None
+    values = np.concatenate([certificate.cover.values, certificate.corners])
+    strikes = Strikes(certificate.scene, certificate.roms, run.dt)
+    worst = points[values[:, 0].argmax()]
+    impact = strikes.impact(worst)
+    axes.plot(1e3 * impact.times, impact.felt[:, 0])
+    axes.set(xlabel="time (ms)", ylabel="force (N)", title=f"The run with the largest force: {strikes.where(worst)}")
+
+
+def _draw_parameter(axes: Any, certificate: Certificate, k: int) -> None:
+    """Largest forces of all runs over one parameter, and what is certified and allowed."""
+    parameter, found = certificate.parameters[k], certificate.findings["force"]
+    at = [parameter.at(float(share)) for share in _points(certificate)[:, k]]
+    axes.plot(at, np.concatenate([certificate.cover.values, certificate.corners])[:, 0], "o", markersize=3)
+    axes.axhline(found.certified, color=LIGHT.colours[1], label=f"certified: {found.certified:.3g} N")
+    if found.limit is not None and found.limit < 3 * found.certified:
+        axes.axhline(found.limit, color="black", linestyle="--", label=f"limit: {found.limit:.3g} N")
+    axes.set(xlabel=f"{parameter.name} ({parameter.unit})", ylim=(0, None))
+    if k == 0:
+        axes.legend(loc="lower right")
+
+
+def _points(certificate: Certificate) -> Any:
+    return np.concatenate(
+        [certificate.cover.middles, corners_of(len(certificate.parameters))[: len(certificate.corners)]]
+    )

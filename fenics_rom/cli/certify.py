@@ -1,0 +1,51 @@
+"""`fenics-rom certify`: the worst impacts of a world over ranges of speeds, masses and poses."""
+
+import argparse
+from pathlib import Path
+
+import fenics_rom as fr
+from fenics_rom.cli.display import print_lines, print_table, progress
+from fenics_rom.cli.output import add_output
+from fenics_rom.errors import FileError
+from fenics_rom.io.overwriting import check_outputs
+from fenics_rom.scene.world_file import files_of_world
+
+SUMMARY = "search the worst impacts of a world over the ranges of its [certificate]"
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """What it is told."""
+    command.add_argument("world", metavar="WORLD", help="world file (TOML) with a [certificate]")
+    add_output(command, "OUT.pdf", "page with what was found (.pdf, .png, .svg)")
+    command.add_argument(
+        "--json", type=Path, metavar="FILE", help="its numbers, which `fenics-rom check` verifies, and models beside it"
+    )
+    command.add_argument("--resume", action="store_true", help="go on from the runs that an interrupted search left")
+
+
+def run(choice: argparse.Namespace) -> None:
+    """Searches, and writes page and numbers."""
+    from fenics_rom.certification.certify import certify
+    from fenics_rom.certification.file import write_certificate
+    from fenics_rom.certification.report import HEADING, coverage_lines, finding_rows, write_report
+    from fenics_rom.visualization.figure import figure_class
+
+    figure_class()
+    world = fr.read_world(choice.world)
+    for output in filter(None, (choice.output, choice.json)):
+        check_outputs(output, inputs=files_of_world(world), force=choice.force)
+    runs = choice.output.with_name(f"{choice.output.name}.runs")
+    if not choice.resume:
+        runs.unlink(missing_ok=True)
+    elif not runs.exists():
+        raise FileError(f"{runs}: there is nothing to go on from; leave out --resume")
+    with progress() as report:
+        certificate = certify(world, runs_file=runs, report=report)
+    files = []
+    if choice.json is not None:
+        files = write_certificate(choice.json, certificate, force=choice.force)
+    write_report(choice.output, certificate)
+    runs.unlink()
+    print_table(f"impacts of {world.file.name}", HEADING, finding_rows(certificate))
+    print(*(f"  {line}" for line in coverage_lines(certificate)), sep="\n")
+    print_lines({"written": ", ".join(map(str, [choice.output, *files]))}, tuple(certificate.warnings))

@@ -1,0 +1,328 @@
+"""Rigid balls hit a soft pad; the certificate is checked, altered, and gone on with."""
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fenics_rom as fr
+from fenics_rom.certification.certify import Strikes, certify
+from fenics_rom.certification.impacts import QUANTITIES
+from fenics_rom.certification.limits import read_limits
+from fenics_rom.certification.ranges import file_at, parameters_of
+from fenics_rom.cli.main import main
+from fenics_rom.errors import DataError, FileError, SceneError
+from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix
+
+MESHES = Path(__file__).parents[2] / "meshes"
+PAD = """
+name = "pad"
+mesh = { file = "MESH", degree = 1, scale = 2.0 }
+material = { young = 5e5, poisson = 0.2, density = 1000.0 }
+supports = { clamped = ["back"] }
+contacts.face = { surface = "face" }
+[effects]
+inertia = {}
+damping = { beta = 1e-3 }
+[effects.contact.obstacles.wall]
+shape = "half-space"
+point = [0.0, 0.0, 1.0]
+normal = [0.0, 0.0, -1.0]
+[reduction]
+order = 10
+"""
+WORLD = """
+name = "drop"
+[bodies.pad]
+scene = "pad.toml"
+[bodies.ball]
+shape = "sphere"
+radius = 0.02
+mass = 0.1
+position = [0.0, 0.0, 0.0402]
+velocity = [0.0, 0.0, -0.1]
+[certificate]
+body = "pad"
+by = ["ball"]
+region = "hands and fingers"
+tolerance = 0.3
+[certificate.ranges.ball]
+mass = [0.1, 0.2]
+velocity = [[0.0, 0.0, -0.3], [0.0, 0.0, -0.1]]
+[run]
+dt = 5e-4
+duration = 0.03
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("certificate")
+    (folder / "pad.toml").write_text(PAD.replace("MESH", str(MESHES / "pad.msh")))
+    (folder / "drop.toml").write_text(WORLD)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def certificate(folder):
+    return certify(fr.read_world(folder / "drop.toml"))
+
+
+@pytest.fixture
+def written(certificate, tmp_path):
+    return fr.write_certificate(tmp_path / "impact.json", certificate)[0]
+
+
+def test_no_run_within_the_ranges_is_above_what_is_certified(certificate):
+    strikes = Strikes(certificate.scene, certificate.roms, 5e-4)
+    certified = np.array([each.certified for each in certificate.findings.values()])
+    for point in np.random.default_rng(1).random((8, 2)):
+        assert (strikes(point) < certified).all()
+    assert (certificate.cover.values > 0).all()
+    assert certificate.is_kept
+
+
+def test_what_is_found_is_what_mechanics_says(certificate):
+    """All the ball has goes into the pad and back: energies are at most ½ m v², forces are of a spring's size."""
+    energy = certificate.findings["energy"]
+    assert energy.at == (0.2, -0.3)
+    assert 0.9 * 0.009 < energy.largest <= 0.009 * (1 + 1e-9)
+    assert certificate.findings["force"].at == (0.2, -0.3)
+    for found in certificate.findings.values():
+        assert found.largest <= found.bound <= 1.3 * found.largest
+        assert found.certified == found.bound + found.reduction + found.time_step
+        assert 0 < found.time_step < 0.3 * found.largest
+
+
+def test_a_certificate_is_read_and_its_runs_are_run_again(certificate, written):
+    again = fr.check_certificate(written)
+    assert again.findings == certificate.findings
+    assert again.limits == certificate.limits
+    assert {path.name for path in written.parent.iterdir()} == {"impact.json", "impact.pad.h5"}
+
+
+def seal_again(file, change):
+    from fenics_rom.certification.file import _sealed
+
+    content = json.loads(file.read_text())
+    del content["seal"]
+    change(content)
+    file.write_text(json.dumps(_sealed(content)))
+
+
+def lower_all(content):
+    for runs in content["runs"]["peaks"], content["runs"]["corners"], content["errors"]["reduced"]:
+        for run in runs:
+            run[0] *= 0.5
+
+
+def lower_findings(content):
+    content["findings"]["force"]["largest"] *= 0.5
+
+
+def lower_all_as_follows(content):
+    lower_all(content)
+    for key in "largest", "bound", "reduction", "time_step", "certified":
+        content["findings"]["force"][key] *= 0.5
+    for run in (*content["errors"]["full"], *content["errors"]["halved"]):
+        run[0] *= 0.5
+
+
+def narrow(content):
+    content["world"]["certificate"]["ranges"]["ball"]["mass"] = [0.05, 0.1]
+
+
+def raise_limit(content):
+    content["limits"]["of"]["force"] = 1e4
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lower_findings, "from its runs follows"),
+        (lower_all, "from its runs follows"),
+        (lower_all_as_follows, "the model gives a force"),
+        (narrow, "from its runs follows|the model gives"),
+        (raise_limit, "are not those of the table"),
+        (lambda content: content["runs"]["points"].pop(), "altered"),
+        (lambda content: content["runs"]["points"][3].__setitem__(0, 0.3), "altered"),
+    ],
+)
+def test_what_was_altered_is_refused(written, change, said):
+    """With a new seal; the seal alone tells whoever does not make one."""
+    seal_again(written, change)
+    with pytest.raises(FileError, match=said):
+        fr.check_certificate(written)
+
+
+def test_what_was_altered_without_a_seal_and_other_models_are_refused(written, tmp_path):
+    text = written.read_text()
+    written.write_text(text.replace('"largest": ', '"largest": 1', 1))
+    with pytest.raises(FileError, match="was altered: the seal does not fit"):
+        fr.check_certificate(written)
+    written.write_text(text)
+    model = tmp_path / "impact.pad.h5"
+    fr.write_rom(model, fr.truncate(fr.read_rom(model), 5), force=True)
+    with pytest.raises(FileError, match=r"impact.pad.h5 is not the one that was certified"):
+        fr.check_certificate(written)
+    model.unlink()
+    with pytest.raises(FileError, match="cannot be read: No such file"):
+        fr.check_certificate(written)
+    written.write_text("{}")
+    with pytest.raises(FileError, match="is no certificate"):
+        fr.check_certificate(written)
+
+
+def test_interrupted_work_goes_on_and_changed_worlds_begin_anew(folder, certificate, tmp_path):
+    runs = tmp_path / "runs"
+    scene = fr.read_world(folder / "drop.toml")
+    strikes = Strikes(scene, certificate.roms, 5e-4, runs)
+    strikes(np.array([0.5, 0.5]))
+    again = Strikes(scene, {}, 5e-4, runs)  # without models it can run nothing
+    np.testing.assert_array_equal(again(np.array([0.5, 0.5])), certificate.cover.values[0])
+    runs.write_text("0" * 64 + "\n")
+    with pytest.raises(FileError, match="holds runs of another world"):
+        Strikes(scene, {}, 5e-4, runs)
+
+
+def test_the_commands(folder, tmp_path, capsys):
+    for name in "pad.toml", "drop.toml":
+        shutil.copy(folder / name, tmp_path)
+    out, numbers = tmp_path / "impact.pdf", tmp_path / "impact.json"
+    with pytest.raises(SystemExit) as ended:
+        main(["certify", str(tmp_path / "drop.toml"), "-o", str(out), "--json", str(numbers)])
+    assert ended.value.code == 0
+    printed = capsys.readouterr().out
+    assert "largest run" in printed
+    assert re.search(r"force \(N\).*kept", printed)
+    assert out.read_bytes().startswith(b"%PDF")
+    assert not out.with_name("impact.pdf.runs").exists()
+    with pytest.raises(SystemExit) as ended:
+        main(["check", str(numbers)])
+    assert ended.value.code == 0
+    assert "holds" in capsys.readouterr().out
+    with pytest.raises(SystemExit) as ended:
+        main(["certify", str(tmp_path / "drop.toml"), "-o", str(out), "--resume"])
+    assert ended.value.code == 1
+    assert "nothing to go on from" in capsys.readouterr().err
+
+
+GROUP = """
+[bodies.tool]
+shape = "box"
+size = [0.1, 0.1, 0.1]
+mass = 1.0
+position = [0.0, 0.0, 0.5]
+[bodies.handle]
+shape = "box"
+size = [0.1, 0.1, 0.1]
+mass = 2.0
+position = [0.2, 0.0, 0.5]
+[bodies.hand]
+shape = "sphere"
+radius = 0.05
+mass = 0.5
+[[joints]]
+kind = "weld"
+first = "tool"
+second = "handle"
+point = [0.1, 0.0, 0.5]
+[certificate]
+body = "hand"
+by = ["tool"]
+[certificate.ranges.tool]
+position = [[0.0, 0.0, 0.5], [0.0, 0.0, 0.7]]
+rotation = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+velocity = [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0]]
+spin = [[0.0, 0.0, 2.0], [0.0, 0.0, 2.0]]
+[run]
+dt = 1e-3
+duration = 0.1
+"""
+
+
+def read(tmp_path, text):
+    (tmp_path / "world.toml").write_text(text)
+    return fr.read_world(tmp_path / "world.toml")
+
+
+def test_what_is_joined_moves_as_one(tmp_path):
+    scene = read(tmp_path, GROUP)
+    assert [each.name for each in parameters_of(scene.file.certificate.ranges)] == [
+        "tool.position.z",
+        "tool.rotation.z",
+    ]
+    file = file_at(scene.file, np.array([0.5, 1.0]))
+    tool, handle = file.bodies["tool"], file.bodies["handle"]
+    assert tool.position == pytest.approx((0, 0, 0.6))
+    assert handle.position == pytest.approx((0.2 * np.cos(1), 0.2 * np.sin(1), 0.6))
+    assert file.joints[0].point == pytest.approx((0.1 * np.cos(1), 0.1 * np.sin(1), 0.6))
+    turned = rotation_matrix(quaternion_of_vector(handle.rotation))
+    np.testing.assert_allclose(turned @ [1, 0, 0], [np.cos(1), np.sin(1), 0], atol=1e-15)
+    assert tool.velocity == (0, 0, -1)
+    assert handle.velocity == pytest.approx((-0.4 * np.sin(1), 0.4 * np.cos(1), -1))
+    assert handle.spin == (0, 0, 2)
+    assert file.bodies["hand"] == scene.file.bodies["hand"]
+
+
+def test_what_the_world_holds_turns_about_its_joint(tmp_path):
+    hinge = '[[joints]]\nkind = "hinge"\nfirst = "handle"\npoint = [1.0, 0.0, 0.5]\naxis = [0.0, 0.0, 1.0]\n'
+    text = GROUP.replace("[certificate]", hinge + "[certificate]")
+    text = re.sub(r"(position|velocity) = \[\[.*\n", "", text)
+    file = file_at(read(tmp_path, text).file, np.array([1.0]))
+    assert file.bodies["tool"].position == pytest.approx((1 - np.cos(1), -np.sin(1), 0.5))
+    assert file.bodies["tool"].velocity == pytest.approx((2 * np.sin(1), -2 * np.cos(1), 0))
+    assert file.joints[1].point == pytest.approx((1, 0, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('body = "hand"', 'body = "hans"', "certificate.body: no body 'hans'"),
+        ('by = ["tool"]', 'by = ["hand"]', "is joined to 'hand', or is it"),
+        ('by = ["tool"]', 'by = ["tool"]\nlimits = "mine.csv"', "has no effect without the region"),
+        ("velocity = [[0.0, 0.0, -1.0]", "velocity = [[0.0, 0.0, 1.0]", "from 1 to -1: allowed is upwards"),
+        ("[certificate.ranges.tool]", "[certificate.ranges.tool]\npace = [1, 2]", "allowed for a body with a path"),
+        ("[run]\ndt = 1e-3\nduration = 0.1\n", "", "its runs are as long as"),
+        ("[run]", "[certificate.ranges.handle]\nspin = [[0,0,0],[0,0,1]]\n[run]", "is joined to"),
+        ("[certificate.ranges.tool]", "[certificate.ranges.toll]", "no body 'toll'; .* did you mean 'tool'"),
+        ("mass = 0.5", "", "hand"),
+    ],
+)
+def test_what_cannot_be_certified_is_said(tmp_path, old, new, said):
+    text = GROUP.replace(old, new)
+    if old == "mass = 0.5":
+        text += "[certificate.ranges.hand]\nmass = [1, 2]\n"
+    with pytest.raises(SceneError, match=said):
+        read(tmp_path, text)
+
+
+def test_limits(tmp_path):
+    limits = read_limits("hands and fingers")
+    assert limits.of == {"force": 280.0, "pressure": 3.8e6, "energy": 0.52}
+    with pytest.raises(DataError, match=r"no region 'hand'; there is abdomen"):
+        read_limits("hand")
+    (tmp_path / "mine.csv").write_text("region,force_N,pressure_N_per_cm2,energy_J,source\nnose,50,,-1,me\n")
+    with pytest.raises(DataError, match=r"column 'energy_J': allowed is a number > 0"):
+        read_limits("nose", tmp_path / "mine.csv")
+    (tmp_path / "mine.csv").write_text("region,force_N,pressure_N_per_cm2,energy_J,source\nnose,50,,,me\n")
+    assert read_limits("nose", tmp_path / "mine.csv").of == {"force": 50.0}
+    (tmp_path / "mine.csv").write_text("region,force_N\nnose,50\n")
+    with pytest.raises(DataError, match="column 'pressure_N_per_cm2' is missing"):
+        read_limits("nose", tmp_path / "mine.csv")
+
+
+def test_nothing_that_is_hit_and_runs_that_end_too_early(folder, tmp_path):
+    scene = fr.read_world(folder / "drop.toml")
+    run = replace(scene.file.run, duration=5e-3)
+    with pytest.raises(SceneError, match="the force still grows when the run ends"):
+        certify(replace(scene, file=replace(scene.file, run=run)))
+    away = replace(scene.file.bodies["ball"], position=(0.0, 0.0, 1.0))
+    bodies = {**scene.file.bodies, "ball": away}
+    with pytest.raises(SceneError, match=r"runs nothing hits 'pad'"):
+        certify(replace(scene, file=replace(scene.file, bodies=bodies)))
+    assert set(QUANTITIES) == {"force", "pressure", "energy"}
