@@ -70,7 +70,7 @@ class Certificate:
         compared: runs that tell errors.
         limits: of the region, if it was named.
         roms: models of the soft bodies.
-        warnings: of all runs, each once.
+        warnings: of the runs, each once.
 
     Example:
         >>> fr.read_certificate("impact.json").findings["force"].is_kept  # doctest: +SKIP

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -22,6 +23,7 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.world_file import files_of_world
 from fenics_rom.scene.world_format import WorldScene
 
+NUMBER = re.compile(r"\d[\d.e+-]*")
 MOST_CORNERS = 6  # dimensions: beyond them corners are too many
 
 
@@ -81,7 +83,7 @@ def certify(scene: WorldScene, *, runs_file: Path | None = None, report: Report 
     report("errors", 2 * len(rows), 2 * len(rows))
     of_full, halved = np.array(compared).reshape(2, len(rows), -1)
     comparison = Comparison(points[rows], found[rows], of_full, halved)
-    return Certificate(scene, cover, at_corners, comparison, limits, roms, tuple(strikes.warnings))
+    return Certificate(scene, cover, at_corners, comparison, limits, roms, strikes.warnings)
 
 
 class Strikes:
@@ -97,9 +99,14 @@ class Strikes:
     def __init__(self, scene: WorldScene, roms: Mapping[str, Rom], dt: float, runs_file: Path | None = None):
         self._scene, self._roms, self._dt, self._file = scene, roms, dt, runs_file
         self._known: dict[tuple[float, ...], Array] = {}
-        self.warnings: dict[str, None] = {}  # in order
+        self._told: dict[str, list[str]] = {}  # by their words, whatever their numbers
         if runs_file is not None:
             self._known = known_runs(runs_file, scene)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What runs told, each once, with the numbers of the first run that did, and in how many runs."""
+        return tuple(f"{texts[0]} (this or the like in {len(texts)} runs)" for texts in self._told.values())
 
     @property
     def count(self) -> int:
@@ -125,7 +132,8 @@ class Strikes:
                 impact = strike(scene, self._roms, self._dt)
         except FenicsRomError as error:
             raise type(error)(f"{self.where(point)}: {error}") from error
-        self.warnings |= dict.fromkeys(impact.warnings)
+        for text in impact.warnings:
+            self._told.setdefault(NUMBER.sub("#", text), []).append(text)
         return impact
 
     def where(self, point: Array) -> str:

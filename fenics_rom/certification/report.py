@@ -14,7 +14,7 @@ from fenics_rom.io.units import prefixed
 from fenics_rom.visualization.figure import LIGHT, figure_class, write_figure
 
 PAGE = (8.27, 11.69)  # inches: A4
-HEADING = ("", "largest run", "bound over ranges", "reduction error", "step error", "certified", "limit", "")
+HEADING = ("", "largest run", "bound", "+ reduction", "+ step", "= certified", "limit", "")
 MOST_PANELS = 4  # of parameters
 
 
@@ -56,11 +56,11 @@ def write_report(file: Path, certificate: Certificate) -> None:
     with rc_context(LIGHT.settings):
         figure = figure_type(figsize=PAGE)
         _draw_words(figure, certificate)
-        _draw_time(figure.add_axes((0.1, 0.36, 0.83, 0.15)), certificate)
+        _draw_time(figure.add_axes((0.1, 0.42, 0.83, 0.15)), certificate)
         shown = range(min(MOST_PANELS, len(certificate.parameters)))
         width = 0.83 / len(shown)
         for k in shown:
-            axes = figure.add_axes((0.1 + k * width, 0.08, 0.8 * width, 0.2))
+            axes = figure.add_axes((0.1 + k * width, 0.1, 0.8 * width, 0.24))
             _draw_parameter(axes, certificate, k)
             axes.set_ylabel("largest force (N)" if k == 0 else "")
         write_figure(figure, file, dpi=150)

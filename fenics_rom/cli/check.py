@@ -10,7 +10,7 @@ SUMMARY = "verify a certificate of impact from its numbers and models, and run t
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
-    command.add_argument("certificate", type=Path, metavar="FILE.json", help="that `certify --json` wrote")
+    command.add_argument("certificate", type=Path, metavar="FILE.json", help="numbers that `certify` wrote")
     command.add_argument(
         "--runs", type=int, default=3, metavar="N", help="runs that are drawn at random and run again, beside the worst"
     )

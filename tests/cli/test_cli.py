@@ -62,6 +62,8 @@ COMMANDS = {
         "--resume",
         "--output",
     ],
+    "certify": ["--output", "--json", "--resume"],
+    "check": ["--runs"],
     "identify": ["--also", "--data", "--parameters", "--output"],
     "info": ["--surfaces", "--output"],
     "view": ["--port", "--no-browser", "--dt"],

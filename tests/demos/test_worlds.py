@@ -28,6 +28,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
         "feed/drops",
         "squeeze/squeeze",
         "ironing/ironing",
+        "impact/impact",
         "pipe/pipe",
     ],
 )
