@@ -25,6 +25,7 @@ from nafems import pressed_plate, solid_plate, tapered_membrane
 from plain_newton import time_beside_plain_newton
 from rubber import cook, pressed_cube
 from solids import LARGE, PLANE_STRAIN, Row, bar, mesh_of, tip_under
+from struck_bar import struck_bar
 from toggle import toggle
 
 from fenics_rom.errors import FenicsRomWarning
@@ -113,7 +114,7 @@ def flag(quick: bool) -> Iterator[Row]:
 
 
 CASES = (princeton, curved_cantilever, heavy_cantilever, flag, tapered_membrane, solid_plate, pressed_plate, cook,
-         pressed_cube, flag_that_falls, twisted_column, toggle, hertz)  # fmt: skip
+         pressed_cube, flag_that_falls, twisted_column, toggle, hertz, struck_bar)  # fmt: skip
 
 
 def main() -> int:
