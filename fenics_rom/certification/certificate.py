@@ -51,11 +51,11 @@ class Finding:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Runs at k points (k, d): reduced (k, 3), in all modes, and reduced with half of the step."""
+    """Runs at k points (k, d): reduced (k, 3), with finer models, and reduced with half of the step."""
 
     points: Array
     reduced: Array
-    full: Array
+    finer: Array
     halved: Array
 
 
@@ -98,7 +98,7 @@ class Certificate:
         points = np.concatenate([self.cover.middles, corners_of(len(self.parameters))[: len(self.corners)]])
         values = np.concatenate([self.cover.values, self.corners])
         bound = np.maximum(self.cover.bound, values.max(axis=0))
-        reduction = np.abs(self.compared.full - self.compared.reduced).max(axis=0)
+        reduction = np.abs(self.compared.finer - self.compared.reduced).max(axis=0)
         step = RICHARDSON * np.abs(self.compared.halved - self.compared.reduced).max(axis=0)
         found = {}
         for k, quantity in enumerate(QUANTITIES):

@@ -36,7 +36,7 @@ def certify(scene: WorldScene, *, runs_file: Path | None = None, report: Report 
         report: called with the stage, how much of it is done, and of how much.
 
     Raises:
-        SceneError: there is no [certificate], a body whose error cannot be told, or nothing is hit.
+        SceneError: there is no [certificate], a body whose scene is not at hand, or nothing is hit.
         DataError: the table of limits cannot be used.
         StepError: a run could not be taken; it says at which parameters.
 
@@ -53,7 +53,7 @@ def certify(scene: WorldScene, *, runs_file: Path | None = None, report: Report 
     if table.region is not None:
         limits = read_limits(table.region, EXAMPLES if table.limits is None else scene.folder / table.limits)
     dimension = len(parameters_of(table.ranges))
-    roms, full = models_of(scene, report)
+    roms, finer = models_of(scene, report)
     strikes = Strikes(scene, roms, run.dt, runs_file)
 
     def values(point: Array) -> Array:
@@ -74,15 +74,15 @@ def certify(scene: WorldScene, *, runs_file: Path | None = None, report: Report 
     rows = np.unique([0, *found.argmax(axis=0)])
     for row in rows:
         check_strikes(strikes.impact(points[row]), strikes.where(points[row]))
-    others = Strikes(scene, full, run.dt), Strikes(scene, roms, run.dt / 2)
+    others = Strikes(scene, finer, run.dt), Strikes(scene, roms, run.dt / 2)
     compared = []
     for k, each in enumerate(others):
         for j, row in enumerate(rows):
             report("errors", k * len(rows) + j, 2 * len(rows))
             compared.append(each(points[row]))
     report("errors", 2 * len(rows), 2 * len(rows))
-    of_full, halved = np.array(compared).reshape(2, len(rows), -1)
-    comparison = Comparison(points[rows], found[rows], of_full, halved)
+    of_finer, halved = np.array(compared).reshape(2, len(rows), -1)
+    comparison = Comparison(points[rows], found[rows], of_finer, halved)
     return Certificate(scene, cover, at_corners, comparison, limits, roms, strikes.warnings)
 
 

@@ -38,8 +38,8 @@ def coverage_lines(certificate: Certificate) -> list[str]:
         f"{certificate.runs} runs: {len(cover.middles)} boxes cover all of these ranges, the narrowest "
         f"{cover.widths.min():.2g} of a range; {len(certificate.corners)} corners.",
         f"The bound holds if nothing changes faster than {SAFETY:g} times what was seen between neighbouring runs.",
-        f"Errors are the largest of {len(certificate.compared.points)} runs, with models in all modes and with half of "
-        "the step. Both are added to the bound.",
+        f"Errors are the largest of {len(certificate.compared.points)} runs, with finer models and with half of the "
+        "step. Both are added to the bound.",
     ]
 
 
