@@ -95,17 +95,16 @@ class Certificate:
     @cached_property
     def findings(self) -> dict[str, Finding]:
         """By quantity."""
-        points = np.concatenate([self.cover.middles, corners_of(len(self.parameters))[: len(self.corners)]])
-        values = np.concatenate([self.cover.values, self.corners])
-        bound = np.maximum(self.cover.bound, values.max(axis=0))
+        points, peaks = self.points, self.peaks
+        bound = np.maximum(self.cover.bound, peaks.max(axis=0))
         reduction = np.abs(self.compared.finer - self.compared.reduced).max(axis=0)
         step = RICHARDSON * np.abs(self.compared.halved - self.compared.reduced).max(axis=0)
         found = {}
         for k, quantity in enumerate(QUANTITIES):
-            at = self.values_at(points[values[:, k].argmax()])
+            at = self.values_at(points[peaks[:, k].argmax()])
             limit = None if self.limits is None else self.limits.of.get(quantity)
             most, of_model, of_step = (float(each[k]) for each in (bound, reduction, step))
-            found[quantity] = Finding(quantity, float(values[:, k].max()), at, most, of_model, of_step, limit)
+            found[quantity] = Finding(quantity, float(peaks[:, k].max()), at, most, of_model, of_step, limit)
         return found
 
     @property
@@ -115,9 +114,14 @@ class Certificate:
         return all(kept) if kept else None
 
     @property
-    def runs(self) -> int:
-        """How many impacts were run, those with finer models and steps not counted."""
-        return len(self.cover.middles) + len(self.corners)
+    def points(self) -> Array:
+        """(r, d) of all runs but those that tell errors: of the search, and then the corners."""
+        return np.concatenate([self.cover.middles, corners_of(len(self.parameters))[: len(self.corners)]])
+
+    @property
+    def peaks(self) -> Array:
+        """(r, 3) there."""
+        return np.concatenate([self.cover.values, self.corners])
 
     def values_at(self, point: Array) -> tuple[float, ...]:
         """The parameters at a point (d,) of [0, 1]^d."""
@@ -125,7 +129,7 @@ class Certificate:
 
     def __repr__(self) -> str:
         parts = [f"{name} {each.certified:.4g} {QUANTITIES[name]}" for name, each in self.findings.items()]
-        return f"Certificate {self.scene.file.name!r} of {self.runs} runs: at most {', '.join(parts)}"
+        return f"Certificate {self.scene.file.name!r} of {len(self.peaks)} runs: at most {', '.join(parts)}"
 
 
 def corners_of(dimension: int) -> Array:

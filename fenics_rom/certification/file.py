@@ -14,7 +14,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.arguments import path_in
-from fenics_rom.certification.certificate import Certificate, Comparison, corners_of
+from fenics_rom.certification.certificate import Certificate, Comparison
 from fenics_rom.certification.certify import Strikes
 from fenics_rom.certification.impacts import QUANTITIES
 from fenics_rom.certification.limits import Limits, read_limits
@@ -51,7 +51,10 @@ def write_certificate(file: str | Path, certificate: Certificate, *, force: bool
 
 
 def check_certificate(file: str | Path, *, samples: int = SAMPLES, report: Report = silent) -> Certificate:
-    """Reads a certificate, draws all conclusions again from its runs, and runs the worst ones, and some others, again.
+    """Reads a certificate, draws all conclusions again from its runs, and runs some of them again.
+
+    These are the worst ones, all with half of the step, and some that are drawn. What finer models give is not run
+    again, as they are not at hand.
 
     Args:
         file: that `write_certificate` made, with its models beside it.
@@ -66,30 +69,25 @@ def check_certificate(file: str | Path, *, samples: int = SAMPLES, report: Repor
         True
     """
     certificate = read_certificate(file)
-    findings, points = (
-        certificate.findings,
-        np.concatenate(
-            [certificate.cover.middles, corners_of(len(certificate.parameters))[: len(certificate.corners)]]
-        ),
-    )
-    values = np.concatenate([certificate.cover.values, certificate.corners])
-    worst = np.unique(values.argmax(axis=0))
+    points, peaks, compared = certificate.points, certificate.peaks, certificate.compared
+    worst = np.unique(peaks.argmax(axis=0))
     others = np.setdiff1d(np.arange(len(points)), worst)
     drawn = np.random.default_rng().permutation(others)[:samples]
     run = certificate.scene.file.run
     assert run is not None
-    strikes = Strikes(certificate.scene, certificate.roms, run.dt)
-    scale = np.array([max(each.largest, 1e-300) for each in findings.values()])
-    for k, row in enumerate([*worst, *drawn]):
-        report("runs", k, len(worst) + len(drawn))
-        off = np.abs(strikes(points[row]) - values[row]) / scale
+    whole, half = (Strikes(certificate.scene, certificate.roms, dt) for dt in (run.dt, run.dt / 2))
+    again = [(whole, points[row], peaks[row]) for row in (*worst, *drawn)]
+    again += [(half, *each) for each in zip(compared.points, compared.halved, strict=True)]
+    for k, (strikes, point, said) in enumerate(again):
+        report("runs", k, len(again))
+        off = np.abs(strikes(point) - said) / np.maximum(peaks.max(axis=0), np.finfo(float).tiny)
         if (off > SAME_RUN).any():
             quantity = [*QUANTITIES][int(off.argmax())]
             raise FileError(
-                f"{file}: was altered: at {strikes.where(points[row])} the model gives a {quantity} that is "
+                f"{file}: was altered: at {strikes.where(point)} the model gives a {quantity} that is "
                 f"{off.max():.1e} of the largest away from what is written; allowed is {SAME_RUN:g}"
             )
-    report("runs", len(worst) + len(drawn), len(worst) + len(drawn))
+    report("runs", len(again), len(again))
     return certificate
 
 
@@ -100,8 +98,8 @@ def read_certificate(file: str | Path) -> Certificate:
         FileError: it cannot be read, or was altered.
 
     Example:
-        >>> fr.read_certificate("impact.json").runs  # doctest: +SKIP
-        25
+        >>> fr.read_certificate("impact.json").points.shape  # doctest: +SKIP
+        (25, 2)
     """
     file = path_in("read_certificate", file)
     try:

@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from fenics_rom.certification.certificate import Certificate, corners_of
+from fenics_rom.certification.certificate import Certificate
 from fenics_rom.certification.certify import Strikes
 from fenics_rom.certification.impacts import QUANTITIES
 from fenics_rom.certification.search import SAFETY
@@ -35,7 +33,7 @@ def coverage_lines(certificate: Certificate) -> list[str]:
     cover = certificate.cover
     return [
         *(f"{each.name}: {each.low:g} to {each.high:g} {each.unit}" for each in certificate.parameters),
-        f"{certificate.runs} runs: {len(cover.middles)} boxes cover all of these ranges, the narrowest "
+        f"{len(certificate.peaks)} runs: {len(cover.middles)} boxes cover all of these ranges, the narrowest "
         f"{cover.widths.min():.2g} of a range; {len(certificate.corners)} corners.",
         f"The bound holds if nothing changes faster than {SAFETY:g} times what was seen between neighbouring runs.",
         f"Errors are the largest of {len(certificate.compared.points)} runs, with finer models and with half of the "
@@ -92,11 +90,10 @@ def _wrapped(lines: Sequence[str]) -> list[str]:
 
 def _draw_time(axes: Any, certificate: Certificate) -> None:
     """Force over time in the worst run."""
-    run, points = certificate.scene.file.run, _points(certificate)
+    run = certificate.scene.file.run
     assert run is not None
-    values = np.concatenate([certificate.cover.values, certificate.corners])
     strikes = Strikes(certificate.scene, certificate.roms, run.dt)
-    worst = points[values[:, 0].argmax()]
+    worst = certificate.points[certificate.peaks[:, 0].argmax()]
     impact = strikes.impact(worst)
     axes.plot(1e3 * impact.times, impact.felt[:, 0])
     axes.set(xlabel="time (ms)", ylabel="force (N)", title=f"The run with the largest force: {strikes.where(worst)}")
@@ -105,17 +102,11 @@ def _draw_time(axes: Any, certificate: Certificate) -> None:
 def _draw_parameter(axes: Any, certificate: Certificate, k: int) -> None:
     """Largest forces of all runs over one parameter, and what is certified and allowed."""
     parameter, found = certificate.parameters[k], certificate.findings["force"]
-    at = [parameter.at(float(share)) for share in _points(certificate)[:, k]]
-    axes.plot(at, np.concatenate([certificate.cover.values, certificate.corners])[:, 0], "o", markersize=3)
+    at = [parameter.at(float(share)) for share in certificate.points[:, k]]
+    axes.plot(at, certificate.peaks[:, 0], "o", markersize=3)
     axes.axhline(found.certified, color=LIGHT.colours[1], label=f"certified: {found.certified:.3g} N")
     if found.limit is not None and found.limit < 3 * found.certified:
         axes.axhline(found.limit, color="black", linestyle="--", label=f"limit: {found.limit:.3g} N")
     axes.set(xlabel=f"{parameter.name} ({parameter.unit})", ylim=(0, None))
     if k == 0:
         axes.legend(loc="lower right")
-
-
-def _points(certificate: Certificate) -> Any:
-    return np.concatenate(
-        [certificate.cover.middles, corners_of(len(certificate.parameters))[: len(certificate.corners)]]
-    )
