@@ -45,9 +45,9 @@ class Batch(BatchedBodies):
     that a base carries, without contact. All others are stepped one after another, each at the rate of a simulator,
     with the same results to the bit: without inertia, with strokes, friction of tendons, a material that relaxes,
     springs in place of the rigid law, errors that are kept, free bodies in moving frames, and what else `stepping`
-    tells. Where numba is installed, held bodies of small strains among obstacles, and those of large deformation by
-    linearly implicit steps, step compiled on several threads, by any law of contact, and each as a single one to the
-    bit.
+    tells. Where numba is installed, held bodies of small strains among obstacles, those of large deformation by
+    linearly implicit steps, and bodies in moving frames step compiled on several threads, by any law of contact, if a
+    single one does, and each as that to the bit.
 
     `bodies` in the methods are None (all), a mask (size,) or distinct indices; arrays are in the order 0 .. size - 1.
 
@@ -118,13 +118,15 @@ class Batch(BatchedBodies):
         self._shape = self.size, self.inputs
 
     def _compiled(self, dt: float) -> "CompiledBodies | None":
-        bends = self._given.deformation is not None
-        if not compiled() or not (bends or self._given.environment.contact_law):  # others start sooner
+        bends, acting = self._given.deformation is not None, self._given.environment
+        if not compiled() or not (bends or acting.contact_law or acting.is_moving):  # others start sooner
             return None
         from fenics_rom.runtime.compiled_bending import CompiledBending
         from fenics_rom.runtime.compiled_bodies import CompiledBodies
+        from fenics_rom.runtime.compiled_frames import CompiledFrames
 
-        others, form = (self._ledger, self._signals, self._detail), CompiledBending if bends else CompiledBodies
+        others, held = (self._ledger, self._signals, self._detail), CompiledBending if bends else CompiledBodies
+        form = CompiledFrames if acting.is_moving else held
         bodies = form.made(self._given, self.size, dt, *others)
         self._why = self._why if bodies is None else ""
         return bodies

@@ -13,12 +13,13 @@ from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_fit import NEGLIGIBLE
 from fenics_rom.mechanics.base_path import CONJUGATE, BaseState, quaternion_product, rotation_vectors
 from fenics_rom.mechanics.environment import DETAILS
-from fenics_rom.mechanics.frame_motion import rotation_of, world_displacement
+from fenics_rom.mechanics.frame_motion import world_displacement
 from fenics_rom.mechanics.largest_turn import LARGEST_TURN
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import distinct
 from fenics_rom.runtime.batch_carried_step import CarriedMode, CarriedStep, lengths, products_of, turned_by
 from fenics_rom.runtime.steppers.moving_frame import quasi_rigid
+from fenics_rom.runtime.world_axes import world_outputs, world_rates
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.batch_arrays import PaddedModels
@@ -167,18 +168,11 @@ class BatchCarried:
 
     def world_displacement(self, output: str, field: Array) -> Array:
         """Of points of an output that moved by (B, P, 3) in their frames, the same shape, m."""
-        rest = np.asarray(self._frame.output_points[output])
-        R = np.moveaxis(np.array(rotation_of(*self.base.rotation.T)), 2, 0)
-        moved: Array = self.base.position[:, None] + (rest - self._frame.origin + field) @ R.transpose(0, 2, 1) - rest
-        return moved
+        return world_outputs(self._frame, self.base, output, field)
 
     def world_velocity(self, output: str, field: Array, rate: Array) -> Array:
         """Of the same points that move with (B, P, 3) in their frames, m/s."""
-        rest = np.asarray(self._frame.output_points[output])
-        R = np.moveaxis(np.array(rotation_of(*self.base.rotation.T)), 2, 0).transpose(0, 2, 1)
-        arms = (rest - self._frame.origin + field) @ R
-        velocity: Array = self.base.velocity[:, None] + np.cross(self.base.angular_velocity[:, None], arms) + rate @ R
-        return velocity
+        return world_rates(self._frame, self.base, output, field, rate)
 
     def world_shape(self, body: int, field: Array) -> Array:
         """Displacements (nodes, 3) of one body that has (nodes, 3) in its frame, m."""

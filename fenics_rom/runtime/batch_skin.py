@@ -6,9 +6,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.frame_motion import world_displacement
 from fenics_rom.mechanics.skin import MovedIntruder
 from fenics_rom.mechanics.skin_path import CHECK_INTERVAL, QUICK, Instant, Placement, on_the_way, stride_of
 from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
+from fenics_rom.runtime.skin_looks import arm_of
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.obstacles import Obstacle
@@ -47,6 +50,7 @@ class BatchSkin:
         self._room = np.full(batch.size, self._stride)  # how far each may move until a look is due, m
         self._since = _Whereabouts(*(part.copy() for part in self._now()))  # at the last look at each
         self._is_new = np.ones(batch.size, dtype=bool)  # bodies that were put where they are: nothing was before
+        self._arm = 0.0 if rom.moving_frame is None else arm_of(skin, rom.moving_frame.origin)
 
     def begin(self, bodies: Array) -> None:
         """Bodies (any,) begin anew."""
@@ -108,6 +112,9 @@ class BatchSkin:
             self._room[new] = self._stride
         moved = self._bound * np.sqrt(np.square(now.q - since.q).sum(axis=0))
         moved += np.sqrt(np.square(now.offsets - since.offsets).sum(axis=1).max(axis=0))
+        if len(now.poses):
+            gone = np.square(now.poses - since.poses)
+            moved += np.sqrt(gone[:3].sum(axis=0)) + 2 * self._arm * np.sqrt(gone[3:].sum(axis=0))
         moved[now.mode != since.mode] = np.inf
         moved[self._batch.frozen] = 0.0
         due = (moved > self._room).nonzero()[0]
@@ -116,18 +123,35 @@ class BatchSkin:
     def _instant(self, body: int) -> Instant:
         """Where a body and its obstacles are."""
         batch, skin = self._batch, self._watch.skin
-        few = batch.rom.nodes[self._nodes] + (self._rows @ batch.shape_coordinates(body)).reshape(-1, 3)
-        placed = Placement(few, lambda: skin.places(batch.shape(body)))
+        placed = Placement(
+            self._few(batch.shape_coordinates(body), self._now().poses[:, body]), lambda: skin.places(batch.shape(body))
+        )
         return Instant(placed, displaced(self._obstacles, batch.offsets_of(body)))
 
     def _before(self, body: int) -> Instant:
         """Where they were at the last look, but for what contact points yield by themselves."""
         batch, skin, since = self._batch, self._watch.skin, self._since
         C = list(batch.rom.contact_models.values())[since.mode[body]].coordinates
-        shape = C @ since.q[: C.shape[1], body]
-        few = batch.rom.nodes[self._nodes] + (self._rows @ shape).reshape(-1, 3)
-        placed = Placement(few, lambda: skin.places(batch.rom.reconstruct(shape)))
+        shape, pose = C @ since.q[: C.shape[1], body], since.poses[:, body].copy()
+
+        def whole() -> Array:
+            return skin.places(self._in_world(batch.rom.nodes, batch.rom.reconstruct(shape), pose))
+
+        placed = Placement(self._few(shape, pose), whole)
         return Instant(placed, displaced(self._obstacles, batch.offsets_of(body, since.offsets)))
+
+    def _few(self, shape: Array, pose: Array) -> Array:
+        """Places of the nodes that are looked at first, m, of a body in this shape (k,) and pose (7,)."""
+        rest = self._batch.rom.nodes[self._nodes]
+        few: Array = rest + self._in_world(rest, (self._rows @ shape).reshape(-1, 3), pose)
+        return few
+
+    def _in_world(self, rest: Array, field: Array, pose: Array) -> Array:
+        """Displacements (any, 3), of those in the frame."""
+        if not len(pose):
+            return field
+        base = BaseState(pose[:3], pose[3:], np.zeros(3), np.zeros(3))
+        return world_displacement(base, self._batch.rom.moving_frame.origin, rest, field)
 
 
 class _Whereabouts(NamedTuple):
@@ -136,3 +160,4 @@ class _Whereabouts(NamedTuple):
     q: Array  # (m, size)
     mode: Array  # (size,) number of the contact mode
     offsets: Array  # of obstacles, (O, 3, size), m, in the axes of contact
+    poses: Array  # position and quaternion of the frames (7, size), m; (0, size) where these do not move

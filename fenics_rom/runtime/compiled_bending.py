@@ -13,7 +13,6 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled, or_numpy
 from fenics_rom.mechanics.compiled.contact_law import Law
-from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.step import StepperState
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.compiled.carried_strains import (
@@ -105,13 +104,9 @@ class CompiledBending(CompiledBodies):
 
     def _enter(self, body: int) -> "ReducedStepper":
         stepper, carried, states = self._single.integrator, self._carried, self._modes[0].states
-        numbers, forces, contact = carried.numbers[body], self._told.forces[body], None
+        numbers, contact = carried.numbers[body], self._contact_of(body)
         strained = carried.strained[body].copy() if numbers[IS_CARRIED] else E_OF_Q
         handed_on = HandedOn(carried.vectors[body, VELOCITY].copy(), strained, *numbers[:4].tolist())
-        if forces.any():
-            none = np.empty((0, 3))
-            w = np.zeros((len(self._shapes), 3))
-            contact = ContactSolution(forces.copy(), 0, np.empty(0, int), none, none, w, None)
         auxiliary = np.concatenate([handed_on.in_one(carried.strained.shape[2]), states.beyond[body].ravel()])
         own = states.halves[body].ravel(), np.empty(0), auxiliary
         now = StepperState(*own, contact, self._search_of(body), {}, np.empty(0))

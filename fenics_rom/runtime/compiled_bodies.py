@@ -89,15 +89,11 @@ class CompiledBodies(CompiledState):
         self._rub(float(self._friction[body]))
         stepper.flush()
         ledger.sums = EnergyLedger().sums
-        mode = self._modes[self._mode[body]]
-        moving = None if self._interface is None else ObstacleMotion(*(part[body] for part in obstacles))
-        energy = stepper.step(StepInput(u, moving))
+        energy = stepper.step(self._all_of(body, u, obstacles))
         if not np.isfinite(energy):
             stepper.rollback()
             raise StepError(OVERFLOWS)
-        for kept, part in zip(mode.states[PARTS:], mode.states[:PARTS], strict=True):
-            kept[body] = part[body]
-        self._leave(body)
+        self._leave_step(body)
         if self._interface is not None:
             self._searches[body] = search = self._solver.search  # with what NumPy's methods keep
             self._after.forces[body] = search.forces
@@ -113,14 +109,35 @@ class CompiledBodies(CompiledState):
             told.forces[body], told.resultants[body] = touched.forces, touched.by_obstacle
             told.pressing[body] = touched.normal_forces
 
-    def set_state(self, q: Array, r: Array, bodies: Array, on_error: str) -> None:
-        """As of `Batch`."""
+    def _all_of(self, body: int, u: Array, obstacles: Obstacles) -> StepInput:
+        """All that acts on a body in a step."""
+        moving = None if self._interface is None else ObstacleMotion(*(part[body] for part in obstacles))
+        return StepInput(u, moving)
+
+    def _leave_step(self, body: int) -> None:
+        """The body is where the simulator is after a step."""
+        states = self._modes[self._mode[body]].states
+        for kept, part in zip(states[PARTS:], states[:PARTS], strict=True):
+            kept[body] = part[body]
+        self._leave(body)
+
+    def _checked_state(self, q: Array, r: Array, bodies: Array) -> Array:
+        """What bodies (n,) are to be put to, (2, n, m).
+
+        Raises:
+            StepError: as of `Batch.set_state`.
+        """
         state = stacked_state(q, r, (len(bodies), self._m))
         if not np.isfinite(state).all():
             raise StepError("state: allowed are finite numbers")
         orders = np.array([model.order for model in self._models])[self._mode[bodies]]
         if state[:, np.arange(self._m) >= orders[:, None]].any():
             raise StepError("state: beyond the order of a body's contact mode only zeros are allowed")
+        return state
+
+    def set_state(self, q: Array, r: Array, bodies: Array, on_error: str) -> None:
+        """As of `Batch`."""
+        state = self._checked_state(q, r, bodies)
         saved = [(mode, bodies, [part[bodies] for part in mode.states[:PARTS]]) for mode in self._modes]
         given = np.zeros((2, self.size, self._m))
         given[:, bodies] = state
@@ -135,7 +152,7 @@ class CompiledBodies(CompiledState):
             for mode, own, parts in saved:
                 for kept, part in zip(mode.states[:PARTS], parts, strict=True):
                     kept[own] = part
-            raise StepError(_inside_message(bodies[inside.argmax()]))
+            raise StepError(inside_message(bodies[inside.argmax()]))
         self._begin(bodies, inside)
         if self._skin is not None:
             self._skin.forget(bodies)
@@ -148,7 +165,7 @@ class CompiledBodies(CompiledState):
         offsets[bodies] = np.where(np.isnan(placed), self._environment.offsets_at(0.0), placed)
         inside = self._inside(bodies, offsets, at_rest=True)
         if inside.any() and on_error == "raise":
-            raise StepError(_inside_message(bodies[inside.argmax()]))
+            raise StepError(inside_message(bodies[inside.argmax()]))
         self._mode[bodies], self._offsets, self._velocities[bodies] = 0, offsets, 0.0
         for part in self._modes[0].states[:PARTS]:
             part[bodies] = 0.0
@@ -205,8 +222,7 @@ class CompiledBodies(CompiledState):
 
     def step(self, u: Array, base: "BaseState | None", held: Array, on_error: str) -> Array:
         """As of `Batch`, but for "reset", under inputs and bases that are fine but for those of bodies held."""
-        if base is not None:
-            raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
+        self._move_bases(base)
         goes = ~self.frozen
         goes[held] = False
         obstacles, loads = self._obstacles(goes), self._loads()
@@ -228,6 +244,11 @@ class CompiledBodies(CompiledState):
         if self._skin is not None:
             self._skin.look_in_turn()
         return stays
+
+    def _move_bases(self, base: "BaseState | None") -> None:
+        """Where bases are at the end of the step; a StepError where nothing carries bodies."""
+        if base is not None:
+            raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
 
     def _take_back(self, bodies: Array) -> None:
         """Puts bodies where they were before the last step."""
@@ -328,7 +349,8 @@ def _look(given: Any, between: Any, bodies: Array) -> None:
     look_at_bodies(*given, bodies, *between)  # type: ignore[call-arg]
 
 
-def _inside_message(body: int) -> str:
+def inside_message(body: int) -> str:
+    """Of one that was put there."""
     return (
         f"body {body} is inside an obstacle: allowed is a start outside of all of them, or "
         'on_error="hold"; all bodies were left as they were'

@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.step import StepperState
 from fenics_rom.rom.contact_model import ContactModel
@@ -168,6 +169,14 @@ class CompiledState:
         if search is None:
             return None
         return search._replace(forces=self._begun.forces[body].copy(), swung=swung.copy() if swung.any() else None)
+
+    def _contact_of(self, body: int) -> ContactSolution | None:
+        """Contact in its last step, as far as forces of the points say."""
+        forces, none = self._told.forces[body], np.empty((0, 3))
+        if not forces.any():
+            return None
+        w = np.zeros((len(self._shapes), 3))
+        return ContactSolution(forces.copy(), 0, np.empty(0, int), none, none, w, None)
 
     # --- what can be read --------------------------------------------------------------------------------------------
 
@@ -349,9 +358,13 @@ class CompiledState:
             read.append(reading.read(readable(self.rom, contact, *own, points, self._told.pressing[body])))
         return np.array(read)
 
-    def whereabouts(self) -> tuple[Array, Array, Array]:
-        """q (m, size), numbers of the contact modes (size,), and displacements of the obstacles (O, 3, size), m."""
-        return self.state(np.arange(self.size))[0].T, self._mode, self._offsets.transpose(1, 2, 0)
+    def whereabouts(self) -> tuple[Array, Array, Array, Array]:
+        """q (m, size), numbers of the contact modes (size,), and displacements of the obstacles (O, 3, size), m.
+
+        Then position and quaternion of frames that move (7, size), m; else (0, size).
+        """
+        q = self.state(np.arange(self.size))[0].T
+        return q, self._mode, self._offsets.transpose(1, 2, 0), np.zeros((0, self.size))
 
     def offsets_of(self, body: int, offsets: Array | None = None) -> Array:
         """Displacements of the obstacles of a body now, or of some kept (O, 3, size), (O, 3), m."""

@@ -151,13 +151,11 @@ class JointState:
         """(size, P, 3), N."""
         return self._touching.point_forces
 
-    def whereabouts(self) -> tuple[Array, Array, Array]:
-        """q (m, size), numbers of the contact modes (size,), and displacements of the obstacles (O, 3, size), m.
-
-        The last of these are in the axes of contact.
-        """
+    def whereabouts(self) -> tuple[Array, Array, Array, Array]:
+        """As in CompiledState; displacements of the obstacles are in the axes of contact."""
         layout = self._layout
-        return layout.state[0, layout.row].T * (self._dt / 2), layout.mode, self._touching.offsets
+        q = layout.state[0, layout.row].T * (self._dt / 2)
+        return q, layout.mode, self._touching.offsets, np.zeros((0, self.size))
 
     def offsets_of(self, body: int, offsets: Array | None = None) -> Array:
         """Displacements of the obstacles of a body now, or of some kept ones, (O, 3), m."""

@@ -43,9 +43,8 @@ class SkinPlaces:
         self._nodes = skin.nodes[skin.few_rows]
         self._rows = body.rom.rows_of(self._nodes).reshape(3 * len(self._nodes), -1)
         self._bounds: dict[int, tuple[ContactModel, float, float]] = {}
-        if body.rom.moving_frame is not None:  # to the farthest node, and as far again as it may be strained
-            arms = skin.coordinates - body.rom.moving_frame.origin
-            self._arm = 2 * math.sqrt(float(np.square(arms).sum(axis=1).max(initial=0.0)))
+        if body.rom.moving_frame is not None:
+            self._arm = arm_of(skin, body.rom.moving_frame.origin)
 
     def mark(self) -> Mark:
         """Where the body is."""
@@ -110,6 +109,12 @@ class SkinPlaces:
                 self._bounds.clear()
             self._bounds[id(model)] = model, strain, motion
         return self._bounds[id(model)][1:]
+
+
+def arm_of(skin: Skin, origin: Array) -> float:
+    """How far nodes are from the origin (3,) of a frame, at most, m: as far again as the farthest one at rest."""
+    arms = skin.coordinates - origin
+    return 2 * math.sqrt(float(np.square(arms).sum(axis=1).max(initial=0.0)))
 
 
 class SkinLooks:

@@ -8,6 +8,7 @@ import pytest
 from test_moving_frame import CLAMPED, FORCE, GRAVITY, reduced, some_way_on, with_dense_damping
 
 import fenics_rom as fr
+from fenics_rom.compilation import numpy_alone
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
@@ -18,6 +19,13 @@ TENDON = {"effects.tendon.flexor": "points = [[0.0, 0.015, 0.015], [0.15, 0.015,
 TIP = {"outputs.tip": "points = [[0.3, 0.015, 0.01], [0.3, 0.0, 0.0]]"}
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+
+
+@pytest.fixture(autouse=True)
+def in_numpy():
+    """What is compiled has tests of its own."""
+    with numpy_alone():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,15 @@ from fenics_rom.runtime.compiled.frames import TAKEN, Body, Loads, State, Step, 
 from fenics_rom.runtime.compiled.held_table import law_at, memory_at
 
 LOADS, STATE, WATCH, ROWS = 10, 15, 21, 24  # where a table has these after the body, and how many rows it has
+# Of a body that deforms largely: what its law carries along, and `Bending` after edges of open surfaces.
+MEMORY, OF_STEP = 38, 50
+HALVES, NOW, KEPT, NOTES = STATE, STATE + 2, STATE + 4, WATCH + 2  # rows of what a body has for itself: its state,
+VECTORS, CARRIED, STRAINED, RELAXED, IS_KNOWN = MEMORY, MEMORY + 2, MEMORY + 3, MEMORY + 5, OF_STEP + 1
+BEFORE = OF_STEP + 6  # v̂, what is carried, its numbers and branches before the last step: four rows
+OWN = *range(STATE, STATE + 6), NOTES
+BENT = *range(MEMORY, MEMORY + 6), IS_KNOWN, OF_STEP + 2, OF_STEP + 3, *range(OF_STEP + 5, OF_STEP + 10)
+# Rows of what a step of such a body needs for itself alone; and of products that a free one makes anew in each.
+IN_A_STEP, REMADE = (MEMORY + 6, MEMORY + 7, OF_STEP, OF_STEP + 4, OF_STEP + 10), (4, 5)
 
 
 def arrays_of(body: Body, loads: Loads, state: State, watch: Watch, bent: Bending | None = None) -> tuple[Array, ...]:

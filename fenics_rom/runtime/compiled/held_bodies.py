@@ -88,7 +88,7 @@ def step_bodies(
             continue
         _end(body, b, step, motion, states, carried, told)
         if touch is not None:
-            _tell_contact(law, step.status == FOUND, found, past, Begun(after.forces[b], after.swung[b]), told, b)
+            tell_contact(law, step.status == FOUND, found, past, Begun(after.forces[b], after.swung[b]), told, b)
 
 
 @jit_part
@@ -140,7 +140,7 @@ def _end(body: Body, b: int, step: Step, motion: Motion, states: State, carried:
 
 
 @jit_part
-def _tell_contact(law: Law, touches: bool, found: StepContact, past: Begun, after: Begun, told: Told, b: int) -> None:
+def tell_contact(law: Law, touches: bool, found: StepContact, past: Begun, after: Begun, told: Told, b: int) -> None:
     """Tells what a body found of contact, and what its next step begins with."""
     pairs, (P, resultants, pressing) = found.pairs, (told.forces.shape[1], told.resultants[b], told.pressing[b])
     copy(found.forces.reshape(P, 3), told.forces[b])

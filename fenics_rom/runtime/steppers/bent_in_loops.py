@@ -72,7 +72,7 @@ class BentInLoops:
 
     def forget(self) -> None:
         """What is known ahead of a step."""
-        self._carried, self.arrays.kept[IS_INVERSE_KNOWN] = None, 0.0
+        self._carried, self._tangent, self.arrays.kept[IS_INVERSE_KNOWN] = None, NONE, 0.0
 
     def begin(self, contact: ContactSolution | None, ahead: Ahead | None) -> None:
         """Has a step go on from what the law carries along, and from contact in the last one.

@@ -69,6 +69,31 @@ class CompilableFrame(PartedKernel):
         assert self._compiled is not None
         self._compiled.begin(self._frame_known, self.notes)
 
+    @property
+    def loops(self) -> "CompiledFrame | None":
+        """What takes steps by compiled functions, among obstacles, too; None where these do not know the body."""
+        return self._compiled if self.is_compiled else None
+
+    def tell_loops(self) -> None:
+        """Has compiled functions know of all that the next step begins with."""
+        self.begin_in_world()
+        assert self._compiled is not None
+        if self._compiled.bent is not None:
+            self._compiled.bent.begin(self.contact, self._ahead)
+
+    def learn_of_loops(self, square: float, *, is_moving: bool) -> None:
+        """Has NumPy know of a state that was put where compiled functions have it.
+
+        Args:
+            square: twice the stored energy, J.
+            is_moving: whether they know how it moves.
+        """
+        assert self._compiled is not None
+        if is_moving:
+            self._motion, self._twice = None, square
+        if self._compiled.bent is not None:
+            self._ahead = self._compiled.bent.hand_on(self._e * self._inverse_ω, self.contact)
+
     def end_in_world(self, square: float, within: float) -> None:
         """Takes note of a step under contact forces, by which compiled functions have changed the state.
 

@@ -266,12 +266,12 @@ class CompiledFrame:
 
     def frame(self) -> FrameState:
         """Where the frame is."""
-        self._frame = _frame_in(self._state.now[0])
+        self._frame = frame_in(self._state.now[0])
         return self._frame
 
     def frame_before(self) -> FrameState:
         """Where it was before the step."""
-        return _frame_in(self._state.now[1])
+        return frame_in(self._state.now[1])
 
     def notes(self, before: dict[str, float]) -> dict[str, float]:
         """Of the run; those before where nothing is new."""
@@ -290,15 +290,17 @@ class CompiledFrame:
 
     def wrench(self) -> Callable[[], tuple[Vector, Vector]]:
         """What tells the one of the base in the last step, in world axes."""
-        return partial(_two_vectors, self._state.kept[WRENCH:REST].copy())
+        return partial(two_vectors, self._state.kept[WRENCH:REST].copy())
 
 
-def _two_vectors(numbers: Array) -> tuple[Vector, Vector]:
+def two_vectors(numbers: Array) -> tuple[Vector, Vector]:
+    """Of six numbers."""
     x, y, z, a, b, c = numbers.tolist()
     return (x, y, z), (a, b, c)
 
 
-def _frame_in(now: Array) -> FrameState:
+def frame_in(now: Array) -> FrameState:
+    """Where a frame is, of the numbers of a state."""
     x, y, z, w, i, j, k, u, v, s, a, b, c = now[:INERTIA].tolist()
     return FrameState((x, y, z), (w, i, j, k), (u, v, s), (a, b, c))
 

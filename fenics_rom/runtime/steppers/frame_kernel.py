@@ -357,6 +357,11 @@ class FrameKernel(CompilableFrame):
         return bool(self._watch.messages(self.notes))
 
     @property
+    def watch(self) -> FrameWatch:
+        """Of what the model does not follow."""
+        return self._watch
+
+    @property
     def messages(self) -> tuple[str, ...]:
         """As in Kernel."""
         return *self._watch.messages(self.notes), *super().messages

@@ -32,11 +32,15 @@ class FrameTouch(ContactInLoops):
 
     Args:
         points: where a body can be touched.
+
+    Attributes:
+        points: as above.
+        at_rest: places of these in world axes (P, 3), m.
     """
 
     def __init__(self, solver: CompiledContact, points: Points, h: float):
         super().__init__(solver, h)
-        self._points, self._at_rest = points, in_plain(solver.points)
+        self.points, self.at_rest = points, in_plain(solver.points)
 
     @property
     def touched(self) -> Array:
@@ -45,9 +49,9 @@ class FrameTouch(ContactInLoops):
 
     def among(self, obstacles: ObstacleMotion) -> Among:
         """What a step is told, and where it tells what it found."""
-        W = np.empty((self._at_rest.size, self._at_rest.size))  # another one each time, as the solver keeps parts of it
+        W = np.empty((self.at_rest.size, self.at_rest.size))  # another one each time, as the solver keeps parts of it
         law, shapes, begun, found = self._law, self._solver.shapes, self._begun(), self._for_found()
-        return Among(law, shapes, *obstacles, begun, self._points, self._at_rest, found, W)
+        return Among(law, shapes, *obstacles, begun, self.points, self.at_rest, found, W)
 
     def for_many(self, among: Among) -> tuple[Among, Last]:
         """The same for steps in a row, which change what they begin with; and where the last one is kept."""

@@ -72,6 +72,11 @@ class FrameWatch:
             distrusted[body] |= np.square(self.rows.dot(e[body]).reshape(-1, 3)).sum(axis=1).max() > self.limit**2
         return distrusted
 
+    def went_too_far(self, bent: Array, speed: Array) -> Array:
+        """Which of bodies (B,) did, that bent by so much at most, m, and turned at that speed, rad/s."""
+        too_far: Array = (bent > LARGEST_DEFLECTION * self._length) | (speed > self._fastest)
+        return too_far
+
     def messages(self, notes: Mapping[str, float]) -> tuple[str, ...]:
         """What the user should know."""
         told, share, speed = list[str](), notes[BENT] / self._length, notes[TURNED] / self._first
