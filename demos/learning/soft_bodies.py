@@ -89,12 +89,21 @@ shape = "box"
 center = [0.09, 0.0, {height}]
 size = {size}
 """
+TOUCH = """
+[outputs.skin]               # what the end of its upper side feels, as a sensor shows it
+quantity = "touch"
+near = {{ point = [0.09, 0.0, 0.025], radius = 0.0195 }}
+taxels = {{ rows = 2, columns = 4 }}
+sensor = {{ rate = 50.0, pressure_noise = 20.0 }}
+"""
 LOAD_HEIGHT, LOAD_SIZE = 0.0155, [0.03, 0.03, 0.01]  # m, of the middle of the plate on its posts, and of its edges
+
+FINGERS = {"finger": FINGER, "feeling-finger": FINGER + TOUCH}
 
 
 def make(kind: str, folder: Path) -> Path:
-    """Reduces the body "far", "pegs", "finger" or "plate"; the name of its file in a folder, which is kept."""
-    check_known("body", kind, (*EFFECTS, "finger", "plate"), SceneError)
+    """Reduces the body "far", "pegs", "plate" or one of FINGERS; the name of its file in a folder, which is kept."""
+    check_known("body", kind, (*EFFECTS, *FINGERS, "plate"), SceneError)
     file = folder / f"{kind}.h5"
     if not file.exists():
         fr.write_rom(file, fr.reduce(fr.assemble(scene(kind, folder)), order=ORDER))
@@ -108,8 +117,8 @@ def scene(kind: str, folder: Path) -> fr.Scene:
     if kind == "plate":
         return fr.read_scene(Path(__file__).parents[1] / "plate" / "plate.toml")
     folder = folder.resolve()  # a mesh is looked for beside its scene
-    if kind == "finger":
-        text = FINGER.format(
+    if kind in FINGERS:
+        text = FINGERS[kind].format(
             file=Path(__file__).parents[2] / "meshes" / "finger.msh", height=LOAD_HEIGHT, size=LOAD_SIZE
         )
         return parse_scene(text, folder=folder, source=kind)

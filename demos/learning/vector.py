@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from picture import Thing
 
 Array = np.ndarray
+PRESSURE = 1e4  # Pa, the unit of taxels
 FAILURE = -10.0  # reward of an action that no step could be found for
 LARGEST = 100.0  # m kg^1/2, of a coordinate: some 30 m of an arm, which no pull of its tendons leads to
 
@@ -36,6 +37,9 @@ class SoftBodies(VectorEnv):
     first observation of the next. A body that no step can be found for, or whose action is not finite, ends its episode
     (terminated, with the reward FAILURE); the others go on. `episode` holds what an environment knows beside the body,
     arrays of (num_envs, ..).
+
+    Of a body with a sense of touch observations end with what that shows: pressures of taxels in PRESSURE, margin to
+    slip and sliding share of the patch that presses most.
 
     A task says: `begin` (which episodes begin), `inputs` of an action, `observe`, `reward`, and what `moves`.
 
@@ -80,6 +84,8 @@ class SoftBodies(VectorEnv):
         self._check_body()
         self.has_begun = False
         self.num_envs, self.render_mode, self.length, self.skip = num_envs, render_mode, length, round(0.1 / dt)
+        self._senses = {name: sense for name, sense in self.rom.readings.items() if sense.quantity == "touch"}
+        observations += sum(len(sense.map.areas) + 2 for sense in self._senses.values())
         self.single_observation_space = Box(-np.inf, np.inf, (observations,))
         self.single_action_space = Box(-1, 1, (actions,))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -92,7 +98,7 @@ class SoftBodies(VectorEnv):
         super().reset(seed=seed)
         self.has_begun = True
         self._begin(np.full(self.num_envs, True))
-        return self.observe().astype(np.float32), {}
+        return self._seen(), {}
 
     def step(self, actions):
         """What 0.1 s under the actions lead to; ResetNeeded and InvalidAction: see `checked`."""
@@ -114,7 +120,16 @@ class SoftBodies(VectorEnv):
         terminated = (terminated | failed) & ~over
         truncated = ~over & ~terminated & (episode["age"] == self.length)
         episode["over"] = terminated | truncated
-        return self.observe().astype(np.float32), reward, terminated, truncated, {}
+        return self._seen(), reward, terminated, truncated, {}
+
+    def _seen(self) -> Array:
+        """Observations, with what is felt."""
+        parts = [self.observe()]
+        for name in self._senses:
+            felt = self.batch.touch(name)
+            shares = felt.patches.margin[:, :1], felt.patches.sliding[:, :1]
+            parts += [felt.pressures.reshape(self.num_envs, -1) / PRESSURE, *shares]
+        return np.hstack(parts).astype(np.float32)
 
     def save(self) -> Saved:
         """All of it: `restore` goes on from there to the bit. ResetNeeded: there is nothing to go on with yet."""
@@ -126,7 +141,7 @@ class SoftBodies(VectorEnv):
         """Goes on from where it was saved; its observations."""
         self.batch, self.episode, self.has_begun = copy(saved.batch), deepcopy(saved.episode), True
         self.np_random.bit_generator.state = deepcopy(saved.random)
-        return self.observe().astype(np.float32)
+        return self._seen()
 
     def render(self):
         """Pictures (240, 320, 3) of all environments, drawn where there need not be a screen; None without a mode."""

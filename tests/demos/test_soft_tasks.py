@@ -57,6 +57,26 @@ def play(env, steps):
     return np.array(seen)
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_a_finger_with_a_sense_of_touch_observes_what_its_sensor_shows(make):
+    env, again = (make("FingerLift", 2, body="feeling-finger", length=6) for _ in range(2))
+    for one in (env, again):
+        observation, _ = one.reset(seed=5)
+        assert observation.shape == (2, 9 + 8 + 2)
+        one.action_space.seed(1)
+    seen = play(env, 5)
+    np.testing.assert_array_equal(seen, play(again, 5))
+    felt = env.unwrapped.batch.touch("skin")
+    np.testing.assert_allclose(seen[-1, :, 9:17], felt.pressures.reshape(2, -1) / 1e4, rtol=1e-6)
+    assert (felt.pressures[0] != felt.pressures[1]).any()  # each has noise of its own
+    saved, ahead = env.save(), play(env, 2)
+    env.restore(saved)
+    env.action_space.seed(1)
+    again.action_space.seed(1)
+    assert ahead.shape == play(env, 2).shape == (2, 2, 9 + 8 + 2 + 3)
+
+
 @pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 @pytest.mark.parametrize("task", TASKS)
 def test_episodes_are_those_of_their_seed_and_go_on_from_where_they_were_saved(make, task):

@@ -30,6 +30,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
         "ironing/ironing",
         "impact/impact",
         "pipe/pipe",
+        "touch/touch",
     ],
 )
 def test_what_the_demo_claims_holds(script):
