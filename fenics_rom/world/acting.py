@@ -10,6 +10,7 @@ from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.placed_surface import PlacedSurface
+from fenics_rom.mechanics.rounded_surface import rounding_of
 from fenics_rom.mechanics.triangles import triangles_among
 from fenics_rom.rom.rom import Rom
 
@@ -47,7 +48,7 @@ def touched_surface(rom: Rom, points: ContactPoints) -> PlacedSurface:
     """Where others can touch a body: at its contact points at rest, and at faces between them if its scene says so."""
     triangles, places = triangles_among(points.nodes, rom.triangles), points.coordinates
     faces = points.faces(rom.triangles) if rom.environment.touches_faces else None
-    return PlacedSurface(places, triangles, np.arange(len(places)), faces)
+    return PlacedSurface(places, triangles, np.arange(len(places)), faces, rounding_of(places, triangles))
 
 
 def _with_points(rom: Rom) -> Rom:

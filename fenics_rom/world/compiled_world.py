@@ -245,11 +245,12 @@ class CompiledWorld:
             if (found := meeting.contacts) is None:
                 continue
             k = len(found.gaps)
-            nodes, weights = np.zeros((k, 2, 3), dtype=np.int64), np.zeros((k, 2, 3))
+            shape = k, *self._arrays.near.nodes.shape[1:]
+            nodes, weights = np.zeros(shape, dtype=np.int64), np.zeros(shape)
             places = found.first.arms
             for side, spots in enumerate((found.first, found.second)):
-                if spots.nodes.shape[1]:
-                    nodes[:, side], weights[:, side], places = spots.nodes, spots.weights, spots.arms
+                if wide := spots.nodes.shape[1]:
+                    nodes[:, side, :wide], weights[:, side, :wide], places = spots.nodes, spots.weights, spots.arms
             numbers = np.full(k, m), found.first.feature, nodes, weights
             parts.append((*numbers, places, found.normals, found.gaps))
         return given_contacts(parts)

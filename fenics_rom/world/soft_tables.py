@@ -52,7 +52,8 @@ def soft_table(body: Soft) -> SoftTable | None:
     mount = np.concatenate(body.mount)
     rates = np.zeros(m), np.zeros(m), np.zeros(3 + m if isinstance(kernel, FreeFrame) else m)
     triangles = np.ascontiguousarray(body.contact_triangles, dtype=np.int64)
-    moving = np.zeros((P, 3)), np.zeros((P, 3)), np.zeros(5), triangles
+    assert body.surface.rounding is not None
+    moving = np.zeros((P, 3)), np.zeros((P, 3)), np.zeros(5), triangles, *body.surface.rounding
     step = Step(np.zeros(p), mount, mount.copy(), np.zeros(TURNS), *rates, *moving)
     arrays = [*frame.arrays, *points, *step]
     return SoftTable(kernel, frame, points, step, arrays, table_of(arrays))

@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.solution import largest
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Body, Points
-from fenics_rom.world.collision.contacts import Contacts, Placed, Spots, no_contacts
+from fenics_rom.world.collision.contacts import Contacts, Placed, Spots, no_contacts, widened
 from fenics_rom.world.contact_step import Found, Guide, Pairs, Part, add_operator
 from fenics_rom.world.joints import JointPoints
 from fenics_rom.world.meetings import Meeting, is_still
@@ -374,19 +374,10 @@ def _concatenated(points: Sequence[Points]) -> Points:
     """Points of a body in several meetings and joints."""
     wide = max(part.nodes.shape[1] for part in points)
     starts = np.cumsum([0, *(len(part.nodes) for part in points)])
-    nodes, weights, arms, follows, _ = (
-        list(rows) for rows in zip(*(_widened(part, wide) for part in points), strict=True)
-    )
+    nodes, weights = zip(*(widened(part.nodes, part.weights, wide) for part in points), strict=True)
+    arms, follows = [part.arms for part in points], [part.follows for part in points]
     couples = [part.couples + start for part, start in zip(points, starts[:-1], strict=True)]
     return Points(*map(np.concatenate, (nodes, weights, arms, follows, couples)))
-
-
-def _widened(points: Points, wide: int) -> Points:
-    """The same with so many nodes to a point, some of them without weight."""
-    more = ((0, 0), (0, wide - points.nodes.shape[1]))
-    if not more[1][1]:
-        return points
-    return points._replace(nodes=np.pad(points.nodes, more, mode="edge"), weights=np.pad(points.weights, more))
 
 
 def _sign(of: Meeting | JointPoints, first: int, second: int) -> float:

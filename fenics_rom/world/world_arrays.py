@@ -66,7 +66,7 @@ def world_arrays(
     driven = [n for n, body in enumerate(bodies) if isinstance(body, DrivenBody)]
     of_meetings = _meetings(bodies, meetings, tables)
     F, B, S = int(of_meetings.slots[-1]), len(bodies), len(tables)
-    joined = _joined(bodies, joints)
+    joined = _joined(bodies, joints, max([FEWEST_NODES, *(table.step.nodes.shape[1] for table in tables.values())]))
     J = len(joined.ends)
     most = min(MOST, F + J)
     return World(
@@ -165,10 +165,10 @@ def are_known(joints: Sequence[JointPoints]) -> bool:
     return not any(len(side.couples) for side in sides)
 
 
-def _joined(bodies: Sequence[AnyBody], joints: Sequence[JointPoints]) -> Joined:
+def _joined(bodies: Sequence[AnyBody], joints: Sequence[JointPoints], fewest: int) -> Joined:
     J = sum(len(joint.points) for joint in joints)
     sides = [side for joint in joints for side in (joint.on_first, joint.on_second)]
-    c = max([FEWEST_NODES, *(side.nodes.shape[1] for side in sides)])
+    c = max([fewest, *(side.nodes.shape[1] for side in sides)])
     ends, nodes = np.zeros((J, 2), dtype=np.int64), np.zeros((J, 2, c), dtype=np.int64)
     weights, arms, row = np.zeros((J, 2, c)), np.zeros((J, 2, 3)), 0
     for joint in joints:

@@ -18,6 +18,7 @@ from fenics_rom.mechanics.compiled.coulomb import frame_along
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.mechanics.placed_surface import PlacedSurface
+from fenics_rom.mechanics.rounded_surface import rounding_of
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Points
 from fenics_rom.world.collision.soft_surfaces import soft_on_soft
 from fenics_rom.world.compiled import rigid_bodies
@@ -400,13 +401,16 @@ def test_surfaces_meet_as_with_numpy(seed):
     surfaces = []
     for height, order in ((0.0, [0, 1, 2]), (random.uniform(-0.008, 0.01), [0, 2, 1])):
         places = flat + random.uniform(-0.003, 0.003, flat.shape) + [0.0, 0.0, height]
-        surfaces.append(PlacedSurface(places, triangles[:, order], np.arange(36)))
+        rest = flat + random.choice([0.0, 3e-3]) * random.uniform(-1, 1, flat.shape)
+        rounding = rounding_of(rest, triangles[:, order]) if random.random() < 0.8 else None
+        surfaces.append(PlacedSurface(places, triangles[:, order], np.arange(36), rounding=rounding))
     found = soft_on_soft(*surfaces, 0.006)
     with numpy_alone():
         expected = soft_on_soft(*surfaces, 0.006)
     for side, known in ((found.first, expected.first), (found.second, expected.second)):
         np.testing.assert_array_equal(side.feature, known.feature)
         np.testing.assert_allclose(side.arms, known.arms, atol=1e3 * EPS)
+        np.testing.assert_allclose(side.weights, known.weights, atol=1e-9)
     np.testing.assert_allclose(found.gaps, expected.gaps, atol=1e3 * EPS)
     np.testing.assert_allclose(found.normals, expected.normals, atol=1e-9)
 

@@ -87,8 +87,24 @@ def joined(parts: list[Contacts]) -> Contacts:
     """Several contacts of the same two bodies, of the same kinds, as one."""
     if len(parts) == 1:
         return parts[0]
-    first, second = (Spots(*map(np.concatenate, zip(*(part[side] for part in parts), strict=True))) for side in (0, 1))
+    first, second = _spots([part.first for part in parts]), _spots([part.second for part in parts])
     return Contacts(first, second, *(np.concatenate([part[k] for part in parts]) for k in (2, 3)))
+
+
+def _spots(parts: list[Spots]) -> Spots:
+    wide = max(part.nodes.shape[1] for part in parts)
+    carried = [widened(part.nodes, part.weights, wide) for part in parts]
+    nodes, weights = map(np.concatenate, zip(*carried, strict=True))
+    arms, feature = (np.concatenate([part[k] for part in parts]) for k in (0, 3))
+    return Spots(arms, nodes, weights, feature)
+
+
+def widened(nodes: Array, weights: Array, wide: int) -> tuple[Array, Array]:
+    """Nodes and weights (k, c) with so many to a point, some of them without weight."""
+    more = ((0, 0), (0, wide - nodes.shape[1]))
+    if not more[1][1]:
+        return nodes, weights
+    return np.pad(nodes, more, mode="edge"), np.pad(weights, more)
 
 
 def rigid_contacts(places: Array, normals: Array, gaps: Array, feature: Array) -> Contacts:

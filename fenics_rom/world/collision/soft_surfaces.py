@@ -6,6 +6,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import compiled, in_plain
 from fenics_rom.mechanics.own_surface import OwnSurface
 from fenics_rom.mechanics.placed_surface import PlacedSurface, points_near
+from fenics_rom.mechanics.rounded_surface import NOT_ROUNDED
 from fenics_rom.mechanics.surface_pairs import OnSurface
 from fenics_rom.world.collision.contacts import Contacts, PlacedShape, Spots, joined
 from fenics_rom.world.collision.soft_faces import edges_on_edges, faces_on_rigid
@@ -63,11 +64,15 @@ def _found_on(first: PlacedSurface, second: PlacedSurface, margin: float) -> OnS
     from fenics_rom.world.compiled.soft_collision import NONE, find_nearest  # here, as numba takes time to import
 
     points, P = first.points[first.touching], len(first.touching)
-    on, weights, normals, gaps = np.empty(P, dtype=np.int64), np.empty((P, 3)), np.empty((P, 3)), np.empty(P)
-    triangles = np.ascontiguousarray(second.triangles, dtype=np.int64)
-    find_nearest(points, in_plain(second.points), in_plain(triangles), margin, on, weights, normals, gaps)
+    rounding = second.rounding or NOT_ROUNDED
+    c, triangles = rounding.nodes.shape[1], np.ascontiguousarray(second.triangles, dtype=np.int64)
+    on, nodes, weights = np.empty(P, dtype=np.int64), np.empty((P, c), dtype=np.int64), np.empty((P, c))
+    normals, gaps = np.empty((P, 3)), np.empty(P)
+    radii, around_nodes, around = map(in_plain, rounding)
+    surface = in_plain(second.points), in_plain(triangles), radii, around_nodes, around
+    find_nearest(points, *surface, margin, on, nodes, weights, normals, gaps)
     found = (on != NONE).nonzero()[0]
-    nodes, weights = second.triangles[on[found]], weights[found]
+    nodes, weights = nodes[found], weights[found]
     feet = (weights[:, :, None] * second.points[nodes]).sum(axis=1)
     return OnSurface(first.touching[found], nodes, weights, feet, normals[found], gaps[found])
 

@@ -182,13 +182,12 @@ def _points_on_surface(world: Array, m: int, h: float, side: int, C: int) -> int
     softs, one, other = softs_at(world), meetings.bodies[m, side], meetings.bodies[m, 1 - side]
     step, surface = step_at(softs[bodies.numbers[one]]), step_at(softs[bodies.numbers[other]])
     points, corners = step.places + h / 2 * step.velocities, surface.places + h / 2 * surface.velocities
-    P, sign, before = (
-        len(points),
-        1.0 - 2 * side,
-        len(corners) if side == 1 else 0,
-    )  # those of the first are counted first
-    on, weights, normals, gaps = np.empty(P, dtype=np.int64), np.empty((P, 3)), np.empty((P, 3)), np.empty(P)
-    find_nearest(points, corners, surface.triangles, meetings.margins[m], on, weights, normals, gaps)
+    P, c, sign = len(points), surface.nodes.shape[1], 1.0 - 2 * side
+    before = len(corners) if side == 1 else 0  # points of the first are counted first
+    on, carriers, weights = np.empty(P, dtype=np.int64), np.empty((P, c), dtype=np.int64), np.empty((P, c))
+    normals, gaps = np.empty((P, 3)), np.empty(P)
+    found = meetings.margins[m], on, carriers, weights, normals, gaps
+    find_nearest(points, corners, surface.triangles, surface.radii, surface.nodes, surface.around, *found)
     for p in range(P):
         if on[p] == NONE:
             continue
@@ -198,11 +197,11 @@ def _points_on_surface(world: Array, m: int, h: float, side: int, C: int) -> int
         _set_node(near.nodes[C], near.weights[C], side, p)
         if side == 1:
             place = (0.0, 0.0, 0.0)  # that of the first body
-        for k in range(3):
-            corner, share = surface.triangles[on[p], k], weights[p, k]
-            near.nodes[C, 1 - side, k], near.weights[C, 1 - side, k] = corner, share
+        for k in range(c):
+            carrier, share = carriers[p, k], weights[p, k]
+            near.nodes[C, 1 - side, k], near.weights[C, 1 - side, k] = carrier, share
             if side == 1:
-                place = added(place, share, vector(corners[corner], 0))
+                place = added(place, share, vector(corners[carrier], 0))
         put(near.places[C], 0, place)
         C += 1
     return C

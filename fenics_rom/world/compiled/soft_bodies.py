@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
-from fenics_rom.runtime.compiled.arrays_at import integer_rows_at, matrix_at, vector_at
+from fenics_rom.runtime.compiled.arrays_at import integer_cube_at, integer_rows_at, matrix_at, vector_at
 from fenics_rom.runtime.compiled.carried_step import (
     ANGULAR_MOMENTUM,
     IS_COUPLED,
@@ -65,7 +65,7 @@ from fenics_rom.runtime.compiled.frames import (
 )
 
 # Rows of the table of a body: after those of `frame_tables`, of `contact_points.Points`, then of `Step`.
-POINTS, STEP, ROWS = FRAME_ROWS, 38, 49
+POINTS, STEP, ROWS = FRAME_ROWS, 38, 52
 SQUARE, WITHIN, SUPPLIED, DISSIPATED, BY_OTHERS = range(5)  # in `Step.told`
 START, END, MIDDLE, TURN, V, Ω, V_END, Ω_END, ORIGIN, SPUN = 0, 9, 18, 27, 30, 33, 36, 39, 42, 45  # in `Step.turn`
 CENTRE, FORCE, TORQUE, POWER, TURNS = 48, 51, 54, 57, 58  # there, of free bodies
@@ -87,6 +87,9 @@ class Step(NamedTuple):
     velocities: Array  # (P, 3), m/s
     told: Array  # (5,): twice the stored energy, and within, supplied and dissipated, and by others, J
     triangles: Array  # of the contact surface, (T, 3) rows of points, counterclockwise from outside
+    radii: Array  # (P,), and
+    nodes: Array  # (T, c), and
+    around: Array  # (T, m, 4) of its `Rounding`
 
 
 @jit_part
@@ -109,7 +112,8 @@ def step_at(table: Array) -> Step:
     u, mount, base, turn, modal = given
     found = vector_at(t[5]), vector_at(t[6]), matrix_at(t[7]), matrix_at(t[8]), vector_at(t[9])
     rate, changed, places, velocities, told = found
-    return Step(u, mount, base, turn, modal, rate, changed, places, velocities, told, integer_rows_at(t[10]))
+    surface = integer_rows_at(t[10]), vector_at(t[11]), integer_rows_at(t[12]), integer_cube_at(t[13])
+    return Step(u, mount, base, turn, modal, rate, changed, places, velocities, told, *surface)
 
 
 @jit_part

@@ -4,6 +4,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
+from fenics_rom.mechanics.compiled.rounded_surface import meet_rounded
 from fenics_rom.mechanics.compiled.triangles import nearest_on_triangle, offset_from
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.mechanics.surface_pairs import DEEPEST, MORE_ABOVE, ON_IT, SIDEWAYS
@@ -17,8 +18,12 @@ def find_nearest(
     points: Array,
     corners: Array,
     triangles: Array,
+    radii: Array,
+    nodes: Array,
+    around: Array,
     margin: float,
     on: Array,
+    carriers: Array,
     weights: Array,
     normals: Array,
     gaps: Array,
@@ -28,9 +33,10 @@ def find_nearest(
     Args:
         points: (P, 3), m.
         corners, triangles: of the surface, (Q, 3), m, and (T, 3) rows of these, counterclockwise from outside.
+        radii, nodes, around: of its `Rounding`; none, (0,), where edges are sharp.
         margin: m.
         on: (P,) set to triangles; NONE where none is near.
-        weights: (P, 3) set to those of their corners.
+        carriers, weights: (P, c) set to the points of the surface that carry the places, and their weights.
         normals: (P, 3) set to units out of the surface.
         gaps: (P,) set, m.
     """
@@ -42,7 +48,7 @@ def find_nearest(
     boxes = _among(low, high, points[near], points[near], reach)
     for p in near:
         point, least, n, away, above = vector(points[p], 0), np.inf, (0.0, 0.0, 0.0), 0.0, 0.0
-        offset = (0.0, 0.0, 0.0)
+        offset, nearest = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         for t in boxes:
             apart = _distance(points[p], low[t], high[t])
             if not (apart <= reach and (1 - MORE_ABOVE) * apart <= least):
@@ -54,8 +60,7 @@ def find_nearest(
             # of triangles that share the nearest point, the one that it is most above or below knows which it is
             if far - MORE_ABOVE * abs(height) < least:
                 least, away, above, n, offset = far - MORE_ABOVE * abs(height), far, height, out, off
-                on[p] = t
-                put(weights[p], 0, share)
+                on[p], nearest = t, share
         if on[p] == NONE:
             continue
         if away <= ON_IT * size:
@@ -65,6 +70,13 @@ def find_nearest(
             n = (offset[0] / gaps[p], offset[1] / gaps[p], offset[2] / gaps[p])
         else:
             on[p] = NONE
+            continue
+        if len(radii):
+            found = radii, nodes, around, margin, nearest, n, gaps[p], carriers[p], weights[p]
+            n, gaps[p] = meet_rounded(point, corners, triangles, on[p], *found)
+        else:
+            for k in range(3):
+                carriers[p, k], weights[p, k] = triangles[on[p], k], nearest[k]
         put(normals[p], 0, n)
 
 

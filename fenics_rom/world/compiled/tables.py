@@ -143,8 +143,8 @@ class GivenContacts(NamedTuple):
 
     meetings: Array  # (G,)
     features: Array  # (G,)
-    nodes: Array  # (G, 2, 3)
-    weights: Array  # (G, 2, 3)
+    nodes: Array  # (G, 2, c)
+    weights: Array  # (G, 2, c)
     places: Array  # (G, 3)
     normals: Array  # (G, 3)
     gaps: Array  # (G,)
