@@ -15,6 +15,7 @@ from fenics_rom.compilation import compiled, or_numpy
 from fenics_rom.mechanics.compiled.contact_law import Law
 from fenics_rom.mechanics.step import StepperState
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.compiled.branches import RATIO
 from fenics_rom.runtime.compiled.carried_strains import (
     ENERGY,
     HAS_TANGENT,
@@ -64,7 +65,7 @@ class CompiledBending(CompiledBodies):
             return None
         stepper = None if acting.contact_law is not None else "linearly-implicit"
         single = Simulator(rom, dt, signals=signals, stepper=stepper, detail=detail)
-        return cls(single, size, ledger) if single.bends_compiled and not single.relaxes else None
+        return cls(single, size, ledger) if single.bends_compiled else None
 
     def _make_modes(self) -> None:
         first, size = not self._modes, self.size
@@ -80,8 +81,9 @@ class CompiledBending(CompiledBodies):
                 states = State(*(np.zeros((size, *shape)) for shape in sizes * 2))
             self._modes.append(Mode(name, loops.body, loops.touch, states))
         if first:
-            own = (9, m), (m, m), (2, r), (NUMBERS,), (2, len(self._modes[0].body.law.gram))
-            shapes = *own, (m,), (m,), (2, r), (NUMBERS,), (m,), (3,)
+            n, N = self._modes[0].body.law.branches.shape[1], len(self._modes[0].body.law.gram)
+            own = (9, m), (m, m), (2, r), (NUMBERS,), (n, 2, r), (2, N)
+            shapes = *own, (m,), (m,), (2, r), (NUMBERS,), (n, 2, r), (m,), (3,)
             self._carried = Carried(*(np.zeros((size, *shape)) for shape in shapes))
             self._notes = np.zeros((3, size))  # strained, mismatch and distance, at most
             self._begin(np.arange(size), np.zeros(size, bool))
@@ -107,7 +109,8 @@ class CompiledBending(CompiledBodies):
         numbers, contact = carried.numbers[body], self._contact_of(body)
         strained = carried.strained[body].copy() if numbers[IS_CARRIED] else E_OF_Q
         handed_on = HandedOn(carried.vectors[body, VELOCITY].copy(), strained, *numbers[:4].tolist())
-        auxiliary = np.concatenate([handed_on.in_one(carried.strained.shape[2]), states.beyond[body].ravel()])
+        relaxed, of_law = carried.relaxed[body].ravel(), handed_on.in_one(carried.strained.shape[2])
+        auxiliary = np.concatenate([of_law, relaxed, states.beyond[body].ravel()])
         own = states.halves[body].ravel(), np.empty(0), auxiliary
         now = StepperState(*own, contact, self._search_of(body), {}, np.empty(0))
         stepper.restore(self._modes[self._mode[body]].name, now, self._dt)
@@ -136,6 +139,8 @@ class CompiledBending(CompiledBodies):
         numbers[:5] = *handed_on[2:], len(handed_on.strained) > 0
         if len(handed_on.strained):
             carried.strained[body] = handed_on.strained
+        if self._law.branches is not None:
+            carried.relaxed[body] = self._law.branches.state
         numbers[[IS_AHEAD, HAS_TANGENT]] = 0.0, len(tangent) > 0
         if len(tangent):
             carried.tangent[body] = tangent
@@ -165,6 +170,7 @@ class CompiledBending(CompiledBodies):
         carried.velocity_before[body] = carried.vectors[body, VELOCITY]
         carried.strained_before[body] = carried.strained[body]
         carried.numbers_before[body], carried.pushed_before[body] = carried.numbers[body], carried.pushed[body]
+        carried.relaxed_before[body] = carried.relaxed[body]
         super()._step_alone(body, u, obstacles)
 
     def _step_together(self, mode: Mode, own: Array, inputs: Array, obstacles: Obstacles) -> None:
@@ -193,6 +199,8 @@ class CompiledBending(CompiledBodies):
         q, r = mode.states.halves[:, 0] * mode.body.inverse_ω, mode.states.halves[:, 1]
         energy: Array = numbers[:, ENERGY] + numbers[:, LEFT] + np.einsum("bm,bm->b", r, r) / 2
         energy += np.einsum("bm,bm->b", q @ mode.body.law.springs, q) / 2
+        relaxed = self._carried.relaxed
+        energy += np.einsum("n,bnk,bnk->b", mode.body.law.branches[RATIO], relaxed[:, :, 0], relaxed[:, :, 1]) / 2
         if beyond.size:
             g, y, ġ, ẏ = beyond.transpose(1, 0, 2)
             energy += (np.einsum("bp,bp->b", g, y) + mode.touch.τ**2 * np.einsum("bp,bp->b", ġ, ẏ)) / 2

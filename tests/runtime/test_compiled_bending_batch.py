@@ -11,6 +11,7 @@ from soft_rom import soft_rom
 import fenics_rom as fr
 from fenics_rom.compilation import compiled, numpy_alone
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.viscoelasticity import PronySeries
 from fenics_rom.runtime import compiled_bending
 from fenics_rom.runtime.compiled import held_bodies, held_step
 from fenics_rom.runtime.steppers.held import HeldBody
@@ -21,12 +22,15 @@ pytestmark = [
 ]
 
 SIZE, STEPS, DT = 40, 150, 2e-3
-LAWS = "st_venant_kirchhoff", "neo_hookean"
+LAWS = "st_venant_kirchhoff", "neo_hookean", "relaxing"
 CASES = [(law, contact) for law in LAWS for contact in (False, True)]
 
 
 def rom_of(law, contact):
-    rom = soft_rom(law, order=9, contact=contact, touched_from=0.25)
+    rom = soft_rom("neo_hookean" if law == "relaxing" else law, order=9, contact=contact, touched_from=0.25)
+    if law == "relaxing":
+        series = PronySeries((0.5, 0.3), (0.03, 2e-4))
+        rom = replace(rom, environment=replace(rom.environment, viscoelasticity=series))
     return replace(rom, contact_models={"tip": rom.contact_models["tip"]}) if contact else rom
 
 
@@ -107,11 +111,11 @@ def test_a_state_that_is_set_goes_on_as_that_of_a_single_one(contact):
 @pytest.mark.parametrize("contact", [False, True])
 def test_steps_that_loops_do_not_take_and_those_that_are_refused(contact, monkeypatch):
     """The first are those of a single body, to the bit; the others change nothing, of those either that took them."""
-    rom, forces, take = rom_of("neo_hookean", contact), history(5), compiled_bending.step_bodies
+    rom, forces, take = rom_of("relaxing", contact), history(5), compiled_bending.step_bodies
     bodies, body = fr.Batch(rom, 3, DT, ledger=True), single(rom)
 
     def spoil(form, u, halves, pushed, memory, *others):
-        memory.numbers[:] = pushed[:] = np.nan
+        memory.numbers[:] = memory.relaxed[:] = pushed[:] = np.nan
         return held_step.NOT_TAKEN
 
     def give_up(form, touch, law, friction, shapes, some, *others):
@@ -164,7 +168,7 @@ def test_steps_are_those_of_numpys_batch():
 @pytest.mark.parametrize("contact", [False, True])
 def test_copies_go_on_alike(contact):
     """Of copies and of what was pickled, to the bit, and apart from the first."""
-    bodies, forces = fr.Batch(rom_of("neo_hookean", contact), 3, DT, ledger=True), history(5)[:, :3]
+    bodies, forces = fr.Batch(rom_of("relaxing", contact), 3, DT, ledger=True), history(5)[:, :3]
     for u in forces[:60]:
         bodies.step(u)
     others = [copy(bodies), pickle.loads(pickle.dumps(bodies))]

@@ -22,11 +22,13 @@ class Carried(NamedTuple):
     tangent: Array  # (B, m, m)
     strained: Array  # (B, 2, n - 1)
     numbers: Array  # (B, NUMBERS)
+    relaxed: Array  # strains of branches, and C₀ times them (B, branches, 2, n - 1)
     stressed: Array  # (B, 2, N)
     pushed: Array  # generalized forces of contact in the last step (B, m)
     velocity_before: Array  # (B, m)
     strained_before: Array
     numbers_before: Array
+    relaxed_before: Array
     pushed_before: Array
     noted: Array  # (B, 3): as in `held_steps.Taken`, and |q|²
 
@@ -55,7 +57,6 @@ def step_bodies(
     """
     m, N = len(body.ω), begun.forces.shape[1]
     n, r = 3 * told.forces.shape[1], len(body.law.stiffness)
-    relaxed = np.zeros((0, 2, carried.strained.shape[2]))
     within, products, vectors, factor = np.zeros((3, m, m)), np.zeros((4, r)), np.zeros((8, m)), np.zeros((m, m))
     motion, found, spread, W = motion_in(vectors, factor), contact_of(N, n // 3), np.empty((m, n)), np.empty((n, n))
     for b in bodies:
@@ -65,7 +66,7 @@ def step_bodies(
             carried.strained[b],
             carried.numbers[b],
             carried.stressed[b],
-            relaxed,
+            carried.relaxed[b],
             within,
             products,
         )
@@ -97,6 +98,7 @@ def _remember(b: int, states: State, carried: Carried) -> None:
     copy(states.halves[b], states.halves_before[b])
     copy(states.beyond[b], states.beyond_before[b])
     copy(carried.numbers[b], carried.numbers_before[b])
+    copy(carried.relaxed[b], carried.relaxed_before[b])
     copy(carried.pushed[b], carried.pushed_before[b])
     copy(carried.vectors[b, VELOCITY], carried.velocity_before[b])
     if carried.numbers[b, IS_CARRIED]:
@@ -112,6 +114,7 @@ def restore(b: int, states: State, carried: Carried) -> None:
     copy(states.halves_before[b], states.halves[b])
     copy(states.beyond_before[b], states.beyond[b])
     copy(carried.numbers_before[b], carried.numbers[b])
+    copy(carried.relaxed_before[b], carried.relaxed[b])
     copy(carried.pushed_before[b], carried.pushed[b])
     copy(carried.velocity_before[b], carried.vectors[b, VELOCITY])
     carried.numbers[b, IS_AHEAD] = 0.0
