@@ -91,10 +91,15 @@ def print_rom(rom: "fr.Rom", file: Path | str) -> None:
 
 def _residual_compliance(residual: ResidualCompliance) -> str:
     """How much of the contact points' compliance the bases lack, and what is left when it is added."""
-    points, kept = residual.factor.shape
-    stored = f"of contact points, {kept} of {points} directions are stored"
-    if kept < points:
-        stored += f" (each of the others yields less than {residual.floor:.1e} m/N)"
+    if residual.static is not None:
+        points, megabytes = len(residual.static.order), residual.static.values.nbytes / 1e6
+        stored = f"of {points} contact points, {megabytes:.3g} MB in blocks, to {residual.floor:.1e} m/N"
+    else:
+        assert residual.factor is not None
+        points, kept = residual.factor.shape
+        stored = f"of contact points, {kept} of {points} directions are stored"
+        if kept < points:
+            stored += f" (each of the others yields less than {residual.floor:.1e} m/N)"
     if not residual.errors:
         return f"{stored}; its error was not measured, as the scene has no run or the ROM was truncated"
     name, (without, beside) = max(residual.errors.items(), key=lambda item: item[1][1])

@@ -16,6 +16,7 @@ from numpy import ndarray as Array
 from scipy.sparse.linalg import eigsh
 
 from fenics_rom.mechanics.readings import OfDisplacement
+from fenics_rom.reduction.block_compression import compressed
 from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis, joint_span
@@ -31,7 +32,8 @@ COLUMNS_AT_ONCE = 96  # of solves
 KEPT = 1e-6  # of the largest eigenvalue of the residual compliance: smaller ones are raised to it
 LEAST = 1e-12  # of the static compliance: a residual compliance that small is as good as none, and raised to it
 UNSEEN = 1e-4  # of the displacements under forces on contact points, in mass: what the shared basis may lack
-MOST_ROWS = 900  # 3P, of points whose shapes are made M-orthogonal: that is most of the time with thousands
+MOST_ROWS = 900  # 3P, of points whose shapes are made M-orthogonal, and kept: both are too much with thousands
+LEFT_OUT = 1e-5  # singular values of blocks, of the mean residual compliance of a point along an axis
 MOST_SHAPES = 300  # that the shared basis holds for it: a body whose whole skin may touch would want all its unknowns
 OVERSAMPLING = 20  # random combinations beside so many, from which the shapes with most mass are found
 UNTOLD = 1e-3  # of the same of nodes that nothing can touch, beyond which the user is told
@@ -156,6 +158,11 @@ def with_residual_compliance(problem: ReductionProblem, rom: Rom) -> Rom:
         SQ = rows.at(Q)
         static, mass, heat, untold = _summed(_Beyond(problem, rows, Q, (SQ / κ).T))
         compared, largest = static[:, _columns_compared(rows.count)].copy(), float(np.diag(static).max())
+        blocks, left_out = None, 0.0
+        if rows.count > MOST_ROWS:
+            yields = float(np.mean(np.diag(static) - np.einsum("ij,ij->i", SQ / κ, SQ)))
+            least = max(LEFT_OUT * yields, LEAST * largest)
+            blocks, left_out = compressed(static, system.points_of_contact().coordinates, least)
         lacking = static  # in place, as there may be no room for more
         lacking -= (SQ / κ) @ SQ.T
         _make_symmetric(lacking)
@@ -164,9 +171,11 @@ def with_residual_compliance(problem: ReductionProblem, rom: Rom) -> Rom:
             β = system.rayleigh[1]
         else:  # D is not β K in the residual shapes: what dissipates as much in all of them together
             β = heat / (float(np.trace(lacking)) + floor * len(lacking))
-        factor, τ = _orthogonal_shapes(lacking, mass, floor)
+        factor, τ = _orthogonal_shapes(lacking, mass, floor, None if blocks is None else blocks.values.size)
         del static, lacking, mass
-        residual = ResidualCompliance(factor, τ, floor=floor, damping=max(float(β), 0.0))
+        if factor is not None:
+            blocks, left_out = None, 0.0
+        residual = ResidualCompliance(factor, τ, floor + left_out, damping=max(float(β), 0.0), static=blocks)
         residual = _compared(problem, rom, residual, rows, SQ, compared)
     if untold > UNTOLD:
         problem.messages.append(
@@ -224,23 +233,27 @@ def _largest_eigenvalue(A: Array) -> float:
     return float(eigsh(A, k=1, which="LA", v0=np.ones(len(A)), return_eigenvectors=False)[0])
 
 
-def _orthogonal_shapes(R: Array, mass: Array, floor: float) -> tuple[Array, Array]:
+def _orthogonal_shapes(R: Array, mass: Array, floor: float, most: int | None) -> tuple[Array | None, Array]:
     """L (3P, r) with R = L Lᵀ but for a rest below a floor, of K-orthogonal shapes, and τ (r,) of these.
 
     By Cholesky's algorithm with pivoting, whose pivots are forces that suffice for all shapes. These are M-orthogonal,
     too, but of more than MOST_ROWS: what is asked of τ² is their mean, which that does not change. R is overwritten.
+    L is None where it would have more numbers than `most`.
     """
     factor, pivots, rank, _ = scipy.linalg.lapack.dpstrf(R.T, lower=True, tol=floor, overwrite_a=True)
     if not rank:
         return np.empty((len(R), 0)), np.empty(0)
-    some, L = pivots[:rank] - 1, np.empty((len(R), rank))
     np.copyto(factor, 0.0, where=~np.tri(len(R), dtype=bool))
-    L[pivots - 1] = factor[:, :rank]
-    half = scipy.linalg.solve_triangular(L[some], mass[some[:, None], some], lower=True)
-    if len(R) > MOST_ROWS:
-        τ2 = np.einsum("ij,ij->i", half, inverse_of_lower(L[some]))
+    some, square = pivots[:rank] - 1, factor[:rank, :rank]
+    half = scipy.linalg.solve_triangular(square, mass[some[:, None], some], lower=True)
+    L = None
+    if most is None or len(R) * rank <= most:
+        L = np.empty((len(R), rank))
+        L[pivots - 1] = factor[:, :rank]
+    if L is None or len(R) > MOST_ROWS:
+        τ2 = np.einsum("ij,ij->i", half, inverse_of_lower(square))
         return L, np.sqrt(np.maximum(τ2, 0.0))
-    τ2, V = np.linalg.eigh(scipy.linalg.solve_triangular(L[some], half.T, lower=True))
+    τ2, V = np.linalg.eigh(scipy.linalg.solve_triangular(square, half.T, lower=True))
     return (L @ V)[:, ::-1], np.sqrt(np.maximum(τ2, 0.0))[::-1]
 
 

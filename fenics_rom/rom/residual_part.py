@@ -5,6 +5,7 @@ H = [S Q diag(κ)^-½, L], a contact mode spans orthonormal columns Y_i, and R_i
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy import ndarray as Array
@@ -25,16 +26,21 @@ class ResidualPart:
         basis: Y (k - rigid, m - rigid), orthonormal columns: the mode's in the shared basis, both K-orthonormal.
         basis_points: H Y (3P, m - rigid).
         compliance: R = C Cᵀ (3P, 3P), m/N.
-        inverse_root: C⁻¹ (3P, 3P), (N/m)^1/2.
         time_constant: τ, s; τ² is the mean ratio of inertia to stiffness of orthogonal shapes that count alike.
+        root: C⁻¹, where it was made already.
     """
 
     points: Array
     basis: Array
     basis_points: Array
     compliance: Array
-    inverse_root: Array
     time_constant: float
+    root: Array | None = None
+
+    @cached_property
+    def inverse_root(self) -> Array:
+        """C⁻¹ (3P, 3P), (N/m)^1/2, for switches: of thousands of points it takes seconds, and as much room as R."""
+        return _inverse_root_of(self.compliance) if self.root is None else self.root
 
     def strained(self, g: Array) -> Array:
         """What of it lies in the shared basis under forces g (..., 3P), N, in K-orthonormal coordinates, J^1/2."""
@@ -53,16 +59,34 @@ def residual_part(κ: Array, model: ContactModel, H: Array, residual: ResidualCo
     """What a contact mode lacks of the static displacements; κ (k,), 1/s², of the shared basis."""
     Y = strained_coordinates(κ, model)
     HY = H @ Y
-    lacking = np.hstack([H - HY @ Y.T, residual.factor])
-    R = lacking @ lacking.T
-    R.ravel()[:: len(R) + 1] += residual.floor
+    τ2_within, τ2_beyond = 1 / κ[model.rigid :], residual.time_constants**2
     # Inertia that shapes within Q share with those beyond is neglected. Each shape counts alike, however much it
     # yields: the few that yield most are slow, but what yields between neighbours, on which friction depends, is not.
-    inverse_root = inverse_of_lower(np.linalg.cholesky(R))
+    if residual.static is not None:  # of many points about as many shapes are lacking
+        R = residual.static.whole()
+        R -= HY @ HY.T
+        _add_to_diagonal(R, residual.floor)
+        shares = 1 - np.square(Y).sum(axis=1)
+        τ2 = (shares @ τ2_within + τ2_beyond.sum()) / (shares.sum() + len(τ2_beyond))
+        return ResidualPart(H, Y, HY, R, float(np.sqrt(τ2)))
+    assert residual.factor is not None
+    lacking = np.hstack([H - HY @ Y.T, residual.factor])
+    R = lacking @ lacking.T
+    _add_to_diagonal(R, residual.floor)
+    root = _inverse_root_of(R)
     some = (slice(first, first + COLUMNS_AT_ONCE) for first in range(0, lacking.shape[1], COLUMNS_AT_ONCE))
-    shares = np.concatenate([np.square(inverse_root @ lacking[:, columns]).sum(axis=0) for columns in some])
-    τ2 = np.concatenate([1 / κ[model.rigid :], residual.time_constants**2])
-    return ResidualPart(H, Y, HY, R, inverse_root, float(np.sqrt(shares @ τ2 / len(R))))
+    shares = np.concatenate([np.square(root @ lacking[:, columns]).sum(axis=0) for columns in some])
+    τ2 = shares @ np.concatenate([τ2_within, τ2_beyond]) / len(R)
+    return ResidualPart(H, Y, HY, R, float(np.sqrt(τ2)), root)
+
+
+def _add_to_diagonal(A: Array, more: float) -> None:
+    A.ravel()[:: len(A) + 1] += more
+
+
+def _inverse_root_of(R: Array) -> Array:
+    """C⁻¹ of R = C Cᵀ."""
+    return inverse_of_lower(np.linalg.cholesky(R))
 
 
 def inverse_of_lower(L: Array) -> Array:

@@ -29,7 +29,7 @@ from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.residual_part import residual_part, strained_points
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import distinct
-from fenics_rom.runtime.batch_contact_mode import BatchContactMode, by_axis
+from fenics_rom.runtime.batch_contact_mode import BatchContactMode, by_axis, part_by_axis
 from fenics_rom.runtime.batch_residual import BatchResidual
 from fenics_rom.runtime.steppers.contact_interface import contact_interface
 
@@ -82,11 +82,11 @@ class BatchContact:
         self._solver = BatchContactSolver(coordinates, obstacles, law)
         self._coordinates, self._obstacles, self._law = coordinates, obstacles, law
         rows = by_axis(interface.rows, self._axes)
-        H = by_axis(strained_points(rom.stiffness, interface.rows), self._axes)
-        residual = replace(residual, factor=by_axis(residual.factor, self._axes))
+        H = strained_points(rom.stiffness, interface.rows)
+        parts = (residual_part(rom.stiffness, model, H, residual) for model in rom.contact_models.values())
         self._modes = [
-            BatchContactMode(model, rows, residual_part(rom.stiffness, model, H, residual), order)
-            for model in rom.contact_models.values()
+            BatchContactMode(model, rows, part_by_axis(part, self._axes), order)
+            for model, part in zip(rom.contact_models.values(), parts, strict=True)
         ]
         self._β = residual.damping
         # No point moves faster than this times |v|, in any contact mode.

@@ -8,6 +8,7 @@ from fenics_rom.mechanics.complementarity.splitting import Splitting
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.rom.residual_part import ResidualPart
+from fenics_rom.runtime.steppers.kernel import symmetric
 from fenics_rom.runtime.steppers.residual_motion import Relaxation, relaxation
 
 
@@ -65,6 +66,14 @@ class BatchContactMode:
         work = np.einsum("bm,bm->b", push @ self._work, push)
         work += np.einsum("apb,apb->b", forces, yields)
         return Response(push, yields, work)
+
+
+def part_by_axis(part: ResidualPart, axes: Array) -> ResidualPart:
+    """The same with its points by axis."""
+    points, basis_points = by_axis(part.points, axes), by_axis(part.basis_points, axes)
+    compliance = symmetric(by_axis(by_axis(part.compliance, axes).T, axes))
+    root = None if part.root is None else by_axis(part.root.T, axes).T
+    return ResidualPart(points, part.basis, basis_points, compliance, part.time_constant, root)
 
 
 def by_axis(rows: Array, axes: Array) -> Array:

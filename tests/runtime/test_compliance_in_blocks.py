@@ -1,0 +1,96 @@
+"""Residual compliance that is kept by blocks: no less than it is, the energy account, files."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bodies import box_arrays, write_arrays
+from test_residual_compliance import CLOSES_TO, FLOOR, LENGTHS, MOVING, PUSH, ROUGH, Models, Reduced
+
+import fenics_rom as fr
+from fenics_rom.cli.main import main
+from fenics_rom.errors import FenicsRomWarning, RomFileError
+from fenics_rom.reduction import block_compression
+from fenics_rom.reduction import residual_compliance as offline
+from fenics_rom.runtime.batch_contact_mode import by_axis, part_by_axis
+
+
+class Both:
+    """A ROM whose residual compliance is kept by shapes, and the same by blocks."""
+
+    def __init__(self, mesh):
+        self.models = Models(mesh, MOVING + PUSH + FLOOR + ROUGH)
+        with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings(action="ignore", category=FenicsRomWarning):
+            patch.setattr(offline, "MOST_SHAPES", 12)  # else the shared basis lacks next to nothing
+            patch.setattr(offline, "OVERSAMPLING", 8)
+            self.by_shapes = fr.reduce(self.models.system, order=8)
+            patch.setattr(offline, "MOST_ROWS", 0)
+            patch.setattr(offline, "LEFT_OUT", 0.3)
+            patch.setattr(block_compression, "LEAF", 4)
+            self.rom = fr.reduce(self.models.system, order=8)
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    path = tmp_path_factory.mktemp("blocks") / "box.msh"
+    return Both(write_arrays(path, *box_arrays(LENGTHS, (6, 2, 2), shake=0.2)))
+
+
+@pytest.mark.parametrize("order", [8, 3])
+def test_no_contact_mode_yields_less_than_it_would(both, order):
+    """Nor more than by what is told; truncated, too. That is what steps rest on: R is definite."""
+    whole, blocks = (fr.truncate(rom, order) if order < 8 else rom for rom in (both.by_shapes, both.rom))
+    kept = blocks.residual_compliance
+    assert (kept.static.blocks[:, 4] >= 0).sum() > 1
+    assert kept.factor is None
+    more = kept.floor - whole.residual_compliance.floor
+    assert more > 0
+    for contact in whole.contact_models:
+        one, other = (both.models.part(contact, rom) for rom in (whole, blocks))
+        least, *_, most = np.linalg.eigvalsh(other.compliance - one.compliance)
+        scale = np.abs(one.compliance).max()
+        assert least >= -1e-9 * scale
+        assert 1e-3 * scale < most <= 2 * more + 1e-9 * scale
+        assert other.time_constant == pytest.approx(one.time_constant, rel=0.1)
+        product = other.inverse_root @ other.compliance @ other.inverse_root.T
+        np.testing.assert_allclose(product, np.eye(len(product)), rtol=0, atol=1e-9)
+
+
+def test_account_closes_and_switches_neither_add_energy_nor_move_points(both):
+    run = Reduced(both.rom)
+    gap, gained, jump = run.shake(150, seed=0)
+    assert run.body.ledger.contact > 0
+    assert gap <= CLOSES_TO
+    assert gained <= CLOSES_TO
+    assert jump <= 1e-9
+
+
+def test_bodies_of_a_batch_have_it_along_other_axes(both):
+    """By axis: of both kinds, and what switches need of it."""
+    axes = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
+    for rom in (both.by_shapes, both.rom):
+        part = both.models.part("right", rom)
+        turned, by_rows = part_by_axis(part, axes), by_axis(np.eye(len(part.compliance)), axes)
+        scale = np.abs(part.compliance).max()
+        np.testing.assert_allclose(turned.compliance, by_rows @ part.compliance @ by_rows.T, rtol=0, atol=1e-14 * scale)
+        product = turned.inverse_root @ turned.compliance @ turned.inverse_root.T
+        np.testing.assert_allclose(product, np.eye(len(product)), rtol=0, atol=1e-9)
+
+
+def test_files_have_the_blocks_and_refuse_those_that_do_not_fit(both, tmp_path, capsys):
+    path, kept = tmp_path / "rom.h5", both.rom.residual_compliance
+    fr.write_rom(path, both.rom)
+    assert fr.read_rom(path) == both.rom
+    with pytest.raises(SystemExit, match="0"):
+        main(["info", str(path)])
+    assert "contact points, " in (told := " ".join(capsys.readouterr().out.split()))
+    assert f"MB in blocks, to {kept.floor:.1e} m/N" in told
+    one_less = replace(kept.static, values=kept.static.values[1:])
+    for broken, said in (
+        (replace(kept, static=one_less), "/residual_compliance/static: values are"),
+        (replace(kept, static=None), "factor or static is missing, or there are both"),
+        (replace(kept, factor=both.by_shapes.residual_compliance.factor), "or there are both"),
+    ):
+        with pytest.raises(RomFileError, match=said):
+            fr.write_rom(path, replace(both.rom, residual_compliance=broken))
