@@ -61,10 +61,12 @@ class BlockMatrix(ByContent):
         rows = (3 * self.order[:, None] + np.arange(3)).ravel()
         ends = np.cumsum(_sizes(self.blocks)).tolist()
         for (a, b, c, d, rank), start, end in zip(self.blocks.tolist(), [0, *ends], ends, strict=False):
-            block = self.values[start:end].reshape(-1, 3 * (d - c)) if rank == WHOLE else None
-            if block is None:
-                middle = start + 3 * (b - a) * rank
-                block = self.values[start:middle].reshape(-1, rank) @ self.values[middle:end].reshape(rank, -1)
+            shape, middle = (3 * (b - a), 3 * (d - c)), start + 3 * (b - a) * rank
+            if rank == WHOLE:
+                block = self.values[start:end].reshape(shape)
+            else:
+                U, V = self.values[start:middle], self.values[middle:end]
+                block = U.reshape(shape[0], rank) @ V.reshape(rank, shape[1])
             yield rows[3 * a : 3 * b], rows[3 * c : 3 * d], block
 
 

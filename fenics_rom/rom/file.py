@@ -55,7 +55,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         time_step/NAME (3,)          obstacles/NAME (2, 3) of the reduction and of the reduced model's time step
     residual_compliance/             what contact points yield beyond the shared basis; absent where it is not known
         factor (3P, r) m^1/2/N^1/2   L of L Lᵀ + floor, points as in the order of the nodes, then those between; or
-        static/                      S K⁻¹Sᵀ by blocks: order (P,), blocks (b, 5), values (v,) m/N; rom.block_matrix
+        static/                      order (P,), blocks (b, 5), values (v,) m/N of S K⁻¹Sᵀ: see rom.block_matrix
         time_constants (r,) s, floor (1,) m/N, damping (1,) s
         dt (1,) s, errors/NAME (2,)  of the Delassus operator at dt by contact mode, without and with it
     moving_frame/                    of a body that moves as far as it likes, else absent; K = k less rigid motions
@@ -77,10 +77,9 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         first_lame, shear as above, of T values or twice as many    of stress at points
         foot (3, k) kg^-1/2, gradients (2, 3, k) kg^-1/2/m, tangents (2, 3), offset (3,) m  of marker; touch: touch_file
 
-Files before format 2.7 have no static, those before 2.6 no error_model. Those of 2.4 have an inertia in
-residual_compliance, which is not read, and no time_constants: these are 0 then. Those of 2.2 have no base path and
-moving_frame; those of 2.1 no residual_compliance; those of 2.0 no readings, cells and force_validation, and nothing in
-trained; those of format 1.x are read, too: rom.format_1 makes them such.
+Before 2.7 there is no static, before 2.6 no error_model, before 2.5 no time_constants, which are 0 then, but maybe an
+inertia, which is not read; before 2.3 no base path and moving_frame, before 2.2 no residual_compliance, before 2.1 no
+readings, cells and force_validation, and nothing in trained. Those of 1.x are read, too: rom.format_1 makes them such.
 """
 
 from dataclasses import replace

@@ -39,6 +39,19 @@ def test_what_blocks_leave_out_is_no_more_than_they_tell(skin, tolerance):
     assert (ranks >= 0).any()
 
 
+def test_what_several_blocks_leave_out_at_a_point_adds_up():
+    """Four groups in a row, of which the last is tied to each other one by 1: √3 is missed, and 1 + √2 told."""
+    places = np.zeros((64, 3))
+    places[:, 0] = 10 * np.repeat(np.arange(4), 16) + np.tile(np.linspace(0, 1, 16), 4)
+    groups = np.kron(np.eye(4), np.full((48, 1), 48**-0.5))
+    E = groups[:, :3].sum(axis=1)[:, None] * groups[:, 3]
+    E += E.T
+    matrix, left_out = compressed(2 * np.eye(192) + E, places, 1.5)
+    np.testing.assert_allclose(matrix.whole(), 2 * np.eye(192), rtol=0, atol=1e-15)
+    assert np.linalg.eigvalsh(E)[-1] == pytest.approx(3**0.5)
+    assert left_out == pytest.approx(1 + 2**0.5)
+
+
 def test_of_what_may_not_be_left_out_every_number_is_kept(skin):
     places, A = skin
     matrix, left_out = compressed(A, places, 0.0)
