@@ -34,6 +34,7 @@ def simulate(
     errors: bool | None = None,
     error_tolerance: float | None = None,
     enrich: "System | Enriches | None" = None,
+    finer: Rom | None = None,
     arc_length: bool = False,
     report: Report = silent,
 ) -> Trajectory:
@@ -41,7 +42,7 @@ def simulate(
 
     A scene, or the system assembled from it, is run at full order, which every MPI rank must call; a ROM is run
     reduced, and a world with its ROMs. `scene`, `profile`, `rate`, `stepper`, `step_error`, `errors`,
-    `error_tolerance` and `enrich` are for ROMs; a world has `rate`, too; `arc_length` is for full order.
+    `error_tolerance`, `enrich` and `finer` are for ROMs; a world has `rate`, too; `arc_length` is for full order.
 
     Args:
         model: what to run, or the name of the file of a scene, a world or a ROM.
@@ -62,6 +63,8 @@ def simulate(
             time that it is, a ToleranceWarning says so at once, and `tolerance` of the run keeps it.
         enrich: the system that the ROM was reduced of: where the tolerance is exceeded, directions are added to the
             basis, and the run goes on without a jump; or an Enrichment, whose `rom` has them afterwards.
+        finer: a ROM of higher order of the same scene, which takes the same steps beside: for bodies that do not state
+            errors of themselves the difference of outputs is an estimate.
         arc_length: whether loads are to grow and shrink along the equilibrium path of a body that deforms largely and
             has no inertia, on beyond its limit points: from nothing to what the run has at its end, in as many steps as
             the run has, or fewer, the first with about an equal share. Beside them there is what always acts; `inputs`
@@ -88,7 +91,7 @@ def simulate(
     if isinstance(model, WorldScene):
         refused: dict[str, Any] = {"scene": scene, "signals": signals, "profile": profile, "stepper": stepper}
         told: dict[str, Any] = {"step_error": step_error, "errors": errors, "error_tolerance": error_tolerance}
-        refused |= told | {"enrich": enrich, "arc_length": arc_length}
+        refused |= told | {"enrich": enrich, "finer": finer, "arc_length": arc_length}
         given = [name for name, value in refused.items() if value]
         if given:
             raise SceneError(f"simulate: {', '.join(given)} cannot be used with a WorldScene")
@@ -98,7 +101,7 @@ def simulate(
     of_any: dict[str, Any] = {"dt": dt, "every": every, "signals": signals, "report": report}
     of_roms: dict[str, Any] = {"scene": scene, "profile": profile, "rate": rate}
     of_roms |= {"stepper": stepper, "step_error": step_error, "errors": errors, "error_tolerance": error_tolerance}
-    of_roms["enrich"] = enrich
+    of_roms |= {"enrich": enrich, "finer": finer}
     if isinstance(model, Rom):
         if arc_length:
             raise SceneError("simulate: arc_length cannot be used with a Rom; allowed with a Scene or a System")

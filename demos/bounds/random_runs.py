@@ -3,9 +3,9 @@
     python demos/bounds/random_runs.py                  # 1,000 runs, 3 min
     python demos/bounds/random_runs.py --runs 50        # the first of them
 
-Chains, plates and bodies with dashpots, of 60 to 200 unknowns; orders 5 to 60; inputs that are noise, steps, smooth or
-held; contact modes that change at every step, now and then, or never; steps of 1e-5 to 1e-1 s. The full order takes the
-same steps. Exits with 1 where a claim fails.
+Chains, plates and fingers with tendons, a third of them with dashpots, of 60 to 200 unknowns; damping from strong to
+hardly any; orders 5 to 60; inputs that are noise, steps, smooth or held; contact modes that change at every step, now
+and then, or never; steps of 1e-5 to 1e-1 s. The full order takes the same steps. Exits with 1 where a claim fails.
 """
 
 import argparse
@@ -15,12 +15,14 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 from numpy import ndarray as Array
+from scipy.linalg import eigh
 
 import fenics_rom as fr
 from fenics_rom.io.markdown import markdown
 
 STEPS = 150  # of a run
 ROUND_OFF = 1e-10  # of the largest energy norm: errors below it are of the arithmetic
+OUTPUT_ROUND_OFF = 1e-8  # the same of outputs: K of a finger spans seven decades, so its softest shape is known to 1e-9
 METHODS = "modal", "modal+static", "balanced"
 
 
@@ -46,7 +48,11 @@ class Errors(NamedTuple):
     @property
     def broken(self) -> float:
         """By how much the error is above the bound, of the largest energy norm; at most round-off."""
-        return float((self.true - self.bound).max() / self.largest)
+        return self.broken_by(1.0)
+
+    def broken_by(self, share: float) -> float:
+        """The same by a share of the bound."""
+        return float((self.true - share * self.bound).max() / self.largest)
 
     @property
     def known(self) -> bool:
@@ -89,41 +95,68 @@ def norm(M: sp.spmatrix, K: sp.spmatrix, x: Array, v: Array) -> float:
 
 
 def random_system(random: np.random.Generator) -> fr.System:
-    """A chain of masses, or a plate as finite differences have it, with any damping; two contact modes."""
-    if random.random() < 0.5:
-        n = int(random.integers(60, 200))
-        springs = 1e3 * np.exp(random.uniform(-1, 1, n + 1))
-        K = sp.diags([-springs[1:-1], springs[:-1] + springs[1:], -springs[1:-1]], [-1, 0, 1])
-        M = sp.diags(1e-2 * np.exp(random.uniform(-0.5, 0.5, n)))
-    else:
-        long, wide = random.integers(8, 15, 2)
-        line = sp.diags([-np.ones(long - 1), 2 * np.ones(long), -np.ones(long - 1)], [-1, 0, 1])
-        across = sp.diags([-np.ones(wide - 1), 2 * np.ones(wide), -np.ones(wide - 1)], [-1, 0, 1])
-        bent = sp.kron(line, sp.identity(wide)) + sp.kron(sp.identity(long), across)
-        n, K, M = int(long * wide), 50.0 * (bent @ bent), 1e-2 * sp.identity(long * wide)
-    K, M, unit = sp.csc_matrix(K), sp.csc_matrix(M), np.eye(n)
-    ω = float(np.sqrt(np.linalg.eigvalsh(K.toarray())[0] / 1e-2))
-    α, β = 10 ** random.uniform(-2, 0) * ω, 10 ** random.uniform(-3, -1) / ω
+    """A chain, a plate or a finger with any damping, down to hardly any; two contact modes."""
+    body, actuators = (chain_of, plate_of, finger_of)[random.integers(3)], {}
+    K, M = body(random)
+    n = len(K)
+    unit, ω = np.eye(n), float(np.sqrt(eigh(K, M, eigvals_only=True, subset_by_index=[0, 0])[0]))
+    α, β = 10 ** random.uniform(-5, 0) * ω, 10 ** random.uniform(-6, -1) / ω
     nodes = random.choice(n, 5, replace=False)
+    if body is finger_of:
+        nodes = 2 * (nodes // 2)  # displacements, not rotations
+        actuators = {"flexor": unit[:, [n - 1]], "extensor": unit[:, [n // 4 * 2 + 1]]}  # moments
     given = {"rayleigh": (α, β)}
     if random.random() < 0.3:
         dashpots = np.zeros(n)
-        dashpots[nodes[:2]] = 10 ** random.uniform(-2, 0)
-        given = {"damping": sp.csc_matrix(α * M + β * K + sp.diags(dashpots))}
+        dashpots[nodes[:2]] = 10 ** random.uniform(-2, 0) * M[nodes[0], nodes[0]] * ω
+        given = {"damping": sp.csc_matrix(α * M + β * K + np.diag(dashpots))}
     contacts = {"one": unit[:, nodes[:2]], "two": unit[:, nodes[2:4]]}
-    return fr.System(mass=M, stiffness=K, contacts=contacts, outputs={"far": unit[:, nodes[4:]]}, **given)
+    outputs = {"far": unit[:, nodes[4:]]}
+    matrices = {"mass": sp.csc_matrix(M), "stiffness": sp.csc_matrix(K)}
+    return fr.System(**matrices, contacts=contacts, actuators=actuators, outputs=outputs, **given)
 
 
-def random_history(random: np.random.Generator, ω: float) -> tuple[float, list[str], Array]:
-    """Step size, s, contact mode of each step, and inputs (STEPS, 2); ω is the lowest frequency, rad/s."""
+def chain_of(random: np.random.Generator) -> tuple[Array, Array]:
+    """K and M of masses between springs."""
+    n = int(random.integers(60, 200))
+    springs = 1e3 * np.exp(random.uniform(-1, 1, n + 1))
+    K = np.diag(springs[:-1] + springs[1:]) - np.diag(springs[1:-1], 1) - np.diag(springs[1:-1], -1)
+    return K, np.diag(1e-2 * np.exp(random.uniform(-0.5, 0.5, n)))
+
+
+def plate_of(random: np.random.Generator) -> tuple[Array, Array]:
+    """The same of a plate, as finite differences have it."""
+    long, wide = (int(size) for size in random.integers(8, 15, 2))
+    line, across = (2 * np.eye(size) - np.eye(size, k=1) - np.eye(size, k=-1) for size in (long, wide))
+    bent = np.kron(line, np.eye(wide)) + np.kron(np.eye(long), across)
+    return 50.0 * (bent @ bent), 1e-2 * np.eye(long * wide)
+
+
+def finger_of(random: np.random.Generator) -> tuple[Array, Array]:
+    """The same of a beam that is held at one end and tapers: of nodes displacements, and rotations times a cell."""
+    n = int(random.integers(30, 50))
+    bending = np.exp(random.uniform(-0.2, 0.2, n)) * np.linspace(1, random.uniform(0.1, 0.5), n)
+    weight = 1e-2 * np.linspace(1, random.uniform(0.3, 0.8), n)
+    k = 50.0 * np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
+    m = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]]) / 420
+    K, M = np.zeros((2, 2 * n + 2, 2 * n + 2))
+    for cell in range(n):
+        at = slice(2 * cell, 2 * cell + 4)
+        K[at, at] += bending[cell] * k
+        M[at, at] += weight[cell] * m
+    return K[2:, 2:], M[2:, 2:]
+
+
+def random_history(random: np.random.Generator, ω: float, p: int) -> tuple[float, list[str], Array]:
+    """Step size, s, contact mode of each step, and inputs (STEPS, p); ω is the lowest frequency, rad/s."""
     h, kind = 10 ** random.uniform(-5, -1), random.integers(4)
-    inputs = random.standard_normal((STEPS, 2))
+    inputs = random.standard_normal((STEPS, p))
     if kind == 1:
         inputs = np.repeat(inputs[: STEPS // 30], 30, axis=0)
     elif kind == 2:
-        inputs = np.sin(np.outer(np.arange(STEPS) * h * ω * random.uniform(0.1, 5), [1.0, 0.7]))
+        inputs = np.sin(np.outer(np.arange(STEPS) * h * ω * random.uniform(0.1, 5), np.linspace(1.0, 0.7, p)))
     elif kind == 3:
-        inputs = np.ones((STEPS, 2))
+        inputs = np.ones((STEPS, p))
     every = [1, 40, STEPS][random.integers(3)]
     return h, [("one", "two")[step // every % 2] for step in range(STEPS)], inputs
 
@@ -133,7 +166,12 @@ def random_run(seed: int) -> Errors:
     random = np.random.default_rng(seed)
     system, order = random_system(random), int(random.integers(5, 61))
     rom = fr.reduce(system, order=min(order, system.size // 2), method=str(random.choice(METHODS)), errors=True)
-    return compare(system, [rom], *random_history(random, np.sqrt(rom.stiffness[0])))[0]
+    return compare(system, [rom], *random_history(random, np.sqrt(rom.stiffness[0]), _inputs(rom)))[0]
+
+
+def _inputs(rom: fr.Rom) -> int:
+    """How many a contact mode has."""
+    return rom.contact_models["one"].inputs.shape[1]
 
 
 def ranking(seed: int) -> tuple[Array, Array]:
@@ -142,7 +180,7 @@ def ranking(seed: int) -> tuple[Array, Array]:
     system = random_system(random)
     rom = fr.reduce(system, order=40, method=str(random.choice(METHODS)), errors=True)
     roms = [fr.truncate(rom, order) for order in (10, 20, 40)]
-    runs = compare(system, roms, *random_history(random, np.sqrt(rom.stiffness[0])))
+    runs = compare(system, roms, *random_history(random, np.sqrt(rom.stiffness[0]), _inputs(rom)))
     return np.array([run.true.max() for run in runs]), np.array([run.estimate.max() for run in runs])
 
 
@@ -158,6 +196,7 @@ def main() -> None:
     effectivity, ratio = np.array([run.effectivity for run in runs]), np.array([run.ratio for run in runs])
     near = float(((ratio > 1 / 1.5) & (ratio < 1.5)).mean())
     same = float(np.mean([(np.argsort(true) == np.argsort(told)).all() for true, told in ranks]))
+    caught = sum(run.broken_by(0.95) > ROUND_OFF for run in runs)
     shares = np.percentile(effectivity, [5, 50, 95, 100])
     print(f"{len(runs)} of {given.runs} runs have errors beyond round-off; {len(ranks)} are ranked\n")
     rows = [("bound over error", *(f"{share:.3g}" for share in shares))]
@@ -165,9 +204,10 @@ def main() -> None:
     print(markdown(("largest in a run", "5 %", "median", "95 %", "most"), rows))
     claims = [
         ("no error is above its bound, beyond round-off", max(run.broken for run in runs) <= ROUND_OFF),
-        ("no error of an output is above its bound", max(run.outputs for run in runs) <= ROUND_OFF),
-        ("the bound is below twice the error in half of the runs", shares[1] < 2),
-        ("and below 10 times in 95 %", shares[2] < 10),
+        ("no error of an output is above its bound", max(run.outputs for run in runs) <= OUTPUT_ROUND_OFF),
+        (f"0.95 of the bound is below the error in some runs ({caught} of them)", caught > 0),
+        ("the bound is below 15 times the error in half of the runs", shares[1] < 15),
+        ("and below 60 times in 95 %", shares[2] < 60),
         (f"the estimate is within a factor of 1.5 in 90 % of the runs ({near:.1%})", near >= 0.9),
         (f"it ranks orders 10, 20 and 40 as the errors do in 95 % ({same:.1%})", same >= 0.95),
     ]

@@ -227,8 +227,10 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
             lines |= _stresses(name, reading)
     scale = np.sqrt(2 * run.energy.max())
     for kind, stated in run.errors.items():
-        share = f" ({100 * stated.norm.max() / scale:.2g} % of the run's largest)" if scale else ""
-        lines[f"error, {kind}"] = f"{stated.norm.max():.3g} J^1/2 at most in the energy norm{share}; {stated.why}"
+        lines[f"error, {kind}"] = stated.why
+        if stated.norm is not None:
+            share = f" ({100 * stated.norm.max() / scale:.2g} % of the run's largest)" if scale else ""
+            lines[f"error, {kind}"] = f"{stated.norm.max():.3g} J^1/2 at most in the energy norm{share}; {stated.why}"
         for name, off in stated.outputs.items():
             lines[f"error of {name}, {kind}"] = f"{np.abs(off).max():.3g} m at most in any direction"
     if run.tolerance is not None:

@@ -21,7 +21,7 @@ from fenics_rom.scene.world_file import files_of_world, is_world_file
 
 SUMMARY = "run a scene at full order (also under mpirun), a ROM or a world through its load history"
 OF_RUNS = ("dt", "every", "profile", "rate", "stepper", "step_error", "errors", "error_tolerance")  # options of a ROM
-FOR_ROMS = ("scene", "order", "enrich", "enriched", *OF_RUNS[2:])
+FOR_ROMS = ("scene", "order", "enrich", "enriched", "finer", *OF_RUNS[2:])
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -69,6 +69,11 @@ def add_options(command: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--enrich", action="store_true", help="add directions to the basis there, by solves with the system of --scene"
+    )
+    group.add_argument(
+        "--finer",
+        metavar="ROM.h5",
+        help="a ROM of higher order, which takes the same steps beside: estimates for bodies without their own",
     )
     group.add_argument("--enriched", type=Path, metavar="ROM.h5", help="write the ROM with these directions")
 
@@ -128,9 +133,9 @@ def run(choice: argparse.Namespace) -> None:
             scene = fr.read_scene(choice.scene) if choice.scene else None
             check(*(scene.files if scene else ()))
             chosen = {name: getattr(choice, name) for name in OF_RUNS}
-            enrichment = _enrichment(choice, rom, scene)
+            enrichment, finer = _enrichment(choice, rom, scene), choice.finer and fr.read_rom(choice.finer)
             with _told_at_once():
-                trajectory = fr.simulate(rom, scene=scene, **chosen, enrich=enrichment, report=report)
+                trajectory = fr.simulate(rom, scene=scene, **chosen, enrich=enrichment, finer=finer, report=report)
             if choice.enriched is not None and enrichment is not None:
                 fr.write_rom(choice.enriched, enrichment.rom, force=choice.force)
         elif is_world_file(choice.model):

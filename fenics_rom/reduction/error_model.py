@@ -17,7 +17,7 @@ from fenics_rom.system.columns import column_dots, probe_columns
 from fenics_rom.system.protocols import Algebra, Factor
 from fenics_rom.system.system import System
 
-FURTHER = 20  # directions of the finer model beside those of a contact mode: of other modes, then eigenvectors
+FURTHER = 20  # eigenvectors of the finer model beside the shared basis
 NEW = 1e-2  # of the length of an eigenvector in mass, which the shared basis may lack before it is worth a direction
 NEW_STILL = 0.5  # of a unit vector that is orthogonalised again: less is left of round-off
 UNRESISTED = 1e-7  # of the damping of other motions: rigid ones are not damped then
@@ -39,6 +39,11 @@ def check_errors_known(system: System) -> None:
         )
 
 
+def is_touched(system: System) -> bool:
+    """Whether obstacles may touch the body in its scene, so that its runs have estimates alone."""
+    return system.scene is not None and system.scene.environment.contact_law is not None
+
+
 def with_error_model(
     problem: ReductionProblem, rom: Rom, whole: System, finer: tuple[Array, Array] | None = None
 ) -> Rom:
@@ -47,7 +52,7 @@ def with_error_model(
     `finer`: basis and eigenvalues of the finer model, as of `finer_basis`; None: those.
 
     Raises:
-        SceneError: damping does not resist all that strains the body.
+        SceneError: damping does not resist all that strains a body that no obstacle touches.
     """
     elastic, rigid, inner = problem.system, rom.rigid, whole.algebra.inner
     with problem.stages("error model"):
@@ -67,8 +72,14 @@ def with_error_model(
             columns.append(DE - ME @ damping)
         residuals = np.hstack(columns)
         residuals -= ME @ inner(E, residuals)  # once more, for what round-off left
-        with _damping_factor(problem, whole, rom.stiffness[rigid]) as factor:
-            triangle = _triangle(elastic.algebra, factor, residuals)
+        is_bounded = True
+        try:
+            with _damping_factor(problem, whole, rom.stiffness[rigid]) as factor:
+                triangle = _triangle(elastic.algebra, factor, residuals)
+        except SceneError:
+            if not is_touched(whole):
+                raise
+            triangle, is_bounded = np.empty((0, residuals.shape[1])), False  # estimates need no damping
         *of_inputs, stiffness = split_like(triangle, columns)[: len(B) + 1]
         resisted = β * stiffness if whole.rayleigh is not None else split_like(triangle, columns)[-1]
         compliances = {
@@ -80,7 +91,7 @@ def with_error_model(
             inputs=G,
             coordinates=inner(ME, rom.basis[whole.algebra.rows()]),
             outputs={name: inner(C, E) for name, C in whole.outputs.items()},
-            residual_inputs=dict(zip(B, of_inputs, strict=True)),
+            residual_inputs=dict(zip(B, of_inputs, strict=True)) if is_bounded else {},
             residual_damping=resisted,
             residual_stiffness=stiffness,
             output_compliances={name: np.sqrt(of) for name, of in compliances.items()},
@@ -94,13 +105,12 @@ def finer_basis(problem: ReductionProblem, rom: Rom, whole: System, Q: Array) ->
     system, rigid = problem.system, rom.rigid
     inner, M = whole.algebra.inner, whole.mass
     pushed = np.hstack([*system.contacts.values(), *system.actuators.values(), *system.loads.values()])
-    order = max(mode.order for mode in rom.contact_models.values())
-    count, further = min(system.elastic_size, order - rigid + FURTHER), max(0, order + FURTHER - Q.shape[1])
+    count = min(system.elastic_size, max(mode.order - rigid for mode in rom.contact_models.values()) + FURTHER)
     _, V = system.algebra.eigenpairs(system.mass, system.stiffness, count, problem.factor)
     MQ = M @ Q
     beyond = V - Q @ inner(MQ, V)
     new = np.sqrt(column_dots(whole.algebra, beyond, M @ beyond)) > NEW
-    candidates = np.hstack([problem.factor.solve(pushed), V[:, new][:, :further]])
+    candidates = np.hstack([problem.factor.solve(pushed), V[:, new][:, :FURTHER]])
     U, _, _ = orthonormalize_against(whole, candidates, Q, MQ)
     return ritz_vectors(whole, Q[:, :rigid], np.hstack([Q[:, rigid:], U]))
 

@@ -34,7 +34,8 @@ class ErrorModel(ByContent):
         inputs: G of each contact mode (f, p), kg^-1/2 times N per unit of the input.
         coordinates: the shared basis in E, EᵀMQ (f, k), orthonormal columns.
         outputs: of each output its rows in E (rows, f), kg^-1/2.
-        residual_inputs: R_B of each contact mode (s, p), W^1/2 per unit of the input.
+        residual_inputs: R_B of each contact mode (s, p), W^1/2 per unit of the input; empty of a body whose damping
+            does not resist all, so that there is no bound.
         residual_damping, residual_stiffness: R_D and R_K (s, f), s^-1/2 and s^-3/2.
         output_compliances: of each output (cᵀK⁻¹c)^½ of its rows c (rows,), m/J^1/2; of a body that is not wholly held
             of loads in balance.
@@ -66,6 +67,11 @@ class ErrorModel(ByContent):
             directions=whole,
             hankel_singular_values=np.empty(0),
         )
+
+    @property
+    def has_bound(self) -> bool:
+        """Whether damping resists all, so that the residual bounds what the estimate misses."""
+        return bool(self.residual_inputs)
 
     @property
     def couples_rigid_motions(self) -> bool:

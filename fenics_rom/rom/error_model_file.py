@@ -3,7 +3,8 @@
 eigenvalues (f,) 1/s^2, damping (f,) or (f, f) 1/s, coordinates (f, k) 1
 inputs/NAME (f, p), outputs/NAME (R, f), point_inputs (f, 3P) kg^-1/2, of forces on contact points
 output_compliances/NAME (R,) m/J^1/2
-residual_inputs/NAME (s, p) W^1/2 per unit of the input, residual_damping, residual_stiffness (s, f) s^-1/2, s^-3/2
+residual_inputs/NAME (s, p) W^1/2 per unit of the input; none where there is no bound, as then s = 0
+residual_damping, residual_stiffness (s, f) s^-1/2, s^-3/2
 """
 
 from collections.abc import Mapping
@@ -64,6 +65,7 @@ def _check_fit(rom: Rom, model: ErrorModel) -> None:
 def _mistake(rom: Rom, model: ErrorModel) -> str:
     """What does not fit a ROM; empty where all does."""
     k, s, f, γ = len(rom.stiffness), len(model.residual_damping), len(model.eigenvalues), model.eigenvalues
+    bounded = model.has_bound
     widths = {name: mode.inputs.shape[1] for name, mode in rom.contact_models.items()}
     rows = {name: len(of) for name, of in rom.outputs.items()}
     shapes: list[tuple[str, Any, Any]] = [
@@ -71,7 +73,7 @@ def _mistake(rom: Rom, model: ErrorModel) -> str:
         ("residual_damping", model.residual_damping.shape, (s, f)),
         ("residual_stiffness", model.residual_stiffness.shape, (s, f)),
         ("inputs", _shapes(model.inputs), {name: (f, p) for name, p in widths.items()}),
-        ("residual_inputs", _shapes(model.residual_inputs), {name: (s, p) for name, p in widths.items()}),
+        ("residual_inputs", _shapes(model.residual_inputs), {name: (s, p) for name, p in widths.items() if bounded}),
         ("outputs", _shapes(model.outputs), {name: (count, f) for name, count in rows.items()}),
         ("output_compliances", _shapes(model.output_compliances), {name: (count,) for name, count in rows.items()}),
     ]

@@ -8,17 +8,20 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.environment import given_environment
 from fenics_rom.runtime.error_tolerance import ADVICE, Exceeded, checked_tolerance, tell
 from fenics_rom.runtime.moving_body import MovingBody
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.error_watch import ErrorState, ErrorWatch, StatedError
+    from fenics_rom.runtime.finer_beside import FinerBeside
 
 
 class ErringBody(MovingBody):
     """What there is to tell of errors; nothing is kept where that was not asked for."""
 
     errors: "ErrorWatch | None" = None
+    beside: "FinerBeside | None" = None  # what states errors in a run in which a finer ROM takes the same steps
     _untold = ""  # why there are none
     _errors_before: "ErrorState | None" = None  # the last step that was noted by itself
     whose, advice = "", ADVICE  # beginning and end of what is said of the tolerance
@@ -26,12 +29,14 @@ class ErringBody(MovingBody):
     @property
     def error_tolerance(self) -> float | None:
         """What the estimate of any output's error is to be no larger than, m; None: whatever it is."""
-        return None if self.errors is None else self.errors.tolerance
+        watch = self.errors or self.beside
+        return None if watch is None else watch.tolerance
 
     @property
     def exceeded(self) -> Exceeded | None:
         """Where the estimate was first larger than the tolerance: time, s, error, m, output; None where it was not."""
-        return None if self.errors is None else self.errors.exceeded
+        watch = self.errors or self.beside
+        return None if watch is None else watch.exceeded
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -43,6 +48,8 @@ class ErringBody(MovingBody):
     @property
     def stated_errors(self) -> "dict[str, StatedError]":
         """Bound and estimate by these names, as far as they are known."""
+        if self.beside is not None:
+            return {"estimate": self.beside.stated()}
         if self.errors is None:
             return {}
         bound = {} if self.errors.maps.touched else {"bound": self.error_bound}
@@ -93,16 +100,19 @@ class ErringBody(MovingBody):
             from fenics_rom.runtime.error_maps import ErrorMaps
             from fenics_rom.runtime.error_watch import ErrorWatch
 
-            acting = rom.environment if self.environment is None else self.environment.environment
+            scene = self._origin[1]
+            plain = rom.environment if scene is None else given_environment(scene)
+            acting = plain if self.environment is None else self.environment.environment
             reason = untold_errors(acting, deforms=rom.deformation is not None)
-            if not reason and rom.error_model is None:
+            touched = acting.contact_law is not None
+            if not reason and (rom.error_model is None or not (touched or rom.error_model.has_bound)):
                 reason = "no damping"
             if reason:
                 self._untold = f"a run with {reason} does not know its error"
             else:
                 if tolerance is None and acting.run is not None:
                     tolerance = acting.run.error_tolerance
-                self.errors = ErrorWatch(rom, ErrorMaps(rom, touched=acting.contact_law is not None), tolerance)
+                self.errors = ErrorWatch(rom, ErrorMaps(rom, touched=touched), tolerance)
         if asked and self.errors is None:
             raise StepError(f"errors = True: {self._untold}")
         if tolerance is not None and self.errors is None:

@@ -41,7 +41,7 @@ class StatedError:
     Attributes:
         kind: "bound" or "estimate".
         why: it is one, in words.
-        norm: in the energy norm, √(vᵀMv + xᵀKx) of the error; J^1/2. Of a batch (size,).
+        norm: in the energy norm, √(vᵀMv + xᵀKx) of the error; J^1/2. Of a batch (size,). None where it is not known.
         names: of the outputs that it is told of.
         shape: in the mass norm, √(xᵀMx) of the error of displacements, kg^1/2 m; of a batch (size,). None of a bound,
             or where it is not known.
@@ -49,7 +49,7 @@ class StatedError:
 
     kind: str
     why: str
-    norm: float | Array
+    norm: float | Array | None
     names: tuple[str, ...]
     outputs: Callable[[str], Array] = field(repr=False)
     shape: float | Array | None = None
@@ -210,6 +210,7 @@ class ErrorWatch:
         if self.maps.touched:
             raise StepError(FORCES_DIFFER)
         estimate, missed = self.estimate(contact, state), math.sqrt(self._square)
+        assert estimate.norm is not None
 
         def of_output(name: str) -> Array:
             near = estimate.output(name)

@@ -44,6 +44,7 @@ def simulate(
     errors: bool | None = None,
     error_tolerance: float | None = None,
     enrichment: Enriches | None = None,
+    finer: Rom | None = None,
     report: Report = silent,
 ) -> Trajectory:
     """Runs a ROM through a load history from rest: `fenics_rom.simulate` of a ROM, where arguments and errors are."""
@@ -52,8 +53,11 @@ def simulate(
     signals, reason = mapping_in("signals", signals, SceneError), ""
     if step_error is not None:
         stepper, reason = _by_error(rom, scene, dt, every, signals, stepper, step_error)
-    environment, history, fresh = _prepared(rom, scene, dt, every, signals, stepper, errors, error_tolerance)
+    of_body = None if finer is not None else error_tolerance
+    environment, history, fresh = _prepared(rom, scene, dt, every, signals, stepper, errors, of_body)
     body, lost = fresh()
+    if finer is not None:
+        _set_beside(body, finer, environment, dt, every, signals, stepper, error_tolerance)
     _check_tolerance(body, environment, errors, enrichment)
     recorder = TrajectoryRecorder(
         rom,
@@ -66,7 +70,7 @@ def simulate(
     recorder.sample(0, body)
     monitor = TimeStepMonitor()
     exceedings = Exceedings(enrichment)
-    if body.steps_in_blocks and not history.automatic and enrichment is None:
+    if body.steps_in_blocks and not history.automatic and enrichment is None and finer is None:
         _run_in_blocks(body, history, recorder, monitor, report)
         exceedings.follow(body)
     else:
@@ -82,6 +86,27 @@ def simulate(
         stepping=f"{body.stepper}: {reason or body.stepping}" if rom.deformation is not None else "",
     )
     return replace(run, tolerance=exceedings.kept(body.error_tolerance))
+
+
+def _set_beside(
+    body: Simulator,
+    finer: Rom,
+    environment: Environment,
+    dt: float | None,
+    every: int | None,
+    signals: Mapping[str, SignalLike],
+    stepper: str | None,
+    tolerance: float | None,
+) -> None:
+    """Puts a body of a finer ROM beside one, at the same start of the same run."""
+    from fenics_rom.runtime.finer_beside import FinerBeside, check_finer  # here, as few runs have one
+
+    if body.errors is not None:
+        raise SceneError("finer: the body states its own errors; allowed is one that does not, or errors = False")
+    check_finer(body.rom, finer)
+    _, _, fresh = _prepared(finer, environment, dt, every, signals, stepper, False)
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # the body tells them
+        body.beside = FinerBeside(body, fresh()[0], tolerance)
 
 
 def _check_tolerance(
@@ -126,6 +151,8 @@ def _run_step_by_step(
                 monitor.add(np.square(after - before).sum(), np.square(after + before).sum() / 4)
         else:
             body.step(u)
+        if body.beside is not None:
+            body.beside.follow(u, body.advice)
         recorder.sample(step, body, u)
         body = exceedings.follow(body)
         report("steps", step, history.steps)

@@ -11,7 +11,7 @@ import fenics_rom as fr
 from fenics_rom.errors import CompareError, SceneError
 from fenics_rom.io.progress import Report
 from fenics_rom.mechanics.environment import Run
-from fenics_rom.reduction.error_model import UNDAMPED, check_errors_known
+from fenics_rom.reduction.error_model import UNDAMPED, check_errors_known, is_touched
 from fenics_rom.scene.scene import Scene
 from fenics_rom.studies.study_results import MeshRow
 from fenics_rom.system.system import System
@@ -42,7 +42,7 @@ def check_dispensable(system: System) -> None:
     """A SceneError where reduced runs of a body do not state their errors, so that it takes a reference."""
     try:
         check_errors_known(system)
-        if system.rayleigh is not None and max(system.rayleigh) <= 0:
+        if system.rayleigh is not None and max(system.rayleigh) <= 0 and not is_touched(system):
             raise SceneError(UNDAMPED.format("the body has none"))
     except SceneError as error:
         source = system.scene.source if system.scene else "system"

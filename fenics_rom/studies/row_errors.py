@@ -58,7 +58,8 @@ def without_reference(at_reference_step: Trajectory) -> RowErrors:
     rows, _ = common_instants(run.times, run.snapshot_times, "whole shapes")
     weight = np.sqrt(run.node_mass)[:, None]
     reduction = _share(estimate.shape[rows], weight * run.snapshots)
-    bound = _share(stated["bound"].norm[rows], np.sqrt(2 * run.energy[rows])) if "bound" in stated else None
+    norm = stated["bound"].norm if "bound" in stated else None
+    bound = None if norm is None else _share(norm[rows], np.sqrt(2 * run.energy[rows]))
     of_outputs = {
         name: (
             _share(off, run.outputs[name]),

@@ -15,13 +15,13 @@ class ErrorSeries:
 
     Attributes:
         why: it is one, in words.
-        norm: in the energy norm √(vᵀMv + xᵀKx), (S,), J^1/2.
+        norm: in the energy norm √(vᵀMv + xᵀKx), (S,), J^1/2; None where it is not known.
         outputs: of named outputs (S, points, 3), m: a bound of each component, or an estimate to be added.
         shape: in the mass norm √(xᵀMx), (S,), kg^1/2 m; None of a bound, or where it is not known.
     """
 
     why: str
-    norm: Array
+    norm: Array | None
     outputs: Mapping[str, Array]
     shape: Array | None = None
 
@@ -48,7 +48,7 @@ class ErrorTolerance:
 def stated_numbers(stated: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """What is kept of an instant: the norm, and each output as "of NAME"."""
     return {
-        PREFIX + kind: {"norm": error.norm}
+        PREFIX + kind: ({} if error.norm is None else {"norm": error.norm})
         | ({} if error.shape is None else {"shape": error.shape})
         | {OF + name: error.output(name) for name in error.names}
         for kind, error in stated.items()
@@ -60,6 +60,6 @@ def error_series(why: Mapping[str, str], kept: dict[str, Any]) -> dict[str, Erro
     found = {}
     for kind, words in why.items():
         values = kept.pop(PREFIX + kind)
-        norm, shape = values.pop("norm"), values.pop("shape", None)
+        norm, shape = values.pop("norm", None), values.pop("shape", None)
         found[kind] = ErrorSeries(words, norm, {name.removeprefix(OF): of for name, of in values.items()}, shape)
     return found

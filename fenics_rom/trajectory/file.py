@@ -38,7 +38,7 @@ shapes, N nodes, F triangles, P points of an output.
                                      dissipated, exchanged (S,) J, rows (2,) of its nodes; attribute `kind`; forces are
                                      then of pairs of bodies, FIRST-SECOND on the first
     errors/bound/, errors/estimate/  of a reduced run that stated its own; attribute `why`; may be absent
-        norm (S,) J^1/2, shape (S,) kg^1/2 m (may be absent), outputs/NAME (S, P, 3) m
+        norm (S,) J^1/2, shape (S,) kg^1/2 m (both may be absent), outputs/NAME (S, P, 3) m
     tolerance/                       that such a run was to keep to; attribute `outputs`, a line each; may be absent
         value (1,) m, times (x,) s, errors (x,) m, orders (x, 2)
     profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
@@ -105,7 +105,7 @@ ALIKE = {  # groups of arrays by name, each with sizes of its own beside those o
 }
 GROUPS = (*("settings", "obstacles", "profile", "inputs", "readings", "bodies", "errors", "tolerance"), *ALIKE)
 MOTION = {"motion": Entry("m", ("s", 3)), "turn": Entry("1", ("s", 4), optional=True)}
-ERROR_NORMS = {"norm": Entry("J^1/2", ("S",)), "shape": Entry("kg^1/2 m", ("S",), optional=True)}
+ERROR_NORMS = {"norm": Entry("J^1/2", ("S",), optional=True), "shape": Entry("kg^1/2 m", ("S",), optional=True)}
 ERROR_KINDS = ("bound", "estimate")
 TOLERANCE = {
     "value": Entry("m", (1,)),

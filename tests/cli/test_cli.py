@@ -48,6 +48,7 @@ COMMANDS = {
         "--error-tolerance",
         "--enrich",
         "--enriched",
+        "--finer",
         "--arc-length",
         "--output",
     ],

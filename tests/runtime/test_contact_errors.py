@@ -55,24 +55,28 @@ def norm(system, x, v):
     return float(np.sqrt(np.vdot(x, system.stiffness @ x) + np.vdot(v, system.mass @ v)))
 
 
+def largest_errors(system, rom):
+    """True, and as it is told, in a run in which obstacles touch the body; J^1/2."""
+    body = fr.Simulator(rom, H)
+    full = FullOrderSimulator(system, H, system.scene.environment)
+    true, told, touched = [], [], 0
+    for u in pushes():
+        body.step(u)
+        full.step(u)
+        touched += body.contact_forces().any()
+        C, (_, r) = body.model.coordinates, body.state
+        x, v = rom.basis @ body.shape_coordinates, rom.basis @ (C @ r)
+        true.append(norm(system, full.stepper.x - x[:, None], full.stepper.v - v[:, None]))
+        told.append(body.error_estimate.norm)
+    assert touched > 10
+    return max(true), max(told)
+
+
 def test_estimates_are_near_and_rank_orders(case):
     system, roms = case
-    found = {}
-    for order, rom in roms.items():
-        body = fr.Simulator(rom, H)
-        full = FullOrderSimulator(system, H, system.scene.environment)
-        true, told, touched = [], [], 0
-        for u in pushes():
-            body.step(u)
-            full.step(u)
-            touched += body.contact_forces().any()
-            C, (_, r) = body.model.coordinates, body.state
-            x, v = rom.basis @ body.shape_coordinates, rom.basis @ (C @ r)
-            true.append(norm(system, full.stepper.x - x[:, None], full.stepper.v - v[:, None]))
-            told.append(body.error_estimate.norm)
-        assert touched > 10
-        found[order] = max(true), max(told)
-        assert 1 / 1.5 < found[order][1] / found[order][0] < 1.5, found  # as of bodies that nothing touches
+    found = {order: largest_errors(system, rom) for order, rom in roms.items()}
+    for true, told in found.values():
+        assert 1 / 1.5 < told / true < 1.5, found  # as of bodies that nothing touches
     true, told = np.array(list(found.values())).T
     assert (np.argsort(true) == np.argsort(told)).all()
 
@@ -114,6 +118,21 @@ def test_there_is_no_bound_and_it_is_said_why(case):
         body.error_bound  # noqa: B018
     assert list(body.stated_errors) == ["estimate"]
     assert "under the same contact forces" in body.error_estimate.why
+
+
+def test_an_estimate_needs_no_damping(box_file, tmp_path):
+    text = EFFECTS.format(obstacle=FLOOR, others="", law="").replace("damping", "# damping")
+    system = fr.assemble(acted_on(box_file, text, **{"outputs.tip": "points = [[1.0, 0.4, 0.3]]"}))
+    rom = fr.reduce(system, order=25, method="modal+static", errors=True)
+    true, told = largest_errors(system, rom)
+    assert 1 / 1.5 < told / true < 1.5, (true, told)
+    fr.write_rom(tmp_path / "rom.h5", rom)
+    again = fr.read_rom(tmp_path / "rom.h5")
+    assert not again.error_model.has_bound
+    assert list(fr.Simulator(again, H).stated_errors) == ["estimate"]
+    alone = acted_on(box_file, "inertia = {}", **{"outputs.tip": "points = [[1.0, 0.4, 0.3]]"})
+    with pytest.raises(StepError, match="a run with no damping does not know its error"):
+        fr.Simulator(rom, H, scene=alone).error_bound  # noqa: B018
 
 
 def test_a_body_among_others_of_a_world_has_none(box_file):

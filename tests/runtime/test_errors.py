@@ -21,7 +21,7 @@ from fenics_rom.runtime.error_maps import residual_map
 from fenics_rom.scene.file import parse_scene
 
 sys.path.append(str(Path(__file__).parents[2] / "demos" / "bounds"))
-from random_runs import ROUND_OFF, compare, random_run, random_system, ranking
+from random_runs import OUTPUT_ROUND_OFF, ROUND_OFF, chain_of, compare, random_run, ranking
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 H = 2e-3
@@ -68,11 +68,14 @@ def random_runs():
 class TestRandomRuns:
     def test_no_error_is_above_its_bound(self, random_runs):
         assert max(run.broken for run in random_runs) <= ROUND_OFF
-        assert max(run.outputs for run in random_runs) <= ROUND_OFF
+        assert max(run.outputs for run in random_runs) <= OUTPUT_ROUND_OFF
 
     def test_bounds_are_of_use(self, random_runs):
-        assert np.median([run.effectivity for run in random_runs]) < 2
-        assert np.percentile([run.effectivity for run in random_runs], 95) < 10
+        assert np.median([run.effectivity for run in random_runs]) < 15
+        assert np.percentile([run.effectivity for run in random_runs], 95) < 60
+
+    def test_bounds_that_are_five_percent_too_small_are_caught(self, random_runs):
+        assert sum(run.broken_by(0.95) > ROUND_OFF for run in random_runs) > 0.1 * len(random_runs)
 
     def test_estimates_are_near(self, random_runs):
         assert np.mean([1 / 1.5 < run.ratio < 1.5 for run in random_runs]) >= 0.9
@@ -135,7 +138,11 @@ def test_the_residual_is_that_of_the_full_order(given, monkeypatch):
 
 def test_small_residuals_keep_their_digits():
     """Of a basis that is nearly all of the body residuals are 1e-7 of their parts; Gram matrices would lose them."""
-    system = random_system(np.random.default_rng(157))
+    K, M = map(sp.csc_matrix, chain_of(np.random.default_rng(1)))
+    unit = np.eye(K.shape[0])
+    system = fr.System(
+        mass=M, stiffness=K, rayleigh=(0.1, 1e-3), contacts={"one": unit[:, [3, 9]]}, outputs={"far": unit[:, [-3]]}
+    )
     rom = fr.reduce(system, order=50, errors=True)
     u = np.sin(0.01 * np.arange(100))[:, None] * np.ones(2)
     run = compare(system, [rom], 1e-3, ["one"] * 100, u)[0]

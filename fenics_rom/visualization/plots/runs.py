@@ -44,7 +44,7 @@ def run_panels(runs: Runs) -> dict[str, Panel]:
     panels |= {f"output_{name}": partial(_draw_output, runs=runs, name=name) for name in outputs}
     if any(run.forces for run in runs.values()):
         panels["forces"] = partial(_draw_forces, runs=runs)
-    if any(run.errors for run in runs.values()):
+    if any(_with_norm(run) for run in runs.values()):
         panels["error"] = partial(_draw_error, runs=runs)
     inputs = dict.fromkeys(  # but for what is the same in all steps, as gravity
         name for run in runs.values() for name, u in run.inputs.items() if (u.values[1:] != u.values[1]).any()
@@ -95,16 +95,19 @@ def _draw_output(figure: Any, runs: Runs, name: str) -> None:
 def _draw_error(figure: Any, runs: Runs) -> None:
     """What runs state of their error in the energy norm, as a share of the largest that each had."""
     axes = figure.subplots()
-    shown = {label: run for label, run in runs.items() if run.errors}
+    shown = {label: run for label, run in runs.items() if _with_norm(run)}
     time, colours = _draw_time_axis(axes, shown), {kind: f"C{k}" for k, kind in enumerate(ERROR_BANDS)}
     for line, run in zip(_line_styles(shown), shown.values(), strict=True):
         scale = np.sqrt(2 * run.energy.max()) or 1.0
-        for kind, stated in run.errors.items():
-            axes.semilogy(
-                time * run.times, np.where(stated.norm > 0, stated.norm / scale, np.nan), color=colours[kind], **line
-            )
+        for kind, norm in _with_norm(run).items():
+            axes.semilogy(time * run.times, np.where(norm > 0, norm / scale, np.nan), color=colours[kind], **line)
     _draw_legend(figure, axes, colours, shown)
     axes.set(ylabel="error, of largest energy norm (1)", title="error that the run states")
+
+
+def _with_norm(run: Trajectory) -> dict[str, Array]:
+    """Errors in the energy norm, as far as they are known."""
+    return {kind: stated.norm for kind, stated in run.errors.items() if stated.norm is not None}
 
 
 def _draw_input(figure: Any, runs: Runs, name: str) -> None:
