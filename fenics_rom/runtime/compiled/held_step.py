@@ -13,6 +13,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_apart, jit_part
+from fenics_rom.mechanics.actuator_forces import TOGETHER
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, find_forces
 from fenics_rom.mechanics.compiled.contact_law import Law as ContactLaw
 from fenics_rom.mechanics.compiled.copying import copy
@@ -43,12 +44,12 @@ from fenics_rom.runtime.compiled.strokes import (
     add_pull,
     aim,
     end_pull,
+    find_held,
     find_pull,
     hold,
     hold_back,
-    is_loose,
+    is_settled,
     move_by,
-    slacken,
 )
 from fenics_rom.runtime.compiled.touching import (
     FORGOTTEN,
@@ -204,8 +205,8 @@ def end_step(body: Body, r: Array, strains: Strains, motion: Motion) -> Step:
 
 
 @jit_part
-def _find_contact(r: Array, motion: Motion, among: Among, w: Array, pull: Pull | None, holds: bool) -> Found:
-    """Finds contact forces at v̂ of the motion, and sets what they do (m,); whether cables hold their strokes."""
+def _find_contact(r: Array, motion: Motion, among: Among, w: Array, pull: Pull | None) -> Found:
+    """Finds contact forces at v̂ of the motion, and sets what they do (m,)."""
     touch, found = among.touch, among.found
     space = work_space(3 * len(touch.places))
     look_around(touch, among.shapes, among.start, motion.q, among.beyond, found, space)
@@ -213,7 +214,7 @@ def _find_contact(r: Array, motion: Motion, among: Among, w: Array, pull: Pull |
     ask_points(touch, among.law, *moving, found, space)
     if found.pairs.chosen.any():
         _set_delassus(touch, motion.factor, among.spread, among.W)
-        if pull is not None and holds:
+        if pull is not None:
             hold_back(pull, touch.points, among.W)
     unknown, P = in_one_piece(np.empty((0, 0))), len(touch.places)
     contact = find_forces(among.law, among.W, unknown, P, among.begun.swung, found.pairs)
@@ -229,27 +230,35 @@ def _end_touched(
 ) -> Step:
     """Ends a step among obstacles from r (m,), with v̂ of the motion without contact; sets forces of contact (m,).
 
-    Cables hold their strokes under contact forces, too, or a single one is slack.
+    Cables hold their strokes under contact forces, too, or are slack.
     """
     touch, law, found, forces, v = among.touch, among.law, among.found, among.found.forces, motion.velocity
     h, w = law.h, (among.end - among.start) / law.h
-    if pull is not None:
-        move_by(pull, 1.0, v)
-    contact, is_slack = _find_contact(r, motion, among, w, pull, True), False
-    if pull is not None and contact.status != OTHERWISE and not hold(pull, motion.pushed, v):
-        move_by(pull, -1.0, v)
-        if not slacken(pull):
+    contact, answer = Found(OTHERWISE, 0, 0.0), motion.pushed.copy()
+    for count in range(TOGETHER if pull is not None else 1):
+        if pull is not None:
+            if count > 0 and not find_held(pull, v):
+                return NOT_TAKEN
+            move_by(pull, 1.0, v)
+        contact = _find_contact(r, motion, among, w, pull)
+        if contact.status == OTHERWISE:
             return NOT_TAKEN
-        contact, is_slack = _find_contact(r, motion, among, w, pull, False), True
+        if pull is not None:
+            hold(pull, motion.pushed, v)
+        copy(motion.pushed, answer)
+        solve(motion.factor, answer)
+        for i in range(len(v)):
+            v[i] += answer[i]
+        if pull is not None:
+            if is_settled(pull, v):
+                break
+            for i in range(len(v)):
+                v[i] -= answer[i]
+            move_by(pull, -1.0, v)
+            contact = Found(OTHERWISE, 0, 0.0)
     if contact.status == OTHERWISE:
         return NOT_TAKEN
-    answer = motion.pushed.copy()
-    solve(motion.factor, answer)
-    for i in range(len(v)):
-        v[i] += answer[i]
     if pull is not None:
-        if is_slack and not is_loose(pull, v):
-            return NOT_TAKEN
         end_pull(pull, motion.force)
     copy(motion.pushed, pushed)
     copy(among.beyond, among.beyond_before)
@@ -280,6 +289,21 @@ def _end_touched(
         h * (normal - whole),
         contact.normal_power,
     )
+
+
+@jit_part
+def _pull_alone(pull: Pull, motion: Motion) -> bool:
+    """Has cables go as they are to, or be slack, where nothing touches; whether forces are found."""
+    v = motion.velocity
+    for count in range(TOGETHER):
+        if count > 0 and not find_held(pull, v):
+            return False
+        move_by(pull, 1.0, v)
+        if is_settled(pull, v):
+            end_pull(pull, motion.force)
+            return True
+        move_by(pull, -1.0, v)
+    return False
 
 
 @jit_part
@@ -315,9 +339,6 @@ def take_step(
         return NOT_TAKEN
     if among is not None:
         return _end_touched(body, halves[1], pushed, strains, motion, among, pull)
-    if pull is not None:
-        if not slacken(pull):
-            return NOT_TAKEN
-        move_by(pull, 1.0, motion.velocity)
-        end_pull(pull, motion.force)
+    if pull is not None and not _pull_alone(pull, motion):
+        return NOT_TAKEN
     return end_step(body, halves[1], strains, motion)

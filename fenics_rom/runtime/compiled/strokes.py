@@ -30,6 +30,7 @@ class Pull(NamedTuple):
     lines: Array  # Bᵀ (n, m)
     spread: Array  # what forces move (n, m)
     W: Array  # (n, n)
+    holds: Array  # 1 of those that go as they are to (n,), 0 of cables that are slack
 
 
 @jit_part
@@ -87,15 +88,24 @@ def find_pull(pull: Pull, q: Array, U: Array, v: Array) -> bool:
 
     v follows forces by the factor U. What is found is negative where a cable would push, or a chamber sucks.
     """
-    n, z, W = len(pull.columns), pull.found, pull.W
-    for k in range(n):
+    for k in range(len(pull.columns)):
         _line(pull, k, q)
         copy(pull.lines[k], pull.spread[k])
         solve(U, pull.spread[k])
+        pull.holds[k] = 1.0
+    return find_held(pull, v)
+
+
+@jit_part
+def find_held(pull: Pull, v: Array) -> bool:
+    """The same of those that hold, where lines are known; others have none."""
+    n, z, W, holds = len(pull.columns), pull.found, pull.W, pull.holds
     for k in range(n):
-        z[k] = pull.targets[k] - dot(pull.lines[k], v)
+        z[k] = holds[k] * (pull.targets[k] - dot(pull.lines[k], v))
         for j in range(n):
             W[k, j] = (dot(pull.lines[k], pull.spread[j]) + dot(pull.lines[j], pull.spread[k])) / 2
+            if not (holds[k] and holds[j]):
+                W[k, j] = 1.0 if k == j else 0.0
     if not factor(W):
         return False
     solve(W, z)
@@ -103,14 +113,19 @@ def find_pull(pull: Pull, q: Array, U: Array, v: Array) -> bool:
 
 
 @jit_part
-def slacken(pull: Pull) -> bool:
-    """Has a cable be slack that would push. False: there are several, and which of them are slack is not known."""
+def is_settled(pull: Pull, v: Array) -> bool:
+    """Whether all cables pull, or are shorter than they have to be, with v̂ of a step (m,); others let go, or hold."""
+    scale, settled = 0.0, True
     for k in range(len(pull.columns)):
-        if not pull.found[k] >= 0 and pull.chambers[k] < 0:
-            if len(pull.columns) > 1 or not pull.found[k] < 0:
-                return False
-            pull.found[k] = 0.0
-    return True
+        scale = max(scale, abs(pull.targets[k]), abs(dot(pull.lines[k], v)))
+    for k in range(len(pull.columns)):
+        if pull.holds[k]:
+            goes_on = pull.found[k] >= 0 or pull.chambers[k] >= 0
+        else:
+            goes_on = pull.targets[k] - dot(pull.lines[k], v) <= TOLERANCE * scale
+        if not goes_on:
+            pull.holds[k], settled = 1.0 - pull.holds[k], False
+    return settled
 
 
 @jit_part
@@ -132,37 +147,28 @@ def end_pull(pull: Pull, force: Array) -> None:
 
 @jit_part
 def hold_back(pull: Pull, points: Array, W: Array) -> None:
-    """Has W (3P, 3P) be that of points Sᵀ (m, 3P) while cables go as they are to, W - X W⁻¹ Xᵀ."""
+    """Has W (3P, 3P) be that of points Sᵀ (m, 3P) while cables that hold go as they are to, W - X W⁻¹ Xᵀ."""
     X = np.zeros((len(pull.columns), len(W)))
     for k in range(len(X)):
-        for i in range(len(points)):
+        for i in range(len(points) if pull.holds[k] else 0):
             row, share = points[i], pull.spread[k, i]
             for j in range(len(W)):
                 X[k, j] += share * row[j]
     solve_rows(pull.W, X)
     for k in range(len(X)):
-        for i in range(len(W)):
+        for i in range(len(W) if pull.holds[k] else 0):
             for j in range(len(W)):
                 W[i, j] -= X[k, i] * X[k, j]
 
 
 @jit_part
-def hold(pull: Pull, pushed: Array, v: Array) -> bool:
-    """Has strokes go as they are to under other forces (m,), and adds to v̂ what that takes; whether all cables pull."""
-    change, pulls = np.empty(len(pull.columns)), True
+def hold(pull: Pull, pushed: Array, v: Array) -> None:
+    """Has strokes that are held go as they are to under other forces (m,), too, and adds to v̂ what that takes."""
+    change = np.empty(len(pull.columns))
     for k in range(len(change)):
-        change[k] = -dot(pull.spread[k], pushed)
+        change[k] = -pull.holds[k] * dot(pull.spread[k], pushed)
     solve(pull.W, change)
     for k in range(len(change)):
         pull.found[k] += change[k]
-        pulls = pulls and (pull.found[k] >= 0 or pull.chambers[k] >= 0)
         for i in range(len(v)):
             v[i] += change[k] * pull.spread[k, i]
-    return pulls
-
-
-@jit_part
-def is_loose(pull: Pull, v: Array) -> bool:
-    """Whether the first cable is shorter than it has to be, with v̂ of a step (m,)."""
-    rate, target = dot(pull.lines[0], v), pull.targets[0]
-    return target - rate <= TOLERANCE * max(abs(rate), abs(target))

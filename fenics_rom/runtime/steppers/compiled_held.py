@@ -321,5 +321,5 @@ def _pull(found: FoundForces, m: int, p: int) -> Pull | None:
     n, starts, lengths = len(followers), np.cumsum([0, *counts]), np.zeros(len(followers))
     lengths[~is_chamber] = of_cables
     numbers = np.where(is_chamber, is_chamber.cumsum() - 1, -1)
-    sizes = (polynomials.shape[2],), (n,), (n,), (n,), (n, m), (n, m), (n, n)
+    sizes = (polynomials.shape[2],), (n,), (n,), (n,), (n, m), (n, m), (n, n), (n,)
     return Pull(columns, numbers, starts, at_rest, shapes, lengths, polynomials, *map(np.zeros, sizes))
