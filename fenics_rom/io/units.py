@@ -14,14 +14,14 @@ QUANTITIES = {
     **{"force": "N", "tension": "N", "pressure": "Pa", "acceleration": "m/s2"},
     **{"displacement": "m", "length": "m", "volume": "m3"},
 }
-WITHOUT_PREFIX = {"1": (1.0, ""), "m3": (1e6, "cm³"), "m/s2": (1.0, "m/s²")}
+WITHOUT_PREFIX = {"1": (1.0, ""), "m2": (1e6, "mm²"), "m3": (1e6, "cm³"), "m/s2": (1.0, "m/s²")}
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
 
 def prefixed(unit: str, largest: float) -> tuple[float, str]:
     """What to multiply values in an SI unit by, and that unit with a prefix, so that the largest is from 1 to 1000.
 
-    Volumes are in cm³; pure numbers and accelerations stay as they are.
+    Areas are in mm², volumes in cm³; pure numbers and accelerations stay as they are.
     """
     if unit in WITHOUT_PREFIX:
         return WITHOUT_PREFIX[unit]

@@ -15,12 +15,13 @@ class ContactFields:
 
     Attributes:
         touchable: which triangles can be touched, (F,).
+        areas: at rest of the surface that each node stands for, (N,), m²; 0 of those that cannot be touched.
     """
 
     def __init__(self, run: Trajectory):
         assert run.touched is not None
         self._touched, self._count, bodies = run.touched, len(run.nodes), run.bodies.values()
-        self.touchable = np.zeros(len(run.triangles), dtype=bool)
+        self.touchable, self.areas = np.zeros(len(run.triangles), dtype=bool), np.zeros(self._count)
         self._surfaces = list[tuple[Array, slice, ContactSurface]]()  # which of the touched nodes, all nodes, of each
         for rows in [body.nodes for body in bodies if body.kind == "soft"] if run.bodies else [slice(0, self._count)]:
             of_nodes = (run.touched.nodes >= rows.start) & (run.touched.nodes < rows.stop)
@@ -28,7 +29,7 @@ class ContactFields:
             triangles, nodes = run.triangles[of_triangles] - rows.start, run.touched.nodes[of_nodes] - rows.start
             surface = ContactSurface(run.nodes[rows], triangles, nodes)
             self._surfaces.append((of_nodes, rows, surface))
-            self.touchable[of_triangles] = surface.touchable
+            self.touchable[of_triangles], self.areas[rows] = surface.touchable, surface.areas
 
     def pressure(self, row: int) -> Array:
         """Of the shape in a row, (N,), Pa."""

@@ -27,7 +27,7 @@ FORMATS = (".pdf", ".svg", ".png")
 FOLDER_FORMATS = (".pdf", ".png")  # what a folder gets of each panel: one to print, one to look at
 COLUMN_INCHES, HEIGHT_INCHES = 3.5, 2.6  # of a panel, which is as wide as a column of a paper
 DPI = 220  # of .png
-RELATIVE_HEIGHTS = {"response": 1.35}  # of a usual panel; it has two parts
+RELATIVE_HEIGHTS = {"response": 1.35, "pressure": 1.35}  # of a usual panel; these have several parts
 
 
 def plot(
@@ -43,7 +43,8 @@ def plot(
     """Draws what there is to see of a ROM or of runs.
 
     Of runs: the energy account ("energy"), against time each output ("output_NAME"), each input that changes
-    ("input_NAME") and each reading ("reading_NAME"), the forces of obstacles ("forces"), and what a run states of its
+    ("input_NAME") and each reading ("reading_NAME"), the forces of obstacles ("forces"), pressures of contact
+    ("pressure", and a map of the largest, "pressure_map"), and what a run states of its
     error ("error", and bands of outputs). Of a ROM: its Hankel
     singular values ("sigma") and frequency responses ("response").
 

@@ -13,7 +13,9 @@ from fenics_rom.mechanics.readings import COMPONENTS, READING_WORDS
 from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.trajectory.series import FRAME_SERIES
 from fenics_rom.trajectory.trajectory import Trajectory
-from fenics_rom.visualization.figure import DASHES, Panel
+from fenics_rom.visualization.figure import Panel
+from fenics_rom.visualization.plots.contact import contact_panels
+from fenics_rom.visualization.plots.run_lines import draw_legend, draw_time_axis, line_styles
 from fenics_rom.visualization.plots.touch import touch_panels
 
 Runs = Mapping[str, Trajectory]
@@ -32,9 +34,6 @@ CONTACT_LEDGER_LABELS = {
 NUMERICAL_LABEL = {"numerical": "numerical"}  # of steps without inertia
 AXES = "xyz"
 ERROR_BANDS = {"bound": 0.15, "estimate": 0.4}  # how opaque
-UNDERLYING_LINE: dict[str, Any] = {"linestyle": "-", "linewidth": 3.0, "alpha": 0.35}
-LONG_LABEL_LETTERS = 18  # three such labels are wider than a panel
-MAX_MARKED_SWITCHES = 30
 
 
 def run_panels(runs: Runs) -> dict[str, Panel]:
@@ -44,6 +43,7 @@ def run_panels(runs: Runs) -> dict[str, Panel]:
     panels |= {f"output_{name}": partial(_draw_output, runs=runs, name=name) for name in outputs}
     if any(run.forces for run in runs.values()):
         panels["forces"] = partial(_draw_forces, runs=runs)
+    panels |= contact_panels(runs)
     if any(_with_norm(run) for run in runs.values()):
         panels["error"] = partial(_draw_error, runs=runs)
     inputs = dict.fromkeys(  # but for what is the same in all steps, as gravity
@@ -66,12 +66,12 @@ def _draw_energy(figure: Any, runs: Runs) -> None:
     scale, unit = prefixed("J", max(np.abs(sums).max() for account in accounts for sums in account.values()))
     labels = LEDGER_LABELS | CONTACT_LEDGER_LABELS | NUMERICAL_LABEL
     colours = {name: f"C{k}" for k, name in enumerate(labels)}
-    time = _draw_time_axis(axes, runs)
-    for line, run, account in zip(_line_styles(runs), runs.values(), accounts, strict=True):
+    time = draw_time_axis(axes, runs)
+    for line, run, account in zip(line_styles(runs), runs.values(), accounts, strict=True):
         for name, sums in account.items():
             axes.plot(time * run.times, scale * sums, color=colours[name], **line)
     drawn = dict.fromkeys(name for account in accounts for name in account)
-    _draw_legend(figure, axes, {labels[name]: colours[name] for name in drawn}, runs)
+    draw_legend(figure, axes, {labels[name]: colours[name] for name in drawn}, runs)
     axes.set(ylabel=f"energy ({unit})", title="energy account")
 
 
@@ -96,12 +96,12 @@ def _draw_error(figure: Any, runs: Runs) -> None:
     """What runs state of their error in the energy norm, as a share of the largest that each had."""
     axes = figure.subplots()
     shown = {label: run for label, run in runs.items() if _with_norm(run)}
-    time, colours = _draw_time_axis(axes, shown), {kind: f"C{k}" for k, kind in enumerate(ERROR_BANDS)}
-    for line, run in zip(_line_styles(shown), shown.values(), strict=True):
+    time, colours = draw_time_axis(axes, shown), {kind: f"C{k}" for k, kind in enumerate(ERROR_BANDS)}
+    for line, run in zip(line_styles(shown), shown.values(), strict=True):
         scale = np.sqrt(2 * run.energy.max()) or 1.0
         for kind, norm in _with_norm(run).items():
             axes.semilogy(time * run.times, np.where(norm > 0, norm / scale, np.nan), color=colours[kind], **line)
-    _draw_legend(figure, axes, colours, shown)
+    draw_legend(figure, axes, colours, shown)
     axes.set(ylabel="error, of largest energy norm (1)", title="error that the run states")
 
 
@@ -173,8 +173,8 @@ def _draw_values(
     """
     axes = figure.subplots()
     scale, shown_unit = prefixed(unit, max(np.abs(of_run).max() for of_run in values))
-    time = _draw_time_axis(axes, runs)
-    for line, run, of_run in zip(_line_styles(runs), runs.values(), values, strict=True):
+    time = draw_time_axis(axes, runs)
+    for line, run, of_run in zip(line_styles(runs), runs.values(), values, strict=True):
         for k, component in enumerate(scale * of_run.transpose(2, 0, 1)):
             axes.plot(time * run.times, component.mean(axis=1), color=f"C{k}", **line)
             if component.shape[1] > 1:
@@ -193,7 +193,7 @@ def _draw_values(
     points = max(of_run.shape[1] for of_run in values)
     of = f" (mean and range of {points} points)" if points > 1 else ""
     if components or len(runs) > 1:
-        _draw_legend(figure, axes, {axis: f"C{k}" for k, axis in enumerate(components)}, runs)
+        draw_legend(figure, axes, {axis: f"C{k}" for k, axis in enumerate(components)}, runs)
     axes.set(ylabel=f"{words} ({shown_unit})" if shown_unit else words, title=title + of)
 
 
@@ -207,52 +207,15 @@ def _draw_forces(figure: Any, runs: Runs) -> None:
         for label, run in shown.items()
     }
     scale, unit = prefixed("N", max(values.max() for of in lengths.values() for values in of.values()))
-    time = _draw_time_axis(axes, shown)
-    for line, (label, run) in zip(_line_styles(shown), shown.items(), strict=True):
+    time = draw_time_axis(axes, shown)
+    for line, (label, run) in zip(line_styles(shown), shown.items(), strict=True):
         for k, name in enumerate(names):
             if name in lengths[label]:
                 axes.plot(time * run.times, scale * lengths[label][name], color=f"C{k}", **line)
-    _draw_legend(figure, axes, {name: f"C{k}" for k, name in enumerate(names)}, shown)
+    draw_legend(figure, axes, {name: f"C{k}" for k, name in enumerate(names)}, shown)
     axes.set(
         ylabel=f"force ({unit})",
         title="forces between bodies"
         if any(run.bodies for run in runs.values())
         else "forces of obstacles on the body",
     )
-
-
-def _draw_time_axis(axes: Any, runs: Runs) -> float:
-    """Prepares the abscissa, marks the instants at which the contact mode changes, and tells the scale of time."""
-    scale, unit = prefixed("s", max(run.times[-1] for run in runs.values()))
-    axes.set_xlabel(f"time ({unit})")
-    first = next(iter(runs.values()))
-    switches = first.times[np.flatnonzero(np.diff(first.contact)) + 1]
-    if len(switches) <= MAX_MARKED_SWITCHES:
-        for t in switches:
-            axes.axvline(scale * t, color="0.6", linewidth=0.5, zorder=0)
-    exceeded = np.concatenate([[], *(run.tolerance.times for run in runs.values() if run.tolerance is not None)])
-    for t in exceeded:
-        axes.axvline(scale * t, color="C3", linewidth=1.0, linestyle="--", zorder=0)
-    if len(exceeded):
-        axes.plot([], [], color="C3", linewidth=1.0, linestyle="--", label="beyond error tolerance")
-    return scale
-
-
-def _line_styles(runs: Runs) -> list[dict[str, Any]]:
-    """The line of each run: of several the first is broad and pale, so that it can be seen under others."""
-    styles = [{"linestyle": DASHES[k % len(DASHES)]} for k in range(len(runs))]
-    return styles if len(runs) == 1 else [UNDERLYING_LINE, *styles[:-1]]
-
-
-def _draw_legend(figure: Any, axes: Any, colours: Mapping[str, str], runs: Runs) -> None:
-    """Below the axes: colours are quantities, lines are runs."""
-    for words, colour in colours.items():
-        axes.plot([], [], color=colour, label=words)
-    if len(runs) > 1:
-        for line, label in zip(_line_styles(runs), runs, strict=True):
-            axes.plot([], [], color="0.5", label=label, **line)
-    for label, run in runs.items():
-        if run.beyond_training:
-            axes.plot([], [], " ", label=f"{label}: beyond its training")
-    longest = max(map(len, axes.get_legend_handles_labels()[1]))
-    figure.legend(loc="outside lower center", ncols=3 if longest < LONG_LABEL_LETTERS else 2)

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from fenics_rom.cli.main import main
 from fenics_rom.errors import FileError, SceneError, StructureError
 from fenics_rom.io.units import prefixed, readable
 from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.nodal_contact import NodalContact
 from fenics_rom.reduction.frequency_response import full_responses
 from fenics_rom.visualization.figure import DARK, LIGHT
 from fenics_rom.visualization.plots.plot import plot
@@ -66,6 +68,43 @@ def test_energy_account_is_the_run_s_in_readable_units(touching):
     for (t, values), expected in zip(lines(axes), sums, strict=True):
         np.testing.assert_allclose(t, 1e3 * touching.times)
         np.testing.assert_allclose(values, expected, rtol=1e-14)
+
+
+def test_pressure_is_that_of_the_shapes_that_a_run_keeps():
+    """Two triangles of 5,000 mm²: a corner that both have stands for 1/3 of them, and another one for 1/6."""
+    nodes, triangles = (
+        np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]]),
+        np.array([[0, 1, 2], [0, 2, 3]]),
+    )
+    touched = NodalContact(np.arange(4), np.zeros((3, 4, 3)), np.array([[0.0, 0, 0, 0], [2, 0, 1, 0], [3, 1, 0, 0]]))
+    run = fr.read_trajectory(DATA / "run-1.2.h5")
+    kept = {"snapshots": np.zeros((3, 4, 3)), "snapshot_times": np.array([0.0, 1e-3, 2e-3])}
+    run = replace(run, nodes=nodes, triangles=triangles, touched=touched, velocities=None, obstacle_motion={}, **kept)
+    panels = run_panels({"run": run})
+    above, area, below = drawn(panels["pressure"]).axes
+    assert [axes.get_title() for axes in (above, area, below)] == [
+        "largest pressure (Pa)",
+        "area of pushed nodes (mm²)",
+        "normal force (N)",
+    ]
+    for axes, expected in ((above, [0, 600, 900]), (area, [0, 1e4 * 2 / 3, 1e4 / 2]), (below, [0, 3, 4])):
+        t, values = lines(axes)[0]
+        np.testing.assert_allclose(t, [0, 1, 2])
+        np.testing.assert_allclose(values, expected, rtol=1e-12)
+    shown = drawn(panels["pressure_map"]).axes[0]
+    assert shown.get_title() == "pressure at 2 ms, along z"
+    assert (shown.get_xlabel(), shown.get_ylabel()) == ("x (mm)", "y (mm)")
+    np.testing.assert_allclose(shown.collections[0].get_array(), [900, 600, 0, 0])
+    tracks = {name: SimpleNamespace(kind="soft", nodes=slice(k, k + 4)) for name, k in (("low", 0), ("up", 4))}
+    touched = NodalContact(np.arange(8), np.zeros((3, 8, 3)), np.hstack([touched.pressing, 2 * touched.pressing]))
+    both = {"nodes": np.tile(nodes, (2, 1)), "triangles": np.concatenate([triangles, triangles + 4])}
+    world = replace(run, **both, bodies=tracks, touched=touched, snapshots=np.zeros((3, 8, 3)))
+    panels = run_panels({"run": world})
+    low, up = lines(drawn(panels["pressure"]).axes[2])
+    np.testing.assert_allclose([low[1], up[1]], [[0, 3, 4], [0, 6, 8]])
+    assert drawn(panels["pressure_map"]).axes[0].get_title() == "pressure on up at 2 ms, along z"
+    untouched = replace(run, touched=touched._replace(pressing=0 * touched.pressing))
+    assert not {"pressure", "pressure_map"} & set(run_panels({"run": untouched}))
 
 
 def test_output_shows_the_mean_and_range_of_its_points(touching):
