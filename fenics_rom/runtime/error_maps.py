@@ -66,28 +66,31 @@ class ErrorMaps:
     def __init__(self, rom: Rom, *, touched: bool = False):
         self._rom, self.touched = rom, touched
         self._blocks: dict[tuple[str, float], list[Block]] = {}
+        self._states: dict[tuple[str, float], Array] = {}  # of the longest, from [e, r] and inputs to [e, r]
         self._lifts: dict[str, tuple[Array, Array]] = {}
 
-    def blocks(self, contact: str, h: float) -> list[Block]:
-        """Steps of h s under the inputs of a contact mode: the most at once, half as many, and so on to one."""
-        if (contact, h) not in self._blocks:
+    def blocks(self, contact: str, h: float, steps: int) -> list[Block]:
+        """At most so many steps of h s under the inputs of a contact mode: the most at once, half as many, .. one."""
+        key = contact, h
+        if key not in self._blocks:
             if len(self._blocks) >= MAX_KEPT:
                 self._blocks.clear()
+                self._states.clear()
             errors = self._rom.error_model
             assert errors is not None
-            model, blocks = errors.finer_model(contact, touched=self.touched), list[Block]()
+            model = errors.finer_model(contact, touched=self.touched)
             f, p = model.inputs.shape
-            state = matrices(model, h)[0]
             F = np.empty((0, 2 * f + p)) if self.touched else residual_map(errors, contact, h)
-            longest = min(LONGEST, max(1, SPREAD * f // max(p, 1)))  # longer blocks have the larger triangles
-            while True:
-                parts = np.ascontiguousarray(state[:, : 2 * f]), np.ascontiguousarray(state[:, 2 * f :].T)
-                blocks.insert(0, Block(2 ** len(blocks), parts[0].dot, parts[1], F))
-                if 2 * blocks[0].length > longest:
-                    break
-                state, F = _doubled(state, F)
-            self._blocks[contact, h] = blocks
-        return self._blocks[contact, h]
+            self._states[key] = matrices(model, h)[0]
+            self._blocks[key] = [_block(1, self._states[key], F)]
+        blocks, state = self._blocks[key], self._states[key]
+        f, p = len(state) // 2, blocks[-1].push.shape[0] // blocks[-1].length
+        longest = min(steps, LONGEST, max(1, SPREAD * f // max(p, 1)))  # longer blocks have the larger triangles
+        while 2 * blocks[0].length <= longest:  # each takes as long as all before it
+            state, F = _doubled(state, blocks[0].residual)
+            self._states[key] = state
+            blocks.insert(0, _block(2 * blocks[0].length, state, F))
+        return [block for block in blocks if block.length <= steps]
 
     def lift(self, contact: str) -> tuple[Array, Array]:
         """Maps of e and of r of a contact mode to those of the finer model, (f, m) each."""
@@ -97,6 +100,12 @@ class ErrorMaps:
             r = errors.coordinates @ model.coordinates
             self._lifts[contact] = np.sqrt(errors.eigenvalues)[:, None] * r / model.safe_frequencies, r
         return self._lifts[contact]
+
+
+def _block(length: int, state: Array, F: Array) -> Block:
+    size = len(state)
+    carried, pushed = np.ascontiguousarray(state[:, :size]), np.ascontiguousarray(state[:, size:].T)
+    return Block(length, carried.dot, pushed, F)
 
 
 def _doubled(state: Array, F: Array) -> tuple[Array, Array]:

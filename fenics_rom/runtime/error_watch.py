@@ -119,7 +119,7 @@ class ErrorWatch:
         if left == 1:
             self._note_one(contact, h, inputs[0])
             return
-        for length, carry, push, F in self.maps.blocks(contact, h):
+        for length, carry, push, F in self.maps.blocks(contact, h, left):
             if length <= left:
                 times = left // length
                 taken = inputs[len(inputs) - left :][: times * length].reshape(times, -1)
@@ -135,7 +135,7 @@ class ErrorWatch:
 
     def _note_one(self, contact: str, h: float, inputs: Array) -> None:
         """The same of one step, with as few products as it takes."""
-        _, carry, push, F = self.maps.blocks(contact, h)[-1]
+        _, carry, push, F = self.maps.blocks(contact, h, 1)[-1]
         state, after = self._finer, np.empty_like(self._finer)
         carry(state, after)
         self._finer = after + inputs.dot(push)
@@ -159,7 +159,7 @@ class ErrorWatch:
             inputs: (n, p).
             states: [e, r] of the reduced model, which they begin with and lead to, (n + 1, 2m).
         """
-        _, carry, push, F = self.maps.blocks(contact, h)[-1]
+        _, carry, push, F = self.maps.blocks(contact, h, 1)[-1]
         finer = np.empty((len(inputs) + 1, before.finer.size))
         finer[0] = before.finer
         for start, after, pushed in zip(finer[:-1], finer[1:], inputs.dot(push), strict=True):
