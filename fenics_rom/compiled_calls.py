@@ -5,7 +5,7 @@ numba has LLVM work on all that a function calls again in each that calls it: on
 `PartCompiler` leaves what is but a part of others to LLVM until it is in one of them that is called by itself.
 `at_address` has functions called by their addresses, behind which LLVM does not see. A caller keeps the address in its
 own code, and asks Python for it at its first call. So what comes from disk brings what it calls when that is called,
-and no sooner.
+and no sooner. What gives a number or nothing, as its annotation says, is not even compiled before.
 """
 
 import pickle
@@ -20,11 +20,14 @@ from numba import types
 from numba.core import cgutils
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.errors import LoweringError, NumbaError
 from numba.core.imputils import impl_ret_new_ref, lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
 _made: dict[tuple[str, str], Any] = {}  # numba's dispatchers, by module and name of their functions
 _ASKED = "fenics_rom_address_of"
+_GIVEN: dict[Any, Any] = {None: types.none, bool: types.boolean, int: types.int64, float: types.float64}
+_FAILS = -1  # in place of an address, where numba fails to compile what is called
 
 
 class PartCompiler(Compiler):
@@ -86,13 +89,17 @@ def at_address(function: Callable[..., object], dispatcher: Any) -> None:
             if named:
                 raise TypeError(f"{name[1]}: allowed are arguments by position")
             kinds = tuple(map(types.unliteral, given))
-            return signature(_compiled(dispatcher, kinds).signature.return_type, *kinds)
+            gives = _GIVEN.get(function.__annotations__.get("return", function))
+            return signature(gives or _compiled(dispatcher, kinds).signature.return_type, *kinds)
 
     def generate(context: Any, builder: Any, of: Any, given: Any) -> Any:
         kind = context.call_conv.get_function_type(of.return_type, of.args)
         address = _address(builder, name, of.args)
         with cgutils.if_unlikely(builder, cgutils.is_null(builder, address)):  # as Python was interrupted
             context.call_conv.return_user_exc(builder, RuntimeError, (f"{name[1]} could not be read",))
+        fails = builder.icmp_signed("==", address, ir.Constant(address.type, _FAILS))
+        with cgutils.if_unlikely(builder, fails):
+            context.call_conv.return_user_exc(builder, LoweringError, (f"{name[1]} is not compiled",))
         called = builder.inttoptr(address, kind.as_pointer())
         status, result = context.call_conv.call_function(builder, called, of.return_type, of.args, given)
         with cgutils.if_unlikely(builder, status.is_error):
@@ -127,7 +134,14 @@ def _find(text: int, length: int) -> int:
     """The address of what is asked for; it is compiled, or read, if it is not there yet."""
     (module, name), kinds = pickle.loads(string_at(text, length))
     import_module(module)
-    made = _compiled(_made[module, name], kinds)
+    dispatcher = _made[module, name]
+    try:
+        made = _compiled(dispatcher, kinds)
+    except NumbaError:
+        return _FAILS
+    gives = _GIVEN.get(dispatcher.py_func.__annotations__.get("return", name))
+    if gives not in (None, made.signature.return_type):
+        raise TypeError(f"{name} is said to give {gives}, and gives {made.signature.return_type}")
     return int(made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
 
 

@@ -148,8 +148,20 @@ def outer(pair, x, most):
     second, _ = inner(Pair(rest, pair.scale), rest, most)
     return first + second
 
+@jit_apart
+def first(x) -> float:
+    return x[0] + 0.5
+
+@jit
+def first_of(x, asked):
+    return first(x) if asked else 0.0
+
 if __name__ == "__main__":
     import calls
+    for asked in (False, True):
+        with event.install_recorder("numba:compile") as compiling:
+            print(calls.first_of(np.ones(3), asked))
+        print(sum(each.data["dispatcher"].py_func is calls.first for _, each in compiling.buffer if each.is_start))
     with event.install_recorder("numba:compile") as compiling:
         pair, ones = calls.Pair(np.arange(3.0), 2.0), np.ones(3)
         print(calls.outer(pair, ones, 20), calls.outer(pair, ones, 20), jit(calls.inner)(pair, ones, 20)[0])
@@ -162,12 +174,15 @@ if __name__ == "__main__":
 
 
 def test_what_is_called_by_its_address_is_compiled_once_and_read_when_it_is_called(tmp_path):
-    """Results and errors are those of plain calls: 2 (1 + 2) + 2 (1 + 4), and what is too large is told."""
+    """Results and errors are those of plain calls: 2 (1 + 2) + 2 (1 + 4), and what is too large is told.
+
+    What says that it gives a number is compiled when it is called.
+    """
     pytest.importorskip("numba")
     (tmp_path / "calls.py").write_text(CALLS)
     first, again = (run(tmp_path / "calls.py", cache=tmp_path / "cache").stdout for _ in range(2))
-    assert first == "16.0 16.0 6.0\ntoo large\n1\n"
-    assert again == "16.0 16.0 6.0\ntoo large\n0\n"
+    assert first == "0.0\n0\n1.5\n1\n16.0 16.0 6.0\ntoo large\n1\n"
+    assert again == "0.0\n0\n1.5\n0\n16.0 16.0 6.0\ntoo large\n0\n"
 
 
 @pytest.mark.slow

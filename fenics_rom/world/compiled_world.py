@@ -28,7 +28,7 @@ from fenics_rom.world.soft_tables import SoftTable, soft_table
 from fenics_rom.world.step_count import next_time
 from fenics_rom.world.step_inputs import SoftOne, StepInputs
 from fenics_rom.world.tolerances import LARGEST
-from fenics_rom.world.world_arrays import BOOKED_TOGETHER, are_known, given_contacts, table_of_world, world_arrays
+from fenics_rom.world.world_arrays import BOOKED_TOGETHER, given_contacts, table_of_world, world_arrays
 
 if TYPE_CHECKING:
     from fenics_rom.world.make_bodies import AnyBody
@@ -74,7 +74,8 @@ class CompiledWorld:
         self._driven = [(n, body) for n, body in enumerate(self._bodies) if isinstance(body, Driven)]
         soft = [(n, name, body) for n, (name, body) in enumerate(bodies.items()) if isinstance(body, Soft)]
         self._soft = [SoftOne(n, name, body, tables[n]) for n, name, body in soft]
-        self._free = 1 if any(isinstance(body, FreeSoft) for body in self._bodies) else None
+        self._free = any(isinstance(body, FreeSoft) for body in self._bodies)
+        self._bends = any(table.frame.bent is not None for table in tables.values())
         self._switching = [each for each in self._soft if len(each.body.rom.contact_models) > 1]
         orders = [each.order for each in self._soft]
         self._watched, self._told = np.zeros((len(orders), 6)), np.zeros(4, dtype=np.int64)
@@ -172,7 +173,7 @@ class CompiledWorld:
         if not self.is_ahead:
             self._load()
         if most > 1:
-            most = 1 if self._switching else min(most, BOOKED_TOGETHER - self._row)
+            most = 1 if self._switching or self._bends else min(most, BOOKED_TOGETHER - self._row)
         if not (self._given.set(inputs, time) and (most := self._given.set_ends(most))):
             return None
         for each, watched, looked_at in zip(self._soft, self._watched, self._looked_at, strict=True):
@@ -195,8 +196,11 @@ class CompiledWorld:
         for _, moved in self._driven:
             moved.time = next_time(moved.time, self._h, taken)
         for each, watched in zip(self._soft, self._watched.tolist(), strict=True):
-            looks = watched[SINCE], watched[IS_DUE]
-            each.body.end_compiled(each.kernel, each.contact, each.told, each.u, taken, *looks)
+            twice, within = each.told[:2].tolist()
+            each.kernel.contact = each.contact
+            if each.beside is not None:
+                each.beside.end_in_world(each.u, twice, within)
+            each.body.end_compiled(twice, each.u, taken, watched[SINCE], watched[IS_DUE])
         for each in self._switching:
             each.body.note_near(*self._nearest_to(each.number))
 
@@ -284,8 +288,10 @@ class CompiledWorld:
 
     def force_between(self, first: int, second: int) -> Array:
         """Of the last step on the first of two bodies, (3,), N."""
-        near = self._near
-        return force_on(near.ends[: self._pairs_found], near.forces, first, second)
+        near, couples = self._near, self._arrays.joined.couples
+        forces = near.forces[: self._pairs_found].copy()
+        forces[self._count :][couples >= 0] = 0.0
+        return force_on(near.ends[: self._pairs_found], forces, first, second)
 
     def contact_forces(self, first: int, second: int) -> tuple[Array, Array]:
         """Where two bodies touched in the last step (k, 3), m, and forces on the first there (k, 3), N."""
@@ -339,9 +345,7 @@ def compiled_world(
     met: EnergyLedger,
     h: float,
 ) -> CompiledWorld | None:
-    """What takes whole steps of h s of bodies; None where one of them, or of the joints, is none that it knows."""
-    if not are_known(joints):
-        return None
+    """What takes whole steps of h s of bodies; None where one of them is none that it knows."""
     tables = dict[int, SoftTable]()
     for number, body in enumerate(bodies.values()):
         if isinstance(body, Soft):

@@ -50,8 +50,8 @@ class FreeSoft(Soft):
         return self._begun.velocities(forces, places)
 
     def _pushed(self, points: Points) -> PushedPoints:
-        """Those of a step; kept as long as they are the same."""
-        known = self._kept
+        """Those of a step; kept as long as they are the same, but for surfaces that turn as a whole."""
+        known = None if len(points.couples) else self._kept
         if known is None or known[0] is not self._free_frame or known[1] != self._h or known[2] is not points:
             pushed = PushedPoints.of(self._free_frame, *points[:2], points.follows, points.couples)
             self._kept = known = self._free_frame, self._h, points, pushed

@@ -26,7 +26,6 @@ from fenics_rom.mechanics.placed_surface import PlacedSurface
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
-from fenics_rom.runtime.steppers.compilable_frame import CompilableFrame
 from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.residual_motion import operator_of
@@ -369,15 +368,10 @@ class Soft(Simulator, Body):
         self._handed.point_gaps = np.full(len(self.surface.points), np.inf)
         np.minimum.at(self._handed.point_gaps, nodes, gaps)
 
-    def end_compiled(
-        self, kernel: BookedKernel, contact: Callable[[], Handed | None], told: Array, u: Array, *steps: Any
-    ) -> None:
-        """Ends compiled steps; told: twice the energy, and that within the shape, J; steps: the rest of `end_steps`."""
-        self._twice, within = told[:2].tolist()
-        kernel.contact = contact
-        if isinstance(kernel, CompilableFrame):
-            kernel.end_in_world(self._twice, within)
-        self.end_steps(u, self._twice, *steps)
+    def end_compiled(self, twice: float, u: Array, *steps: Any) -> None:
+        """Ends compiled steps; twice the energy, J; steps: the rest of `end_steps`."""
+        self._twice = twice
+        self.end_steps(u, twice, *steps)
 
     def _commit_rest(self) -> None:
         """Books what others do by the forces that they feel, those at the end of a step, and notes how points went.

@@ -1,16 +1,20 @@
-"""Tables of linear soft bodies of a world, as compiled steps take them (`world.compiled.soft_bodies`)."""
+"""Tables of soft bodies of a world, as compiled steps take them (`world.compiled.soft_bodies`)."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.frame_motion import ZERO
+from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.frame_motion import ZERO, rotation_matrix
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.compiled.contact_points import Points
+from fenics_rom.runtime.compiled.frame_tables import ROWS as FRAME_ROWS
 from fenics_rom.runtime.compiled.frames import LOOKED_AT, Body, Loads, Watch
+from fenics_rom.runtime.steppers.bent_in_loops import BentInLoops
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
+from fenics_rom.runtime.steppers.compilable_frame import CompilableFrame
 from fenics_rom.runtime.steppers.compiled_frame import CompiledFrame
 from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.runtime.steppers.frame_points import FramePoints
@@ -18,15 +22,49 @@ from fenics_rom.runtime.steppers.frame_state import FrameState
 from fenics_rom.runtime.steppers.frame_table import ROWS
 from fenics_rom.runtime.steppers.frame_touch import points_of
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
+from fenics_rom.runtime.steppers.held import HeldBody
+from fenics_rom.world.compiled.soft_bodies import ROWS as WORLD_ROWS
 from fenics_rom.world.compiled.soft_bodies import TURNS, Step
+from fenics_rom.world.handed_forces import Handed, handed_in
 from fenics_rom.world.soft import Soft
+
+
+class HeldBent(BentInLoops):
+    """What a held body carries along that deforms largely: contact is told in its axes, and loops have the world's.
+
+    Args:
+        kernel: of the body.
+        R: its axes (3, 3).
+        others: as of BentInLoops.
+    """
+
+    def __init__(self, kernel: HeldBody, R: Array, *others: Any):
+        self._kernel, self._R = kernel, R
+        super().__init__(*others)
+
+    def press(self, contact: ContactSolution | None) -> None:
+        """As in BentInLoops."""
+        self._contact, self.arrays.pressed[:] = contact, 0.0 if contact is None else contact.forces.dot(self._R.T)
+
+    def tell_loops(self) -> None:
+        """As in CompilableFrame."""
+        self.begin(self._kernel.contact, None)
+
+    def end_in_world(self, u: Array, square: float, within: float) -> None:
+        """As in CompilableFrame."""
+        self._kernel.end_in_world(u, self)
+
+    def contact(self, forces: Array) -> Handed | None:
+        """What forces (P, 3) in world axes are to the body."""
+        return handed_in(forces.dot(self._R))
 
 
 class SoftTable(NamedTuple):
     """A soft body as compiled steps take it."""
 
-    kernel: CarriedFrame | FreeFrame | ContactMidpoint
+    kernel: CarriedFrame | FreeFrame | ContactMidpoint | HeldBody
     frame: CompiledFrame
+    beside: CompilableFrame | HeldBent | None  # what is told when compiled steps begin and end, if anything is
     points: Points
     step: Step
     arrays: list[Array]  # all of them, which the table has the addresses of
@@ -42,6 +80,8 @@ def soft_table(body: Soft) -> SoftTable | None:
         frame, rest, rows = kernel.take_by_loops(), kernel.points.rest, kernel.points.rows
     elif isinstance(kernel, ContactMidpoint) and body.carrier is None:
         frame, rest, rows = _held(body, kernel), interface.points.coordinates, kernel.arrays[1]
+    elif isinstance(kernel, HeldBody):
+        frame, rest, rows = _held_largely(body, kernel), interface.points.coordinates, kernel.of_points
     else:
         return None
     if frame is None or (kernel.residual is not None and kernel.residual.relaxes):
@@ -55,28 +95,49 @@ def soft_table(body: Soft) -> SoftTable | None:
     assert body.surface.rounding is not None
     moving = np.zeros((P, 3)), np.zeros((P, 3)), np.zeros(5), triangles, *body.surface.rounding
     step = Step(np.zeros(p), mount, mount.copy(), np.zeros(TURNS), *rates, *moving)
-    arrays = [*frame.arrays, *points, *step]
-    return SoftTable(kernel, frame, points, step, arrays, table_of(arrays))
+    linear, bent = frame.arrays[:FRAME_ROWS], frame.arrays[FRAME_ROWS:]
+    arrays, table = [*linear, *points, *step, *bent], np.zeros((WORLD_ROWS, 4), dtype=np.int64)
+    table[: len(arrays)] = table_of(arrays)
+    beside = kernel if isinstance(kernel, CompilableFrame) else frame.bent
+    assert beside is None or isinstance(beside, CompilableFrame | HeldBent)
+    return SoftTable(kernel, frame, beside, points, step, arrays, table)
 
 
 def _held(body: Soft, kernel: ContactMidpoint) -> CompiledFrame | None:
-    """A body that nothing carries: its frame stands still."""
+    """A linear body that nothing carries: its frame stands still."""
     if not kernel.answers_linearly or kernel.branches is not None or body.rom.rigid:
         return None
-    (A, _, halves, before), model = kernel.arrays, body.model
-    m, p = model.order, model.inputs.shape[1]
-    push, D = np.zeros((p, m + 9)), model.damping
-    push[:, :m] = model.inputs.T
-    shapes = (10, m * m), (m, 10 * m), (m, 9 * m)
-    products, by_rate, by_shape = (np.zeros(shape) for shape in shapes)
+    (A, _, halves, before), D = kernel.arrays, body.model.damping
+    D, A = (np.ascontiguousarray(np.diag(each) if each.ndim == 1 else each) for each in (D, A))
+    m = body.model.order
+    return _still(body, body.model.inputs.T, D, np.zeros((10, m * m)), A, (halves, before), None)
+
+
+def _held_largely(body: Soft, kernel: HeldBody) -> CompiledFrame | None:
+    """The same of one that deforms largely."""
+    m, R = body.model.order, rotation_matrix(body.mount.rotation)
+    given = kernel.in_world()
+    if given is None:
+        return None
+    products = np.zeros((10, m * m))
+    products[9] = 2 / kernel.h * np.eye(m).ravel()
+    held = HeldBent(kernel, R, *given)
+    return _still(body, kernel.loads.dead.T, np.zeros((m, m)), products, np.zeros((m, m)), kernel.halves, held)
+
+
+def _still(
+    body: Soft, pushed: Array, D: Array, products: Array, inverse: Array, halves: tuple[Array, Array], bent: Any
+) -> CompiledFrame:
+    """A body in a frame that stands still; arguments as of `frames.Body`, but for forces (p, m) of its inputs."""
+    model, (p, m) = body.model, pushed.shape
+    push, by_rate, by_shape = np.zeros((p, m + 9)), np.zeros((m, 10 * m)), np.zeros((m, 9 * m))
+    push[:, :m] = pushed
     ω, inverse_ω = np.sqrt(model.eigenvalues), 1 / model.safe_frequencies
-    D = np.ascontiguousarray(np.diag(D) if D.ndim == 1 else D)
-    inverse = np.ascontiguousarray(np.diag(A) if A.ndim == 1 else A)
     of_shape = ω, inverse_ω, D, products, by_rate, by_shape, inverse, np.zeros((ROWS, m)), np.zeros(9)
     loads = Loads(push, np.zeros((0, 0)), np.zeros(0, dtype=int), np.zeros((0, 3)), np.zeros((m, 0)))
     watch = Watch(0.0, math.inf, np.zeros((0, m)), np.zeros(LOOKED_AT + 1 + m))
     frame = CompiledFrame(
-        Body(kernel.h, 1.0, False, math.inf, 0.0, *of_shape), loads, watch, halves, before, carried=True
+        Body(body.dt, 1.0, False, math.inf, 0.0, *of_shape), loads, watch, *halves, carried=True, bent=bent
     )
     position, rotation, *_ = body.mount
     frame.begin(FrameState(tuple(position.tolist()), tuple(rotation.tolist()), ZERO, ZERO), {})

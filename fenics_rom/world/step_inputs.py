@@ -10,12 +10,11 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import FLOAT, BasePath, CheckedMotion
 from fenics_rom.mechanics.signals import real_numbers
-from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.handed_forces import handed_in
 from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.soft import Soft
-from fenics_rom.world.soft_tables import SoftTable
+from fenics_rom.world.soft_tables import HeldBent, SoftTable
 from fenics_rom.world.step_count import next_time
 from fenics_rom.world.world_arrays import BOOKED_TOGETHER
 
@@ -25,9 +24,9 @@ class SoftOne:
 
     def __init__(self, number: int, name: str, body: Soft, table: SoftTable):
         self.number, self.name, self.body, self.kernel, step = number, name, body, table.kernel, table.step
-        self.u, self.told, self.contact = step.u, step.told, partial(handed_in, table.points.forces)
-        self.order = len(step.rate)
-        self.begun = None if isinstance(table.kernel, ContactMidpoint) else table.kernel
+        tell = table.beside.contact if isinstance(table.beside, HeldBent) else handed_in
+        self.u, self.told, self.contact = step.u, step.told, partial(tell, table.points.forces)
+        self.order, self.beside = len(step.modal), table.beside
         assert body.environment is not None
         self.environment = body.environment
 
@@ -64,8 +63,8 @@ class StepInputs:
                 return False
         for each in self._soft:
             u, environment = each.u, each.environment
-            if each.begun is not None:
-                each.begun.begin_in_world()
+            if each.beside is not None:
+                each.beside.tell_loops()
             u.fill(0.0)
             given = inputs.get(each.name)
             if given and not _fill(u, each.body.input_slices(), given):

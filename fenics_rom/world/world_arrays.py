@@ -38,6 +38,7 @@ from fenics_rom.world.joints import JointPoints
 from fenics_rom.world.make_bodies import AnyBody
 from fenics_rom.world.meetings import Meeting
 from fenics_rom.world.rigid import Rigid
+from fenics_rom.world.soft import Soft
 from fenics_rom.world.soft_tables import SoftTable
 from fenics_rom.world.tolerances import NO_GAP
 
@@ -66,7 +67,8 @@ def world_arrays(
     driven = [n for n, body in enumerate(bodies) if isinstance(body, DrivenBody)]
     of_meetings = _meetings(bodies, meetings, tables)
     F, B, S = int(of_meetings.slots[-1]), len(bodies), len(tables)
-    joined = _joined(bodies, joints, max([FEWEST_NODES, *(table.step.nodes.shape[1] for table in tables.values())]))
+    fewest = max([FEWEST_NODES, *(table.step.nodes.shape[1] for table in tables.values())])
+    joined = _joined(bodies, joints, fewest)
     J = len(joined.ends)
     most = min(MOST, F + J)
     return World(
@@ -77,7 +79,7 @@ def world_arrays(
         of_meetings,
         Kept(np.full(F, -1), np.zeros((F, 3)), np.zeros(F, dtype=np.int64), dissipated),
         _near(F + J, joined.nodes.shape[2]),
-        Operators(np.zeros(3), np.zeros(most, dtype=np.int64), np.zeros((S, TURNS)), *np.zeros((3, 9 * most * most))),
+        Operators(np.zeros(3), *_kept_pairs(most, fewest), np.zeros((S, TURNS)), *np.zeros((3, 9 * most * most))),
         Owed(np.zeros((BOOKED_TOGETHER, B, 3)), np.zeros((BOOKED_TOGETHER, 4))),
         joined,
         _near(F + J, joined.nodes.shape[2]),
@@ -159,27 +161,30 @@ def _meetings(bodies: Sequence[AnyBody], meetings: Sequence[Meeting], tables: Ma
     return Meetings(pairs, kind, numbers, slots, np.zeros(M), np.zeros(M))
 
 
-def are_known(joints: Sequence[JointPoints]) -> bool:
-    """Whether compiled steps know these joints: none of their points stands for how a body turns."""
-    sides = [side for joint in joints for side in (joint.on_first, joint.on_second)]
-    return not any(len(side.couples) for side in sides)
-
-
 def _joined(bodies: Sequence[AnyBody], joints: Sequence[JointPoints], fewest: int) -> Joined:
     J = sum(len(joint.points) for joint in joints)
     sides = [side for joint in joints for side in (joint.on_first, joint.on_second)]
     c = max([fewest, *(side.nodes.shape[1] for side in sides)])
     ends, nodes = np.zeros((J, 2), dtype=np.int64), np.zeros((J, 2, c), dtype=np.int64)
     weights, arms, row = np.zeros((J, 2, c)), np.zeros((J, 2, 3)), 0
+    couples, count = np.full(J, -1), 0
     for joint in joints:
         rows = slice(row, row := row + len(joint.points))
         ends[rows] = joint.first, joint.second
+        for couple in joint.on_first.couples.tolist():
+            couples[rows.start + couple], count = count, count + 1
         for side, points in enumerate((joint.on_first, joint.on_second)):
             wide = points.nodes.shape[1]
             nodes[rows, side, :wide], weights[rows, side, :wide] = points.nodes, points.weights
             arms[rows, side] = points.arms
-    free = [n for n, body in enumerate(bodies) if isinstance(body, FreeSoft)]
-    return Joined(ends, nodes, weights, arms, np.zeros((J, 3)), 1.0 - np.isin(ends, free).any(axis=1))
+    swing = [n for n, body in enumerate(bodies) if isinstance(body, Soft) and not body.takes_impulses]
+    are_stopped = 1.0 - np.isin(ends, swing).any(axis=1)
+    return Joined(ends, nodes, weights, arms, np.zeros((J, 3)), are_stopped, couples, np.zeros((count, 3 + c, 3)))
+
+
+def _kept_pairs(most: int, wide: int) -> tuple[Array, Array, Array]:
+    whole = np.zeros((most, 2, wide), dtype=np.int64)
+    return np.zeros(most, dtype=np.int64), whole, np.zeros(whole.shape)
 
 
 def _near(F: int, wide: int) -> Near:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from test_compiled_world import both, each, told, without
 from test_rigid_motion import GROUND
 from test_soft_motion import CLAMPED, TOUCHED, momenta, reduced
+from test_surface_joints import RIGID as STIFF
 
 import fenics_rom as fr
 from fenics_rom.compilation import compiled, jit
@@ -22,6 +23,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning"),
 ]
 EPS = float(np.finfo(float).eps)
+LOOSE = {"supports": 'rigid = ["right"]'}
 factor_of, solve_held = map(jit, (compiled_joints.factor_of, compiled_joints.solve_held))
 
 
@@ -139,6 +141,8 @@ def roms(tmp_path_factory):
         "held": reduced(tmp_path_factory.mktemp("held"), frame="fixed", **CLAMPED, **TOUCHED),
         "carried": reduced(tmp_path_factory.mktemp("carried"), frame="moving", **carried, **CLAMPED, **TOUCHED),
         "free": reduced(tmp_path_factory.mktemp("free"), frame="moving", **TOUCHED),
+        "stiff carried": reduced(tmp_path_factory.mktemp("stiff"), frame="moving", **carried, **STIFF, **TOUCHED),
+        "stiff free": reduced(tmp_path_factory.mktemp("stiff_free"), frame="moving", **STIFF | LOOSE, **TOUCHED),
     }
 
 
@@ -149,24 +153,29 @@ def swinging(roms, kind, by):
         angle, rate = 0.2 * np.sin(20 * time) * np.ones(3), 4 * np.cos(20 * time) * np.ones(3)
         return fr.BaseState(np.zeros(3), quaternion_of_vector(angle), np.zeros(3), rate)
 
-    bodies = {"hand": fr.RigidBody(Box((0.02, 0.05, 0.05)), motion=motion)} if kind == "carried" else {}
-    bodies["beam"] = fr.SoftBody(roms[kind], **({"on": "hand"} if kind == "carried" else {}))
+    is_carried = kind.endswith("carried")
+    bodies = {"hand": fr.RigidBody(Box((0.02, 0.05, 0.05)), motion=motion)} if is_carried else {}
+    bodies["beam"] = fr.SoftBody(roms[kind], **({"on": "hand"} if is_carried else {}))
     places = fr.World(bodies, 1e-3).simulator("beam").places()
     x, y, z = places[np.argmax(places @ [1.0, 0.1, 0.2])].tolist()
     small = {"shape": Box((0.03, 0.03, 0.03)), "mass": 0.02}
     bodies["low"] = fr.RigidBody(**small, position=(x, y, z + 0.02))
     bodies["far"] = fr.RigidBody(**small, position=(x + 0.04, y, z + 0.02), angular_velocity=(0, 3.0, 0))
-    held = ball("beam", "low", (x, y, z)) if by == "point" else SurfaceJoint("beam", "low", "right", kind="ball")
+    held = ball("beam", "low", (x, y, z)) if by == "point" else SurfaceJoint("beam", "low", "right", kind=by)
     joints = [held, hinge("low", "far", (x + 0.02, y, z + 0.02), (0, 0.02, 0))]
-    gravity = (0, 0, 0) if kind == "free" else (0, 0, -9.81)
+    gravity = (0, 0, 0) if kind.endswith("free") else (0, 0, -9.81)
     return fr.World(bodies, 1e-3, joints=joints, gravity=gravity, friction=0.4)
 
 
 @pytest.mark.parametrize(
-    ("kind", "by"), [("held", "point"), ("carried", "point"), ("free", "point"), ("carried", "end"), ("free", "end")]
+    ("kind", "by"),
+    [
+        *(("held", "point"), ("carried", "point"), ("free", "point"), ("carried", "ball"), ("free", "ball")),
+        *(("stiff carried", "weld"), ("stiff free", "weld")),
+    ],
 )
 def test_what_hangs_on_a_soft_body_does_as_with_numpy(roms, kind, by):
-    """A free body takes no impulses."""
+    """At a point, by its end in the mean, or by a rigid end, as which it turns. A free body takes no impulses."""
     random, worlds = np.random.default_rng(0), both(lambda: swinging(roms, kind, by))
     start, begun = worlds[0].energy, worlds[0].ledger
     for step in range(60):
@@ -175,6 +184,10 @@ def test_what_hangs_on_a_soft_body_does_as_with_numpy(roms, kind, by):
         worlds[1].step()
         if step % 10 == 9:
             assert_same(worlds)
+            ours, theirs = (world.force_between("beam", "low") for world in worlds)
+            np.testing.assert_allclose(ours, theirs, atol=1e-9 * np.abs(forces_of(worlds[1])).max())
+    if by == "weld":
+        assert np.abs(worlds[0].joint_forces(0)[1]).max() > 1e-4  # a couple
     account = worlds[0].ledger
     gap = worlds[0].energy - start - account.supplied + begun.supplied + account.numerical
     gap += account.dissipated - begun.dissipated

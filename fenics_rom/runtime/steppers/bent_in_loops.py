@@ -95,6 +95,11 @@ class BentInLoops:
         """Has the next step begin with contact in the last one."""
         self._contact, self.arrays.pressed[:] = contact, 0.0 if contact is None else contact.forces
 
+    @property
+    def inverse_tangent(self) -> Array:
+        """T⁻¹ (m, m), with its inertia, of a body whose frame stands still; empty: T is to be made."""
+        return self.arrays.inverse.copy() if len(self._tangent) else NONE
+
     def hand_on(self, q: Array, contact: ContactSolution | None) -> Ahead | None:
         """Has the law know what a step to q (m,) carries along; T of a free body with inverse slopes, if it has one."""
         strains, arrays, numbers = self._strains, self.arrays, self._strains.numbers

@@ -148,10 +148,10 @@ class CarriedFrame(CarriedBalance):
         """The same; it stands still where nothing says how it moves."""
         return self.frame._replace(velocity=ZERO, turning=ZERO) if self.base is None else frame_state(self.base)
 
-    def end_in_world(self, square: float, within: float) -> None:
+    def end_in_world(self, u: Array, square: float, within: float) -> None:
         """As in CompilableFrame."""
         assert self._compiled is not None
-        super().end_in_world(square, within)
+        super().end_in_world(u, square, within)
         self._stands = None
         self._wrench = self._compiled.wrench()
 

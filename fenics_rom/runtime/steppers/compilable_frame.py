@@ -64,22 +64,18 @@ class CompilableFrame(PartedKernel):
         """What compiled functions know of the body, with the state that it is in; None where there is more to it."""
         raise NotImplementedError
 
-    def begin_in_world(self) -> None:
-        """Has compiled functions know of the state, as far as another step has changed it."""
+    def tell_loops(self) -> None:
+        """Has compiled functions know of all that the next step begins with, as far as another step has changed it."""
         assert self._compiled is not None
+        if self._compiled.bent is not None:
+            self._compiled.bent.begin(self.contact, self._ahead)
+            self._guided_by = self._compiled.passed()
         self._compiled.begin(self._frame_known, self.notes)
 
     @property
     def loops(self) -> "CompiledFrame | None":
         """What takes steps by compiled functions, among obstacles, too; None where these do not know the body."""
         return self._compiled if self.is_compiled else None
-
-    def tell_loops(self) -> None:
-        """Has compiled functions know of all that the next step begins with."""
-        self.begin_in_world()
-        assert self._compiled is not None
-        if self._compiled.bent is not None:
-            self._compiled.bent.begin(self.contact, self._ahead)
 
     def learn_of_loops(self, square: float, *, is_moving: bool) -> None:
         """Has NumPy know of a state that was put where compiled functions have it.
@@ -94,10 +90,11 @@ class CompilableFrame(PartedKernel):
         if self._compiled.bent is not None:
             self._ahead = self._compiled.bent.hand_on(self._e * self._inverse_ω, self.contact)
 
-    def end_in_world(self, square: float, within: float) -> None:
+    def end_in_world(self, u: Array, square: float, within: float) -> None:
         """Takes note of a step under contact forces, by which compiled functions have changed the state.
 
         Args:
+            u: inputs (p,) of the step; of one body that deforms largely it was the last of those taken.
             square: twice the stored energy, J.
             within: what of this is in the shape and its rate, J.
         """
@@ -105,6 +102,9 @@ class CompilableFrame(PartedKernel):
         self._frame_known = self._places = self._motion = self._motion_before = None
         self.notes = self._compiled.notes(self.notes)
         self._square, self._twice = within, square
+        if self._compiled.bent is not None:
+            self._acting = u.copy()
+            self._hand_on_bent(self._acting, self._compiled.bent, notes=True)
 
     def _taken_compiled(self, u: Array, base: Array, obstacles: ObstacleMotion | None) -> "FrameStep | None":
         """A step that compiled functions have taken; None where they do not."""

@@ -150,7 +150,7 @@ class FrameKernel(CompilableFrame):
 
     def take_by_loops(self) -> "CompiledFrame | None":
         """As in CompilableFrame."""
-        return self._by_loops() if self.elastic is None else None
+        return self._by_loops()
 
     def _by_loops(self) -> "CompiledFrame | None":
         """What takes steps by compiled functions; None where these do not know the body."""
@@ -270,10 +270,14 @@ class FrameKernel(CompilableFrame):
         """As in Kernel."""
         self._places = None
         super().resume(auxiliary)
+        self.move_on()
+        if self.ties is not None:
+            self.ties.place(self.frame.position, rotation_of(*self.frame.rotation), self._coordinates().copy())
+
+    def move_on(self) -> None:
+        """Takes note of rates r and a frame that were set; what resists the shape goes on as it was."""
         q, shape, R = self._coordinates().copy(), self.forget(), rotation_of(*self.frame.rotation)
         self._now = self._now_before = self._motion_from(q, shape, R)
-        if self.ties is not None:
-            self.ties.place(self.frame.position, R, q)
 
     def _motion_from(self, q: Array, shape: Shape, R: Rotation) -> Any:
         """How the body moves from here, of its coordinates q (m,)."""

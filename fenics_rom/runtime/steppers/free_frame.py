@@ -49,9 +49,9 @@ class FreeFrame(FreeBalance):
         self._passed = None
         return super().forget()
 
-    def end_in_world(self, square: float, within: float) -> None:
+    def end_in_world(self, u: Array, square: float, within: float) -> None:
         """As in CompilableFrame."""
-        super().end_in_world(square, within)
+        super().end_in_world(u, square, within)
         self._passed = None
 
     def _motion_from(self, q: Array, shape: Shape, R: Rotation) -> Motion:

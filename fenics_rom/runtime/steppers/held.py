@@ -19,7 +19,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.contact import ObstacleMotion
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
@@ -35,6 +35,7 @@ from fenics_rom.runtime.steppers.held_adjoint import Part
 from fenics_rom.runtime.steppers.held_loops import HeldByLoops
 from fenics_rom.runtime.steppers.held_solution import Solution, Start, Touched
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
+from fenics_rom.runtime.steppers.residual_motion import operator_of
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.acts.found_forces import FoundInStep
@@ -169,27 +170,60 @@ class HeldBody(HeldByLoops):
 
     def _at_once(self, u: Array, obstacles: ObstacleMotion | None) -> Solution:
         """A step by a law that is exact once it knows where the step is expected."""
-        law, h, q, r, found = self.elastic, self.h, self._coordinates().copy(), self._r, None
-        assert isinstance(law, StrainsCarried)
-        law.open(q, r)
+        h, q, r, found = self.h, self._coordinates().copy(), self._r, None
         if self._found is not None:
             found = self._found.begin(u, q, r, h)
             u = found.inputs
-        dead, momentum = self.loads.dead.dot(u), 2 / h * r
-        middle = q + h / 2 * self._expected(law, dead, u, q, momentum)
-        force = self.loads.with_followers(dead, u, middle)
-        self._matrix = matrix = self._inert + law.matrix
-        v = np.linalg.solve(matrix, momentum - law.pull + force)
+        law, middle, force, v = self._begun(u, q)
         if found is None and self._interface is None:
             e = (q + h * v) * self._ω
             work = StepWork(h * float(force.dot(v)), law.close(v, e * self._inverse_ω), ())
             return Solution(e, v + v - r, None, self.reactions, work, ())
-        self._answer_by(partial(np.linalg.solve, matrix))
+        self._answer_by(partial(np.linalg.solve, self._matrix))
         touched = self._touch(found, v, middle, Start(q, r, h, obstacles, self.reactions))
+        return self._ended(law, q, v, force, touched)
+
+    def _begun(self, u: Array, q: Array) -> tuple[StrainsCarried, Array, Array, Array]:
+        """The law, where the middle is expected, forces and v̂ (m,) of a step from q (m,) without what touches."""
+        law, momentum, dead = self.elastic, 2 / self.h * self._r, self.loads.dead.dot(u)
+        assert isinstance(law, StrainsCarried)
+        law.open(q, self._r)
+        middle = q + self.h / 2 * self._expected(law, dead, u, q, momentum)
+        force = self.loads.with_followers(dead, u, middle)
+        self._matrix = self._inert + law.matrix
+        return law, middle, force, np.linalg.solve(self._matrix, momentum - law.pull + force)
+
+    def _ended(self, law: ElasticLaw, q: Array, v: Array, force: Array, touched: Touched) -> Solution:
+        """Where a step from q leads under forces by what touches, where v̂ without these was v; all (m,)."""
         if touched.pushed is not None:
-            v += self._solve(touched.pushed)
-        e, _, work = self._taken(law, q, h, v, force, touched)
-        return Solution(e, v + v - r, touched.contact, touched.reactions, work, ())
+            v = v + self._solve(touched.pushed)
+        e, _, work = self._taken(law, q, self.h, v, force, touched)
+        return Solution(e, v + v - self._r, touched.contact, touched.reactions, work, ())
+
+    @property
+    def answers_linearly(self) -> bool:  # type: ignore[override]
+        """As in Kernel."""
+        return self._found is None and self._interface is not None and isinstance(self.elastic, StrainsCarried)
+
+    def open(self, u: Array) -> Array:
+        """As in Kernel."""
+        self._tangent_before, q = self.tangent, self._coordinates().copy()
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # as in a step
+            law, _, force, v = self._begun(u, q)
+            self._answer_by(partial(np.linalg.solve, self._matrix))
+        self._opened = u, law, q, v, force
+        free: Array = v.dot(self._Sᵀ).reshape(-1, 3)
+        return free if self.residual is None else free + self.residual.points[2]
+
+    def answer(self, some: Array) -> Array:
+        """As in Kernel."""
+        return operator_of(self._delassus, some)
+
+    def close(self, contact: ContactSolution | None) -> float:
+        """As in Kernel."""
+        u, law, q, v, force = self._opened
+        pushed = None if contact is None else self._pushed(contact)
+        return self._end(u, law, self._ended(law, q, v, force, Touched(contact, self.reactions, None, None, pushed)))
 
     def _taken(
         self, law: ElasticLaw, q: Array, h: float, v: Array, force: Array, touched: Touched

@@ -2,8 +2,9 @@
 
 import math
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled
@@ -16,6 +17,7 @@ from fenics_rom.runtime.steppers.kernel import BOOKED_TOGETHER, ContactWorks, St
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.compiled.held_step import Step
+    from fenics_rom.runtime.steppers.bent_in_loops import BentInLoops
     from fenics_rom.runtime.steppers.compiled_held import Beginning, CompiledHeld, HeldStepsTaken
 
 
@@ -95,6 +97,37 @@ class HeldByLoops(HeldAdjoint):
     def _take_over(self, u: Array, law: ElasticLaw, solution: Solution) -> None:
         """Takes the step under u (p,)."""
         raise NotImplementedError
+
+    def in_world(self) -> tuple[Any, ...] | None:
+        """What a BentInLoops is made of, in worlds, of bodies whose shape loops know; None of others."""
+        law, points = self.elastic, 0 if self._interface is None else len(self._interface.points.coordinates)
+        if not (self._found is None and isinstance(law, StrainsCarried)):
+            return None
+        from fenics_rom.runtime.steppers.compiled_deformation import is_known  # here, as numba takes time to import
+
+        if not is_known(self._body, law):
+            return None
+        return self._body, law, self.loads.following, np.zeros(3), points, True, self.h
+
+    @property
+    def halves(self) -> tuple[Array, Array]:
+        """[e, r] (2, m), now and before the last step."""
+        return self._halves, self._state_before.reshape(2, -1)
+
+    @property
+    def of_points(self) -> Array:
+        """Sᵀ (m, 3P)."""
+        return self._Sᵀ
+
+    def end_in_world(self, u: Array, bent: "BentInLoops") -> None:
+        """Takes note of a step under u (p,) by which loops of worlds have changed the state."""
+        law, q = self.elastic, self._e * self._inverse_ω
+        assert law is not None
+        assert self._extent is not None
+        bent.hand_on(q, self.contact)
+        self.tangent, self._expectation, self.taken, self.notes = bent.inverse_tangent, None, (), dict(self.notes)
+        law.note(self.notes)
+        self._extent.look(self.notes, u, q, self.contact, self.h)
 
     def _compiled_step(self) -> "CompiledHeld | None":
         """What takes steps where loops are compiled, and there is nothing that they do not know."""

@@ -113,7 +113,7 @@ class TouchedFrame(FrameKernel):
     def kick(self, impulses: Array) -> None:
         """Adds these (P, 3), N s, between two steps, without booking them."""
         self._r += self.points.rows.dot(impulses.dot(self._rotation).ravel())
-        self.resume(self.auxiliary)
+        self.move_on()
 
     def kept_velocities(self, turn: Geometry, arms: Array) -> Array:
         """What `velocities` and that of the origin are with the body's velocities at the start of the step, (P, 3)."""

@@ -40,7 +40,7 @@ class Found(NamedTuple):
 
 
 @jit_part
-def find_forces(world: Array, C: int, law: Law, free: int | None) -> Found:
+def find_forces(world: Array, C: int, law: Law, free: bool) -> Found:
     """Forces of the C contacts and all joints of a step, and velocities under them, which bodies have tried last.
 
     Both are set.
@@ -49,7 +49,7 @@ def find_forces(world: Array, C: int, law: Law, free: int | None) -> Found:
         world: whose bodies have begun the step; its pairs have forces to begin with.
         C: how many contacts these are.
         law: h, friction at most, and what swings; nothing else is asked of it.
-        free: None where no soft body is free: then nothing of such is compiled.
+        free: whether some soft body is.
     """
     near, J = near_at(world), len(joined_at(world).ends)
     n, h, none = C + J, law.h, np.zeros((C + J, 3))
@@ -122,7 +122,8 @@ def _pairs_among(world: Array, among: Array, level: Array, target: Array) -> Pai
     pairs = Pairs(axes, free, relative, asked, level[among], none, none.copy(), friction, near.forces[among])
     for i in range(K):
         c = among[i]
-        axes[i, 0], friction[i] = near.normals[c], near.numbers[c, OF_FRICTION]
+        copy(near.normals[c], axes[i, 0])
+        friction[i] = near.numbers[c, OF_FRICTION]
         frame_along(axes[i])
         _set_in_frame(axes[i], near.before[c], relative[i])
         slides = 0.5 if friction[i] > 0 else 0.0
@@ -142,7 +143,7 @@ def _find_among(
     fixed: Array,
     scale: float,
     most: int,
-    free: int | None,
+    free: bool,
 ) -> Found:
     """Forces where no other contacts take part than some (K,); others are as in `find_forces` and `_ask`.
 
@@ -155,7 +156,7 @@ def _find_among(
     """
     near, h, K, J = near_at(world), law.h, len(among), len(f) - C
     rows, pairs = np.concatenate((among, np.arange(C, C + J))), _pairs_among(world, among, level, target)
-    if free is None:
+    if not free:
         copy(fixed, near.u[: len(f)])
         fastest = try_rigid(world, C, h, f)
     else:
@@ -168,7 +169,7 @@ def _find_among(
         return Found(OTHERWISE, 0, scale)
     operator = operator_among(world, h, rows, K, free)
     Wᵀ, held = operator.Wᵀ, _hold(operator, K, J)
-    if free is None:
+    if not free:
         take_back(operator.maps, operator.answers, K, tried, without)
         for i in range(K):
             for k in range(3):
@@ -200,7 +201,7 @@ def _find_among(
                 copy(pairs.forces[i], forces[i])
         if J:
             join(held, pairs.forces, by_joints, forces[K:])
-        size, are_tried = 0.0, free is not None or sweep > 1
+        size, are_tried = 0.0, free or sweep > 1
         if are_tried:
             size = _changed(Wᵀ, forces, tried, moved)
             if not np.isfinite(size):

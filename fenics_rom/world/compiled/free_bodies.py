@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_part
+from fenics_rom.compilation import jit_apart, jit_part
 from fenics_rom.mechanics.compiled.copying import copy, copy_rows
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
+from fenics_rom.runtime.compiled.bent_frame import Bending, remember_shape
 from fenics_rom.runtime.compiled.contact_points import (
     WHOLE,
     Points,
@@ -50,7 +51,8 @@ from fenics_rom.runtime.compiled.free_balance import SPIN, correct, keep_slopes,
 from fenics_rom.runtime.compiled.free_step import Begun, begin_free_step, end_free_step
 from fenics_rom.runtime.compiled.kept_slopes import SCALE, begin_search, has_ended, lacks_slopes
 from fenics_rom.runtime.steppers.inertia import MOST_ITERATIONS
-from fenics_rom.world.compiled.free_operators import Pushes, mean_arm
+from fenics_rom.world.compiled.couples import inverse_of, pushed_by
+from fenics_rom.world.compiled.free_operators import Pushes, acting_on, mean_arm, turning_at
 from fenics_rom.world.compiled.soft_bodies import (
     BY_OTHERS,
     CENTRE,
@@ -60,6 +62,7 @@ from fenics_rom.world.compiled.soft_bodies import (
     MIDDLE,
     ORIGIN,
     POWER,
+    RIMS,
     SPUN,
     SQUARE,
     START,
@@ -67,6 +70,7 @@ from fenics_rom.world.compiled.soft_bodies import (
     TORQUE,
     TURN,
     WITHIN,
+    bending_of,
     look_at_travel,
     middle_of,
     points_at,
@@ -84,14 +88,32 @@ class _Moved(NamedTuple):
     compliance: Array  # C (3s, 3s), m/s/N; (0, 0) where there is none
 
 
-@jit_part
+@jit_apart
 def begin_free(table: Array, h: float, travel: Array) -> bool:
-    """Begins the step of a body; whether it could. Sets how far it goes, (4,)."""
+    """Begins the step of a linear body; whether it could. Sets how far it goes, (4,)."""
+    return _begin(table, h, travel, None, None)
+
+
+@jit_apart
+def begin_bent_free(table: Array, h: float, travel: Array) -> bool:
+    """The same of one that deforms largely."""
+    bent = bending_of(table)
+    remember_shape(bent)
+    return _begin(table, h, travel, bent, points_at(table))
+
+
+@jit_part
+def _begin(table: Array, h: float, travel: Array, bent: Bending | None, touched: Points | None) -> bool:
+    """The same."""
     body, state, points, step = body_at(table), state_at(table), points_at(table), step_at(table)
     e, r = state.halves[0], state.halves[1]
-    begun = begin_free_step(body, loads_at(table), step.u, state, None, None)
+    begun = begin_free_step(body, loads_at(table), step.u, state, bent, touched)
     if begun.status == OTHERWISE:
         return False
+    if bent is not None:
+        plain = act(loads_at(table), step.u, len(body.ω))
+        put(step.turn, RIMS, added(begun.acting.force, -1.0, plain.force))
+        put(step.turn, RIMS + 3, added(begun.acting.torque, -1.0, plain.torque))
     copy(begun.x, step.changed)
     now, turn, R, ω = state.now[0], step.turn, begun.R, vector(state.now[0], SPIN)
     put_rows(turn, START, R)
@@ -110,7 +132,7 @@ def try_free(table: Array, h: float, pushes: Pushes) -> bool:
     body, loads, state, points, step = (
         body_at(table), loads_at(table), state_at(table), points_at(table), step_at(table),
     )  # fmt: skip
-    acting, q, x = act(loads, step.u, len(body.ω)), state.halves[0] * body.inverse_ω, step.changed
+    acting, q, x = acting_on(table), state.halves[0] * body.inverse_ω, step.changed
     now, moved, ρ, modal = state.now[0], _moved(points), np.empty(len(x)), np.empty(len(q))
     R, search, pushed, sizes = rotation_of(*rotation_in(now)), begin_search(state), (0.0, 0.0, 0.0), 0.0
     points.seen[:] = 0.0
@@ -136,7 +158,7 @@ def try_free(table: Array, h: float, pushes: Pushes) -> bool:
                 search[SCALE] += whole * length(v̂) + h / 2 * sizes / whole
         if has_ended(size, state, search):
             push = _push_at(body, acting, now, points, moved, pushes, pushed, x, modal)
-            _tell(body, acting, now, points, push, x, step.turn)
+            _tell(body, acting, now, points, pushes, push, x, step.turn)
             return True
         if not math.isfinite(size):
             return False
@@ -187,10 +209,17 @@ def _push_at(
     some, rows, torque = moved.some, moved.rows, (0.0, 0.0, 0.0)
     inside, felt = np.empty(3 * len(some)), np.empty(3 * len(some))
     combine(x[3:], rows, inside)
+    for p in some:
+        put(points.seen[p], 0, seen(R, t, vector(points.forces[p], 0)))
+    for i in range(len(pushes.couples)):
+        if pushes.couples[i] >= 0:
+            of, couple = turning_at(pushes, i), vector(pushes.forces[i], 0)
+            torque = added(torque, 1.0, couple)
+            for n in range(len(of.nodes)):
+                g = points.seen[of.nodes[n]]
+                put(g, 0, added(vector(g, 0), 1.0, pushed_by(of, n, seen(R, t, couple))))
     for s in range(len(some)):
-        g = seen(R, t, vector(points.forces[some[s]], 0))
-        put(felt, 3 * s, g)
-        put(points.seen[some[s]], 0, g)
+        put(felt, 3 * s, vector(points.seen[some[s]], 0))
     if len(moved.compliance):
         inside += np.dot(moved.compliance, felt)
     for s in range(len(some)):
@@ -207,7 +236,9 @@ def _push_at(
 
 
 @jit_part
-def _tell(body: Body, acting: Acting, now: Array, points: Points, push: Push, x: Array, turn: Array) -> None:
+def _tell(
+    body: Body, acting: Acting, now: Array, points: Points, pushes: Pushes, push: Push, x: Array, turn: Array
+) -> None:
     """Sets how the frame and all points move with the velocities x, and what pushes."""
     (t, end), R = turn_at(body.h, x, now), rotation_of(*rotation_in(now))
     v̂, middle = _translation(body, acting, now, end, push.force), middle_of(R, t)
@@ -224,19 +255,38 @@ def _tell(body: Body, acting: Acting, now: Array, points: Points, push: Push, x:
     combine(x[3:], points.rows, inside)
     inside += free
     add_yielding(points, inside)
+    back = inverse_of(middle)
+    for p in range(len(points.rest) if (pushes.couples >= 0).any() else 0):  # with those of couples
+        if points.pushed[p]:
+            put(points.forces[p], 0, rotated_back(back, vector(points.seen[p], 0)))
+
+
+@jit_apart
+def end_free(table: Array, h: float) -> bool:
+    """Takes the step of a linear body under the forces that were tried last; whether it could."""
+    return _end(table, h, None)
+
+
+@jit_apart
+def end_bent_free(table: Array, h: float) -> bool:
+    """The same of one that deforms largely."""
+    bent = bending_of(table)
+    could = _end(table, h, bent)
+    copy(points_at(table).forces, bent.pressed)
+    return could
 
 
 @jit_part
-def end_free(table: Array, h: float) -> bool:
-    """Takes the step under the forces that were tried last; whether it could."""
+def _end(table: Array, h: float, bent: Bending | None) -> bool:
+    """The same."""
     body, loads, state, points, step = (
         body_at(table), loads_at(table), state_at(table), points_at(table), step_at(table),
     )  # fmt: skip
     turn, told = step.turn, step.told
     push = Push(vector(turn, FORCE), vector(turn, TORQUE), vector(turn, TORQUE))
-    q, R, acting = state.halves[0] * body.inverse_ω, rows_in(turn, START), act(loads, step.u, len(body.ω))
+    q, R, acting = state.halves[0] * body.inverse_ω, rows_in(turn, START), acting_on(table)
     begun = Begun(TAKEN, q, R, acting, step.changed)
-    taken = end_free_step(body, loads, begun, step.changed, push, state, watch_at(table), None)
+    taken = end_free_step(body, loads, begun, step.changed, push, state, watch_at(table), bent)
     if taken.status == OTHERWISE:
         return False
     lost, stored = end_points(points, h)
@@ -245,7 +295,7 @@ def end_free(table: Array, h: float) -> bool:
     return True
 
 
-@jit_part
+@jit_apart
 def undo_free(table: Array) -> None:
     """Puts a body where it was before the step that it took."""
     points = points_at(table)

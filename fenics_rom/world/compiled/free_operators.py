@@ -9,13 +9,15 @@ from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.runtime.compiled.contact_points import WHOLE, Points, arm_of
 from fenics_rom.runtime.compiled.frame_tables import body_at, loads_at, state_at
-from fenics_rom.runtime.compiled.frames import act, added, cross, dot, put, rotated, rotated_back, vector
+from fenics_rom.runtime.compiled.frames import Acting, act, added, cross, dot, put, rotated, rotated_back, vector
 from fenics_rom.runtime.compiled.free_balance import lack, set_slopes
 from fenics_rom.runtime.compiled.kept_slopes import keep_inverse
+from fenics_rom.world.compiled.couples import Turning, map_in, turned_by
 from fenics_rom.world.compiled.soft_bodies import (
     CENTRE,
     END,
     MIDDLE,
+    RIMS,
     SPUN,
     START,
     TORQUE,
@@ -38,6 +40,17 @@ class Pushes(NamedTuple):
     follows: Array  # (k,) whether it is pushed there
     rows: Array  # (k,) which contacts they are
     signs: Array  # (k,) of their forces
+    couples: Array  # (k,) of which surfaces they are couples; -1: forces on points
+    arms_of_turning: Array  # of these, as of `Joined`, in the frame's axes
+
+
+@jit_part
+def acting_on(table: Array) -> Acting:
+    """What acts on a body in the step that has begun, but for contact."""
+    step, of = step_at(table), act(loads_at(table), step_at(table).u, len(body_at(table).ω))
+    force, torque = vector(step.turn, RIMS), vector(step.turn, RIMS + 3)
+    force, torque = added(of.force, 1.0, force), added(of.torque, 1.0, torque)
+    return Acting(of.modal, force, torque, of.acceleration, of.by_shape, of.at_points)
 
 
 @jit_part
@@ -48,6 +61,12 @@ def mean_arm(points: Points, pushes: Pushes, i: int, R: Rotation, end: Rotation,
         if pushes.weights[i, k] != 0.0:
             arm = added(arm, pushes.weights[i, k], arm_of(points, pushes.nodes[i, k], R, end, h))
     return arm
+
+
+@jit_part
+def turning_at(pushes: Pushes, i: int) -> Turning:
+    """Of a surface that a couple acts on."""
+    return Turning(pushes.nodes[i], pushes.weights[i], pushes.arms_of_turning[pushes.couples[i]])
 
 
 @jit_part
@@ -64,7 +83,7 @@ def operator_of_free(table: Array, h: float, pushes: Pushes) -> Array:
     R, end, middle, t = rows_in(turn, START), rows_in(turn, END), rows_in(turn, MIDDLE), vector(turn, TURN)
     rows, C = _mean_rows(points, pushes)
     slopes, ρ = np.empty((n, n)), np.empty(n)
-    inertia, L_end = lack(body, loads, act(loads, step.u, m), q, R, x, now, state.table, ρ)
+    inertia, L_end = lack(body, loads, acting_on(table), q, R, x, now, state.table, ρ)
     set_slopes(body, inertia, L_end, x, now, state.table, slopes)
     by_turn, by_x, levers, W = (
         np.empty((3 * k, 3)),
@@ -83,23 +102,30 @@ def operator_of_free(table: Array, h: float, pushes: Pushes) -> Array:
     by_place = np.zeros((3, n))  # R* torque by what moves arms
     along, of_force = np.zeros((3, 3)), np.zeros((3, 3 * k))  # the same by v̂, and by forces
     for i in range(k):
-        f, follows = vector(pushes.forces[i], 0), pushes.follows[i] != 0.0
+        f, follows, is_couple = vector(pushes.forces[i], 0), pushes.follows[i] != 0.0, pushes.couples[i] >= 0
         outward, u, y, arm = end, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), mean_arm(points, pushes, i, R, end, h)
         for c in range(pushes.weights.shape[1]):
             share, p = pushes.weights[i, c], pushes.nodes[i, c]
-            if share != 0.0:
+            if share != 0.0 and is_couple:
+                u = added(u, 1.0, turned_by(turning_at(pushes, i), c, vector(points.inside[p], 0)))
+            elif share != 0.0:
                 u, y = added(u, share, vector(points.inside[p], 0)), added(y, share, vector(points.start[p], 0))
-        if follows:
+        if is_couple:
+            outward = middle
+        elif follows:
             outward, arm = middle, added(vector(pushes.places[i], 0), -1.0, vector(turn, CENTRE))
         for j in range(3):
-            if follows:
+            lever = cross(arm, _AXES[j])
+            if is_couple:
+                moving, lever = added(_column(R, j), h / 2, rotated(R, cross(_AXES[j], u))), _AXES[j]
+            elif follows:
                 moving = added(cross(_column(R, j), arm), h / 2, rotated(R, cross(_AXES[j], u)))
             else:
                 far = added((2 * arm[0], 2 * arm[1], 2 * arm[2]), -1.0, rotated(R, y))
                 moving = added((0.0, 0.0, 0.0), 1 / square, cross(_column(middle, j), far))
             inner = (yielded[3 * i, j], yielded[3 * i + 1, j], yielded[3 * i + 2, j])
             _put_column(by_x, 3 * i, j, 1.0, added(moving, 1.0, rotated(outward, inner)))
-            _put_column(levers, 0, 3 * i + j, 1.0, rotated_back(middle, cross(arm, _AXES[j])))
+            _put_column(levers, 0, 3 * i + j, 1.0, rotated_back(middle, lever))
         for j in range(m):
             _put_column(by_x, 3 * i, 3 + j, 1.0, rotated(outward, vector(rows[j], 3 * i)))
             put(levers[3 + j], 3 * i, rotated(middle, vector(rows[j], 3 * i)))
@@ -108,7 +134,7 @@ def operator_of_free(table: Array, h: float, pushes: Pushes) -> Array:
                 put(W[3 * i + c], 3 * j, rotated(middle, vector(C[3 * i + c], 3 * j)))
         for j in range(3 * k if len(C) else 0):
             _put_column(W, 3 * i, j, 1.0, rotated(outward, (W[3 * i, j], W[3 * i + 1, j], W[3 * i + 2, j])))
-        if f == (0.0, 0.0, 0.0):
+        if is_couple or f == (0.0, 0.0, 0.0):
             continue
         for j in range(3):
             if follows:
@@ -122,7 +148,8 @@ def operator_of_free(table: Array, h: float, pushes: Pushes) -> Array:
     for j in range(3):
         _add_column(slopes, j, -h / 2, cross(turning, _AXES[j]))
     for j in range(3 * k):
-        less = added((of_force[0, j], of_force[1, j], of_force[2, j]), -by_force, _column_of(along, j % 3))
+        by_centre = 0.0 if pushes.couples[j // 3] >= 0 else by_force
+        less = added((of_force[0, j], of_force[1, j], of_force[2, j]), -by_centre, _column_of(along, j % 3))
         _add_column(levers, j, 1.0, rotated_back(middle, less))
     keep_inverse(slopes, state)
     W += np.dot(by_x, np.dot(state.slopes, levers))
@@ -131,32 +158,45 @@ def operator_of_free(table: Array, h: float, pushes: Pushes) -> Array:
             moving = _AXES[j]
             if pushes.follows[i]:
                 moving = added(moving, -h / 2, cross(spun, moving))
-            for of in range(k):
-                _add_rows(W, 3 * i, 3 * of + j, by_force, moving)
+            for of in range(k if pushes.couples[i] < 0 else 0):
+                if pushes.couples[of] < 0:
+                    _add_rows(W, 3 * i, 3 * of + j, by_force, moving)
     return W
 
 
 @jit_part
 def _mean_rows(points: Points, pushes: Pushes) -> tuple[Array, Array]:
-    """Vᵀ of the points that are pushed, (m, 3k), and their compliance C (3k, 3k), m/s/N, or (0, 0)."""
-    k, m = len(pushes.nodes), len(points.rows)
+    """Vᵀ of what is pushed, (m, 3k), and its compliance C (3k, 3k), m/s/N, or (0, 0); of couples how surfaces turn."""
+    (k, wide), m = pushes.nodes.shape, len(points.rows)
     size = 3 * k if len(points.R) else 0
     rows, C = np.zeros((m, 3 * k)), np.zeros((size, size))
     for i in range(k):
-        for a in range(pushes.weights.shape[1]):
-            share, at = pushes.weights[i, a], 3 * pushes.nodes[i, a]
-            if share == 0.0:
+        for a in range(wide):
+            if pushes.weights[i, a] == 0.0:
                 continue
+            Q, at = _map_of(pushes, i, a), 3 * pushes.nodes[i, a]
             for j in range(m):
-                for c in range(3):
-                    rows[j, 3 * i + c] += share * points.rows[j, at + c]
+                put(rows[j], 3 * i, added(vector(rows[j], 3 * i), 1.0, rotated(Q, vector(points.rows[j], at))))
             for j in range(k if size else 0):
-                for b in range(pushes.weights.shape[1]):
-                    both, to = share * pushes.weights[j, b] / points.times[WHOLE], 3 * pushes.nodes[j, b]
-                    for c in range(3 if both != 0.0 else 0):
-                        for d in range(3):
-                            C[3 * i + c, 3 * j + d] += both * points.R[at + c, to + d]
+                for b in range(wide):
+                    if pushes.weights[j, b] == 0.0:
+                        continue
+                    T, to, whole = _map_of(pushes, j, b), 3 * pushes.nodes[j, b], points.times[WHOLE]
+                    for d in range(3):  # Q R Tᵀ, column by column
+                        x = dot(T[d], vector(points.R[at], to)) / whole
+                        y = dot(T[d], vector(points.R[at + 1], to)) / whole
+                        z = dot(T[d], vector(points.R[at + 2], to)) / whole
+                        _add_column(C[3 * i : 3 * i + 3], 3 * j + d, 1.0, rotated(Q, (x, y, z)))
     return rows, C
+
+
+@jit_part
+def _map_of(pushes: Pushes, i: int, a: int) -> Rotation:
+    """By what the a-th node moves what is pushed."""
+    share = pushes.weights[i, a]
+    if pushes.couples[i] < 0:
+        return (share, 0.0, 0.0), (0.0, share, 0.0), (0.0, 0.0, share)
+    return map_in(turning_at(pushes, i), a)
 
 
 @jit_part

@@ -3,11 +3,12 @@
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_part, jit_shared
+from fenics_rom.compilation import jit_apart, jit_part, jit_shared
 from fenics_rom.mechanics.compiled.copying import add_row
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.runtime.compiled.frame_tables import state_at
 from fenics_rom.runtime.compiled.frames import (
+    TURNING,
     added,
     cross,
     dot,
@@ -20,8 +21,9 @@ from fenics_rom.runtime.compiled.frames import (
 )
 from fenics_rom.world import turning
 from fenics_rom.world.compiled.bodies import start_velocity_at, start_velocity_of_driven_at, times
+from fenics_rom.world.compiled.couples import Turning, pushed_by, turned_by, turning_of
 from fenics_rom.world.compiled.joints import factor_of, solve_held
-from fenics_rom.world.compiled.rigid_bodies import rows_of, set_map
+from fenics_rom.world.compiled.rigid_bodies import rows_of, set_map, set_map_of_couple
 from fenics_rom.world.compiled.soft_bodies import kick_soft, points_at, velocities_between
 from fenics_rom.world.compiled.tables import (
     BY_JOINTS,
@@ -30,6 +32,7 @@ from fenics_rom.world.compiled.tables import (
     RIGID,
     SOFT,
     SUPPLIED,
+    Joined,
     bodies_at,
     driven_at,
     freedoms_at,
@@ -43,7 +46,7 @@ _transposed = jit_shared(turning.transposed)
 REDUNDANT = 1e-12  # of the largest pivot: what joints hold twice
 
 
-@jit_part
+@jit_apart
 def stop_joints(world: Array, works: Array, met: Array) -> None:
     """Stops them, and books what that takes: works (B, 3) of bodies and `Owed.met`, J.
 
@@ -92,6 +95,8 @@ def _velocity_of(world: Array, b: int, j: int, side: int) -> Vector:
     """Of one of the two bodies."""
     bodies, joined = bodies_at(world), joined_at(world)
     kind, index = bodies.kinds[b], bodies.numbers[b]
+    if joined.couples[j] >= 0:
+        return _turning_of(world, b, j)
     if is_soft(kind):
         v, table = (0.0, 0.0, 0.0), softs_at(world)[index]
         for k in range(joined.weights.shape[2]):
@@ -105,13 +110,35 @@ def _velocity_of(world: Array, b: int, j: int, side: int) -> Vector:
 
 
 @jit_part
+def _turning_in(joined: Joined, j: int) -> Turning:
+    return turning_of(joined, j, joined.arms_of_turning[joined.couples[j]])
+
+
+@jit_part
+def _turning_of(world: Array, b: int, j: int) -> Vector:
+    """How one of the two bodies turns that a couple holds, rad/s."""
+    bodies, joined, turning = bodies_at(world), joined_at(world), (0.0, 0.0, 0.0)
+    kind, index = bodies.kinds[b], bodies.numbers[b]
+    if kind == RIGID:
+        return rotated(rows_of(rigid_at(world).rotation[index]), vector(rigid_at(world).motion[index, 2], 0))
+    if kind == DRIVEN:
+        return vector(driven_at(world).start[index], TURNING)
+    of = _turning_in(joined, j)
+    for n in range(len(of.nodes)):
+        turning = added(turning, 1.0, turned_by(of, n, velocities_between(softs_at(world)[index], of.nodes[n])))
+    return turning
+
+
+@jit_part
 def _add_rigid(world: Array, b: int, W: Array) -> None:
     """Adds the velocities (3J, 3J) per impulse of a rigid body, 1/kg."""
     joined, rigid, index = joined_at(world), rigid_at(world), bodies_at(world).numbers[b]
     R, maps = rows_of(rigid.rotation[index]), np.zeros((6, len(W)))
     for j in range(len(joined.ends)):
         for side in range(2):
-            if joined.ends[j, side] == b and joined.are_stopped[j]:
+            if joined.ends[j, side] == b and joined.are_stopped[j] and joined.couples[j] >= 0:
+                set_map_of_couple(maps, 3 * j, 1.0 - 2 * side)
+            elif joined.ends[j, side] == b and joined.are_stopped[j]:
                 set_map(maps, 3 * j, 1.0 - 2 * side, rotated(R, vector(joined.arms[j, side], 0)))
     by_torque = times(R, _transposed(times(R, rows_of(freedoms_at(world).inverse[index]))))
     for row in range(len(W)):
@@ -135,6 +162,9 @@ def _add_soft(world: Array, b: int, W: Array) -> None:
                     if share != 0.0:
                         for i in range(len(rows)):
                             x, y, z = rotated(R, vector(rows[i], 3 * p))
+                            if joined.couples[j] >= 0:
+                                x, y, z = turned_by(_turning_in(joined, j), k, (x, y, z))
+                                share = 1.0
                             moved[3 * j, i] += share * x
                             moved[3 * j + 1, i] += share * y
                             moved[3 * j + 2, i] += share * z
@@ -165,8 +195,10 @@ def _kick(world: Array, b: int, impulses: Array, works: Array) -> None:
                 if joined.ends[j, side] == b:
                     for k in range(joined.weights.shape[2]):
                         to = at_nodes[joined.nodes[j, side, k]]
-                        share = (1.0 - 2 * side) * joined.weights[j, side, k]
-                        put(to, 0, added(vector(to, 0), share, vector(impulses[j], 0)))
+                        share, pushed = (1.0 - 2 * side) * joined.weights[j, side, k], vector(impulses[j], 0)
+                        if joined.couples[j] >= 0:
+                            share, pushed = 1.0, pushed_by(_turning_in(joined, j), k, pushed)
+                        put(to, 0, added(vector(to, 0), share, pushed))
         gained = kick_soft(table, at_nodes)
         for j in range(len(joined.ends)):
             for side in range(2):
@@ -189,8 +221,11 @@ def _kick_rigid(world: Array, b: int, impulses: Array) -> float:
             if joined.ends[j, side] == b:
                 x, y, z = impulses[j]
                 sign, arm = 1.0 - 2 * side, rotated(R, vector(joined.arms[j, side], 0))
-                v = added(v, sign / rigid.mass[index], (x, y, z))
-                L = added(L, sign, cross(arm, (x, y, z)))
+                if joined.couples[j] >= 0:
+                    L = added(L, sign, (x, y, z))
+                else:
+                    v = added(v, sign / rigid.mass[index], (x, y, z))
+                    L = added(L, sign, cross(arm, (x, y, z)))
     ω = rotated(inverse, rotated_back(R, L))
     put(motion[1], 0, v)
     put(motion[2], 0, ω)

@@ -35,7 +35,7 @@ def take_steps(
     h: float,
     row: int,
     goes_on: bool,
-    free: int | None,
+    free: bool,
     ends: Array,
     watched: Array,
     looked_at: Array,

@@ -5,17 +5,13 @@ import math
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.compiled.copying import copy_rows, fill
+from fenics_rom.compilation import jit_apart, jit_part
+from fenics_rom.mechanics.compiled.copying import copy, copy_rows, fill
 from fenics_rom.mechanics.compiled.shapes import distance
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.runtime.compiled.frames import added, cross, dot, put, rotated, rotated_back, vector
-from fenics_rom.world.compiled.bodies import (
-    start_velocity_at,
-    start_velocity_of_driven,
-    start_velocity_of_driven_at,
-    start_velocity_of_rigid,
-)
+from fenics_rom.world.compiled.bodies import start_velocity_of_driven, start_velocity_of_rigid
+from fenics_rom.world.compiled.joint_points import set_joints
 from fenics_rom.world.compiled.soft_bodies import SPUN, rows_in, step_at
 from fenics_rom.world.compiled.soft_collision import NONE, find_nearest
 from fenics_rom.world.compiled.tables import (
@@ -26,7 +22,6 @@ from fenics_rom.world.compiled.tables import (
     JOINED,
     NO_GAP,
     OF_FRICTION,
-    OF_JOINT,
     OF_RESTITUTION,
     OF_RIGID,
     OUT,
@@ -98,21 +93,27 @@ def find_near(world: Array, table: Array, h: float) -> int:
                 if first == meetings.slots[m + 1]:
                     return -1
                 near.features[C], near.slots[C] = given.features[g], first
-                near.places[C], near.normals[C], near.gaps[C] = given.places[g], given.normals[g], given.gaps[g]
+                near.gaps[C] = given.gaps[g]
+                copy(given.places[g], near.places[C])
+                copy(given.normals[g], near.normals[C])
                 copy_rows(given.nodes[g], near.nodes[C])
                 fill(near.weights[C], 0.0)
                 copy_rows(given.weights[g], near.weights[C])
-                near.forces[C], near.numbers[C, SWUNG] = 0.0, 0.0
+                near.numbers[C, SWUNG] = 0.0
+                put(near.forces[C], 0, (0.0, 0.0, 0.0))
                 for slot in range(meetings.slots[m], meetings.slots[m + 1]):
                     if kept.features[slot] == given.features[g]:
-                        near.forces[C], near.numbers[C, SWUNG] = kept.forces[slot], kept.swung[slot]
+                        near.numbers[C, SWUNG] = kept.swung[slot]
+                        copy(kept.forces[slot], near.forces[C])
                 C, g, first = C + 1, g + 1, first + 1
         elif kind == SOFT_BOTH:
             C = _points_on_surface(world, m, h, 1, _points_on_surface(world, m, h, 0, C))
         elif kind != JOINED:
             C = _points_on_shape(world, m, h, C)
         _set_meeting(world, m, begun, C)
-    look_at_start(world, C, set_joints(world, C), h)
+    look_at_start(world, C, h)
+    if len(joined_at(world).ends):
+        set_joints(world, C, h)
     for c in range(C):
         if abs(near.gaps[c]) < meetings.numbers[near.meetings[c], NO_GAP]:
             near.gaps[c] = 0.0
@@ -143,7 +144,7 @@ def _set_meeting(world: Array, m: int, first: int, C: int) -> None:
             put(near.forces[c], 0, vector(kept.forces[slot], 0) if is_known else (0.0, 0.0, 0.0))
 
 
-@jit_part
+@jit_apart
 def _points_on_shape(world: Array, m: int, h: float, C: int) -> int:
     """Adds the points of a soft body that are near to a rigid shape; how many contacts there are then."""
     bodies, meetings, near = bodies_at(world), meetings_at(world), near_at(world)
@@ -175,7 +176,7 @@ def _points_on_shape(world: Array, m: int, h: float, C: int) -> int:
     return C
 
 
-@jit_part
+@jit_apart
 def _points_on_surface(world: Array, m: int, h: float, side: int, C: int) -> int:
     """Adds the points of one of two soft bodies that are near to the other; how many contacts there are then."""
     bodies, meetings, near = bodies_at(world), meetings_at(world), near_at(world)
@@ -215,38 +216,16 @@ def _set_node(nodes: Array, weights: Array, side: int, p: int) -> None:
 
 
 @jit_part
-def set_joints(world: Array, C: int) -> int:
-    """Adds points of joints to C contacts: how many pairs there are then."""
-    bodies, near, joined, first = bodies_at(world), near_at(world), joined_at(world), len(kept_at(world).features)
-    for j in range(len(joined.ends)):
-        c = C + j
-        near.meetings[c], near.slots[c] = OF_JOINT, first + j
-        for side in range(2):
-            body = joined.ends[j, side]
-            near.ends[c, side] = body
-            near.rigid[c, side] = bodies.numbers[body] if bodies.kinds[body] == RIGID else -1
-        copy_rows(joined.nodes[j], near.nodes[c])
-        copy_rows(joined.weights[j], near.weights[c])
-        copy_rows(joined.arms[j], near.arms[c])
-        put(near.forces[c], 0, vector(joined.forces[j], 0))
-    return C + len(joined.ends)
-
-
-@jit_part
-def look_at_start(world: Array, C: int, n: int, h: float) -> None:
-    """Sets relative velocities of n pairs and gaps of C contacts when the step begins, of gaps in its middle."""
+def look_at_start(world: Array, C: int, h: float) -> None:
+    """Sets relative velocities and gaps of C contacts when the step begins, of gaps in its middle."""
     bodies, near, softs = bodies_at(world), near_at(world), softs_at(world)
     rigid, freedoms, driven = rigid_at(world), freedoms_at(world), driven_at(world)
-    for c in range(n):
+    for c in range(C):
         u, gone, place = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), vector(near.places[c], 0)
         for side in range(2):
             body, sign = near.ends[c, side], 1.0 - 2 * side
             kind, index = bodies.kinds[body], bodies.numbers[body]
-            if kind == RIGID and c >= C:
-                u = added(u, sign, start_velocity_at(rigid.motion[index], rigid.rotation[index], near.arms[c, side]))
-            elif kind == DRIVEN and c >= C:
-                u = added(u, sign, start_velocity_of_driven_at(driven, index, vector(near.arms[c, side], 0)))
-            elif kind == RIGID:
+            if kind == RIGID:
                 u = added(u, sign, start_velocity_of_rigid(rigid, index, place, vector(bodies.placed[body], 0)))
                 gone = added(gone, sign * h * h / 4, vector(freedoms.acceleration[index], 0))
             elif kind == DRIVEN:
@@ -264,5 +243,4 @@ def look_at_start(world: Array, C: int, n: int, h: float) -> None:
                 if kind == FREE and is_followed(bodies, near, c, side):
                     u = added(u, sign, cross(vector(step.turn, SPUN), off))
         put(near.before[c], 0, u)
-        if c < C:
-            near.gaps[c] -= dot(vector(near.normals[c], 0), added(gone, h / 2, u))
+        near.gaps[c] -= dot(vector(near.normals[c], 0), added(gone, h / 2, u))

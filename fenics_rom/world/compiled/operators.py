@@ -9,26 +9,30 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.compiled.copying import fill
+from fenics_rom.compilation import jit_apart, jit_part
+from fenics_rom.mechanics.compiled.copying import copy, fill
 from fenics_rom.mechanics.compiled.newton import Inverse, in_one_piece
 from fenics_rom.mechanics.frame_motion import Rotation
 from fenics_rom.runtime.compiled.frames import rotated, vector
+from fenics_rom.world.compiled.couples import are_couples, couple_of
 from fenics_rom.world.compiled.free_operators import Pushes, operator_of_free
 from fenics_rom.world.compiled.rigid_bodies import Pushed, add_answers, inverse_with, look_at_answers
-from fenics_rom.world.compiled.soft_bodies import MIDDLE, has_residual, operator_of, outward_of, rows_in, turn_at
+from fenics_rom.world.compiled.soft_bodies import MIDDLE, has_residual, outward_of, rows_in, turn_at
+from fenics_rom.world.compiled.soft_operators import Places, operator_of
 from fenics_rom.world.compiled.tables import (
     COUNT,
     FREE,
-    GIVEN,
     IS_INVERSE_KNOWN,
+    OF_JOINT,
     SOFT,
     YIELDS,
+    Near,
+    Operators,
     bodies_at,
     freedoms_at,
     is_followed,
     is_soft,
-    meetings_at,
+    joined_at,
     near_at,
     operators_at,
     rigid_at,
@@ -37,6 +41,7 @@ from fenics_rom.world.compiled.tables import (
 from fenics_rom.world.tolerances import PROXIMAL
 
 MOST = 100  # pairs of which operators are kept
+SLID = 1e-6  # of a triangle: by so much contacts may have moved there since
 
 
 @jit_part
@@ -59,16 +64,17 @@ class Operator(NamedTuple):
 def pushed_among(world: Array, C: int, among: Array) -> Pushed:
     """Where rigid bodies are pushed by some pairs (n,), of which C are contacts."""
     near = near_at(world)
-    return Pushed(C, near.rigid[among], near.places[among], near.arms[among], freedoms_at(world).inverse)
+    inverse, are = freedoms_at(world).inverse, are_couples(near, among)
+    return Pushed(C, near.rigid[among], near.places[among], near.arms[among], inverse, are)
 
 
 @jit_part
-def operator_among(world: Array, h: float, among: Array, C: int, free: int | None) -> Operator:
+def operator_among(world: Array, h: float, among: Array, C: int, free: bool) -> Operator:
     """That of some pairs (n,), of which C are contacts, at the forces that bodies tried last."""
     bodies, operators, rigid = bodies_at(world), operators_at(world), rigid_at(world)
     K, known = len(among), operators.known
     n, is_kept = 3 * K, len(among) <= MOST
-    same = free is None and is_kept and _are_same(world, among)  # what free ones answer changes in each try
+    same = not free and is_kept and _are_same(world, among)  # what free ones answer changes in each try
     of_soft = square_in(operators.soft, n) if is_kept else np.empty((n, n))
     Wᵀ, inverse = square_in(operators.whole, n) if is_kept else np.empty((n, n)), in_one_piece(np.empty((0, 0)))
     if not same:
@@ -77,7 +83,7 @@ def operator_among(world: Array, h: float, among: Array, C: int, free: int | Non
         for b in range(len(bodies.kinds)):
             if bodies.kinds[b] == SOFT:
                 _add_soft(world, h, among, b, of_soft, yields)
-            elif free is not None and bodies.kinds[b] == FREE:
+            elif bodies.kinds[b] == FREE:
                 _add_free(world, h, among, b, of_soft, yields)
         known[IS_INVERSE_KNOWN], known[YIELDS] = 0.0, yields[:C].all()
         _keep(world, among, is_kept)
@@ -95,14 +101,25 @@ def operator_among(world: Array, h: float, among: Array, C: int, free: int | Non
 
 
 @jit_part
+def be_ready(world: Array, h: float) -> None:
+    """Has all be compiled that soft bodies need where something touches them, before it does."""
+    bodies, nobody = bodies_at(world), np.empty(0, dtype=np.int64)
+    for b in range(len(bodies.kinds)):
+        if bodies.kinds[b] == SOFT:
+            _add_soft(world, h, nobody, b, np.empty((0, 0)), np.empty(0, dtype=np.bool_))
+        elif bodies.kinds[b] == FREE:
+            _add_free(world, h, nobody, b, np.empty((0, 0)), np.empty(0, dtype=np.bool_))
+
+
+@jit_part
 def _are_same(world: Array, among: Array) -> bool:
     """Whether the part of soft bodies is that which is kept."""
-    near, operators, softs, kinds = near_at(world), operators_at(world), softs_at(world), meetings_at(world).kinds
+    near, operators, softs = near_at(world), operators_at(world), softs_at(world)
     if operators.known[COUNT] != len(among):
         return False
     for i in range(len(among)):
         c = among[i]
-        if operators.slots[i] != near.slots[c] or (kinds[near.meetings[c]] == GIVEN and _is_between(near.weights[c])):
+        if operators.slots[i] != near.slots[c] or not _is_there(operators, i, near, c):
             return False
     for s in range(len(softs)):
         turn = turn_at(softs[s])
@@ -113,13 +130,18 @@ def _are_same(world: Array, among: Array) -> bool:
 
 
 @jit_part
-def _is_between(weights: Array) -> bool:
-    """Whether a contact with some weights (2, c) is between points of a soft body, where it moves along its slot."""
+def _is_there(operators: Operators, i: int, near: Near, c: int) -> bool:
+    """Whether a pair is where that was which is kept, next to: between points of a soft body it slides in its slot."""
+    if near.meetings[c] == OF_JOINT:
+        return True
     for side in range(2):
-        for k in range(weights.shape[1]):
-            if weights[side, k] != 0.0 and weights[side, k] != 1.0:
-                return True
-    return False
+        for k in range(operators.nodes.shape[2]):
+            share = near.weights[c, side, k]
+            if abs(share - operators.weights[i, side, k]) > SLID:
+                return False
+            if share != 0.0 and near.nodes[c, side, k] != operators.nodes[i, side, k]:
+                return False
+    return True
 
 
 @jit_part
@@ -129,38 +151,47 @@ def _keep(world: Array, among: Array, is_kept: bool) -> None:
     if not is_kept:
         return
     for i in range(len(among)):
-        operators.slots[i] = near.slots[among[i]]
+        c = among[i]
+        operators.slots[i] = near.slots[c]
+        for side in range(2):
+            for k in range(operators.nodes.shape[2]):
+                operators.nodes[i, side, k] = near.nodes[c, side, k]
+                operators.weights[i, side, k] = near.weights[c, side, k]
     for s in range(len(softs)):
         turn = turn_at(softs[s])
         for k in range(30):
             operators.frames[s, k] = turn[k]
 
 
-@jit_part
+@jit_apart
 def _add_soft(world: Array, h: float, among: Array, b: int, Wᵀ: Array, yields: Array) -> None:
     """Adds the part of a soft body that is not free, and notes which contacts yield by it."""
     near, table, K = near_at(world), softs_at(world)[bodies_at(world).numbers[b]], len(among)
     rows, signs, count = np.empty(2 * K, dtype=np.int64), np.empty(2 * K), 0
     wide = near.weights.shape[2]
     nodes, weights = np.zeros((2 * K, wide), dtype=np.int64), np.zeros((2 * K, wide))
+    turns = np.full(2 * K, -1)
     yields_itself = has_residual(table)
     for i in range(K):
         for side in range(2):
             if near.ends[among[i], side] == b:
                 rows[count], signs[count] = i, 1.0 - 2 * side
-                nodes[count], weights[count] = near.nodes[among[i], side], near.weights[among[i], side]
-                count += 1
+                copy(near.nodes[among[i], side], nodes[count])
+                copy(near.weights[among[i], side], weights[count])
+                turns[count], count = couple_of(near, among[i]), count + 1
                 yields[i] = yields[i] or yields_itself
     if count == 0:
         return
-    inside, turn = operator_of(table, nodes[:count], weights[:count]), turn_at(table)
+    turn, arms = turn_at(table), joined_at(world).arms_of_turning
     outward, middle = outward_of(turn, h), rows_in(turn, MIDDLE)
+    some = Places(nodes[:count], weights[:count], turns[:count], arms)
+    inside = operator_of(table, some, outward, middle)
     for i in range(count):
         for j in range(count):
             _add_block(inside, i, j, outward, middle, signs[i] * signs[j], Wᵀ, rows[i], rows[j])
 
 
-@jit_part
+@jit_apart
 def _add_free(world: Array, h: float, among: Array, b: int, Wᵀ: Array, yields: Array) -> None:
     """The same of a free one, under the forces of now."""
     near, table = near_at(world), softs_at(world)[bodies_at(world).numbers[b]]
@@ -182,6 +213,7 @@ def pushes_on(world: Array, among: Array, f: Array, b: int) -> Pushes:
     """What some contacts (K,) do to a free body by forces f (C, 3)."""
     bodies, near, K, count = bodies_at(world), near_at(world), len(among), 0
     rows, signs, follows = np.empty(2 * K, dtype=np.int64), np.empty(2 * K), np.zeros(2 * K)
+    turns = np.full(2 * K, -1)
     wide = near.weights.shape[2]
     nodes, weights = np.zeros((2 * K, wide), dtype=np.int64), np.zeros((2 * K, wide))
     forces, places = np.empty((2 * K, 3)), np.empty((2 * K, 3))
@@ -190,13 +222,15 @@ def pushes_on(world: Array, among: Array, f: Array, b: int) -> Pushes:
         for side in range(2):
             if near.ends[c, side] == b:
                 rows[count], signs[count] = i, 1.0 - 2 * side
-                nodes[count], weights[count], places[count] = near.nodes[c, side], near.weights[c, side], near.places[c]
-                follows[count] = is_followed(bodies, near, c, side)
+                copy(near.nodes[c, side], nodes[count])
+                copy(near.weights[c, side], weights[count])
+                copy(near.places[c], places[count])
+                turns[count], follows[count] = couple_of(near, c), is_followed(bodies, near, c, side)
                 for k in range(3):
                     forces[count, k] = signs[count] * f[c, k]
                 count += 1
     own = nodes[:count], weights[:count], forces[:count], places[:count], follows[:count]
-    return Pushes(*own, rows[:count], signs[:count])
+    return Pushes(*own, rows[:count], signs[:count], turns[:count], joined_at(world).arms_of_turning)
 
 
 @jit_part

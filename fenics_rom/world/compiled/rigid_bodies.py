@@ -46,6 +46,7 @@ class Pushed(NamedTuple):
     places: Array  # (n, 3) in the middle of the step, m; of contacts
     arms: Array  # (n, 2, 3) of points of joints on either body, in its axes from its centre of mass, m
     inverse: Array  # of inertias (B, 3, 3), 1/(kg m²)
+    are_couples: Array  # (n,) of pairs that stand for how bodies turn
 
 
 @jit_part
@@ -61,11 +62,11 @@ def attempt(bodies: RigidBodies, h: float, pushed: Pushed, f: Array, tries: Arra
         u: (n, 3), to which velocities of these bodies are added, m/s.
     """
     fill(tries, 0.0)
-    C, ends, places, arms = pushed.C, pushed.ends, pushed.places, pushed.arms
+    C, ends, places, arms, couples = pushed.C, pushed.ends, pushed.places, pushed.arms, pushed.are_couples
     fastest, B, n = 0.0, len(tries), len(f)
     for c in range(n):
         for side in range(2):
-            if ends[c, side] >= 0:
+            if ends[c, side] >= 0 and not couples[c]:
                 for k in range(3):
                     tries[ends[c, side], 0, k] += f[c, k] if side == 0 else -f[c, k]
     for b in range(B):
@@ -87,7 +88,9 @@ def attempt(bodies: RigidBodies, h: float, pushed: Pushed, f: Array, tries: Arra
             if ends[c, side] >= 0:
                 moment, arm = held[ends[c, side]], arms[c, side]
                 for i in range(3):
-                    for k in range(3):
+                    if couples[c]:
+                        tries[ends[c, side], 1, i] += (1.0 - 2 * side) * f[c, i]
+                    for k in range(0 if couples[c] else 3):
                         moment[i, k] += (1.0 - 2 * side) * arm[i] * f[c, k]
     for b in range(B):
         R, forced = rows_of(bodies.rotation[b]), 0.0
@@ -108,6 +111,8 @@ def attempt(bodies: RigidBodies, h: float, pushed: Pushed, f: Array, tries: Arra
             if b >= 0:
                 arm = _turned(means, b, arms[c, side]) if c >= C else _arm(bodies, h, tries, b, places[c])
                 moving = _added(_row(tries[b, 2]), 1.0, _cross(_row(spins[b]), arm))
+                if couples[c]:
+                    moving = _row(spins[b])
                 for k in range(3):
                     u[c, k] += moving[k] if side == 0 else -moving[k]
                     fastest = max(fastest, abs(moving[k]))
@@ -147,7 +152,10 @@ def look_at_answers(bodies: RigidBodies, h: float, pushed: Pushed, tries: Array,
                 if ends[c, side] == b:
                     of_joint = _turned(bodies.rotation, b, pushed.arms[c, side])
                     arm = of_joint if c >= C else _arm(bodies, h, tries, b, pushed.places[c])
-                    set_map(of_body, 3 * c, 1.0 - 2 * side, arm)
+                    if pushed.are_couples[c]:
+                        set_map_of_couple(of_body, 3 * c, 1.0 - 2 * side)
+                    else:
+                        set_map(of_body, 3 * c, 1.0 - 2 * side, arm)
 
 
 @jit_part
@@ -157,6 +165,12 @@ def set_map(of_body: Array, at: int, sign: float, arm: tuple[float, float, float
     of_body[0, at] = of_body[1, at + 1] = of_body[2, at + 2] = sign
     of_body[4, at], of_body[5, at], of_body[5, at + 1] = sign * z, -sign * y, sign * x
     of_body[3, at + 1], of_body[3, at + 2], of_body[4, at + 2] = -sign * z, sign * y, -sign * x
+
+
+@jit_part
+def set_map_of_couple(of_body: Array, at: int, sign: float) -> None:
+    """The same of a pair that stands for how the body turns."""
+    of_body[3, at] = of_body[4, at + 1] = of_body[5, at + 2] = sign
 
 
 @jit_part
@@ -184,7 +198,10 @@ def _share_of(
     of_body: Array, answer: Array, row: int, stays: bool
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """What a body answers the force of a row with: (v̂, R ω̂) of maps; whether the force stays where it is."""
-    if of_body[0, row] == 0.0 and of_body[1, row] == 0.0 and of_body[2, row] == 0.0:
+    is_moved = False
+    for k in range(6):
+        is_moved = is_moved or of_body[k, row] != 0.0
+    if not is_moved:
         return NO_SHARE
     a, b, c, u, v, w = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(6):

@@ -9,9 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_part
+from fenics_rom.compilation import jit_apart, jit_part
+from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.runtime.compiled.arrays_at import integer_cube_at, integer_rows_at, matrix_at, vector_at
+from fenics_rom.runtime.compiled.bent_frame import Bending, pressed_rims, remember_shape
 from fenics_rom.runtime.compiled.carried_step import (
     ANGULAR_MOMENTUM,
     IS_COUPLED,
@@ -26,7 +28,6 @@ from fenics_rom.runtime.compiled.carried_step import (
     move_with,
 )
 from fenics_rom.runtime.compiled.contact_points import (
-    WHOLE,
     Points,
     answer,
     begin_points,
@@ -36,7 +37,7 @@ from fenics_rom.runtime.compiled.contact_points import (
     spread_some,
 )
 from fenics_rom.runtime.compiled.frame_tables import ROWS as FRAME_ROWS
-from fenics_rom.runtime.compiled.frame_tables import body_at, loads_at, state_at, watch_at
+from fenics_rom.runtime.compiled.frame_tables import bent_at, body_at, loads_at, state_at, watch_at
 from fenics_rom.runtime.compiled.frames import (
     DRIFT,
     IS_SHAPE_KNOWN,
@@ -64,11 +65,12 @@ from fenics_rom.runtime.compiled.frames import (
     vector,
 )
 
-# Rows of the table of a body: after those of `frame_tables`, of `contact_points.Points`, then of `Step`.
-POINTS, STEP, ROWS = FRAME_ROWS, 38, 52
+# Rows of the table of a body: after those of `frame_tables`, of `contact_points.Points`, then of `Step`, then what
+# one has that deforms largely, as in `frame_tables`: addresses of others are 0.
+POINTS, STEP, BENT, ROWS = FRAME_ROWS, 38, 52, 89
 SQUARE, WITHIN, SUPPLIED, DISSIPATED, BY_OTHERS = range(5)  # in `Step.told`
 START, END, MIDDLE, TURN, V, Ω, V_END, Ω_END, ORIGIN, SPUN = 0, 9, 18, 27, 30, 33, 36, 39, 42, 45  # in `Step.turn`
-CENTRE, FORCE, TORQUE, POWER, TURNS = 48, 51, 54, 57, 58  # there, of free bodies
+CENTRE, FORCE, TORQUE, POWER, RIMS, TURNS = 48, 51, 54, 57, 58, 64  # there, of free bodies
 
 
 class Step(NamedTuple):
@@ -77,8 +79,9 @@ class Step(NamedTuple):
     u: Array  # input (p,)
     mount: Array  # (13,) of the frame: on what carries it, or of a held body in world axes
     base: Array  # (13,) at the end
-    # (58,): R, R⁺ and R*, then t, v̂, ω̂, v⁺, ω⁺ as in `carried_step.Begun`; R* v̂ and R* ω̂. Of free bodies as they were
-    # tried last, without v̂ to ω⁺, with v̂ in world axes; then p̂, and force, torque about it and power of contact.
+    # (64,): R, R⁺ and R*, then t, v̂, ω̂, v⁺, ω⁺ as in `carried_step.Begun`; R* v̂ and R* ω̂. Of free bodies as they were
+    # tried last, without v̂ to ω⁺, with v̂ in world axes; then p̂, and force, torque about it and power of contact,
+    # force and torque of pressures on open surfaces.
     turn: Array
     modal: Array  # (m,)
     rate: Array  # r̂ (m,) without contact
@@ -143,12 +146,38 @@ def put_rows(turn: Array, first: int, rows: Rotation) -> None:
 
 
 @jit_part
+def bends(table: Array) -> bool:
+    """Whether it deforms largely."""
+    return table[BENT, 0] != 0
+
+
+@jit_part
+def bending_of(table: Array) -> Bending:
+    """What such a body has."""
+    return bent_at(table[BENT - FRAME_ROWS :])
+
+
+@jit_apart
 def begin_soft(table: Array, h: float, travel: Array) -> bool:
-    """Begins the step of a body whose base is set; whether it could. Sets how far it goes, (4,)."""
+    """Begins the step of a linear body whose base is set; whether it could. Sets how far it goes, (4,)."""
+    return _begin(table, h, travel, None, None)
+
+
+@jit_apart
+def begin_bent(table: Array, h: float, travel: Array) -> bool:
+    """The same of one that deforms largely."""
+    bent = bending_of(table)
+    remember_shape(bent)
+    return _begin(table, h, travel, bent, points_at(table))
+
+
+@jit_part
+def _begin(table: Array, h: float, travel: Array, bent: Bending | None, touched: Points | None) -> bool:
+    """The same."""
     body, state, points, step = body_at(table), state_at(table), points_at(table), step_at(table)
     kept, now = state.kept, state.now[0]
     was_known, was_coupled = kept[IS_SHAPE_KNOWN], kept[IS_COUPLED]
-    begun = begin_carried_step(body, loads_at(table), step.u, step.base, state, None, None)
+    begun = begin_carried_step(body, loads_at(table), step.u, step.base, state, bent, touched)
     if begun.status == OTHERWISE:
         return False
     if not was_known or was_coupled != kept[IS_COUPLED] or (kept[IS_COUPLED] and not kept[IS_INVERSE_KNOWN]):
@@ -164,12 +193,14 @@ def begin_soft(table: Array, h: float, travel: Array) -> bool:
     put(turn, Ω_END, begun.ω_end)
     put(turn, ORIGIN, rotated(middle, begun.v̂))
     put(turn, SPUN, rotated(middle, begun.ω̂))
-    step.modal[:], step.rate[:], step.changed[:] = begun.modal, begun.rate, begun.rate
+    copy(begun.modal, step.modal)
+    copy(begun.rate, step.rate)
+    copy(begun.rate, step.changed)
     r = state.halves[1]
     begin_points(points, state.halves[0] * body.inverse_ω, begun.rate)
     points.pushed[:] = 0.0
     points.seen[:] = 0.0
-    points.inside[:] = points.free
+    copy(points.free, points.inside)
     v, ω = vector(now, OF_BASE), vector(now, SPIN)
     place_points(points, r, R, vector(now, POSITION), v, ω, step.places, step.velocities)
     look_at_travel(h, step.velocities, travel)
@@ -202,8 +233,8 @@ def try_soft(table: Array) -> None:
         spread_some(points, inverse_of_carried(body, state))
         answer(points, step.rate, step.changed)
     else:
-        step.changed[:] = step.rate
-        points.inside[:] = points.free
+        copy(step.rate, step.changed)
+        copy(points.free, points.inside)
 
 
 class Moving(NamedTuple):
@@ -237,45 +268,6 @@ def velocity_at(moving: Moving, y: Vector, û: Vector) -> Vector:
 
 
 @jit_part
-def operator_of(table: Array, nodes: Array, weights: Array) -> Array:
-    """What (s,) places between points answer forces on one another with as the frame sees both, (3s, 3s), m/s/N.
-
-    Args:
-        table: of the body.
-        nodes, weights: (s, c).
-    """
-    body, state, points = body_at(table), state_at(table), points_at(table)
-    (s, wide), m = weights.shape, len(body.ω)
-    for i in range(s):
-        for a in range(wide):
-            if weights[i, a] != 0.0:
-                points.pushed[nodes[i, a]] = 1.0
-    spread_some(points, inverse_of_carried(body, state))
-    rows, spread = np.zeros((3 * s, m)), np.zeros((m, 3 * s))
-    for i in range(s):
-        for a in range(wide):
-            share, at = weights[i, a], 3 * nodes[i, a]
-            if share != 0.0:
-                for j in range(m):
-                    for k in range(3):
-                        rows[3 * i + k, j] += share * points.rows[j, at + k]
-                        spread[j, 3 * i + k] += share * points.spread[j, at + k]
-    W = np.dot(rows, spread)
-    if len(points.R):
-        for i in range(s):
-            for j in range(s):
-                for a in range(wide):
-                    for b in range(wide):
-                        share = weights[i, a] * weights[j, b] / points.times[WHOLE]
-                        if share != 0.0:
-                            at, to = 3 * nodes[i, a], 3 * nodes[j, b]
-                            for k in range(3):
-                                for n in range(3):
-                                    W[3 * i + k, 3 * j + n] += share * points.R[at + k, to + n]
-    return W
-
-
-@jit_part
 def outward_of(turn: Array, h: float) -> Rotation:
     """What motions in the frame move points by in world axes: R* + h/2 (R* ω̂)~ R⁺."""
     a, b, c = rows_in(turn, END)
@@ -287,9 +279,23 @@ def outward_of(turn: Array, h: float) -> Rotation:
     return first, second, third
 
 
-@jit_part
+@jit_apart
 def end_soft(table: Array, h: float) -> None:
-    """Takes the step under the forces that were tried last."""
+    """Takes the step of a linear body under the forces that were tried last."""
+    _end(table, h, None)
+
+
+@jit_apart
+def end_bent(table: Array, h: float) -> None:
+    """The same of one that deforms largely."""
+    bent = bending_of(table)
+    _end(table, h, bent)
+    copy(points_at(table).forces, bent.pressed)
+
+
+@jit_part
+def _end(table: Array, h: float, bent: Bending | None) -> None:
+    """The same."""
     body, loads, state, points, step = (
         body_at(table), loads_at(table), state_at(table), points_at(table), step_at(table),
     )  # fmt: skip
@@ -303,14 +309,16 @@ def end_soft(table: Array, h: float) -> None:
             force = added(force, 1.0, f)
             torque = added(torque, 1.0, cross(mean(rotated(R, y), rotated(end, added(y, h, û))), f))
             power += dot(f, velocity_at(moving, y, û))
-    acting = act(loads, step.u, len(body.ω))
+    acting, q = act(loads, step.u, len(body.ω)), state.halves[0] * body.inverse_ω
+    if bent is not None:
+        acting = pressed_rims(bent, step.u, q, h, acting)
     twist = vector(turn, V), vector(turn, Ω), vector(turn, V_END), vector(turn, Ω_END)
     begun = Begun(
         TAKEN, R, rows_in(turn, END), t, twist[0], twist[1], twist[2], twist[3], acting, step.modal, step.rate
     )
     push = Push(force, torque, seen(R, t, torque))
     watch = watch_at(table)
-    taken = end_carried_step(body, loads, begun, step.base, step.changed, push, state, watch, None)
+    taken = end_carried_step(body, loads, begun, step.base, step.changed, push, state, watch, bent)
     lost, stored = end_points(points, h)
     told[SQUARE], told[WITHIN] = taken.square + stored, taken.within
     told[SUPPLIED], told[DISSIPATED], told[BY_OTHERS] = taken.supplied, taken.dissipated + lost, h * power
@@ -359,12 +367,13 @@ def kick_soft(table: Array, impulses: Array) -> float:
     inside, before = np.empty(3 * len(impulses)), told[SQUARE]
     for p in range(len(impulses)):
         put(inside, 3 * p, rotated_back(R, vector(impulses[p], 0)))
-    square, within = _square_of(state), told[WITHIN]
+    square, within = _square_of(state), r.dot(r)
     r += np.dot(points.rows, inside)
     shape_at(body, e * body.inverse_ω, r, state.table, now)
     move_with(body.mass, R, now)
-    told[WITHIN] = e.dot(e) + r.dot(r)
-    told[SQUARE] += _square_of(state) - square + told[WITHIN] - within
+    within = r.dot(r) - within
+    told[WITHIN] += within
+    told[SQUARE] += _square_of(state) - square + within
     return (told[SQUARE] - before) / 2
 
 

@@ -26,7 +26,7 @@ COUNT, IS_INVERSE_KNOWN, YIELDS = range(3)  # in `Operators.known`
 SUPPLIED, DISSIPATED, BY_OTHERS = range(3)  # in `Owed.bodies`
 BY_IMPACTS, BY_FRICTION, BY_JOINTS, NUMERICAL = range(4)  # in `Owed.met`
 OF_JOINT = -1  # in place of a meeting
-PAIRS, PAIRS_BEFORE, ARRAYS_OF_PAIRS = 36, 66, 16  # where those of a step, and of the step before, are in the table
+PAIRS, PAIRS_BEFORE, ARRAYS_OF_PAIRS = 36, 70, 16  # where those of a step, and of the step before, are in the table
 TAKEN, COUNTED, SWEPT, ENDED = range(4)  # of `take_steps`: how many, contacts and sweeps of the last, and why they end
 THRESHOLD, IS_WHOLE, INTERVAL, SINCE, RADIUS, IS_DUE = range(6)  # of `take_steps`, of a soft body
 
@@ -90,7 +90,7 @@ class Near(NamedTuple):
     """The pairs of a step, F at most: contacts, then points of joints, of which normals and laws mean nothing."""
 
     meetings: Array  # (F,)
-    features: Array  # (F,)
+    features: Array  # (F,); of points of joints -1, of couples which
     slots: Array  # (F,)
     ends: Array  # (F, 2) numbers of the bodies
     rigid: Array  # (F, 2) those among rigid ones that move freely; -1: others
@@ -118,6 +118,8 @@ class Joined(NamedTuple):
     arms: Array  # (J, 2, 3)
     forces: Array  # (J, 3) in the step before, N
     are_stopped: Array  # (J,) whether an impulse takes what velocity is left after a step
+    couples: Array  # (J,) which couple, of K, stands for how a surface of the first body turns; -1: a point
+    arms_of_turning: Array  # (K, 3 + c, 3) as of `couples.Turning`, in a step
 
 
 class Operators(NamedTuple):
@@ -125,6 +127,8 @@ class Operators(NamedTuple):
 
     known: Array  # (3,): how many, whether the inverse is known, whether all yield
     slots: Array  # (K,) of these contacts
+    nodes: Array  # (K, 2, c) of soft bodies, as many as carry a point at most that is no joint's, and
+    weights: Array  # (K, 2, c) of these
     frames: Array  # (S, 58) of soft bodies, as they turned in that step: `soft_bodies.Step.turn`
     soft: Array  # (9 K²,) Wᵀ of soft bodies, as rows of (3k, 3k)
     inverse: Array  # (9 K²,) of it
@@ -253,23 +257,23 @@ def near_at(world: Array) -> Near:
 def operators_at(world: Array) -> Operators:
     """Of a table."""
     t = world[52:]
-    known, slots, frames = vector_at(t[0]), integers_at(t[1]), matrix_at(t[2])
-    return Operators(known, slots, frames, vector_at(t[3]), vector_at(t[4]), vector_at(t[5]))
+    known, slots, nodes, weights = vector_at(t[0]), integers_at(t[1]), integer_cube_at(t[2]), cube_at(t[3])
+    return Operators(known, slots, nodes, weights, matrix_at(t[4]), vector_at(t[5]), vector_at(t[6]), vector_at(t[7]))
 
 
 @jit_part
 def owed_at(world: Array) -> Owed:
     """Of a table."""
-    t = world[58:]
+    t = world[60:]
     return Owed(cube_at(t[0]), matrix_at(t[1]))
 
 
 @jit_part
 def joined_at(world: Array) -> Joined:
     """Of a table."""
-    t = world[60:]
+    t = world[62:]
     ends, nodes, weights, arms = integer_rows_at(t[0]), integer_cube_at(t[1]), cube_at(t[2]), cube_at(t[3])
-    return Joined(ends, nodes, weights, arms, matrix_at(t[4]), vector_at(t[5]))
+    return Joined(ends, nodes, weights, arms, matrix_at(t[4]), vector_at(t[5]), integers_at(t[6]), cube_at(t[7]))
 
 
 @jit_part

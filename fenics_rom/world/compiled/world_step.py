@@ -18,16 +18,21 @@ from fenics_rom.world.compiled.bodies import (
     velocity_of_driven,
     velocity_of_driven_at,
 )
+from fenics_rom.world.compiled.couples import couple_of
 from fenics_rom.world.compiled.forces import Found, find_forces
-from fenics_rom.world.compiled.free_bodies import begin_free, end_free, undo_free
+from fenics_rom.world.compiled.free_bodies import begin_bent_free, begin_free, end_bent_free, end_free, undo_free
 from fenics_rom.world.compiled.joint_impulses import stop_joints
 from fenics_rom.world.compiled.letting_out import leave_in, overdraws, set_speeds_out
 from fenics_rom.world.compiled.near import find_near, look_at_margins
+from fenics_rom.world.compiled.operators import be_ready
 from fenics_rom.world.compiled.soft_bodies import (
     BY_OTHERS,
     DISSIPATED,
     SUPPLIED,
+    begin_bent,
     begin_soft,
+    bends,
+    end_bent,
     end_soft,
     mount_on,
     step_at,
@@ -44,6 +49,7 @@ from fenics_rom.world.compiled.tables import (
     RIGID,
     SIZE,
     SOFT,
+    SPIN,
     SWUNG,
     bodies_at,
     driven_at,
@@ -63,7 +69,7 @@ OTHERWISE, NEEDS_CONTACTS = -1, -2  # in place of how many contacts there are
 
 
 @jit_part
-def take_step(world: Array, given: Array, h: float, row: int, goes_on: bool, free: int | None) -> tuple[int, int]:
+def take_step(world: Array, given: Array, h: float, row: int, goes_on: bool, free: bool) -> tuple[int, int]:
     """Takes a step of h s: how many contacts it has, and the sweeps that found their forces.
 
     Args:
@@ -79,8 +85,10 @@ def take_step(world: Array, given: Array, h: float, row: int, goes_on: bool, fre
         begun, and goes on with these.
     """
     if not goes_on:
-        if not _begin_step(world, h, free):
+        if not _begin_step(world, h):
             return OTHERWISE, 0
+        if row == 0:
+            be_ready(world, h)
         if look_at_margins(world):
             return NEEDS_CONTACTS, 0
     C = find_near(world, given, h)
@@ -98,7 +106,8 @@ def take_step(world: Array, given: Array, h: float, row: int, goes_on: bool, fre
             found = find_forces(world, C, law, free)
     if not (found.status == FOUND and _end_step(world, C, h, row, free)):
         return OTHERWISE, 0
-    stop_joints(world, owed_at(world).bodies[row], owed_at(world).met[row])
+    if len(joined_at(world).ends):
+        stop_joints(world, owed_at(world).bodies[row], owed_at(world).met[row])
     return C, found.sweeps
 
 
@@ -111,11 +120,8 @@ def _law_of(world: Array, h: float) -> Law:
 
 
 @jit_part
-def _begin_step(world: Array, h: float, free: int | None) -> bool:
-    """Begins the step of all bodies, whose inputs and bases are set; whether they could.
-
-    free: as of `find_forces`.
-    """
+def _begin_step(world: Array, h: float) -> bool:
+    """Begins the step of all bodies, whose inputs and bases are set; whether they could."""
     bodies, softs, rigid, freedoms = bodies_at(world), softs_at(world), rigid_at(world), freedoms_at(world)
     driven = driven_at(world)
     for kind in (DRIVEN, RIGID, SOFT, FREE):  # who carries is first
@@ -127,13 +133,18 @@ def _begin_step(world: Array, h: float, free: int | None) -> bool:
                 could = begin_rigid(rigid, freedoms, h, index, placed, travel)
             elif kind == DRIVEN:
                 could = begin_driven(driven, h, index, placed, travel)
+            elif kind == FREE and bends(softs[index]):
+                could = begin_bent_free(softs[index], h, travel)
             elif kind == FREE:
-                could = free is None or begin_free(softs[index], h, travel)
+                could = begin_free(softs[index], h, travel)
             else:
                 carrier = bodies.carriers[index]
                 if carrier >= 0:
                     mount_on(driven.end[carrier], softs[index])
-                could = begin_soft(softs[index], h, travel)
+                if bends(softs[index]):
+                    could = begin_bent(softs[index], h, travel)
+                else:
+                    could = begin_soft(softs[index], h, travel)
             if not could:
                 return False
     return True
@@ -170,12 +181,12 @@ def _lacks_contacts(world: Array, C: int, h: float) -> bool:
 
 
 @jit_part
-def _end_step(world: Array, C: int, h: float, row: int, free: int | None) -> bool:
+def _end_step(world: Array, C: int, h: float, row: int, free: bool) -> bool:
     """Ends the step of all bodies under the forces that were found of C contacts; tells works in a row.
 
     Whether they could; if not, nothing is changed.
     """
-    if free is not None and not _end_free_bodies(world, h):
+    if free and not _end_free_bodies(world, h):
         return False
     _keep(world, C, h, row)
     bodies, works, driven, softs = bodies_at(world), owed_at(world).bodies[row], driven_at(world), softs_at(world)
@@ -192,7 +203,9 @@ def _end_step(world: Array, C: int, h: float, row: int, free: int | None) -> boo
             end_driven(driven, index)
         else:
             table = softs[index]
-            if kind == SOFT:
+            if kind == SOFT and bends(table):
+                end_bent(table, h)
+            elif kind == SOFT:
                 end_soft(table, h)
             told = step_at(table).told
             works[b, 0], works[b, 1], works[b, 2] = told[SUPPLIED], told[DISSIPATED], told[BY_OTHERS]
@@ -204,7 +217,10 @@ def _end_free_bodies(world: Array, h: float) -> bool:
     """Ends the step of those that are soft and free; if one of them cannot, all are where they were."""
     bodies, softs = bodies_at(world), softs_at(world)
     for b in range(len(bodies.kinds)):
-        if bodies.kinds[b] == FREE and not end_free(softs[bodies.numbers[b]], h):
+        if bodies.kinds[b] != FREE:
+            continue
+        table = softs[bodies.numbers[b]]
+        if not (end_bent_free(table, h) if bends(table) else end_free(table, h)):
             for before in range(b):
                 if bodies.kinds[before] == FREE:
                     undo_free(softs[bodies.numbers[before]])
@@ -222,7 +238,9 @@ def _look_at_power(world: Array, C: int) -> None:
             body = near.ends[c, side]
             if bodies.kinds[body] == DRIVEN and dot(f, f) > 0:
                 d = bodies.numbers[body]
-                if c < C:
+                if couple_of(near, c) >= 0:
+                    v = vector(driven.step[d], SPIN)
+                elif c < C:
                     v = velocity_of_driven(driven, d, vector(near.places[c], 0))
                 else:
                     v = velocity_of_driven_at(driven, d, vector(near.arms[c, side], 0))
