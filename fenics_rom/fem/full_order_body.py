@@ -35,9 +35,9 @@ class FullOrderInterface:
         own = self.points.own_surface(touching, body.triangles)
         check_apart(body.nodes, body.triangles, body.contact_surfaces, touching)
         self.touches_itself = own is not None
-        obstacles, turn = list(environment.obstacles.values()), environment.environment.turns_obstacles
+        obstacles = list(environment.obstacles.values())
         faces = self.points.faces(body.triangles) if environment.environment.touches_faces else None
-        self.solver = make_contact_solver(self.points.coordinates, obstacles, law, own, faces, turn=turn)
+        self.solver = make_contact_solver(self.points.coordinates, obstacles, law, own, faces)
         self.solve, self._environment = self.solver.solve, environment
         self._watch = SkinWatch(system.skin())
         self._seen: Instant | None = None

@@ -1,6 +1,6 @@
 """An environment in a run: what its loads are at a time, and where its obstacles are; the same at any order."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -222,6 +222,12 @@ class ActiveEnvironment:
                 if any(off):
                     before = self._misfits.get(name, (0.0, 0.0))
                     self._misfits[name] = max(off[0], before[0]), max(off[1], before[1])
+
+    def go_along(self, times: Sequence[float], offsets: Array, velocities: Array, dt: float) -> None:
+        """Ends steps of dt, s, that began at all times but the last one, s, with obstacles there, as in the state."""
+        for time in times[:-1] if self._motions else ():
+            self._note_misfits(time, dt)
+        self.state = ObstacleState(offsets, velocities)
 
     @property
     def messages(self) -> tuple[str, ...]:

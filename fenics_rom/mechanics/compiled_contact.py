@@ -11,9 +11,11 @@ from fenics_rom.mechanics import braking
 from fenics_rom.mechanics.compiled import contact_law
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, Pairs, ask, pairs_from
 from fenics_rom.mechanics.compiled.newton import in_one_piece
+from fenics_rom.mechanics.compiled.obstacle_motion import Beside
 from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.complementarity import Frames
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_look import Look, look_at
 from fenics_rom.mechanics.contact_pairs import Pairs as AskedPairs
 from fenics_rom.mechanics.contact_pairs import Settled, SolvedPairs
 from fenics_rom.mechanics.contact_search import ContactSearch
@@ -22,7 +24,7 @@ from fenics_rom.mechanics.obstacles import Obstacle
 
 Known = Callable[[], tuple[AskedPairs | None, SolvedPairs | None]]
 _UNKNOWN = in_one_piece(np.empty((0, 0)))  # inverse of an operator
-_NO_OUTWARDS = np.empty(0)
+_NO_OUTWARDS, _NOWHERE = np.empty(0), np.empty((0, 3))
 find_forces = jit(contact_law.find_forces)
 
 
@@ -37,11 +39,12 @@ class Told(NamedTuple):
     normal_power: float | None  # W
     swung: Array | None  # of the steps before
 
-    def solution(self, w: Array) -> ContactSolution:
-        """The same as of any search; w: velocities of the obstacles (O, 3), m/s."""
+    def solution(self, w: Array, seen: Look | None) -> ContactSolution:
+        """The same as of any search; w: velocities of the obstacles (O, 3), m/s; `seen` of what turns."""
         active, pairs = self.active, self.pairs
         found = active, pairs.axes[active, 0], pairs.forces[active]
-        return ContactSolution(self.forces, self.sweeps, *found, w, self.normal_power)
+        told = self.forces, self.sweeps, *found, w[:, :3], self.normal_power
+        return ContactSolution(*told, surface_velocities=None if seen is None else seen.surface(active))
 
     @property
     def touches(self) -> bool:
@@ -66,7 +69,7 @@ class Told(NamedTuple):
 
     def known(
         self,
-        solver: ContactSolver,
+        solver: "CompiledContact",
         begins: Array,
         points: Callable[[], PointMotion],
         delassus: Array,
@@ -88,7 +91,9 @@ class Told(NamedTuple):
             problem = pairs.problem(active, operator, begins, False)
             (f,) = problem.frames.turned(self.pairs.forces.take(active, axis=0))
             found = pairs, self.gaps, active, problem, f, problem.operator.moved(f) + problem.q, False
-            return pairs, SolvedPairs(points(), obstacles.start, delassus, dt, self.law.is_at_rest, *found)
+            moved, pushed = points(), ContactSearch(begins).pushed
+            look = solver.seen(moved.displacement, obstacles, dt)
+            return pairs, SolvedPairs(moved, obstacles, look, pushed, delassus, dt, self.law.is_at_rest, *found)
 
         return known
 
@@ -112,6 +117,7 @@ class CompiledContact(ContactSolver):
         super().__init__(points, obstacles, law)
         self.shapes = shapes
         self._nothing_swung = np.zeros(len(self.points) * len(shapes), dtype=np.int64)
+        self._seen: Look | None = None  # in the last step, where an obstacle turns
         self._in_steps: tuple[tuple[ContactLaw, float, bool], Law] | None = None
 
     def law_in_steps(self, dt: float, quasi_static: bool = False) -> Law:
@@ -145,20 +151,24 @@ class CompiledContact(ContactSolver):
             if settled is not None:
                 settled.keep(told.pairs.chosen, told.pairs.free[:, 0], told.braking)
             known = told.known(self, start.forces, lambda: points, delassus, dt, obstacles)
-            return self.keep(told, known, obstacles.velocities(dt))
+            return self.keep(told, known, obstacles.velocities(dt), self._seen)
         return super().solve(points, delassus, dt, obstacles, quasi_static, settled, is_patient)
 
-    def keep(self, told: Told, known: Known, w: Array) -> ContactSolution | None:
+    def seen(self, displacement: Array, obstacles: ObstacleMotion, dt: float) -> Look | None:
+        """Of points that have moved by (P, 3), m, in a step of dt, s; None where nothing turns."""
+        return look_at(self._distances, self.points, displacement, obstacles, dt) if obstacles.turns else None
+
+    def keep(self, told: Told, known: Known, w: Array, seen: Look | None) -> ContactSolution | None:
         """Contact of a step that compiled loops found; the next search begins with it. None where nothing touches.
 
         Args:
             told: what they found.
             known: tells of it, if someone asks, as `last_step`.
-            w: velocities of the obstacles (O, 3), m/s.
+            w, seen: as in `Told.solution`.
         """
         asked = told.braking
         self.note(known, told.touches, told.pairs.forces, None if asked is None else asked.swung)
-        return told.solution(w) if told.touches else None
+        return told.solution(w, seen) if told.touches else None
 
     def note(self, known: Known, touches: bool, forces: Array, swung: Array | None) -> None:
         """Takes note of a step that compiled loops found, with which the next search begins.
@@ -188,11 +198,17 @@ class CompiledContact(ContactSolver):
     ) -> Told | None:
         """Forces of a step; None where loops did not find them. start: (N, 3) to begin with, N."""
         law, pairs, begun = self.law_in_steps(dt, quasi_static), pairs_from(start, self.law.friction), self._begun[1]
-        gaps, w, P = np.empty(len(start)), obstacles.velocities(dt), len(self.points)
-        measure(self.shapes, obstacles.start, self.points + points.displacement, gaps, pairs.axes[:, 0])
-        free, velocity = map(np.ascontiguousarray, (points.free_velocity, points.velocity))
+        P, free, velocity = len(self.points), *map(np.ascontiguousarray, (points.free_velocity, points.velocity))
+        self._seen = None
+        if obstacles.turns:
+            self._seen = gaps, _, pairs.axes[:, 0], w, turning = self._looked_at(points.displacement, obstacles, dt)
+            assert turning is not None
+            beside = Beside(w, turning.now, turning.first)
+        else:
+            gaps, beside = np.empty(len(start)), Beside(obstacles.velocities(dt), obstacles.velocities_before, _NOWHERE)
+            measure(self.shapes, obstacles.start, self.points + points.displacement, gaps, pairs.axes[:, 0])
         outwards = _NO_OUTWARDS if settled is None else np.ascontiguousarray(settled.outwards(_NO_OUTWARDS))
-        ask(law, gaps, free, velocity, w, obstacles.velocities_before, begun.forces, outwards, pairs)
+        ask(law, gaps, free, velocity, beside, begun.forces, outwards, pairs)
         swung, decided = begun.swung, None if settled is None else settled.decided()
         if decided is not None:
             np.logical_or(pairs.chosen, decided.chosen, pairs.chosen)

@@ -54,6 +54,10 @@ class ObstacleMotion(NamedTuple):
         """Of what turns, at places (P, 3), m, in a step of dt, s, and at its start: (O, P, 3) each, m/s."""
         return velocities_at(places, self.start, self.end, self.velocities_before, dt)
 
+    def in_step(self, step: int) -> "ObstacleMotion":
+        """In one of steps in a row, of arrays with these first; with one row alone where they rest."""
+        return ObstacleMotion(*(part[min(step, len(part) - 1)] for part in self))
+
     def part(self, begin: float, share: float, dt: float) -> "ObstacleMotion":
         """In the part of the step of dt, s, that begins when `begin` of it is taken and is `share` of it."""
         before = self.velocities_before if begin == 0 else self.velocities(dt)

@@ -22,10 +22,11 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Delassus
 from fenics_rom.mechanics.complementarity.linearised import Linearisation, least_solution
-from fenics_rom.mechanics.contact import ContactLaw, PointMotion
+from fenics_rom.mechanics.contact import ContactLaw, PointMotion, moved_by
 from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs, target_slopes
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacle_poses import curvature_from
+from fenics_rom.mechanics.turning_adjoint import Owed, TurningPairs
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # of x, y, z
 KINK = 1e-9  # of the velocities that forces have to stop: nearer than this to another law, a step is at a kink
@@ -61,8 +62,10 @@ class ContactAdjoint(NamedTuple):
 
     law: ContactLaw
     found: SolvedPairs
-    curvature: Array | None  # of the distance, of pairs that took part, (C, 3, 3), 1/m; None: their obstacles are flat
-    moved: Array  # W (3C, 3C) of these pairs
+    curvature: Array | None  # of the normals of pairs that took part, (C, 3, 3), 1/m; None: their obstacles are flat
+    turning: TurningPairs | None  # these pairs, where an obstacle turns
+    operator: Array  # W of the points (3P, 3P), m/s/N,
+    moved: Array  # and of these pairs (3C, 3C)
     asked: Delassus  # the same less what the targets change by with forces
 
     @staticmethod
@@ -71,13 +74,20 @@ class ContactAdjoint(NamedTuple):
         if found is None:
             return None
         obstacle, point = np.divmod(found.active, len(solver.points))
-        places = solver.points[point] + found.points.displacement[point]
-        curvature = np.empty((len(point), 3, 3))
-        for number, shape in enumerate(solver.obstacles):
-            of_this = obstacle == number
-            curvature[of_this] = curvature_from(shape, places[of_this], found.offsets[number])
-        moved = _of_pairs(found, found.operator)
-        return ContactAdjoint(solver.law, found, curvature if curvature.any() else None, moved, Delassus(moved))
+        places, turning = solver.points[point] + found.points.displacement[point], None
+        shapes = solver.obstacles if found.rows is None else solver.obstacles[: found.rows.obstacles]
+        if found.look is None or found.look.turning is None:
+            curvature = np.zeros((len(point), 3, 3))
+            for number, shape in enumerate(shapes):
+                of_this = obstacle == number
+                curvature[of_this] = curvature_from(shape, places[of_this], found.obstacles.start[number])
+        else:
+            pairs, motion = (found.active, obstacle, found.pushed[found.active]), found.points.velocity[point]
+            of_step = shapes, found.obstacles, found.look, pairs, places, motion, found.dt
+            turning = TurningPairs.of(*of_step)
+            curvature = turning.curvature
+        moved, bends = _of_pairs(found, found.operator), curvature if curvature.any() else None
+        return ContactAdjoint(solver.law, found, bends, turning, found.operator, moved, Delassus(moved))
 
     def through(self, operator: Array, by_start: Array | None = None) -> "ContactAdjoint":
         """The same of points that another Delassus operator (3P, 3P) moves than the one that forces were found with.
@@ -88,29 +98,43 @@ class ContactAdjoint(NamedTuple):
         if by_start is not None:
             _, by_approach, by_slide = self._target_slopes()
             n = np.broadcast_to(self.found.problem.frames.axes[:, :, 0], (len(self.found.active), 3))
-            along = (by_approach - by_slide)[:, None, None] * n[:, :, None] * n[:, None]
-            along += by_slide[:, None, None] * np.eye(3)
+            told = n if self.turning is None else self.turning.told_along(n)
+            along = by_approach[:, None, None] * n[:, :, None] * told[:, None]
+            along += by_slide[:, None, None] * (np.eye(3) - n[:, :, None] * n[:, None])
             told = _of_pairs(self.found, by_start).reshape(len(n), 3, -1)
             asked = moved - (along @ told).reshape(moved.shape)
-        return self._replace(moved=moved, asked=Delassus(asked))
+        return self._replace(operator=operator, moved=moved, asked=Delassus(asked))
 
     def pull_back(self, φ: Array) -> PointMotion:
         """Derivatives with what the points do, (P, 3) each, from those with the forces on them, φ (P, 3), 1/N."""
-        frames, point = self.found.problem.frames, self.found.active % len(φ)
-        φ, at_share = self._through_share(φ[point])
+        frames, rows, of_points = self.found.problem.frames, self.found.rows, φ
+        φ, at_share = self._through_share(self._of_points(φ))
         ψ = self._law_pulled_back(frames.turned(φ)[0])
         by_gap, by_approach, by_slide = self._target_slopes()
         c = ψ * np.stack([by_approach, by_slide, by_slide])
-        n, Ψ, by_start = np.broadcast_to(frames.axes[:, :, 0], (len(point), 3)), frames.in_space(ψ), -frames.in_space(c)
-        x = -(by_gap * ψ[0])[:, None] * n
-        if self.curvature is not None:
-            by_normal = _cross(self._turned_back(φ, Ψ, by_start), n)
+        n, Ψ, by_start = np.broadcast_to(frames.axes[:, :, 0], ψ.T.shape), frames.in_space(ψ), -frames.in_space(c)
+        turning, whole = self.turning, Ψ if at_share is None else Ψ + at_share.velocities
+        x, normal_ = -(by_gap * ψ[0])[:, None] * (n if turning is None else turning.first), np.zeros(n.shape)
+        told = Owed(x, 0.0, by_start, by_start, frames.in_space(self._relative))
+        if turning is not None:
+            told = turning.pull_back(told, whole, n)
+            x = told.place
+        if self.curvature is not None or rows is not None:
+            normal_ = _cross(self._turned_back(φ, Ψ) + _cross(told.rotated, told.relative), n) + told.normal
             if at_share is not None:
-                by_normal += at_share.normals
-            x += (self.curvature @ by_normal[:, :, None])[:, :, 0]
-        if at_share is not None:
-            Ψ = Ψ + at_share.velocities
-        return PointMotion(*(self._at_points(values) for values in (x, by_start, Ψ)))
+                normal_ += at_share.normals
+        if self.curvature is not None:
+            x += (self.curvature @ normal_[:, :, None])[:, :, 0]
+        if rows is not None:
+            x[rows.within] = 0.0
+        owed = PointMotion(*(self._at_points(values) for values in (x, told.start, whole)))
+        if rows is None:
+            return owed
+        F, points = frames.in_space(self.found.forces), self.found.points
+        moved = moved_by(self.operator, rows.at_points(F)).reshape(of_points.shape)
+        products = [(whole, points.free_velocity + moved), (told.start, points.velocity), (F, of_points)]
+        products.append((F, moved_by(self.operator, owed.free_velocity).reshape(of_points.shape)))
+        return owed._replace(displacement=owed.displacement + rows.pull_back(-by_gap * ψ[0], normal_, products))
 
     def _through_share(self, φ: Array) -> "tuple[Array, _AtShare | None]":
         """Derivatives with forces (C, 3) at a share σ that stays, and what else the share depends on.
@@ -132,22 +156,35 @@ class ContactAdjoint(NamedTuple):
         κ = -own / of_work
         return φ + κ * γ, _AtShare(κ * F, -κ * (closing[:, None] * F + pressure[:, None] * v̂))
 
+    def _of_points(self, values: Array) -> Array:
+        """Of values of the points (P, 3), those of pairs that took part, (C, 3)."""
+        rows = self.found.rows
+        return values[self.found.active % len(values)] if rows is None else rows.of_pairs(values)
+
     def _at_points(self, values: Array) -> Array:
         """Of pairs that took part (C, 3), together at the points (P, 3)."""
+        if self.found.rows is not None:
+            return self.found.rows.at_points(values)
         of_pairs = np.zeros((len(self.found.gaps), 3))
         of_pairs[self.found.active] = values
         together: Array = of_pairs.reshape(-1, len(self.found.points.displacement), 3).sum(axis=0)
         return together
 
-    def _turned_back(self, φ: Array, Ψ: Array, by_start: Array) -> Array:
-        """Derivatives with rotations θ of the frames (C, 3)."""
+    @property
+    def _relative(self) -> Array:
+        """Velocities at the start, as they are told of pairs that took part, (3, C) in the frames, m/s."""
+        relative: Array = self.found.pairs.relative.take(self.found.active, axis=1)
+        return relative
+
+    def _turned_back(self, φ: Array, Ψ: Array) -> Array:
+        """Derivatives with rotations θ of the frames (C, 3), but for what turns of velocities at the start."""
         found, problem, frames = self.found, self.found.problem, self.found.problem.frames
         v̂ = found.velocities.copy()
         v̂[0] += problem.target - found.pairs.compliance * found.forces[0]
         v̂[1:] += 0.0 if problem.sliding is None else problem.sliding
         WΨ = _transposed(self.asked.matrix, Ψ)
-        F, v̂, a = map(frames.in_space, (found.forces, v̂, found.pairs.relative.take(found.active, axis=1)))
-        turned: Array = _cross(F, φ + WΨ) - _cross(v̂, Ψ) - _cross(a, by_start)
+        F, v̂ = frames.in_space(found.forces), frames.in_space(v̂)
+        turned: Array = _cross(F, φ + WΨ) - _cross(v̂, Ψ)
         return turned
 
     def _law_pulled_back(self, φ: Array) -> Array:
@@ -176,6 +213,8 @@ class ContactAdjoint(NamedTuple):
 
 def _of_pairs(found: SolvedPairs, operator: Array) -> Array:
     """Of an operator (3P, 3P) of the points, that of pairs that took part, (3C, 3C)."""
+    if found.rows is not None:
+        return found.rows.operator(operator)
     rows = (3 * (found.active % (len(operator) // 3))[:, None] + np.arange(3)).ravel()
     of_pairs: Array = operator[rows[:, None], rows]
     return of_pairs

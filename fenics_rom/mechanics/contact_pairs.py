@@ -2,14 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.braking import WORK_ROUND_OFF, Braking
 from fenics_rom.mechanics.complementarity import Delassus, FramedDelassus, Frames, response
-from fenics_rom.mechanics.contact import ContactLaw, PointMotion
+from fenics_rom.mechanics.contact import ContactLaw, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_look import Look
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.own_adjoint import PairRows
 
 
 class PairsProblem(NamedTuple):
@@ -87,7 +91,9 @@ class SolvedPairs(NamedTuple):
     """How the forces of a step were found."""
 
     points: PointMotion
-    offsets: Array  # displacements of the obstacles at its start, (O, 3), m
+    obstacles: ObstacleMotion
+    look: Look | None  # at them; None: nobody knows, and none turns
+    pushed: Array  # which of all pairs pushed in the step before, (O P,)
     operator: Array  # Delassus operator (3P, 3P), m/s/N
     dt: float  # s
     quasi_static: bool
@@ -98,6 +104,7 @@ class SolvedPairs(NamedTuple):
     forces: Array  # (3, C), N
     velocities: Array  # u with them, less the targets, (3, C), m/s
     is_loose: bool  # whether they solve the problem but for a residual
+    rows: "PairRows | None" = None  # of a body that touches itself, how they move with its points
 
 
 FIRST = 3  # sweeps of a step, or solutions of a sweep, after which what may not be stopped stays so

@@ -223,7 +223,7 @@ class ContactSolver:
         found = pairs, gaps, active, problem, forces, velocities, is_loose
         if pairs.braking is not None:
             search = search._replace(swung=pairs.braking.swung)
-        self._solved = SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found)
+        self._solved = SolvedPairs(points, obstacles, look, self._begun[1].pushed, delassus, dt, quasi_static, *found)
         self.search = search
         power = None
         if self.law.friction:
@@ -277,10 +277,11 @@ class ContactSolver:
             planes: those of round obstacles that points have not left.
         """
         key, active, operator, solution, forces, power, are_framed, _ = found
-        search, law, laws = self.search, self.law, self.search.with_law(key, solution.kept)
-        have_left = search.planes is not None and planes is None
-        unturned = search.unturned + 1 if frames is search.frames and not have_left else 0
-        self.search = ContactSearch(forces, search.residual, laws, frames, True, unturned, planes, held=search.held)
+        search, law, pushed = self.search, self.law, self._begun[1].pushed
+        stays = frames is search.frames and (search.planes is None or planes is not None)
+        unturned = search.unturned + 1 if stays else 0
+        kept = search.residual, search.with_law(key, solution.kept), frames, True, unturned, planes
+        self.search = ContactSearch(forces, *kept, held=search.held)
 
         def known() -> tuple[Pairs, SolvedPairs]:
             points, free, relative = told()
@@ -288,12 +289,11 @@ class ContactSolver:
             asked = self._asked(seen, obstacles, dt, quasi_static)
             pairs = self._all_pairs(free, relative, frames.normals, asked, law.friction > 0 and not quasi_static)
             problem = pairs.problem(active, operator, forces, False)
-            own = frames.of(active)
-            f, u = solution[:2]
+            own, (f, u) = frames.of(active), solution[:2]
             if not are_framed:
                 f, u = own.turned(own.from_lasting_axes(f), own.from_lasting_axes(u))
             found_so = pairs, seen.gaps, active, problem, f, u, False
-            return pairs, SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found_so)
+            return pairs, SolvedPairs(points, obstacles, seen, pushed, delassus, dt, quasi_static, *found_so)
 
         self._told, self.follows = known, True
         among, normals, w = forces, frames.normals, obstacles.velocities(dt)[:, :3]

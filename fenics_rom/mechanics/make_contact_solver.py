@@ -21,10 +21,8 @@ def make_contact_solver(
     law: ContactLaw,
     own: "OwnSurface | None" = None,
     faces: "BodyFaces | None" = None,
-    *,
-    turn: bool = False,
 ) -> ContactSolver:
-    """Of points (P, 3), m, and obstacles that meet by a law; compiled if all are and none may turn.
+    """Of points (P, 3), m, and obstacles that meet by a law; compiled if all are.
 
     `own`: the surface of the body, if that touches itself; `faces`: of the body, if obstacles meet these, too.
     """
@@ -46,7 +44,7 @@ def make_contact_solver(
         from fenics_rom.mechanics.mesh_contact import MeshContact  # here, as few scenes have meshes
 
         return MeshContact(points, obstacles, law)
-    if compiled() and not turn:
+    if compiled():
         from fenics_rom.mechanics.compiled.shapes import shape_rows  # here, as numba takes time to import
         from fenics_rom.mechanics.compiled_contact import CompiledContact
 

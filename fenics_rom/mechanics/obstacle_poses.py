@@ -155,6 +155,17 @@ def mean_twists(start: Array, end: Array, dt: float) -> Array:
     return np.hstack([end[:, :3] - start[:, :3], 2 * turns[:, 1:] / turns[:, :1]]) / dt
 
 
+def mean_velocities(starts: Array, ends: Array, dt: float) -> Array:
+    """Of steps of dt, s, in a row, as of `ObstacleMotion.velocities`: (n, O, 3) or (n, O, 6) of rows (n, O, any).
+
+    Raises:
+        StepError: as of `mean_twists`.
+    """
+    if starts.shape[2] == 3:
+        return (ends - starts) / dt
+    return mean_twists(starts.reshape(-1, 7), ends.reshape(-1, 7), dt).reshape(*starts.shape[:2], 6)
+
+
 def velocities_at(places: Array, start: Array, end: Array, twists_before: Array, dt: float) -> tuple[Array, Array]:
     """Velocities (O, P, 3), m/s, of what of each obstacle is at places (P, 3), m, when a step of dt, s, begins.
 

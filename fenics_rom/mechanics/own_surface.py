@@ -43,7 +43,11 @@ class OwnSurface:
 
     Attributes:
         triangles, names: as given.
+        last: all that was near, normals (k, 3) of triangles or along the nearest way; which of them have pairs, and
+            which is opposite to each, -1: none.
     """
+
+    last: tuple[OnSurface, Array, Array, Array]
 
     def __init__(self, points: Array, triangles: Array, touching: Array, names: Sequence[str]):
         self.triangles, self._touching, self.names = triangles, touching, names
@@ -99,9 +103,11 @@ class OwnSurface:
         pair_of[found.row] = np.where(is_at, np.arange(len(found.row)), -1)
         other = np.where(is_at, pair_of[opposite], -1)
         both = ((other >= 0) & (opposite[other] == found.row)).nonzero()[0]
-        means = found.normals[both] - found.normals[other[both]]
+        plain = found.normals.copy()
+        means = plain[both] - plain[other[both]]
         found.normals[both] = means / np.linalg.norm(means, axis=1)[:, None]
         others = np.setdiff1d(np.arange(len(found.row)), both[found.row[both] > opposite[both]])
+        self.last = found, plain, others, np.where(np.isin(others, both), other[others], -1)
         return OnSurface(*(part[others] for part in found))
 
     def _find(self, points: Array, boxes: Boxes, normals: Array, size: float, margin: float, reach: float) -> OnSurface:

@@ -161,12 +161,30 @@ class SelfContact(MeshContact):
 
     @property
     def last_step(self) -> Callable[[], tuple[Pairs | None, SolvedPairs | None]]:
-        """As in ContactSolver; of a step that touched nobody can tell it so that there is a derivative."""
-        if self._has_touched:
+        """As in ContactSolver; of a step that touched, with how pairs move with points.
+
+        Raises:
+            StepError: in a moving frame.
+        """
+        known = self._known()
+        if not self._has_touched:
+            return known
+        pairs, solved = known()
+        if solved is None or solved.points.middle is not None:
             raise StepError(
-                "effects.contact.self_contact: steps in which a body that may touch itself touches something have no "
-                "derivative: allowed are those where nothing touches, or a scene without"
+                "effects.contact.self_contact: steps in which a body in a moving frame that may touch itself touches "
+                "something have no derivative: allowed are those where nothing touches, or bodies without such a frame"
             )
+        from fenics_rom.mechanics.own_adjoint import OwnPairs, PairRows  # here, as few are differentiated
+
+        of_each, (nodes, maps) = self._own_rows(solved.active), self._moved_by(solved.active)
+        within = (of_each >= 0).nonzero()[0]
+        own = OwnPairs.of(self.surface, of_each[within], self.points + solved.points.displacement)
+        with_rows = solved._replace(rows=PairRows(nodes, maps, own, within, self._O))
+        return lambda: (pairs, with_rows)
+
+    def _known(self) -> Callable[[], tuple[Pairs | None, SolvedPairs | None]]:
+        """As `last_step` of ContactSolver."""
         return super().last_step
 
     def _look_around(self, points: PointMotion, dt: float) -> None:

@@ -1,5 +1,6 @@
 """Looks at the skins of the bodies of a batch, one body after the other."""
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 Batch = Any  # fenics_rom.runtime.batch's, which imports this file
 BODY_STEPS = 8192  # that are taken for each look in turn, and for each that is due: one takes as long as 1,000 of them,
 FEWEST_STEPS = 4  # and these of all bodies, as a look at one takes a twentieth of a step of a thousand
+_TURN = math.pi / math.sqrt(2.0)  # the largest turn, rad, by how far apart the quaternions are
 
 
 class BatchSkin:
@@ -111,7 +113,7 @@ class BatchSkin:
             self._take(now, new)
             self._room[new] = self._stride
         moved = self._bound * np.sqrt(np.square(now.q - since.q).sum(axis=0))
-        moved += np.sqrt(np.square(now.offsets - since.offsets).sum(axis=1).max(axis=0))
+        moved += self._gone(now.offsets - since.offsets)
         if len(now.poses):
             gone = np.square(now.poses - since.poses)
             moved += np.sqrt(gone[:3].sum(axis=0)) + 2 * self._arm * np.sqrt(gone[3:].sum(axis=0))
@@ -119,6 +121,16 @@ class BatchSkin:
         moved[self._batch.frozen] = 0.0
         due = (moved > self._room).nonzero()[0]
         return due if len(due) < 2 else due[(moved - self._room)[due].argsort()]
+
+    def _gone(self, changes: Array) -> Array:
+        """How far any obstacle of each body went at most, (size,), m, whose rows changed by (O, any, size)."""
+        ways = np.sqrt(np.square(changes[:, :3]).sum(axis=1))
+        if changes.shape[1] > 3:
+            turned = _TURN * np.sqrt(np.square(changes[:, 3:]).sum(axis=1))
+            extents = np.array([each.extent for each in self._obstacles.values()])
+            ways += np.multiply(extents[:, None], turned, out=np.zeros(turned.shape), where=turned > 0)
+        farthest: Array = ways.max(axis=0)
+        return farthest
 
     def _instant(self, body: int) -> Instant:
         """Where a body and its obstacles are."""
@@ -159,5 +171,5 @@ class _Whereabouts(NamedTuple):
 
     q: Array  # (m, size)
     mode: Array  # (size,) number of the contact mode
-    offsets: Array  # of obstacles, (O, 3, size), m, in the axes of contact
+    offsets: Array  # of obstacles, (O, 3, size), m, or poses, (O, 7, size), in the axes of contact
     poses: Array  # position and quaternion of the frames (7, size), m; (0, size) where these do not move

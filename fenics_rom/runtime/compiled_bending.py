@@ -13,6 +13,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled, or_numpy
 from fenics_rom.mechanics.compiled.contact_law import Law
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.step import StepperState
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.compiled.branches import RATIO
@@ -26,7 +27,6 @@ from fenics_rom.runtime.compiled.carried_strains import (
     VELOCITY,
 )
 from fenics_rom.runtime.compiled.held_bodies import Carried, restore_bodies, step_bodies
-from fenics_rom.runtime.compiled.linear_bodies import Obstacles
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled_bodies import CompiledBodies
 from fenics_rom.runtime.compiled_state import Mode
@@ -165,7 +165,7 @@ class CompiledBending(CompiledBodies):
             self._set_pushed(body, self._told.forces[body])
         self._mode[bodies] = modes
 
-    def _step_alone(self, body: int, u: Array, obstacles: Obstacles) -> None:
+    def _step_alone(self, body: int, u: Array, obstacles: Moving) -> None:
         carried = self._carried
         carried.velocity_before[body] = carried.vectors[body, VELOCITY]
         carried.strained_before[body] = carried.strained[body]
@@ -173,7 +173,7 @@ class CompiledBending(CompiledBodies):
         carried.relaxed_before[body] = carried.relaxed[body]
         super()._step_alone(body, u, obstacles)
 
-    def _step_together(self, mode: Mode, own: Array, inputs: Array, obstacles: Obstacles) -> None:
+    def _step_together(self, mode: Mode, own: Array, inputs: Array, obstacles: Moving) -> None:
         law = NO_LAW if self._interface is None else self._solver.law_in_steps(self._dt)
         given = mode.body, mode.touch, law, self._friction, self._shapes
         between = inputs, obstacles, self._begun, self._after, mode.states, self._carried, self._new
@@ -183,7 +183,7 @@ class CompiledBending(CompiledBodies):
         if len(bodies):
             restore_bodies(bodies, self._modes[0].states, self._carried)
 
-    def _commit(self, taken: Array, stays: Array, obstacles: Obstacles) -> None:
+    def _commit(self, taken: Array, stays: Array, obstacles: Moving) -> None:
         super()._commit(taken, stays, obstacles)
         strained, mismatch, distance = self._notes
         of_step, gap, square = self._carried.noted.T

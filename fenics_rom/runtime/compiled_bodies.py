@@ -15,13 +15,15 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import compiled, or_numpy
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.obstacle_poses import NO_TURN, mean_velocities
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import distinct, stacked_state
-from fenics_rom.runtime.compiled.linear_bodies import Obstacles, look_at_bodies, step_bodies
+from fenics_rom.runtime.compiled.linear_bodies import look_at_bodies, step_bodies
 from fenics_rom.runtime.compiled.linear_step import PARTS, State
 from fenics_rom.runtime.compiled.touching import LOST, Clearance
 from fenics_rom.runtime.compiled_state import LOST_IN_SWITCHING, CompiledState, Mode
@@ -78,7 +80,7 @@ class CompiledBodies(CompiledState):
         strains[:] = relaxed.reshape(strains.shape)
         forces[:] = strains @ share if len(share) else strains
 
-    def _step_alone(self, body: int, u: Array, obstacles: Obstacles) -> None:
+    def _step_alone(self, body: int, u: Array, obstacles: Moving) -> None:
         """Takes a step as a single body does.
 
         Raises:
@@ -109,7 +111,7 @@ class CompiledBodies(CompiledState):
             told.forces[body], told.resultants[body] = touched.forces, touched.by_obstacle
             told.pressing[body] = touched.normal_forces
 
-    def _all_of(self, body: int, u: Array, obstacles: Obstacles) -> StepInput:
+    def _all_of(self, body: int, u: Array, obstacles: Moving) -> StepInput:
         """All that acts on a body in a step."""
         moving = None if self._interface is None else ObstacleMotion(*(part[body] for part in obstacles))
         return StepInput(u, moving)
@@ -206,7 +208,10 @@ class CompiledBodies(CompiledState):
                 f"{name}: allowed are three finite numbers within {FARTHEST:.0e}, in m, for each of {len(bodies)} "
                 f"bodies, or for all; given: an array of shape {displacement.shape}"
             )
-        self._placed[bodies, number] = displacement
+        if self.rom.environment.obstacles[name].motion is not None:
+            raise StepError(f"{name}: it has a motion, which says where it is: allowed are obstacles without one")
+        self._placed[bodies, number, :3] = displacement
+        self._placed[bodies, number, 3:] = NO_TURN[: self._placed.shape[2] - 3]
 
     def can_switch(self, modes: Array, bodies: Array) -> bool:
         """Whether bodies can get to contact modes: they all can."""
@@ -257,7 +262,7 @@ class CompiledBodies(CompiledState):
                 kept[own] = part[own]
         self._clearance[:, bodies] = 0.0
 
-    def _take(self, goes: Array, taken: Array, u: Array, loads: Array, obstacles: Obstacles, on_error: str) -> None:
+    def _take(self, goes: Array, taken: Array, u: Array, loads: Array, obstacles: Moving, on_error: str) -> None:
         """Takes the steps of bodies that go (size,), and notes those that have taken theirs."""
         most = max(self._widths.values())
         inputs = dict[str, Array]()
@@ -278,7 +283,7 @@ class CompiledBodies(CompiledState):
                     where = f"step {self.steps}, body {body}"
                     raise StepError(f"{where}: {error}; all bodies were left as they were") from None
 
-    def _step_together(self, mode: Mode, own: Array, inputs: Array, obstacles: Obstacles) -> None:
+    def _step_together(self, mode: Mode, own: Array, inputs: Array, obstacles: Moving) -> None:
         """Takes the steps of bodies that are in a contact mode, in threads."""
         given = mode.body, self._solver.law_in_steps(self._dt), self._friction, self._shapes
         gap, untouched, still = self._clearance
@@ -286,12 +291,13 @@ class CompiledBodies(CompiledState):
         between = inputs, obstacles, self._begun, self._after, mode.states, clearance, self._new
         deal_out(partial(_step, given, between), own)
 
-    def _commit(self, taken: Array, stays: Array, obstacles: Obstacles) -> None:
+    def _commit(self, taken: Array, stays: Array, obstacles: Moving) -> None:
         """The step was taken by some of the bodies (size,), all but those that stay (n,)."""
         self._begun, self._after, self._told, self._new = self._after, self._begun, self._new, self._told
         for now, before in zip((*self._begun, *self._told), (*self._after, *self._new), strict=True):
             now[stays] = before[stays]
-        velocities = (obstacles.end - obstacles.start) / self._dt
+        obstacles.end[stays] = obstacles.start[stays]
+        velocities = mean_velocities(obstacles.start, obstacles.end, self._dt)
         velocities[stays] = self._velocities[stays]
         self._offsets, self._velocities = obstacles.end, velocities
         self._taken[taken] += 1
@@ -303,7 +309,7 @@ class CompiledBodies(CompiledState):
             self._account[2] += by_obstacles
             self._account[3] += contact + friction
 
-    def _obstacles(self, goes: Array) -> Obstacles:
+    def _obstacles(self, goes: Array) -> Moving:
         """How obstacles move in a step; they stand still beside bodies that do not go (size,)."""
         instants, which = distinct(self.time)
         scene = np.array([self._environment.offsets_at(time + self._dt) for time in instants])
@@ -313,7 +319,7 @@ class CompiledBodies(CompiledState):
             )
         ends = np.where(np.isnan(self._placed), scene[which], self._placed)
         ends[~goes] = self._offsets[~goes]
-        return Obstacles(self._offsets, ends, self._velocities)
+        return Moving(self._offsets, ends, self._velocities)
 
     def _loads(self) -> Array:
         """What acts by itself in the step of each body, in the middle of it, (size, loads)."""

@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import compiled, in_plain, or_numpy
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import BaseState, base_in, checked_base
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import distinct
@@ -19,7 +20,6 @@ from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, IS_AHEAD
 from fenics_rom.runtime.compiled.frame_bodies import Bodies, Near, Room
 from fenics_rom.runtime.compiled.frame_tables import IN_A_STEP, IS_KNOWN, KEPT, NOTES, REMADE, STRAINED
 from fenics_rom.runtime.compiled.frames import LOOKED_AT, REST, VELOCITY, WRENCH
-from fenics_rom.runtime.compiled.linear_bodies import Obstacles
 from fenics_rom.runtime.compiled_bodies import inside_message
 from fenics_rom.runtime.frames_state import OF_LAW, FrameMode, FramesState
 from fenics_rom.runtime.simulator import Simulator
@@ -57,7 +57,7 @@ class CompiledFrames(FramesState):
         if not compiled() or not acting.is_moving or acting.finds_forces or not acting.has_inertia:
             return None
         changes = len(rom.contact_models) > 1 and (rom.deformation is None or acting.switches_itself)
-        if (changes and acting.contact_law is not None) or acting.turns_obstacles or acting.self_contact:
+        if (changes and acting.contact_law is not None) or acting.self_contact:
             return None
         stepper = None if rom.deformation is None else "linearly-implicit"
         single = Simulator(rom, dt, signals=signals, stepper=stepper, detail=detail)
@@ -91,12 +91,12 @@ class CompiledFrames(FramesState):
             return np.zeros(len(bodies), bool)
         self._stepper.reset()
         distinct_ones, which = np.unique(offsets[bodies].reshape(len(bodies), -1), axis=0, return_inverse=True)
-        found = np.array([self._is_inside(each.reshape(-1, 3)) for each in distinct_ones])
+        found = np.array([self._is_inside(each.reshape(offsets.shape[1:])) for each in distinct_ones])
         inside: Array = found[which.ravel()]
         return inside
 
     def _is_inside(self, offsets: Array) -> bool:
-        """Whether the simulator is, where obstacles have such displacements (O, 3), m."""
+        """Whether the simulator is, where obstacles have such rows (O, any)."""
         environment = self._environment
         environment.state = environment.state._replace(offsets=offsets)
         try:
@@ -157,11 +157,11 @@ class CompiledFrames(FramesState):
         if bases is None:
             self._ends[:, VELOCITY:] = 0.0  # it stands still
 
-    def _all_of(self, body: int, u: Array, obstacles: Obstacles) -> StepInput:
+    def _all_of(self, body: int, u: Array, obstacles: Moving) -> StepInput:
         every = super()._all_of(body, u, obstacles)
         return every._replace(base=base_in(self._ends[body])) if self._is_carried else every
 
-    def _step_together(self, mode: FrameMode, own: Array, inputs: Array, obstacles: Obstacles) -> None:  # type: ignore[override]
+    def _step_together(self, mode: FrameMode, own: Array, inputs: Array, obstacles: Moving) -> None:  # type: ignore[override]
         near, touch, states = None, mode.loops.touch, mode.states
         if touch is not None and self._interface is not None:
             law = self._solver.law_in_steps(self._dt), self._friction, self._shapes
@@ -200,7 +200,7 @@ class CompiledFrames(FramesState):
         for now, before in self._before:
             now[bodies] = before[bodies]
 
-    def _commit(self, taken: Array, stays: Array, obstacles: Obstacles) -> None:
+    def _commit(self, taken: Array, stays: Array, obstacles: Moving) -> None:
         super()._commit(taken, stays, obstacles)
         if self._modes[0].bends:
             for own, mode in self._by_mode(taken.nonzero()[0]):

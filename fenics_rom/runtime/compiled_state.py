@@ -83,9 +83,9 @@ class CompiledState:
         self._searches = dict[int, ContactSearch]()  # of bodies that took a step otherwise
         self._told, self._new = (Told(np.zeros(size, int), np.zeros((size, 5)), *self._nothing(size)) for _ in range(2))
         self._account = np.zeros((5, size))
-        self._placed = np.full((size, obstacles, 3), np.nan)  # where obstacles were put; NaN: where the scene says
-        self._offsets, self._velocities = np.zeros((2, size, obstacles, 3))
-        self._offsets[:] = self._environment.offsets_at(0.0)
+        self._offsets = np.tile(self._environment.offsets_at(0.0), (size, 1, 1))
+        self._placed = np.full(self._offsets.shape, np.nan)  # where obstacles were put; NaN: where the scene says
+        self._velocities = np.zeros((size, *self._environment.state.velocities.shape))
         self._outputs: dict[tuple[int, str], tuple[Array, Array]] = {}
         self._pulled = pulled_columns(self.rom, max(self._widths.values()))
         self._least_tensions = np.zeros((len(self._pulled), size))
@@ -359,7 +359,7 @@ class CompiledState:
         return np.array(read)
 
     def whereabouts(self) -> tuple[Array, Array, Array, Array]:
-        """q (m, size), numbers of the contact modes (size,), and displacements of the obstacles (O, 3, size), m.
+        """q (m, size), numbers of the contact modes (size,), and rows of the obstacles (O, any, size).
 
         Then position and quaternion of frames that move (7, size), m; else (0, size).
         """
@@ -367,6 +367,6 @@ class CompiledState:
         return q, self._mode, self._offsets.transpose(1, 2, 0), np.zeros((0, self.size))
 
     def offsets_of(self, body: int, offsets: Array | None = None) -> Array:
-        """Displacements of the obstacles of a body now, or of some kept (O, 3, size), (O, 3), m."""
+        """Rows of the obstacles of a body now, or of some kept (O, any, size), (O, any)."""
         own: Array = (self._offsets[body] if offsets is None else offsets[..., body]).copy()
         return own

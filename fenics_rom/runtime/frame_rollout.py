@@ -7,6 +7,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.base_path import base_in
 from fenics_rom.mechanics.frame_motion import rotation_matrices
+from fenics_rom.runtime.obstacle_path import ObstaclePath
 from fenics_rom.runtime.stepped_rollout import output_maps
 from fenics_rom.runtime.steppers.compiled_frame import FrameSteps
 
@@ -30,6 +31,7 @@ class FrameRollout:
             every: the outputs of these names are read after every so many of its steps.
         """
         body, rows, taken = self._body, list[Array](), 0
+        self._path = ObstaclePath(body)
         bends_among = body.rom.deformation is not None and body.integrator.interface is not None
         end = len(u) - 1 if bends_among else len(u)  # the last step is by itself: all that it leaves behind is its own
         while taken < len(u):
@@ -52,17 +54,20 @@ class FrameRollout:
 
         Where the contact mode follows the obstacles, steps are taken one by one.
         """
-        body, kernel, environment, obstacles = self._body, self._body.integrator.kernel, self._body.environment, None
+        body, kernel, environment, path = self._body, self._body.integrator.kernel, self._body.environment, None
         if body.integrator.interface is not None:
-            if not environment.stands_still or body.switches_itself:
+            ahead = self._path.ahead(u)
+            if ahead is None:
                 return None
-            obstacles = environment.step_input(u[0][: body.inputs], body.time, body.dt).obstacles
+            path, u, bases = ahead[0], u[: ahead[1]], None if bases is None else bases[: ahead[1]]
         if bases is None and body.is_carried:
             bases = environment.bases_at(body.time + body.dt * np.arange(1, len(u) + 1))
-        taken: FrameSteps | None = kernel.roll(u, bases, obstacles)
+        taken: FrameSteps | None = kernel.roll(u, bases, path)
         if taken is None:
             return None
         count = len(taken.steps.q)
+        if path is not None:
+            self._path.go_on(count)
         time, body.steps = body.time, body.steps + count
         environment.loads = u[count - 1, u.shape[1] - len(environment.loads) :]
         e = taken.steps.q * body.model.safe_frequencies

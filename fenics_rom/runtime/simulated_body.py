@@ -107,6 +107,11 @@ class SimulatedBody(ContactReadings):
         start, steps = self._since
         return start + (self.steps - steps) * self._dt
 
+    def times_ahead(self, count: int) -> list[float]:
+        """When so many steps begin, and the last of them ends, s."""
+        start, steps = self._since
+        return [start + (self.steps + k - steps) * self._dt for k in range(count + 1)]
+
     @property
     def contact(self) -> str:
         """The active contact mode."""

@@ -83,6 +83,11 @@ def lean_on(state: StepState, u: Array, lean: float) -> Lean | None:
         from fenics_rom.mechanics.met_faces import NO_DERIVATIVE  # here, as few scenes have it
 
         raise StepError(NO_DERIVATIVE)
+    if contact.opposite is not None:
+        raise StepError(
+            "effects.contact.self_contact: steps in which a body that may touch itself touches something have no state "
+            "space: allowed are those where nothing touches, or a scene without; `fr.differentiate` goes through them"
+        )
     environment, law = body.environment, interface.solver.law
     pressing = np.einsum("ca,ca->c", contact.pair_forces, contact.normals)[:, None] * contact.normals
     rubbing, offsets = contact.pair_forces - pressing, environment.state.offsets.copy()

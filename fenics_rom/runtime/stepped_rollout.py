@@ -6,6 +6,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.runtime.contact_blocks import LONGEST_BLOCK, ContactBlocks
+from fenics_rom.runtime.obstacle_path import ObstaclePath
 from fenics_rom.runtime.steppers.residual_maps import strained_back
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ class SteppedRollout:
             every: the outputs of these names are read after every so many of its steps.
         """
         body, blocks, rows, taken = self._body, self._blocks, list[Array](), 0
+        self._path = ObstaclePath(body)
         longest, end = (LONGEST_LOOP, len(u) - 1) if blocks is None else (LONGEST_BLOCK, len(u))
         if blocks is not None:
             blocks.begin()
@@ -68,16 +70,19 @@ class SteppedRollout:
 
         Where the contact mode follows the obstacles, steps are taken one by one.
         """
-        body, environment, obstacles = self._body, self._body.environment, None
+        body, environment, path = self._body, self._body.environment, None
         kernel = body.integrator.kernel
-        if not len(u) or (environment is not None and environment.mark is not None):
+        if not (len(u) and kernel.is_compiled) or (environment is not None and environment.mark is not None):
             return None
         if body.integrator.interface is not None:
-            if environment is None or not environment.stands_still or body.switches_itself:
+            ahead = self._path.ahead(u)
+            if ahead is None:
                 return None
-            obstacles = environment.step_input(u[0][: body.inputs], body.time, body.dt).obstacles
-        taken: StepsTaken | HeldStepsTaken | None = kernel.roll(u, obstacles)
+            path, u = ahead[0], u[: ahead[1]]
+        taken: StepsTaken | HeldStepsTaken | None = kernel.roll(u, path)
         if taken is not None:
+            if path is not None:
+                self._path.go_on(len(taken.steps.q))
             body.steps += len(taken.steps.q)
             if self._blocks is not None:
                 body.watch(kernel.state[: body.model.order], 2 * kernel.energy, body.time, len(taken.steps.q))

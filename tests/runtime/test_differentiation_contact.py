@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from bodies import acted_on, box_arrays, write_arrays
 from triangle_meshes import groove
+from turning import spin
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics import braking
 from fenics_rom.mechanics.contact import ContactLaw
-from fenics_rom.mechanics.environment import STANDS_STILL, MovingObstacle
+from fenics_rom.mechanics.environment import STANDS_STILL, MovingObstacle, RigidMotion
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Mesh, Sphere
 from fenics_rom.runtime.differentiation import taken_steps
 
@@ -149,6 +150,26 @@ def test_gradient_goes_through_the_planes_of_a_mesh(rom):
     mesh = Mesh(groove(0.3).vertices, groove(0.3).triangles, (0.37, 0.1, -0.0535))
     among = replace(rom.environment, obstacles={"groove": MovingObstacle(mesh, STANDS_STILL)})
     check(Case(replace(rom, environment=among), ContactLaw(friction=0.3), ["groove"], True, {}, None))
+
+
+TURNING = {  # law, obstacles, where their axes are
+    "plane": (ContactLaw(friction=0.3), FLOOR, [0.2, 0.1, 0.0]),
+    "shapes": (ContactLaw(friction=0.3), ROUND, [0.42, 0.1, -0.04]),
+    "shapes, restitution": (ContactLaw(restitution=0.5, friction=0.3), ROUND, [0.42, 0.1, -0.04]),
+    "shapes, springs": (ContactLaw(friction=0.3, stiffness=2e4, damping=3.0), ROUND, [0.42, 0.1, -0.04]),
+}
+
+
+@pytest.mark.parametrize("name", TURNING)
+def test_gradient_goes_through_contact_with_what_turns(rom, name):
+    """They turn faster and faster; what pushed before is told the velocities of their material."""
+    law, names, origin = TURNING[name]
+    case = Case(rom, law, names, True, {}, None)
+    motion, turns = RigidMotion(None, origin), spin(origin, [0.3, 0.8, 0.5], 3.0, ramp=0.1)
+    obstacles = {each: replace(known, motion=motion) for each, known in case.environment.obstacles.items()}
+    case.environment = replace(case.environment, obstacles=obstacles)
+    case.signals = case.signals | dict.fromkeys(names, turns)
+    check(case)
 
 
 def check(case, ε=1e-4):

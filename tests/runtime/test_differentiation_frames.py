@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from bodies import box_arrays, scene_text, write_arrays
 from gradient_checks import check_gradient, squares
+from turning import spin
 
 import fenics_rom as fr
 from fenics_rom.mechanics.base_path import BaseState
@@ -61,6 +62,8 @@ def thrown(position, turn, velocity, spin):
 def along(rom, base=None, size=1.0, steps=STEPS):
     """Inputs, start and directions, and how a body is put there: carried by a base, or thrown."""
     random, signals = np.random.default_rng(0), {} if base is None else {"base_path": base}
+    if rom.environment.turns_obstacles:
+        signals["floor"] = TURNS
     at_rest = fr.Simulator(rom, H, signals=signals)
     order, ω = at_rest.model.order, np.sqrt(at_rest.model.eigenvalues)
 
@@ -126,13 +129,16 @@ def test_gradient_of_a_free_body_agrees_with_differences(free):
 
 FLOOR = 'shape = "half-space"\npoint = [0.0, 0.0, -0.001]\nnormal = [0.0, 0.1, 1.0]'
 BALL = 'shape = "sphere"\ncenter = [0.3, 0.0, -0.1005]\nradius = 0.1'
+AXIS = [0.28, 0.05, -0.12]
 LAWS = {
     "floor": ({}, FLOOR),
     "rough ball": ({"effects.friction": "coefficient = 0.3"}, BALL),
     "bounces": ({"effects.friction": "coefficient = 0.3", "effects.contact": "restitution = 0.5"}, FLOOR),
     "bare": ({"effects.friction": "coefficient = 0.3", "effects.contact": "residual_compliance = false"}, FLOOR),
     "springs": ({"effects.contact": "method = 'penalty'\nstiffness = 20.0"}, BALL),
+    "turns": ({"effects.friction": "coefficient = 0.3"}, f"{BALL}\nmotion = {{ origin = {AXIS} }}"),
 }
+TURNS = spin(AXIS, [0.3, 0.8, 0.5], 2.0, ramp=0.02)
 
 
 def lowered(time):

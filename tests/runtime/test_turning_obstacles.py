@@ -10,6 +10,7 @@ from triangle_meshes import groove, write_stl
 from turning import NOTHING, csv_of, path_of, spin
 
 import fenics_rom as fr
+from fenics_rom.compilation import compiled
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.mechanics.obstacle_poses import distance_from
@@ -181,7 +182,7 @@ def test_springs_and_equilibria_keep_their_account(folder, without):
 def test_batches_copies_and_rollouts_are_the_same_steps(struck):
     rom = struck[1]
     single, bodies = fr.Simulator(rom, 2e-3), fr.Batch(rom, 2, 2e-3)
-    assert "an obstacle that turns" in bodies.stepping
+    assert bodies.stepping == "compiled" if compiled() else "an obstacle that turns" in bodies.stepping
     u, rolled = np.zeros((120, single.inputs)), fr.Simulator(rom, 2e-3)
     for k in range(120):
         single.step(u[k])
@@ -190,8 +191,8 @@ def test_batches_copies_and_rollouts_are_the_same_steps(struck):
             saved, twin, thawed = single.save(), copy.copy(single), pickle.loads(pickle.dumps(single))
     assert single.integrator.contact is not None
     shape = single.displacement("top")
-    np.testing.assert_array_equal(bodies.displacement("top")[1], shape)
-    np.testing.assert_array_equal(rolled.rollout(u)["top"][-1], shape)
+    for read in (bodies.displacement("top")[1], rolled.rollout(u)["top"][-1]):
+        np.testing.assert_allclose(read, shape, rtol=0, atol=1e-13 * np.abs(shape).max())
     single.restore(saved)
     for body in (single, twin, thawed):
         for k in range(51, 120):
@@ -227,12 +228,6 @@ def test_what_jumps_is_told(free):
     body.set_signal("thing", turned)
     with pytest.raises(StepError, match="an obstacle is told to turn by 3 rad in a step"):
         body.step()
-
-
-def test_gradients_say_that_they_do_not_go_through_it(free):
-    body = fr.Simulator(free, 1e-3, signals={"thing": spin(AXIS, [0, 0, 1], 6.0)})
-    with pytest.raises(StepError, match="obstacle 'thing' has a motion, and there is no gradient"):
-        fr.differentiate(body, np.zeros((2, body.inputs)), lambda outputs, energies: (0.0, {}, None))
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.coulomb import ACCURATE, add_motion, frame_along, look_at, yielding_of
 from fenics_rom.mechanics.compiled.linearised import find_by_steps
 from fenics_rom.mechanics.compiled.newton import Inverse, find_with_operator
+from fenics_rom.mechanics.compiled.obstacle_motion import Beside, row_of
 from fenics_rom.mechanics.compiled.sweeps import MOST_SWEEPS, find_by_sweeps
 from fenics_rom.mechanics.compiled.swinging import next_share, share_of
 from fenics_rom.mechanics.compiled.work_space import release, take, take_frames, take_integers, take_rows, work_space
@@ -83,15 +84,7 @@ class Found(NamedTuple):
 
 @jit
 def ask(
-    law: Law,
-    gaps: Array,
-    free: Array,
-    velocity: Array,
-    w: Array,
-    w_before: Array,
-    before: Array,
-    outwards: Array,
-    pairs: Pairs,
+    law: Law, gaps: Array, free: Array, velocity: Array, beside: Beside, before: Array, outwards: Array, pairs: Pairs
 ) -> None:
     """Sets what the law says of every pair, obstacle after obstacle.
 
@@ -99,17 +92,17 @@ def ask(
         law: the law.
         gaps: of the pairs (N,), m.
         free, velocity: of the points (P, 3) in the middle of the step without contact and at its start, m/s.
-        w, w_before: of the obstacles (O, 3) in this step and in the one before, m/s.
+        beside: how obstacles move.
         before: forces of the step before (N, 3), N.
         outwards: normal velocities (N,) that tell what leaves, m/s; (0,): those without contact.
         pairs: with normals, the first rows of frames, and forces to begin with; the rest is set.
     """
-    P = len(free)
+    (w, w_before, first), P, turns = beside, len(free), len(beside.first) > 0
     slides = law.friction > 0 and not law.is_at_rest
     gap = gaps.min()
     least = PUSHING * largest_of(before)
     for c in range(len(gaps)):
-        o, p, axes, relative = c // P, c % P, pairs.axes[c], pairs.relative[c]
+        o, p, axes, relative = row_of(w, c, len(gaps), P), c % P, pairs.axes[c], pairs.relative[c]
         frame_along(axes)
         # What keeps touching an obstacle that accelerates has its velocity between the steps.
         share = 0.5 if max(abs(before[c, 0]), abs(before[c, 1]), abs(before[c, 2])) > least else 0.0
@@ -118,6 +111,12 @@ def ask(
             for j in range(3):
                 pairs.free[c, k] += axes[k, j] * (free[p, j] - w[o, j])
                 relative[k] += axes[k, j] * (velocity[p, j] - w[o, j] + share * (w[o, j] - w_before[o, j]))
+        if turns and share > 0:  # as fast along n as it nears the obstacle when the step begins
+            for k in range(3):
+                relative[k] = 0.0
+                for j in range(3):
+                    along = first[c, j] if k == 0 else axes[k, j]
+                    relative[k] += along * (velocity[p, j] - w_before[o, j])
         approach, leaving = relative[0], outwards[c] if len(outwards) else pairs.free[c, 0]
         closing = gaps[c] * law.rate
         if law.compliance > 0:
@@ -138,6 +137,8 @@ def ask(
             target = min(target, 0.0)
             if gaps[c] + law.h * target < -law.radius:
                 target = -math.inf
+            elif turns:  # does not go farther
+                target = max(target, min(closing, 0.0))
         pairs.level[c], pairs.target[c, 0] = level, target
         pairs.target[c, 1] = relative[1] / 2 if slides else 0.0
         pairs.target[c, 2] = relative[2] / 2 if slides else 0.0

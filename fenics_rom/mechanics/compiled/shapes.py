@@ -6,12 +6,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_part
+from fenics_rom.compilation import jit, jit_part, jit_shared
+from fenics_rom.mechanics import frame_motion
+from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 
 HALF_SPACE, SPHERE, CAPSULE, BOX = range(4)
 MOST_NUMBERS = 16  # that tell of a shape
 SHORTEST_DIRECTION = 1e-150  # m; see `mechanics.obstacles`
+rotated, rotated_back, rotation_of = map(
+    jit_shared, (frame_motion.rotated, frame_motion.rotated_back, frame_motion.rotation_of)
+)
 
 
 def shape_rows(obstacles: Sequence[Obstacle]) -> Array | None:
@@ -40,15 +45,35 @@ def measure(shapes: Array, offsets: Array, places: Array, gaps: Array, normals: 
 
     Args:
         shapes: (O, 17), see `shape_rows`.
-        offsets: displacements of the obstacles (O, 3), m.
+        offsets: displacements of the obstacles (O, 3), m; or poses (O, 7), see `mechanics.obstacle_poses`.
         places: of the points, (P, 3), m.
         gaps, normals: set.
     """
     P = len(places)
     for o in range(len(shapes)):
-        for p in range(P):
-            x, y, z = places[p, 0] - offsets[o, 0], places[p, 1] - offsets[o, 1], places[p, 2] - offsets[o, 2]
-            gaps[o * P + p] = distance(shapes[o], x, y, z, normals[o * P + p])
+        if offsets.shape[1] == 3:
+            for p in range(P):
+                x, y, z = places[p, 0] - offsets[o, 0], places[p, 1] - offsets[o, 1], places[p, 2] - offsets[o, 2]
+                gaps[o * P + p] = distance(shapes[o], x, y, z, normals[o * P + p])
+        else:
+            at, R = pose_of(offsets[o])
+            for p in range(P):
+                gaps[o * P + p] = distance_from(shapes[o], at, R, places[p], normals[o * P + p])
+
+
+@jit_part
+def pose_of(row: Array) -> tuple[Vector, Rotation]:
+    """Place and rotation of a pose (7,)."""
+    return (row[0], row[1], row[2]), rotation_of(row[3], row[4], row[5], row[6])
+
+
+@jit_part
+def distance_from(shape: Array, at: Vector, R: Rotation, place: Array, n: Array) -> float:
+    """As `distance`, of a place (3,) from a shape that is so posed."""
+    x, y, z = rotated_back(R, (place[0] - at[0], place[1] - at[1], place[2] - at[2]))
+    gap = distance(shape, x, y, z, n)
+    n[0], n[1], n[2] = rotated(R, (n[0], n[1], n[2]))
+    return gap
 
 
 @jit_part

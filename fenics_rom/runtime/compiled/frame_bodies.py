@@ -13,6 +13,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law
 from fenics_rom.mechanics.compiled.copying import copy, fill
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.runtime.compiled.bent_frame import restore_shape
 from fenics_rom.runtime.compiled.carried_step import take_bent_carried_step, take_carried_step
 from fenics_rom.runtime.compiled.contact_points import Points
@@ -20,7 +21,7 @@ from fenics_rom.runtime.compiled.frame_tables import bent_at, state_at
 from fenics_rom.runtime.compiled.frames import TAKEN, Step, restore
 from fenics_rom.runtime.compiled.free_step import take_bent_free_step, take_free_step
 from fenics_rom.runtime.compiled.held_bodies import tell_contact
-from fenics_rom.runtime.compiled.linear_bodies import Obstacles, Told, contact_of
+from fenics_rom.runtime.compiled.linear_bodies import Told, contact_of
 from fenics_rom.runtime.compiled.touched_carried import take_touched_bent_carried_step, take_touched_carried_step
 from fenics_rom.runtime.compiled.touched_frame import Among, Touched
 from fenics_rom.runtime.compiled.touched_free import take_touched_bent_free_step, take_touched_free_step
@@ -52,7 +53,7 @@ class Near(NamedTuple):
     law: Law
     friction: Array  # of each body (B,)
     shapes: Array  # of the obstacles, (O, 17)
-    obstacles: Obstacles
+    obstacles: Moving
     begun: Begun  # of all
     after: Begun  # what the next step begins with, which is set
     points: Points  # of one body
@@ -102,8 +103,8 @@ def _among_of(near: Near, space: _StepSpace, b: int) -> Among:
     moved, beyond = space.points, (near.beyond[b], near.beyond_before[b])
     of_step = moved[0], moved[1], moved[2], moved[3], moved[4], space.pushed[0], space.spread, space.pushed[1]
     points, moving = Points(of.rest, of.rows, of.R, of.times, *beyond, *of_step), near.obstacles
-    past, ends = Begun(near.begun.forces[b], near.begun.swung[b]), (moving.start[b], moving.end[b], moving.before[b])
-    return Among(own, near.shapes, *ends, past, points, near.at_rest, found, space.W)
+    past, own_motion = Begun(near.begun.forces[b], near.begun.swung[b]), moving_in(moving, b)
+    return Among(own, near.shapes, own_motion, past, points, near.at_rest, found, space.W)
 
 
 @jit_part

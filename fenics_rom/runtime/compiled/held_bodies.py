@@ -8,9 +8,10 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law
 from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, IS_AHEAD, IS_CARRIED, VELOCITY, Memory
 from fenics_rom.runtime.compiled.held_step import Among, Body, Motion, Step, Touch, motion_in, take_step
-from fenics_rom.runtime.compiled.linear_bodies import Obstacles, Told, contact_of
+from fenics_rom.runtime.compiled.linear_bodies import Told, contact_of
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.touching import Begun, StepContact, hand_on
 
@@ -42,7 +43,7 @@ def step_bodies(
     shapes: Array,
     bodies: Array,
     inputs: Array,
-    obstacles: Obstacles,
+    obstacles: Moving,
     begun: Begun,
     after: Begun,
     states: State,
@@ -80,8 +81,8 @@ def step_bodies(
             numbers = law.rate, law.compliance, law.is_at_rest, law.swings, law.radius
             own = Law(law.h, law.restitution, friction[b], *numbers)
             past, beyond = Begun(begun.forces[b], begun.swung[b]), (states.beyond[b], states.beyond_before[b])
-            moving = obstacles.start[b], obstacles.end[b], obstacles.before[b]
-            among = Among(touch, own, shapes, *moving, past, *beyond, found, spread, W)
+            moving = Moving(obstacles.start[b], obstacles.end[b], obstacles.before[b])
+            among = Among(touch, own, shapes, moving, past, *beyond, found, spread, W)
             step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, among, None)
         told.status[b] = step.status
         if step.status >= OTHERWISE:

@@ -18,6 +18,7 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE,
 from fenics_rom.mechanics.compiled.contact_law import Law as ContactLaw
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.newton import in_one_piece
+from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving, begin_beside, room_beside, turn_too_far
 from fenics_rom.mechanics.compiled.work_space import work_space
 from fenics_rom.runtime.compiled.branches import stored_in
 from fenics_rom.runtime.compiled.carried_strains import (
@@ -113,15 +114,20 @@ class Among(NamedTuple):
     touch: Touch
     law: ContactLaw
     shapes: Array  # of the obstacles, (O, 17)
-    start: Array  # displacements of the obstacles, (O, 3), m
-    end: Array
-    w_before: Array  # their velocities in the step before, (O, 3), m/s
+    moving: Moving  # how they move
     begun: Begun
     beyond: Array  # g, y and their rates, (4, 3P), changed
     beyond_before: Array  # the same before the step
     found: StepContact  # with forces to begin with; set
     spread: Array  # for roots of W (m, 3P),
     W: Array  # and W, m/s/N (3P, 3P)
+
+
+@jit_part
+def among_in(among: Among, moving: Moving) -> Among:
+    """The same obstacles, which move so."""
+    touch, law, shapes, _, begun, beyond, beyond_before, found, spread, W = among
+    return Among(touch, law, shapes, moving, begun, beyond, beyond_before, found, spread, W)
 
 
 class Step(NamedTuple):
@@ -205,20 +211,19 @@ def end_step(body: Body, r: Array, strains: Strains, motion: Motion) -> Step:
 
 
 @jit_part
-def _find_contact(r: Array, motion: Motion, among: Among, w: Array, pull: Pull | None) -> Found:
+def _find_contact(r: Array, motion: Motion, among: Among, beside: Beside, pull: Pull | None) -> Found:
     """Finds contact forces at v̂ of the motion, and sets what they do (m,)."""
     touch, found = among.touch, among.found
     space = work_space(3 * len(touch.places))
-    look_around(touch, among.shapes, among.start, motion.q, among.beyond, found, space)
-    moving = w, among.w_before, among.begun, r, motion.velocity, among.beyond, touch.R[:0]
-    ask_points(touch, among.law, *moving, found, space)
+    look_around(touch, among.shapes, among.moving, among.law.h, beside, motion.q, among.beyond, found, space)
+    ask_points(touch, among.law, beside, among.begun, r, motion.velocity, among.beyond, touch.R[:0], found, space)
     if found.pairs.chosen.any():
         _set_delassus(touch, motion.factor, among.spread, among.W)
         if pull is not None:
             hold_back(pull, touch.points, among.W)
     unknown, P = in_one_piece(np.empty((0, 0))), len(touch.places)
     contact = find_forces(among.law, among.W, unknown, P, among.begun.swung, found.pairs)
-    add_up_forces(contact, w, found)
+    add_up_forces(contact, beside.w, found)
     for i in range(len(motion.pushed)):
         motion.pushed[i] = dot(touch.points[i], found.forces) if contact.status == FOUND else 0.0
     return contact
@@ -226,21 +231,22 @@ def _find_contact(r: Array, motion: Motion, among: Among, w: Array, pull: Pull |
 
 @jit_part
 def _end_touched(
-    body: Body, r: Array, pushed: Array, strains: Strains, motion: Motion, among: Among, pull: Pull | None
+    body: Body, r: Array, pushed: Array, strains: Strains, motion: Motion, among: Among, pull: Pull | None, space: Array
 ) -> Step:
     """Ends a step among obstacles from r (m,), with v̂ of the motion without contact; sets forces of contact (m,).
 
+    `space` has room for what `begin_beside` takes.
     Cables hold their strokes under contact forces, too, or are slack.
     """
     touch, law, found, forces, v = among.touch, among.law, among.found, among.found.forces, motion.velocity
-    h, w = law.h, (among.end - among.start) / law.h
+    h, beside = law.h, begin_beside(among.moving, law.h, len(found.gaps), space)
     contact, answer = Found(OTHERWISE, 0, 0.0), motion.pushed.copy()
     for count in range(TOGETHER if pull is not None else 1):
         if pull is not None:
             if count > 0 and not find_held(pull, v):
                 return NOT_TAKEN
             move_by(pull, 1.0, v)
-        contact = _find_contact(r, motion, among, w, pull)
+        contact = _find_contact(r, motion, among, beside, pull)
         if contact.status == OTHERWISE:
             return NOT_TAKEN
         if pull is not None:
@@ -262,7 +268,7 @@ def _end_touched(
         end_pull(pull, motion.force)
     copy(motion.pushed, pushed)
     copy(among.beyond, among.beyond_before)
-    by_obstacles, power, stored, yields = add_up_forces(contact, w, found), dot(pushed, v), 0.0, len(touch.R) > 0
+    by_obstacles, power, stored, yields = add_up_forces(contact, beside.w, found), dot(pushed, v), 0.0, len(touch.R) > 0
     step = end_step(body, r, strains, motion)
     dissipated = step.dissipated
     if yields:
@@ -338,7 +344,10 @@ def take_step(
     if not free_step(body, u, halves[0], halves[1], pushed, strains, motion, pull):
         return NOT_TAKEN
     if among is not None:
-        return _end_touched(body, halves[1], pushed, strains, motion, among, pull)
+        if turn_too_far(among.moving):
+            return NOT_TAKEN
+        space = work_space(room_beside(among.moving, len(among.found.gaps)))
+        return _end_touched(body, halves[1], pushed, strains, motion, among, pull, space)
     if pull is not None and not _pull_alone(pull, motion):
         return NOT_TAKEN
     return end_step(body, halves[1], strains, motion)

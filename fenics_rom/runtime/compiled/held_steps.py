@@ -7,8 +7,9 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE
 from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, Memory
-from fenics_rom.runtime.compiled.held_step import NOT_TAKEN, Among, Body, Step, motion_in, take_step
+from fenics_rom.runtime.compiled.held_step import NOT_TAKEN, Among, Body, Step, among_in, motion_in, take_step
 from fenics_rom.runtime.compiled.strokes import Pull
 from fenics_rom.runtime.compiled.touching import Last, hand_on, keep_found
 
@@ -35,10 +36,11 @@ def take_steps(
     matrix: Array,
     among: Among | None,
     pull: Pull | None,
+    path: Moving | None,
     last: Last | None,
     taken: Taken,
 ) -> tuple[int, Step]:
-    """Takes steps under inputs (n, p) among obstacles that stand still: how many, and the last one.
+    """Takes steps under inputs (n, p) among obstacles: how many, and the last one.
 
     It ends before a step that is to be found otherwise. Where a state is not finite nothing that was given is of use,
     and the status of the last step is LOST.
@@ -47,15 +49,19 @@ def take_steps(
         body, halves, pushed, memory, vectors, matrix: as in `take_step`; e and r are changed, too.
         inputs: (n, p).
         among, pull: as there; what a step begins with is changed. None: nothing can touch the body, or is pulled.
+        path: of the obstacles, as `moving_in` takes it, where something can.
         last: set, where something can.
         taken: set.
     """
     motion, numbers, step, m = motion_in(vectors, matrix), memory.numbers.copy(), NOT_TAKEN, len(body.ω)
     for count in range(len(inputs)):
         copy(memory.numbers, numbers)
-        if among is not None:
+        given = body, inputs[count], halves, pushed, memory, vectors, matrix
+        if among is None or path is None:
+            after = take_step(*given, None, pull)
+        else:
             copy(among.begun.forces, among.found.pairs.forces)
-        after = take_step(body, inputs[count], halves, pushed, memory, vectors, matrix, among, pull)
+            after = take_step(*given, among_in(among, moving_in(path, count)), pull)
         if after.status == OTHERWISE:
             copy(numbers, memory.numbers)
             return count, step

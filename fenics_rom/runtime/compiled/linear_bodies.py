@@ -12,18 +12,11 @@ from fenics_rom.compilation import jit, jit_part
 from fenics_rom.compiled_arrays import unowned
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs
 from fenics_rom.mechanics.compiled.copying import copy, fill
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.compiled.work_space import release, taken, work_space
 from fenics_rom.runtime.compiled.linear_step import Body, State, restore, room_for, step_in
 from fenics_rom.runtime.compiled.touching import LOST, Begun, Clearance, StepContact, Touched, hand_on, is_settled
-
-
-class Obstacles(NamedTuple):
-    """How O obstacles of each of B bodies move in a step."""
-
-    start: Array  # (B, O, 3), m
-    end: Array  # (B, O, 3), m
-    before: Array  # velocities in the step before (B, O, 3), m/s
 
 
 class Told(NamedTuple):
@@ -44,7 +37,7 @@ def step_bodies(
     shapes: Array,
     bodies: Array,
     inputs: Array,
-    obstacles: Obstacles,
+    obstacles: Moving,
     begun: Begun,
     after: Begun,
     states: State,
@@ -58,14 +51,15 @@ def step_bodies(
         friction: μ of each (B,).
         bodies: (n,) which of the B.
         inputs: (B, p).
-        obstacles: of all.
+        obstacles: of all: as in `Moving`, bodies first.
         begun, after: what the step begins with of the past, and what the next one does, which is set.
         states: changed of those that take the step: not where its status is OTHERWISE or LOST.
         clearance: with numbers (B,), changed; of bodies whose obstacles are out of reach nothing is asked of these.
         told: set.
     """
     P, N = len(body.places), begun.forces.shape[1]
-    found, space = contact_of(N, P), work_space(room_for(body, len(shapes)))
+    one = Moving(obstacles.start[0], obstacles.end[0], obstacles.before[0])
+    found, space = contact_of(N, P), work_space(room_for(body, one))
     given = unowned(body), law, unowned(friction), unowned(shapes), unowned(bodies), unowned(inputs)
     known = unowned(obstacles), unowned(begun), unowned(after), unowned(states), unowned(clearance), unowned(told)
     _step_bodies(*given, *known, found, space)
@@ -87,7 +81,7 @@ def _step_bodies(
     shapes: Array,
     bodies: Array,
     inputs: Array,
-    obstacles: Obstacles,
+    obstacles: Moving,
     begun: Begun,
     after: Begun,
     states: State,
@@ -110,10 +104,10 @@ def _step_bodies(
         before = states.halves_before[b], states.rigid_before[b], states.beyond_before[b]
         state = State(*now, *before, states.relaxed_before[b], states.relaxed_beyond_before[b])
         past = Begun(begun.forces[b], begun.swung[b])
-        moving = obstacles.start[b], obstacles.end[b], obstacles.before[b]
+        moving = Moving(obstacles.start[b], obstacles.end[b], obstacles.before[b])
         own_numbers = clearance.gap[b : b + 1], clearance.untouched[b : b + 1], clearance.still[b : b + 1]
         near = Clearance(*own_numbers, clearance.stretch)
-        step = step_in(space, body, own, shapes, inputs[b], *moving, past, state, found, near)
+        step = step_in(space, body, own, shapes, inputs[b], moving, past, state, found, near)
         told.status[b] = step.status
         if step.status != OTHERWISE and not np.isfinite(step.square):
             restore(state)
@@ -150,7 +144,7 @@ def look_at_bodies(
 ) -> None:
     """Sets displacements of the points (B, P, 3), m, and their gaps to the nearest obstacle (B, P), m, of some bodies.
 
-    Arguments as in `step_bodies`; inverse_ω: (m,), s; start: displacements of the obstacles (B, O, 3), m.
+    Arguments as in `step_bodies`; inverse_ω: (m,), s; start: of the obstacles, (B, O, 3) or (B, O, 7).
     """
     P, count, ρ = len(body.places), len(shapes), states.rigid.shape[1]
     gaps, normals = np.empty(count * P), np.empty((count * P, 3))

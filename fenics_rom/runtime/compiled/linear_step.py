@@ -14,6 +14,7 @@ from fenics_rom.compilation import jit_apart, jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, Law, find_forces
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import in_one_piece
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving, begin_beside, room_beside, turn, turn_too_far
 from fenics_rom.mechanics.compiled.work_space import take, take_rows
 from fenics_rom.runtime.compiled.branches import (
     add_pull,
@@ -94,10 +95,14 @@ class Step(NamedTuple):
     normal_power: float  # Σ λ s of the pairs, W
 
 
+NOT_TAKEN = Step(OTHERWISE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
 @jit_part
-def room_for(body: Body, obstacles: int) -> int:
-    """Numbers of the work space that a step takes."""
-    return 8 * len(body.ω) + 9 * len(body.places) + 3 * obstacles
+def room_for(body: Body, moving: Moving) -> int:
+    """Numbers of the work space that a step among such obstacles takes."""
+    P = len(body.places)
+    return 8 * len(body.ω) + 9 * P + room_beside(moving, len(moving.start) * P)
 
 
 @jit_apart
@@ -107,9 +112,7 @@ def step_in(
     law: Law,
     shapes: Array,
     u: Array,
-    start: Array,
-    end: Array,
-    w_before: Array,
+    moving: Moving,
     begun: Begun,
     state: State,
     found: StepContact,
@@ -122,8 +125,7 @@ def step_in(
         body, law: of it.
         shapes: of the obstacles, (O, 17).
         u: the input (p,).
-        start, end: displacements of the obstacles, (O, 3), m.
-        w_before: their velocities in the step before, (O, 3), m/s.
+        moving: how the obstacles do.
         begun: what the step begins with.
         state: changed.
         found: set, but for what pairs would be asked where obstacles are known to be out of reach.
@@ -134,7 +136,7 @@ def step_in(
     e, r, ρ = state.halves[0], state.halves[1], len(state.rigid)
     yields, relaxes = len(body.R) > 0, len(state.relaxed) > 0
     pushed, right, v, q = take(space, m), take(space, m), take(space, m), take(space, m)
-    by_contact, heat, w = take(space, m), take(space, m), take_rows(space, len(shapes), 3)
+    by_contact, heat, beside = take(space, m), take(space, m), begin_beside(moving, h, len(pairs.forces), space)
     rate, stress = take(space, m), take(space, m)
     pull = take_rows(space, 2 if relaxes and yields else 0, 3 * P)
     multiply(body.inputs, u, pushed)
@@ -151,25 +153,24 @@ def step_in(
             fill(pull[row], 0.0)
             add_row_of_pull(body.branches, state.relaxed_beyond, row, pull[row])
     multiply(body.A, right, v)
-    for o in range(len(w)):
-        for k in range(3):
-            w[o, k] = (end[o, k] - start[o, k]) / h
-    contact, going = Found(NOTHING, 0, 0.0), (r, v, state.beyond, pull, w, w_before)
-    is_clear = is_out_of_reach(clearance, body, h, *going)
+    contact, going = Found(NOTHING, 0, 0.0), (r, v, state.beyond, pull, beside)
+    is_clear = not turn(moving) and is_out_of_reach(clearance, body, h, *going)
     if not is_clear:
-        look_around(body, shapes, start, q, state.beyond, found, space)
+        if turn_too_far(moving):
+            return NOT_TAKEN
+        look_around(body, shapes, moving, h, beside, q, state.beyond, found, space)
         clearance.gap[0] = found.gaps.min() if law.compliance == 0.0 else 0.0  # springs reach as far as they are soft
         is_clear = is_out_of_reach(clearance, body, h, *going)
     if is_clear:
         forget_pairs(pairs)
     else:
         copy(begun.forces, pairs.forces)
-        ask_points(body, law, w, w_before, begun, r, v, state.beyond, pull, found, space)
+        ask_points(body, law, beside, begun, r, v, state.beyond, pull, found, space)
         contact = find_forces(law, body.W, in_one_piece(body.inverse), P, begun.swung, pairs)
     if contact.status == OTHERWISE:
-        return Step(OTHERWISE, contact.sweeps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return NOT_TAKEN
     _remember(state, is_settled(clearance.still))
-    by_obstacles, power = add_up_forces(contact, w, found), 0.0
+    by_obstacles, power = add_up_forces(contact, beside.w, found), 0.0
     if contact.status == FOUND:
         multiply(body.points, forces, by_contact)
         for i in range(m):
@@ -205,7 +206,9 @@ def step_in(
         r[i] = 2 * v[i] - r[i]
     for i in range(ρ):
         state.rigid[i] += h * v[i]
-    go_on(clearance, h, v, motion[3], w)
+    go_on(clearance, h, v, motion[3], beside.w)
+    if turn(moving):  # how fast it will be where the points are nobody knows
+        clearance.gap[0] = 0.0
     whole = power - by_obstacles
     normal = contact.normal_power if law.friction > 0 else whole
     square = dot(e, e) + dot(r, r) + stored + in_branches

@@ -12,6 +12,7 @@ from fenics_rom.compilation import jit, jit_part
 from fenics_rom.compiled_arrays import unowned
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs
 from fenics_rom.mechanics.compiled.copying import are_equal, copy
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.mechanics.compiled.work_space import take, take_flags, take_frames, take_integers, take_rows, work_space
 from fenics_rom.runtime.compiled.arrays_at import cube_at, matrix_at, vector_at
 from fenics_rom.runtime.compiled.linear_step import Body, State, Step, restore, room_for, step_in
@@ -144,11 +145,6 @@ def _clear_at(table: Array) -> Clear:
 
 
 @jit_part
-def _space_for(body: Body, shapes: Array) -> Array:
-    return work_space(room_for(body, len(shapes)))
-
-
-@jit_part
 def _parts_of(left: Array, state: State) -> tuple[Array, Array, Array, Array, Array]:
     """What was left of each part of a state, and of the obstacles."""
     a = state.halves.size
@@ -216,43 +212,43 @@ def take_step_at(
         table: of `arrays_of`.
         numbers: of `numbers_of`.
         u: the input (p,).
-        start, end: displacements of the obstacles, (O, 3), m.
-        w_before: their velocities in the step before, (O, 3), m/s.
+        start, end, w_before: of the obstacles, as in `Moving`.
         forces, swung: what the step begins with, as in `Begun`.
         record: set.
     """
     body, law, state, clear = _body_at(table, numbers), _law_of(numbers), _state_at(table), _clear_at(table)
     shapes, friction = matrix_at(table[_OTHERS]), vector_at(table[_OTHERS + 1])
-    space, begun = _space_for(body, shapes), Begun(unowned(forces), unowned(swung))
+    moving, begun = Moving(unowned(start), unowned(end), unowned(w_before)), Begun(unowned(forces), unowned(swung))
+    space = work_space(room_for(body, moving))
     told = _parts(unowned(record), len(forces), len(body.places), friction)
     _begin_clear(clear, state, start)
-    moving = unowned(start), unowned(end), unowned(w_before)
-    step = step_in(space, body, law, shapes, unowned(u), *moving, begun, state, told.found, clear.clearance)
+    step = step_in(space, body, law, shapes, unowned(u), moving, begun, state, told.found, clear.clearance)
     _tell(step, begun, law, told)
     if step.status != OTHERWISE:
         _end_clear(clear, state, end)
 
 
 @jit
-def take_steps_at(table: Array, numbers: Array, inputs: Array, offsets: Array, records: Array, told: Taken) -> int:
-    """Takes steps under inputs (n, p) among obstacles that stand still; how many.
+def take_steps_at(table: Array, numbers: Array, inputs: Array, path: Moving, records: Array, told: Taken) -> int:
+    """Takes steps under inputs (n, p) among obstacles; how many.
 
     It ends before a step that is to be found otherwise, or whose energy is not finite.
 
     Args:
         table, numbers: as in `take_step_at`.
         inputs: (n, p).
-        offsets: displacements of the obstacles, (O, 3), m.
+        path: of the obstacles, as `moving_in` takes it.
         records: three, (3, size): step k is in that of number k mod 3, and the last of them has what the first step
             begins with. Set.
         told: set.
     """
-    body, state, still = _body_at(table, numbers), _state_at(table), np.zeros(offsets.shape)
+    body, state = _body_at(table, numbers), _state_at(table)
     ρ, N, friction = len(state.rigid), len(matrix_at(table[_OTHERS])) * len(body.places), vector_at(table[_OTHERS + 1])
     for count in range(len(inputs)):
         begun = _parts(unowned(records[(count + 2) % 3]), N, len(body.places), friction).after
         record = records[count % 3]
-        take_step_at(table, numbers, inputs[count], offsets, offsets, still, begun.forces, begun.swung, record)
+        start, end, before = moving_in(path, count)
+        take_step_at(table, numbers, inputs[count], start, end, before, begun.forces, begun.swung, record)
         step = record[1 : 1 + OF_A_STEP]
         if step[0] == OTHERWISE:
             return count

@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_apart, jit_part
 from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Found
 from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving, turn_too_far
 from fenics_rom.runtime.compiled.bent_frame import Bending, remember_shape, restore_shape
 from fenics_rom.runtime.compiled.carried_step import (
     OF_BASE,
@@ -33,6 +34,7 @@ from fenics_rom.runtime.compiled.touched_frame import (
     TouchedTaken,
     Turn,
     act_on_points,
+    among_in,
     ask_in_sweep,
     begin_sweeps,
     end_touched,
@@ -77,7 +79,7 @@ def _take(table: Array, u: Array, base: Array, among: Among, bent: Bending | Non
     """The same; of a linear body it has none."""
     body, loads, state, watch = body_at(table), loads_at(table), state_at(table), watch_at(table)
     begun = begin_carried_step(body, loads, u, base, state, bent, among.points)
-    if begun.status != TAKEN:
+    if begun.status != TAKEN or turn_too_far(among.moving):
         return nothing_taken()
     h, now, q, turn = body.h, state.now[0], state.halves[0] * body.inverse_ω, _turn_of(begun)
     sweep, r̂ = begin_sweeps(among, h, q, state.halves[1], begun.R, vector(now, POSITION)), begun.rate.copy()
@@ -145,13 +147,13 @@ def _find_contact(body: Body, begun: Begun, turn: Turn, r̂: Array, state: State
 
 @jit
 def take_touched_carried_steps(
-    table: Array, inputs: Array, bases: Array, among: Among, last: Last, taken: TouchedTaken
+    table: Array, inputs: Array, bases: Array, among: Among, path: Moving, last: Last, taken: TouchedTaken
 ) -> tuple[int, Touched]:
-    """Takes steps among obstacles that stand still, as `take_carried_steps`; sets `last` and `taken`."""
+    """Takes steps among obstacles on a path, as `take_carried_steps`; sets `last` and `taken`."""
     touched = nothing_taken()
     for count in range(len(inputs)):
         copy(among.begun.forces, among.found.pairs.forces)
-        after = take_touched_carried_step(table, inputs[count], bases[count], among)
+        after = take_touched_carried_step(table, inputs[count], bases[count], among_in(among, path, count))
         if not keep_touched(table, among, after, last, taken, count, None):
             return count, touched
         touched = after
@@ -160,13 +162,13 @@ def take_touched_carried_steps(
 
 @jit
 def take_touched_bent_carried_steps(
-    table: Array, inputs: Array, bases: Array, among: Among, last: Last, taken: TouchedTaken
+    table: Array, inputs: Array, bases: Array, among: Among, path: Moving, last: Last, taken: TouchedTaken
 ) -> tuple[int, Touched]:
     """The same of a body that deforms largely."""
     touched = nothing_taken()
     for count in range(len(inputs)):
         copy(among.begun.forces, among.found.pairs.forces)
-        after = take_touched_bent_carried_step(table, inputs[count], bases[count], among)
+        after = take_touched_bent_carried_step(table, inputs[count], bases[count], among_in(among, path, count))
         if not keep_touched(table, among, after, last, taken, count, bent_at(table)):
             return count, touched
         touched = after

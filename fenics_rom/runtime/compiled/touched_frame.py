@@ -14,9 +14,10 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, Found, Law, ask, find_forces
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE as UNKNOWN
-from fenics_rom.mechanics.compiled.copying import copy, fill
+from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import in_one_piece
-from fenics_rom.mechanics.compiled.shapes import measure
+from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving, begin_beside, look, moving_in, room_beside
+from fenics_rom.mechanics.compiled.work_space import work_space
 from fenics_rom.mechanics.contact_pairs import FIRST
 from fenics_rom.mechanics.frame_contact import PATIENCE, ROUND_OFF, TOLERANCE
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
@@ -49,14 +50,19 @@ class Among(NamedTuple):
 
     law: Law
     shapes: Array  # of the obstacles, (O, 17)
-    start: Array  # displacements of the obstacles, (O, 3), m
-    end: Array
-    w_before: Array  # their velocities in the step before, (O, 3), m/s
+    moving: Moving  # how they move
     begun: Begun
     points: Points
     at_rest: Array  # places of the points in world axes, (P, 3), m
     found: StepContact  # with forces to begin with; set
     W: Array  # that guides sweeps, m/s/N (3P, 3P)
+
+
+@jit_part
+def among_in(among: Among, path: Moving, step: int) -> Among:
+    """The same obstacles in one of steps in a row; see `moving_in`."""
+    law, shapes, _, begun, points, at_rest, found, W = among
+    return Among(law, shapes, moving_in(path, step), begun, points, at_rest, found, W)
 
 
 class Turn(NamedTuple):
@@ -71,7 +77,8 @@ class Turn(NamedTuple):
 class Sweep(NamedTuple):
     """What sweeps of a step go on with."""
 
-    w: Array  # velocities of the obstacles, (O, 3), m/s
+    space: Array  # of the next ones
+    beside: Beside  # how obstacles move
     settled: Array  # (3, N)
     is_near: Array  # whether W has a point (P,)
     kept: Array  # V r and rates of what points yield beyond the basis, (P, 3), m/s
@@ -124,9 +131,10 @@ def begin_sweeps(among: Among, h: float, q: Array, r: Array, R: Rotation, origin
             motion[PLACE, 3 * p + k] = places[p, k] - among.at_rest[p, k]
             points.forces[p, k] = points.seen[p, k] = 0.0
         points.pushed[p] = 0.0
-    measure(among.shapes, among.start, places, gaps, pairs.axes[:, 0])
-    w = (among.end - among.start) / h
-    return Sweep(w, np.zeros((3, N)), np.zeros(P, dtype=np.bool_), kept, np.empty((P, 3)))
+    space = work_space(room_beside(among.moving, N))
+    beside = begin_beside(among.moving, h, N, space)
+    look(among.shapes, among.moving, h, places, gaps, pairs.axes[:, 0], beside)
+    return Sweep(space, beside, np.zeros((3, N)), np.zeros(P, dtype=np.bool_), kept, np.empty((P, 3)))
 
 
 @jit_part
@@ -196,7 +204,7 @@ def ask_in_sweep(among: Among, sweep: Sweep, count: int) -> None:
     pairs, gaps, motion, _ = among.found
     free, velocity = motion[FREE].reshape(-1, 3), motion[VELOCITY].reshape(-1, 3)
     outwards = sweep.settled[OUTWARDS, : len(gaps) if count else 0]
-    ask(among.law, gaps, free, velocity, sweep.w, among.w_before, among.begun.forces, outwards, pairs)
+    ask(among.law, gaps, free, velocity, sweep.beside, among.begun.forces, outwards, pairs)
 
 
 @jit_part
@@ -251,12 +259,10 @@ def is_all_near(among: Among, sweep: Sweep) -> bool:
 def note_near(among: Among, sweep: Sweep) -> None:
     """Notes the points that may need forces, or twice as fast: see `ContactSolver.within_reach`."""
     law, gaps, motion, P = among.law, among.found.gaps, among.found.motion, len(among.points.rest)
-    fastest = w = 0.0
+    fastest = 0.0
     for k in range(3 * P):
         fastest = max(fastest, 2 * abs(motion[FREE, k]) + abs(motion[VELOCITY, k]))
-    for o in range(len(sweep.w)):
-        for k in range(3):
-            w = max(w, abs(sweep.w[o, k]), abs(among.w_before[o, k]))
+    w = max(largest_of(sweep.beside.w), largest_of(sweep.beside.before))
     reach = 2 * law.h * math.sqrt(3.0) * (fastest + 3 * w)
     for c in range(len(gaps)):
         if law.compliance > 0 or gaps[c] <= reach:
@@ -316,7 +322,7 @@ def has_ended(size: float, before: float, scale: float) -> bool:
 def act_on_points(among: Among, sweep: Sweep, contact: Found, turn: Turn) -> float:
     """Has the forces of pairs act on the points; their power on obstacles, W."""
     points, forces = among.points, among.found.forces
-    power = add_up_forces(contact, sweep.w, among.found)
+    power = add_up_forces(contact, sweep.beside.w, among.found)
     copy(forces, points.forces)
     see_forces(points, turn.R, turn.t)
     return power

@@ -8,6 +8,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_apart, jit_part
 from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Found
 from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving, turn_too_far
 from fenics_rom.mechanics.frame_contact import FEW_SWEEPS, SLOW
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.runtime.compiled.bent_frame import Bending, remember_shape, restore_shape
@@ -42,6 +43,7 @@ from fenics_rom.runtime.compiled.touched_frame import (
     TouchedTaken,
     Turn,
     act_on_points,
+    among_in,
     ask_in_sweep,
     begin_sweeps,
     end_touched,
@@ -88,7 +90,7 @@ def _take(table: Array, u: Array, among: Among, bent: Bending | None) -> Touched
     body, loads, state, watch = body_at(table), loads_at(table), state_at(table), watch_at(table)
     begun = begin_free_step(body, loads, u, state, bent, among.points)
     h, x, points, now = body.h, begun.x, among.points, state.now[0]
-    if begun.status != TAKEN:
+    if begun.status != TAKEN or turn_too_far(among.moving):
         return nothing_taken()
     if not solve(body, loads, begun.acting, begun.q, begun.R, x, state):
         return nothing_taken()
@@ -193,13 +195,13 @@ def _find_contact(body: Body, loads: Loads, begun: Begun, state: State, among: A
 
 @jit
 def take_touched_free_steps(
-    table: Array, inputs: Array, among: Among, last: Last, taken: TouchedTaken
+    table: Array, inputs: Array, among: Among, path: Moving, last: Last, taken: TouchedTaken
 ) -> tuple[int, Touched]:
-    """Takes steps among obstacles that stand still, as `take_free_steps`; sets `last` and `taken`."""
+    """Takes steps among obstacles on a path, as `take_free_steps`; sets `last` and `taken`."""
     touched = nothing_taken()
     for count in range(len(inputs)):
         copy(among.begun.forces, among.found.pairs.forces)
-        after = take_touched_free_step(table, inputs[count], among)
+        after = take_touched_free_step(table, inputs[count], among_in(among, path, count))
         if not keep_touched(table, among, after, last, taken, count, None):
             return count, touched
         touched = after
@@ -208,13 +210,13 @@ def take_touched_free_steps(
 
 @jit
 def take_touched_bent_free_steps(
-    table: Array, inputs: Array, among: Among, last: Last, taken: TouchedTaken
+    table: Array, inputs: Array, among: Among, path: Moving, last: Last, taken: TouchedTaken
 ) -> tuple[int, Touched]:
     """The same of a body that deforms largely."""
     touched = nothing_taken()
     for count in range(len(inputs)):
         copy(among.begun.forces, among.found.pairs.forces)
-        after = take_touched_bent_free_step(table, inputs[count], among)
+        after = take_touched_bent_free_step(table, inputs[count], among_in(among, path, count))
         if not keep_touched(table, among, after, last, taken, count, bent_at(table)):
             return count, touched
         touched = after

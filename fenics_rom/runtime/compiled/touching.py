@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, Found, Law, Pairs, ask
 from fenics_rom.mechanics.compiled.copying import add_row, copy, fill, largest_of
-from fenics_rom.mechanics.compiled.shapes import measure
+from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving, look, row_of
 from fenics_rom.mechanics.compiled.work_space import rows_of, take, take_rows
 
 DIAGONAL = 3**0.5  # the longest vector in space whose components are 1 at most
@@ -89,13 +89,23 @@ class Last(NamedTuple):
 
 @jit_part
 def look_around(
-    body: Touched, shapes: Array, start: Array, q: Array, beyond: Array, found: StepContact, space: Array
+    body: Touched,
+    shapes: Array,
+    moving: Moving,
+    h: float,
+    beside: Beside,
+    q: Array,
+    beyond: Array,
+    found: StepContact,
+    space: Array,
 ) -> None:
     """Sets displacements of the points, their gaps and normals.
 
     Args:
         body: with points.
-        shapes, start: of the obstacles, as in `linear_step.step_in`.
+        shapes, moving: of the obstacles, as in `linear_step.step_in`.
+        h: of the step, s.
+        beside: of `begin_beside`; set, where an obstacle turns.
         q: (m,).
         beyond: g, y and their rates, (4, 3P).
         found: as above.
@@ -110,15 +120,14 @@ def look_around(
     for p in range(len(places)):
         for k in range(3):
             places[p, k] = body.places[p, k] + moved[3 * p + k]
-    measure(shapes, start, places, found.gaps, found.pairs.axes[:, 0])
+    look(shapes, moving, h, places, found.gaps, found.pairs.axes[:, 0], beside)
 
 
 @jit_part
 def ask_points(
     body: Touched,
     law: Law,
-    w: Array,
-    w_before: Array,
+    beside: Beside,
     begun: Begun,
     r: Array,
     v: Array,
@@ -131,7 +140,7 @@ def ask_points(
 
     Args:
         body, law: of it.
-        w, w_before: velocities of the obstacles in this step and in the one before, (O, 3), m/s.
+        beside: how obstacles move.
         begun: what the step begins with.
         r, v: rates at its start, and v̂ without contact, (m,).
         beyond: g, y and their rates, (4, 3P).
@@ -151,7 +160,7 @@ def ask_points(
             velocity[k] += rate[k]
             free[k] += (body.inertia * rate[k] - y[k] - (pull[1, k] if len(pull) > 0 else 0.0)) / body.whole
     at = rows_of(free, 3), rows_of(velocity, 3)
-    ask(law, found.gaps, *at, w, w_before, begun.forces, take(space, 0), found.pairs)
+    ask(law, found.gaps, *at, beside, begun.forces, take(space, 0), found.pairs)
 
 
 @jit_part
@@ -165,15 +174,7 @@ def _speed_of(clearance: Clearance, v: Array) -> float:
 
 @jit_part
 def is_out_of_reach(
-    clearance: Clearance,
-    body: Touched,
-    h: float,
-    r: Array,
-    v: Array,
-    beyond: Array,
-    pull: Array,
-    w: Array,
-    w_before: Array,
+    clearance: Clearance, body: Touched, h: float, r: Array, v: Array, beyond: Array, pull: Array, beside: Beside
 ) -> bool:
     """Whether no pair takes part in a step of h s for sure.
 
@@ -186,7 +187,7 @@ def is_out_of_reach(
         h: s.
         r, v: rates at its start, and v̂ without contact, (m,).
         beyond, pull: as in `ask_points`.
-        w, w_before: velocities of the obstacles in this step and in the one before, (O, 3), m/s.
+        beside: how obstacles move.
     """
     gap = clearance.gap[0]
     if not gap > 0:
@@ -196,7 +197,7 @@ def is_out_of_reach(
         y, rate = largest_of(beyond[1]), largest_of(beyond[3])
         y += largest_of(pull[1]) if len(pull) > 0 else 0.0
         speed += DIAGONAL * max(rate, (body.inertia * rate + y) / body.whole)
-    obstacles = DIAGONAL * max(largest_of(w), largest_of(w_before))
+    obstacles = DIAGONAL * max(largest_of(beside.w), largest_of(beside.before))
     return gap > 2.5 * h * (speed + 2 * obstacles)
 
 
@@ -232,7 +233,7 @@ def is_settled(steps: Array) -> bool:
 
 @jit_part
 def add_up_forces(contact: Found, w: Array, found: StepContact) -> float:
-    """Sets the forces on the points; their power on obstacles that move with w (O, 3), W."""
+    """Sets the forces on the points; their power on obstacles that move with w, as of `Beside`, W."""
     forces, pairs, power = found.forces, found.pairs, 0.0
     for k in range(len(forces)):
         forces[k] = 0.0
@@ -241,7 +242,7 @@ def add_up_forces(contact: Found, w: Array, found: StepContact) -> float:
         for c in range(len(pairs.forces)):
             for k in range(3):
                 forces[3 * (c % P) + k] += pairs.forces[c, k]
-                power += pairs.forces[c, k] * w[c // P, k]
+                power += pairs.forces[c, k] * w[row_of(w, c, len(pairs.forces), P), k]
     return power
 
 

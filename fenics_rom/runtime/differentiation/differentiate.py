@@ -59,7 +59,6 @@ def differentiate(
     names = tuple(body.rom.outputs) if outputs is None else names_in("outputs", outputs, StepError)
     for name in names:
         check_known("output", name, body.rom.outputs, StepError)
-    _check_obstacles(body)
     u, plan = plan_steps(body, inputs, contact, dt)
     check_bases(base, len(u))
     if not len(u):
@@ -69,14 +68,3 @@ def differentiate(
     from fenics_rom.runtime.differentiation.taken_steps import differentiate_taken  # here, as linear bodies need it not
 
     return differentiate_taken(body, u[:, : body.inputs], plan, objective, names, base, switches=contact is not None)
-
-
-def _check_obstacles(body: Simulator) -> None:
-    """A StepError where an obstacle turns."""
-    obstacles = {} if body.environment is None else body.environment.environment.obstacles
-    for name, obstacle in obstacles.items():
-        if obstacle.motion is not None:
-            raise StepError(
-                f"differentiate: obstacle {name!r} has a motion, and there is no gradient through contact with what "
-                "turns: allowed are obstacles that stand still or are shifted by a table"
-            )

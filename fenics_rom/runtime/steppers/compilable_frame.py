@@ -164,18 +164,18 @@ class CompilableFrame(PartedKernel):
         """Whether compiled functions take its steps."""
         return self._compiled is not None and (self._interface is None or self._compiled.touch is not None)
 
-    def roll(self, inputs: Array, bases: Array | None, obstacles: ObstacleMotion | None) -> "FrameSteps | None":
+    def roll(self, inputs: Array, bases: Array | None, path: ObstacleMotion | None) -> "FrameSteps | None":
         """Takes steps under inputs (n, p), as many as compiled functions do; None: none.
 
-        bases: at the end of each step, (n, 13); None: it stands still. So do obstacles, if there are any.
+        `bases`: at the end of each step, (n, 13); None: it stands still. `path`: of obstacles (`in_step`).
         """
-        if self._compiled is None or not self._is_known(obstacles):
+        if self._compiled is None or not self._is_known(path):
             return None
         if bases is None:
             bases = np.tile((*self.frame.position, *self.frame.rotation, *np.zeros(6)), (len(inputs), 1))
         if self._compiled.bent is not None:
             self._compiled.bent.begin(self.contact, self._ahead)
-        taken = self._compiled.take_many(inputs, bases, self._frame_known, self.notes, obstacles)
+        taken = self._compiled.take_many(inputs, bases, self._frame_known, self.notes, path)
         if taken is None:
             return None
         self.flush()

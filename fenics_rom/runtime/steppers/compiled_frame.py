@@ -8,6 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain, jit, or_numpy
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.rom.contact_model import ContactModel
@@ -200,11 +201,11 @@ class CompiledFrame:
         bases: Array,
         frame: FrameState | None,
         notes: dict[str, float],
-        obstacles: ObstacleMotion | None,
+        path: ObstacleMotion | None,
     ) -> FrameSteps | None:
         """Takes steps under inputs (n, p) and bases (n, 13), as many as there are none to be taken otherwise.
 
-        Obstacles stand still.
+        `path`: of the obstacles (`in_step`).
         """
         self.begin(frame, notes)
         n, m, on = len(inputs), len(self._body.ω), (in_plain(bases),) if self._carried else ()
@@ -212,21 +213,21 @@ class CompiledFrame:
             np.empty((n, 2)), np.empty((n, m)), np.empty((n, 7)), np.empty((n, 0 if self.bent is None else 11))
         )
         given = self._table, in_plain(inputs), *on
-        if self.touch is not None and obstacles is not None:
-            return self._take_many_touched(self.touch, given, obstacles, taken)
+        if self.touch is not None and path is not None:
+            return self._take_many_touched(self.touch, given, path, taken)
         count, last = STEPS[self._kind][1](*given, taken)
         nothing = np.empty((n, 0))
         return _first(count, TouchedTaken(taken, nothing, nothing, np.empty((n, 0, 3))), FrameStep(last))
 
     def _take_many_touched(
-        self, touch: FrameTouch, given: tuple[Any, ...], obstacles: ObstacleMotion, moved: Taken
+        self, touch: FrameTouch, given: tuple[Any, ...], path: ObstacleMotion, moved: Taken
     ) -> FrameSteps | None:
         """The same among obstacles."""
-        n, (among, last) = len(moved.q), touch.for_many(touch.among(obstacles))
-        asked = n, 0 if self.bent is None else len(among.start), 3
+        n, (among, last) = len(moved.q), touch.for_many(touch.among(path.in_step(0)))
+        asked = n, 0 if self.bent is None else len(among.shapes), 3
         taken = TouchedTaken(moved, np.empty((n, 3)), np.empty((n, among.points.beyond.shape[1])), np.empty(asked))
-        count, touched = TOUCHED_STEPS[self._kind](*given, among, last, taken)
-        contact = touch.keep_last(touched, among, last) if count else None
+        count, touched = TOUCHED_STEPS[self._kind](*given, among, Moving(*path), last, taken)
+        contact = touch.keep_last(touched, path.in_step(count - 1), among, last) if count else None
         if count and self.bent is not None:
             self.bent.press(contact)
         return _first(count, taken, FrameStep(touched.step, contact))

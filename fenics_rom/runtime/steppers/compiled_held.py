@@ -8,6 +8,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain, jit, or_numpy
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.compiled_contact import CompiledContact
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
@@ -194,11 +195,12 @@ class CompiledHeld:
 
     @or_numpy
     def take_many(self, inputs: Array, start: Beginning) -> HeldStepsTaken | None:
-        """Takes steps under inputs (n, p) among obstacles that stand still, as many as loops find; None: none.
+        """Takes steps under inputs (n, p) among obstacles on a path (`in_step`), as many as loops find; None: none.
 
         e and r are changed.
         """
-        among, last, n, met, halves = self._begin(start), None, len(inputs), self._met, start.halves
+        path, last, n, met, halves = start.obstacles, None, len(inputs), self._met, start.halves
+        among = self._begin(start._replace(obstacles=None if path is None else path.in_step(0)))
         if among is None and met is not None:
             return None
         widths = (0, 0) if among is None else (among.beyond.shape[1], len(among.shapes))
@@ -207,7 +209,8 @@ class CompiledHeld:
         before = halves.copy(), None if among is None else among.beyond.copy()
         if met is not None and among is not None:
             among, last = met.for_many(among)
-        given = self._pushed, self._memory, *self._of_motion, among, self._pull, last, taken
+        along = None if among is None or path is None else Moving(*path)
+        given = self._pushed, self._memory, *self._of_motion, among, self._pull, along, last, taken
         count, step = take_steps(self.body, in_plain(inputs), halves, *given)
         if step.status == LOST:
             halves[:] = before[0]
@@ -219,8 +222,8 @@ class CompiledHeld:
         self._follow_tangent()
         self._hand_on()
         contact = None
-        if met is not None and among is not None and last is not None:
-            contact = met.keep_last(step, among, last)
+        if met is not None and among is not None and path is not None and last is not None:
+            contact = met.keep_last(step, among._replace(moving=Moving(*path.in_step(count - 1))), last)
         return HeldStepsTaken(Taken(*(rows[:count] for rows in taken)), step, contact)
 
     def _begin(self, start: Beginning) -> Among | None:

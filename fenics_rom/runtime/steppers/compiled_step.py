@@ -8,6 +8,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain, or_numpy
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.compiled_contact import CompiledContact, Known, Told
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_pairs import Pairs as AskedPairs
@@ -78,8 +79,9 @@ class StepTaken:
 
     def contact(self) -> ContactSolution:
         """What it did, where a pair took part."""
-        _, _, law, _, _, obstacles = self._given
-        return self._told().solution(obstacles.velocities(law.h))
+        _, _, law, solver, _, obstacles = self._given
+        seen = solver.seen(self._points().displacement, obstacles, law.h)
+        return self._told().solution(obstacles.velocities(law.h), seen)
 
     def beyond(self) -> Array:
         """Velocities (P, 3) of the contact points beyond the basis, m/s."""
@@ -193,18 +195,18 @@ class CompiledStep:
         return None if record.item(1) == OTHERWISE else self._note(record, search, obstacles)
 
     @or_numpy
-    def take_many(self, inputs: Array, obstacles: ObstacleMotion) -> StepsTaken | None:
-        """Takes steps under inputs (n, p) among obstacles that stand still, as many as the loops find; None: none."""
+    def take_many(self, inputs: Array, path: ObstacleMotion) -> StepsTaken | None:
+        """Takes steps under inputs (n, p) among obstacles on a path (`in_step`), as many as loops find; None: none."""
         search, solver, records, n = self._begin(), self._solver, np.empty((3, self._size)), len(inputs)
         first = self._in(records[2]).after
         first.forces[:], first.swung[:] = search.forces, solver.swung(search)
         taken = Taken(np.empty((n, 5)), np.empty((n, len(self.body.ω))), np.empty((n, len(self.body.R))))
-        count = take_steps_at(self._table, self._numbers, in_plain(inputs), obstacles.start, records, taken)
+        count = take_steps_at(self._table, self._numbers, in_plain(inputs), Moving(*path), records, taken)
         if not count:
             return None
         forces, swung = self._in(records[(count + 1) % 3]).after
         solver.search = search = search._replace(forces=forces, swung=swung if swung.any() else None)
-        last = self._note(records[(count + 2) % 3], search, obstacles)
+        last = self._note(records[(count + 2) % 3], search, path.in_step(count - 1))
         return StepsTaken(Taken(*(rows[:count] for rows in taken)), last)
 
     def _in(self, record: Array) -> Record:

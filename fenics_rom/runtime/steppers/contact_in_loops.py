@@ -54,7 +54,8 @@ class ContactInLoops:
             return PointMotion(*motion[:3].reshape(3, -1, 3))
 
         known = told.known(self._solver, self._solver.search.forces, points, W, self._h, obstacles)
-        return self._solver.keep(told, known, obstacles.velocities(self._h))
+        seen = self._solver.seen(points().displacement, obstacles, self._h) if told.touches else None
+        return self._solver.keep(told, known, obstacles.velocities(self._h), seen)
 
     def _begin_last(self, begun: Begun) -> None:
         """Has the last of steps in a row have begun so."""

@@ -99,7 +99,7 @@ def contact_interface(
     if solver_of is None:
         own = points.own_surface(environment.environment.self_contact, rom.triangles)
         faces = points.faces(rom.triangles) if environment.environment.touches_faces else None
-        solver = make_contact_solver(*given, own, faces, turn=environment.environment.turns_obstacles)
+        solver = make_contact_solver(*given, own, faces)
     else:
         solver = solver_of(*given)
     rows = points.columns(lambda nodes: rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]).T).T

@@ -170,11 +170,16 @@ class ContactMidpoint(FollowingMidpoint):
         if taken.touches:
             self._at_touch = None, None if self.residual is None else taken.beyond
 
-    def roll(self, inputs: Array, obstacles: ObstacleMotion) -> "StepsTaken | None":
-        """Takes steps under inputs (n, p) among obstacles that stand still, as many as loops find; None: none."""
+    @property
+    def is_compiled(self) -> bool:
+        """Whether compiled functions take steps."""
+        return self.compiled_step is not None
+
+    def roll(self, inputs: Array, path: ObstacleMotion) -> "StepsTaken | None":
+        """Takes steps under inputs (n, p) among obstacles on a path (`in_step`), as many as loops find; None: none."""
         if self.compiled_step is None:
             return None
-        taken = self.compiled_step.take_many(inputs, obstacles)
+        taken = self.compiled_step.take_many(inputs, path)
         if taken is None:
             return None
         self.flush()

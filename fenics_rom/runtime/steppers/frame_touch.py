@@ -4,6 +4,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.compiled_contact import CompiledContact
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.runtime.compiled.contact_points import Points
@@ -51,7 +52,7 @@ class FrameTouch(ContactInLoops):
         """What a step is told, and where it tells what it found."""
         W = np.empty((self.at_rest.size, self.at_rest.size))  # another one each time, as the solver keeps parts of it
         law, shapes, begun, found = self._law, self._solver.shapes, self._begun(), self._for_found()
-        return Among(law, shapes, *obstacles, begun, self.points, self.at_rest, found, W)
+        return Among(law, shapes, Moving(*obstacles), begun, self.points, self.at_rest, found, W)
 
     def for_many(self, among: Among) -> tuple[Among, Last]:
         """The same for steps in a row, which change what they begin with; and where the last one is kept."""
@@ -60,10 +61,13 @@ class FrameTouch(ContactInLoops):
 
     def keep(self, touched: Touched, among: Among, found: StepContact) -> ContactSolution | None:
         """Contact of a step that was taken, and found this; the next search begins with it."""
-        obstacles = ObstacleMotion(among.start, among.end, among.w_before)
-        return self._keep(found, among.W, obstacles, touched.contact.sweeps, touched.contact.normal_power)
+        return self._keep(
+            found, among.W, ObstacleMotion(*among.moving), touched.contact.sweeps, touched.contact.normal_power
+        )
 
-    def keep_last(self, touched: Touched, among: Among, last: Last) -> ContactSolution | None:
-        """The same of steps in a row."""
+    def keep_last(
+        self, touched: Touched, obstacles: ObstacleMotion, among: Among, last: Last
+    ) -> ContactSolution | None:
+        """The same of steps in a row, the last of them among obstacles that move so."""
         self._begin_last(last.begun)
-        return self.keep(touched, among, last.found)
+        return self.keep(touched, among._replace(moving=Moving(*obstacles)), last.found)

@@ -4,6 +4,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.compiled_contact import CompiledContact
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.runtime.compiled.held_step import Among, Step, Touch
@@ -57,7 +58,7 @@ class HeldContact(ContactInLoops):
         law, shapes, n = self._law, self._solver.shapes, self.touch.points.shape[1]
         W = np.empty((n, n))  # another one each time, as the solver keeps parts of it
         begun, found = self._begun(), self._for_found()
-        return Among(self.touch, law, shapes, *obstacles, begun, *self._beyond, found, self._spread, W)
+        return Among(self.touch, law, shapes, Moving(*obstacles), begun, *self._beyond, found, self._spread, W)
 
     def for_many(self, among: Among) -> tuple[Among, Last]:
         """The same for steps in a row, which change what they begin with; and where the last one is kept."""
@@ -77,4 +78,4 @@ class HeldContact(ContactInLoops):
 
     @staticmethod
     def _motion(among: Among) -> ObstacleMotion:
-        return ObstacleMotion(among.start, among.end, among.w_before)
+        return ObstacleMotion(*among.moving)

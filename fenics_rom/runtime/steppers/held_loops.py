@@ -160,15 +160,15 @@ class HeldByLoops(HeldAdjoint):
         """Whether compiled functions take steps."""
         return self._compiled is not None
 
-    def roll(self, inputs: Array, obstacles: ObstacleMotion | None) -> "HeldStepsTaken | None":
-        """Takes steps under inputs (n, p) among obstacles that stand still, as many as loops find; None: none.
+    def roll(self, inputs: Array, path: ObstacleMotion | None) -> "HeldStepsTaken | None":
+        """Takes steps under inputs (n, p) among obstacles on a path (`in_step`), as many as loops find; None: none.
 
         No step is to be taken back after them.
         """
         law, halves = self.elastic, self._halves.copy()
         if self._compiled is None or not isinstance(law, StrainsCarried):
             return None
-        start = self._beginning(obstacles)._replace(halves=halves)
+        start = self._beginning(path)._replace(halves=halves)
         taken = self._compiled.take_many(inputs, start)
         if taken is None:
             return None

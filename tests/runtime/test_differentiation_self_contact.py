@@ -1,0 +1,72 @@
+"""Gradients through contact of a body with itself, against central differences."""
+
+import numpy as np
+import pytest
+from forks import CLAMPED, GAP, LONG, ROPE, cleft
+from test_self_contact import CARRIED, LARGE, RUBS, rom_of
+
+import fenics_rom as fr
+from fenics_rom.errors import StepError
+
+pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+H, STEPS = 1e-3, 25
+READ = {"outputs.tip": f"points = [[{LONG}, -0.01, 0.011]]"}
+OWN = 'self_contact = ["inside"]\n'
+PIN = 'obstacles.pin = { shape = "sphere", center = [0.09, 0.0, 0.016], radius = 0.004 }\n'
+CASES = {  # parts of the scene
+    "rubs, beside a ball": {"contact": OWN + PIN, **RUBS},
+    "bounces": {"contact": f"{OWN}restitution = 0.5\n", **RUBS},
+    "springs": {"contact": f'{OWN}method = "penalty"\nstiffness = 1e3\ndamping = 0.1\n', **RUBS},
+    "bare": {"contact": f"{OWN}residual_compliance = false\n"},
+    "large": {**LARGE, **RUBS},
+    "no inertia": {"effects": None, **RUBS},
+}
+
+
+def uneven():
+    """A cleft whose nodes are not opposite to one another: where they are, pairs are at a kink."""
+    points, cells, faces = cleft((5, 2, 3), 1)
+    low = np.isclose(points[:, 2], -GAP / 2)
+    points[low & (points[:, 0] > 0.2 * LONG + 1e-6) & (points[:, 0] < LONG - 1e-6), 0] += 6e-3
+    points[low & (np.abs(points[:, 1]) < 1e-6), 1] += 3e-3
+    return points, cells, faces
+
+
+def squares(outputs, energies):
+    weights = 1e3 * np.linspace(1.0, 2.0, len(energies))
+    return 1e6 * (outputs["tip"] ** 2).sum() + weights @ energies, {"tip": 2e6 * outputs["tip"]}, weights
+
+
+def run(rom, u):
+    """The objective, by steps; and in how many there were forces."""
+    body, read, energies, touched = fr.Simulator(rom, H), [], [], 0
+    for row in u:
+        body.step(row)
+        read.append(body.displacement("tip"))
+        energies.append(body.energy)
+        touched += body.contact_forces().any()
+    return squares({"tip": np.array(read)}, np.array(energies))[0], touched
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "large" else name for name in CASES]
+)
+def test_gradient_goes_through_contact_of_a_body_with_itself(tmp_path, name):
+    rom = rom_of(tmp_path, uneven(), order=8, **CLAMPED, **ROPE, **READ, **CASES[name])
+    random, p = np.random.default_rng(0), fr.Simulator(rom, H).inputs
+    u = 0.01 * random.standard_normal((STEPS, p)).cumsum(axis=0)
+    u[:, -1] += 3.0
+    gradient, δ = fr.differentiate(fr.Simulator(rom, H), u, squares), random.standard_normal((STEPS, p))
+    value, touched = run(rom, u)
+    assert gradient.value == pytest.approx(value, rel=1e-12)
+    assert touched > 5
+    difference = (run(rom, u + 1e-5 * δ)[0] - run(rom, u - 1e-5 * δ)[0]) / 2e-5
+    assert (gradient.inputs * δ).sum() == pytest.approx(difference, rel=1e-6)
+
+
+def test_in_a_moving_frame_it_is_refused(tmp_path):
+    rom = rom_of(tmp_path, uneven(), frame="moving", **CARRIED, **ROPE, **READ)
+    u = np.zeros((STEPS, 4))
+    u[:, 3] = 3.0
+    with pytest.raises(StepError, match="a body in a moving frame that may touch itself touches something have no"):
+        fr.differentiate(fr.Simulator(rom, H), u, squares)
