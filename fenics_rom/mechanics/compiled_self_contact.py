@@ -3,10 +3,6 @@
 Pairs that are near are handed to the loops as points of their own, with their relative velocities and operator.
 """
 
-from collections.abc import Callable
-from copy import copy
-from typing import Any
-
 import numpy as np
 from numpy import ndarray as Array
 
@@ -18,7 +14,7 @@ from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.own_surface import rows_between
 from fenics_rom.mechanics.complementarity.delassus import axes_along
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
-from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs
+from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.reach import reach_of
 from fenics_rom.mechanics.self_contact import SelfContact, beside
@@ -41,25 +37,15 @@ class CompiledSelfContact(SelfContact):
         is_patient: bool = True,
     ) -> ContactSolution | None:
         """As in ContactSolver; sweeps are NumPy's."""
-        self._found_in: Any = None
+        self._last = self.search, self._begun, (points, delassus, dt, obstacles, quasi_static)
         if settled is None:
             start = self._begin(points)
             found = self._find(points, delassus, dt, beside(obstacles), quasi_static, start)
             if found is not None:
                 contact, self.search = found
-                self._found_in = start, (points, delassus, dt, obstacles, quasi_static)
                 self._touches = contact is not None
                 return self._told_of(contact)
         return super().solve(points, delassus, dt, obstacles, quasi_static, settled, is_patient)
-
-    def _known(self) -> Callable[[], tuple[Pairs | None, SolvedPairs | None]]:
-        """As in SelfContact: NumPy finds once more what loops have found."""
-        if self._found_in is None or not self._has_touched:
-            return super()._known()
-        twin = copy(self)
-        twin.search, given = self._found_in
-        SelfContact.solve(twin, *given)
-        return SelfContact._known(twin)
 
     @or_numpy
     def _find(

@@ -22,7 +22,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Delassus
 from fenics_rom.mechanics.complementarity.linearised import Linearisation, least_solution
-from fenics_rom.mechanics.contact import ContactLaw, PointMotion, moved_by
+from fenics_rom.mechanics.contact import ContactLaw, PointMotion
 from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs, target_slopes
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacle_poses import curvature_from
@@ -131,9 +131,9 @@ class ContactAdjoint(NamedTuple):
         if rows is None:
             return owed
         F, points = frames.in_space(self.found.forces), self.found.points
-        moved = moved_by(self.operator, rows.at_points(F)).reshape(of_points.shape)
-        products = [(whole, points.free_velocity + moved), (told.start, points.velocity), (F, of_points)]
-        products.append((F, moved_by(self.operator, owed.free_velocity).reshape(of_points.shape)))
+        moved = self.found.operator.dot(rows.at_points(F).ravel()).reshape(of_points.shape)
+        by_forces = self.operator.T.dot(owed.free_velocity.ravel()).reshape(of_points.shape)
+        products = [(whole, points.free_velocity + moved), (told.start, points.velocity), (F, of_points + by_forces)]
         return owed._replace(displacement=owed.displacement + rows.pull_back(-by_gap * ψ[0], normal_, products))
 
     def _through_share(self, φ: Array) -> "tuple[Array, _AtShare | None]":

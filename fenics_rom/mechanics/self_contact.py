@@ -12,7 +12,8 @@ A body in a frame says where its points are in the middle of the step: so its mo
 """
 
 from collections.abc import Callable, Sequence
-from typing import ClassVar
+from copy import copy
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy import ndarray as Array
@@ -21,7 +22,7 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity.delassus import Delassus, operator_among, operator_between
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, Opposite, PointMotion
 from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs
-from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE
+from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE, ContactSolver
 from fenics_rom.mechanics.frame_geometry import crossed
 from fenics_rom.mechanics.mesh_contact import MeshContact
 from fenics_rom.mechanics.obstacle_outline import FLAT
@@ -87,6 +88,7 @@ class SelfContact(MeshContact):
     """
 
     reach = 0.0
+    _last: tuple[Any, Any, Any]  # what the last step began with, and was given
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw, surface: OwnSurface):
         self.surface, self._itself, self._O, P = surface, _Itself(surface, len(points)), len(obstacles), len(points)
@@ -139,6 +141,7 @@ class SelfContact(MeshContact):
         is_patient: bool = True,
     ) -> ContactSolution | None:
         """As in ContactSolver."""
+        self._last = self.search, self._begun, (points, delassus, dt, obstacles, quasi_static)
         planes = self._planes if settled is not None and settled is self._settled else None
         self._look_around(points, dt)
         if planes is not None:  # which points met in sweeps before
@@ -161,31 +164,33 @@ class SelfContact(MeshContact):
 
     @property
     def last_step(self) -> Callable[[], tuple[Pairs | None, SolvedPairs | None]]:
-        """As in ContactSolver; of a step that touched, with how pairs move with points.
+        """As in ContactSolver; a step that touched is found once more, with how pairs move with points.
 
-        Raises:
-            StepError: in a moving frame.
+        What tells it raises a StepError in a moving frame.
         """
-        known = self._known()
         if not self._has_touched:
-            return known
-        pairs, solved = known()
-        if solved is None or solved.points.middle is not None:
-            raise StepError(
-                "effects.contact.self_contact: steps in which a body in a moving frame that may touch itself touches "
-                "something have no derivative: allowed are those where nothing touches, or bodies without such a frame"
-            )
-        from fenics_rom.mechanics.own_adjoint import OwnPairs, PairRows  # here, as few are differentiated
+            return super().last_step
+        search, begun, given = self._last
 
-        of_each, (nodes, maps) = self._own_rows(solved.active), self._moved_by(solved.active)
-        within = (of_each >= 0).nonzero()[0]
-        own = OwnPairs.of(self.surface, of_each[within], self.points + solved.points.displacement)
-        with_rows = solved._replace(rows=PairRows(nodes, maps, own, within, self._O))
-        return lambda: (pairs, with_rows)
+        def known() -> tuple[Pairs | None, SolvedPairs | None]:
+            from fenics_rom.mechanics.own_adjoint import OwnPairs, PairRows  # here, as few are differentiated
 
-    def _known(self) -> Callable[[], tuple[Pairs | None, SolvedPairs | None]]:
-        """As `last_step` of ContactSolver."""
-        return super().last_step
+            points = given[0]
+            if points.middle is not None:
+                raise StepError(
+                    "effects.contact.self_contact: steps in which a body in a moving frame that may touch itself "
+                    "touches something have no derivative: allowed are those where nothing touches, or a held body"
+                )
+            again = copy(self)
+            again.search, again._begun = search, begun
+            SelfContact.solve(again, *given)
+            pairs, solved = ContactSolver.last_step.__get__(again)()
+            of_each, (nodes, maps) = again._own_rows(solved.active), again._moved_by(solved.active)
+            within = (of_each >= 0).nonzero()[0]
+            own = OwnPairs.of(self.surface, of_each[within], self.points + points.displacement)
+            return pairs, solved._replace(rows=PairRows(nodes, maps, own, within, self._O))
+
+        return known
 
     def _look_around(self, points: PointMotion, dt: float) -> None:
         """Begins a step: where pairs are looked for, and where points are in its middle."""

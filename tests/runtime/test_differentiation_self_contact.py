@@ -19,6 +19,7 @@ CASES = {  # parts of the scene
     "springs": {"contact": f'{OWN}method = "penalty"\nstiffness = 1e3\ndamping = 0.1\n', **RUBS},
     "bare": {"contact": f"{OWN}residual_compliance = false\n"},
     "large": {**LARGE, **RUBS},
+    "large, Newton": {**LARGE, **RUBS},
     "no inertia": {"effects": None, **RUBS},
 }
 
@@ -37,9 +38,9 @@ def squares(outputs, energies):
     return 1e6 * (outputs["tip"] ** 2).sum() + weights @ energies, {"tip": 2e6 * outputs["tip"]}, weights
 
 
-def run(rom, u):
+def run(rom, u, stepper):
     """The objective, by steps; and in how many there were forces."""
-    body, read, energies, touched = fr.Simulator(rom, H), [], [], 0
+    body, read, energies, touched = fr.Simulator(rom, H, stepper=stepper), [], [], 0
     for row in u:
         body.step(row)
         read.append(body.displacement("tip"))
@@ -49,18 +50,20 @@ def run(rom, u):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "large" else name for name in CASES]
+    "name", [pytest.param(name, marks=pytest.mark.slow) if "large" in name else name for name in CASES]
 )
 def test_gradient_goes_through_contact_of_a_body_with_itself(tmp_path, name):
     rom = rom_of(tmp_path, uneven(), order=8, **CLAMPED, **ROPE, **READ, **CASES[name])
-    random, p = np.random.default_rng(0), fr.Simulator(rom, H).inputs
+    random, stepper = np.random.default_rng(0), "newton" if "Newton" in name else None
+    body = fr.Simulator(rom, H, stepper=stepper)
+    p = body.inputs
     u = 0.01 * random.standard_normal((STEPS, p)).cumsum(axis=0)
     u[:, -1] += 3.0
-    gradient, δ = fr.differentiate(fr.Simulator(rom, H), u, squares), random.standard_normal((STEPS, p))
-    value, touched = run(rom, u)
+    gradient, δ = fr.differentiate(body, u, squares), random.standard_normal((STEPS, p))
+    value, touched = run(rom, u, stepper)
     assert gradient.value == pytest.approx(value, rel=1e-12)
     assert touched > 5
-    difference = (run(rom, u + 1e-5 * δ)[0] - run(rom, u - 1e-5 * δ)[0]) / 2e-5
+    difference = (run(rom, u + 1e-5 * δ, stepper)[0] - run(rom, u - 1e-5 * δ, stepper)[0]) / 2e-5
     assert (gradient.inputs * δ).sum() == pytest.approx(difference, rel=1e-6)
 
 
