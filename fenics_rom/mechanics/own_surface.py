@@ -43,11 +43,11 @@ class OwnSurface:
 
     Attributes:
         triangles, names: as given.
-        last: all that was near, normals (k, 3) of triangles or along the nearest way; which of them have pairs, and
-            which is opposite to each, -1: none.
+        last: all that was near, normals (k, 3) of triangles or along the nearest way; which of them have pairs,
+            which are opposite to another one, and to which (k,).
     """
 
-    last: tuple[OnSurface, Array, Array, Array]
+    last: tuple[OnSurface, Array, Array, Array, Array]
 
     def __init__(self, points: Array, triangles: Array, touching: Array, names: Sequence[str]):
         self.triangles, self._touching, self.names = triangles, touching, names
@@ -107,7 +107,7 @@ class OwnSurface:
         means = plain[both] - plain[other[both]]
         found.normals[both] = means / np.linalg.norm(means, axis=1)[:, None]
         others = np.setdiff1d(np.arange(len(found.row)), both[found.row[both] > opposite[both]])
-        self.last = found, plain, others, np.where(np.isin(others, both), other[others], -1)
+        self.last = found, plain, others, both, other
         return OnSurface(*(part[others] for part in found))
 
     def _find(self, points: Array, boxes: Boxes, normals: Array, size: float, margin: float, reach: float) -> OnSurface:
