@@ -2,6 +2,7 @@
 
 import pickle
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -141,6 +142,18 @@ def test_noise_is_normal_and_the_same_in_the_same_run(rom):
     again.rollout(np.zeros((200, again.inputs)))
     for name in ("noisy", "late"):
         np.testing.assert_array_equal(again.reading(name), body.reading(name))
+
+
+def test_a_rollout_leaves_what_steps_leave(rom):
+    """Of a ball at rest on which gravity presses the pad: in blocks, as no sensor remembers."""
+    alone = replace(rom, readings={"pad": rom.readings["pad"]})
+    stepped, rolled = fr.Simulator(alone, DT), fr.Simulator(alone, DT)
+    for steps in (5, 60):
+        for _ in range(steps):
+            stepped.step()
+        rolled.rollout(np.zeros((steps, rolled.inputs)))
+        for one, other in zip(stepped.touch("pad").patches, rolled.touch("pad").patches, strict=True):
+            np.testing.assert_allclose(other, one, rtol=FOUND, atol=FOUND * np.linalg.norm(SPEED))
 
 
 def test_what_is_felt_and_shown_is_saved_with_the_state(rom):
