@@ -286,8 +286,8 @@ class CompiledBodies(CompiledState):
     def _step_together(self, mode: Mode, own: Array, inputs: Array, obstacles: Moving) -> None:
         """Takes the steps of bodies that are in a contact mode, in threads."""
         given = mode.body, self._solver.law_in_steps(self._dt), self._friction, self._shapes
-        gap, untouched, still = self._clearance
-        clearance = Clearance(gap, untouched, still, mode.stretch)
+        gap, untouched, still, gone = self._clearance
+        clearance = Clearance(gap, untouched, still, mode.stretch, gone, self._apart)
         between = inputs, obstacles, self._begun, self._after, mode.states, clearance, self._new
         deal_out(partial(_step, given, between), own)
 

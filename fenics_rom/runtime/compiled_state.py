@@ -76,7 +76,8 @@ class CompiledState:
         self._widths, self._numbers = self.rom.contacts, {name: k for k, name in enumerate(names)}
         self._m = max(model.order for model in self._models)
         self._friction, self.frozen = np.full(size, 0.0 if law is None else float(law.friction)), np.zeros(size, bool)
-        self._clearance = np.zeros((3, size))  # as in `touching.Clearance`; 0 where it is not known
+        self._clearance = np.zeros((4, size))  # as in `touching.Clearance`; 0 where it is not known
+        self._apart = np.zeros((size, obstacles * P))
         self._began, self._taken = np.zeros(size), np.zeros(size, int)  # s, and steps since then
         sizes = (size, obstacles * P, 3), (size, obstacles * P)
         self._begun, self._after = (Begun(np.zeros(sizes[0]), np.zeros(sizes[1], int)) for _ in range(2))

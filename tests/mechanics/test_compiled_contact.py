@@ -168,7 +168,8 @@ def test_all_searches_find_the_same_forces(seed):
             find_by_sweeps(*given, f, moved, MOST_SWEEPS, space)
         else:  # goes on from where a few sweeps led to
             find_by_sweeps(*given, f, moved, 5, space)
-            steps, is_found = find_by_steps(*given, yielding, f, u, moved, space)
+            error = look_at(*given, yielding, f, u, moved)
+            steps, is_found = find_by_steps(*given, yielding, f, u, moved, error, space)
             assert is_found
             assert steps <= 8
         assert look_at(*given, yielding, f, u, moved) <= 1e-11 * speed

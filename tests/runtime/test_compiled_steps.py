@@ -8,11 +8,14 @@ from bodies import acted_on
 from landing_box import BALL, BODY, CASES, DT, PARTS, ROUGH, history, landing_mesh, landing_roms, stepped
 
 import fenics_rom as fr
-from fenics_rom.compilation import compiled, numpy_alone
+from fenics_rom.compilation import compiled, jit, numpy_alone
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.compiled import contact_law
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
+from fenics_rom.mechanics.compiled.obstacle_motion import Beside
 from fenics_rom.mechanics.compiled_contact import CompiledContact
 from fenics_rom.runtime import compiled_bodies
+from fenics_rom.runtime.compiled import touching
 from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 
 pytestmark = [
@@ -204,3 +207,22 @@ def test_a_body_whose_forces_loops_do_not_find_steps_as_a_single_one(roms, monke
         bodies.step(u)
         single.step(u)
     np.testing.assert_array_equal(bodies.state()[0][0], single.state[0])
+
+
+def test_pairs_that_are_not_asked_take_no_part():
+    """Two points near a floor at a speed; what holds the first one back sends the other one down (a lever)."""
+    left_out, speed, lever = jit(touching.are_left_out), 0.3, 2.0  # m/s; velocity of the other one, of what is stopped
+    W, beside = np.zeros((6, 6)), Beside(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((0, 3)))
+    W[[2, 2, 5, 5], [2, 5, 2, 5]] = 1.0, -lever, -lever, lever**2 + 0.1
+    law = contact_law.Law(DT, 0.0, 0.0, -1 / DT, 0.0, False, 10, np.inf)
+    free, f = np.array([[0, 0, -speed]] * 2), np.array([0, 0, speed, 0, 0, 0])  # f stops the first one
+    seen = set()
+    for gap in np.linspace(1e-6, 20 * DT * speed, 200):
+        pairs, gaps = contact_law.pairs_from(np.zeros((2, 3)), 0.0), np.array([0.0, gap])
+        pairs.axes[:, 0] = 0, 0, 1
+        found = touching.StepContact(pairs, gaps, np.zeros((4, 6)), f)
+        is_left_out = left_out(W, DT, 2.5 * DT * speed, 1e-9, found, np.ones(10))
+        contact_law.ask(law, gaps, free, free, beside, np.zeros((2, 3)), np.empty(0), pairs, np.inf)
+        assert not (is_left_out and free[1, 2] + (W @ f)[5] < pairs.level[1])
+        seen.add(is_left_out)
+    assert seen == {True, False}

@@ -84,7 +84,15 @@ class Found(NamedTuple):
 
 @jit
 def ask(
-    law: Law, gaps: Array, free: Array, velocity: Array, beside: Beside, before: Array, outwards: Array, pairs: Pairs
+    law: Law,
+    gaps: Array,
+    free: Array,
+    velocity: Array,
+    beside: Beside,
+    before: Array,
+    outwards: Array,
+    pairs: Pairs,
+    farthest: float,
 ) -> None:
     """Sets what the law says of every pair, obstacle after obstacle.
 
@@ -96,12 +104,16 @@ def ask(
         before: forces of the step before (N, 3), N.
         outwards: normal velocities (N,) that tell what leaves, m/s; (0,): those without contact.
         pairs: with normals, the first rows of frames, and forces to begin with; the rest is set.
+        farthest: gap beyond which pairs are known to take no part, m; nothing else is said of them.
     """
     (w, w_before, first), P, turns = beside, len(free), len(beside.first) > 0
     slides = law.friction > 0 and not law.is_at_rest
     gap = gaps.min()
     least = PUSHING * largest_of(before)
     for c in range(len(gaps)):
+        if gaps[c] > farthest:
+            pairs.level[c], pairs.chosen[c], pairs.helped[c] = -math.inf, False, False
+            continue
         o, p, axes, relative = row_of(w, c, len(gaps), P), c % P, pairs.axes[c], pairs.relative[c]
         frame_along(axes)
         # What keeps touching an obstacle that accelerates has its velocity between the steps.
@@ -158,7 +170,7 @@ def find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pair
         pairs: what takes part, what is asked and forces are set; unless the status is OTHERWISE these are what came.
     """
     space = work_space(OF_A_PAIR * len(pairs.level) + OF_A_POINT * P + 9)
-    return _find_forces(law, W, inverse, P, unowned(swung), unowned(pairs), space)
+    return _find_forces(law, unowned(W), unowned(inverse), P, unowned(swung), unowned(pairs), space)
 
 
 @jit_part
@@ -208,14 +220,14 @@ def _find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pai
                 count, is_found, error = find_with_operator(inverse, *given, yielding, f, u, moved, error, space)
                 sweeps += count
             if not is_found and (is_part or error <= CLOSE * speed):
-                count, is_found = find_by_steps(*given, yielding, f, u, moved, space)
+                count, is_found = find_by_steps(*given, yielding, f, u, moved, error, space)
                 sweeps += count
                 error = look_at(*given, yielding, f, u, moved)
             if not (is_found and error <= STAGNATION * speed):
                 sweeps += find_by_sweeps(*given, f, moved, FEW_SWEEPS, space)
                 error = look_at(*given, yielding, f, u, moved)
             if not error <= STAGNATION * speed:
-                count, is_found = find_by_steps(*given, yielding, f, u, moved, space)
+                count, is_found = find_by_steps(*given, yielding, f, u, moved, error, space)
                 sweeps += count
                 error = look_at(*given, yielding, f, u, moved)
                 if not is_found:

@@ -30,12 +30,29 @@ def add_row(row: Array, share: float, to: Array) -> None:
 
 
 @jit_part
+def add_rows(rows: Array, shares: Array, to: Array) -> None:
+    """Adds a share of each row (m, n) to (n,): four rows at once, so that what they are added to is read less often."""
+    fours = len(shares) // 4
+    for i in range(0, 4 * fours, 4):
+        a, b, c, d = shares[i], shares[i + 1], shares[i + 2], shares[i + 3]
+        for k in range(len(to)):
+            to[k] += a * rows[i, k] + b * rows[i + 1, k] + c * rows[i + 2, k] + d * rows[i + 3, k]
+    for i in range(4 * fours, len(shares)):
+        for k in range(len(to)):
+            to[k] += shares[i] * rows[i, k]
+
+
+@jit_part
 def largest_of(array: Array) -> float:
     """Of numbers in one piece, without their signs."""
-    numbers, largest = flat(array), 0.0
-    for k in range(len(numbers)):
-        largest = max(largest, abs(numbers[k]))
-    return largest
+    numbers, a, b, c, d = flat(array), 0.0, 0.0, 0.0, 0.0
+    fours = len(numbers) // 4
+    for k in range(fours):  # four chains, as each comparison waits for the one before
+        a, b = max(a, abs(numbers[4 * k])), max(b, abs(numbers[4 * k + 1]))
+        c, d = max(c, abs(numbers[4 * k + 2])), max(d, abs(numbers[4 * k + 3]))
+    for k in range(4 * fours, len(numbers)):
+        a = max(a, abs(numbers[k]))
+    return max(max(a, b), max(c, d))
 
 
 @jit_part

@@ -31,9 +31,9 @@ def frame_along(axes: Array) -> None:
 @jit_part
 def add_motion(W: Array, p: int, fx: float, fy: float, fz: float, moved: Array) -> None:
     """Adds what a force on point p does to the velocities of all points, (3P,), by rows of W: the columns of Wᵀ."""
-    x, y, z = W[3 * p], W[3 * p + 1], W[3 * p + 2]
+    x, y, z = 3 * p, 3 * p + 1, 3 * p + 2
     for k in range(len(moved)):
-        moved[k] += x[k] * fx + y[k] * fy + z[k] * fz
+        moved[k] += W[x, k] * fx + W[y, k] * fy + W[z, k] * fz
 
 
 @jit_part

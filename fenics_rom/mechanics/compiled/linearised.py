@@ -110,33 +110,35 @@ def find_by_steps(
     f: Array,
     u: Array,
     moved: Array,
+    error: float,
     space: Array,
 ) -> tuple[int, bool]:
     """Forces of C pairs by Newton's method: how many steps it took, and whether they are found.
 
-    Arguments as of `look_at`, which is asked of f (C, 3) first; f is changed only if they are found; space: with room
-    for 51 numbers of each pair and 3 of each point.
+    Arguments as of `look_at`, which was asked of f (C, 3), and gave this error; f is changed only if they are found;
+    space: with room for 51 numbers of each pair and 3 of each point.
     """
     begun, C, speed, before = taken(space), len(points), largest_of(q), np.inf
     now, z, steps, is_found = take_rows(space, C, 3), take_rows(space, C, 3), 0, False
     copy(f, now)
     for count in range(MOST_STEPS + 1):
         steps = count
-        error = look_at(W, points, axes, q, friction, compliance, yielding, now, u, moved)
+        if count > 0:
+            error = look_at(W, points, axes, q, friction, compliance, yielding, now, u, moved)
         is_found = error <= ACCURATE * speed or (error <= SOLVED * speed and error >= before / 2)
         before = error
         for c in range(C):
             for k in range(3):
                 z[c, k] = now[c, k] - u[c, k] / yielding[c]
-            into = now[c] if is_found else z[c]
-            length, cone = math.sqrt(into[1] ** 2 + into[2] ** 2), friction[c] * max(into[0], 0.0)
-            share = cone / length if length > cone else 1.0
-            now[c, 0], now[c, 1], now[c, 2] = max(into[0], 0.0), share * into[1], share * into[2]
         if is_found:
-            copy(now, f)
+            for c in range(C):
+                n, first, second = max(now[c, 0], 0.0), now[c, 1], now[c, 2]
+                length, cone = math.sqrt(first * first + second * second), friction[c] * n
+                share = cone / length if length > cone else 1.0
+                f[c, 0], f[c, 1], f[c, 2] = n, share * first, share * second
             break
-        look_at(W, points, axes, q, friction, compliance, yielding, now, u, moved)
-        if not add_change(W, points, axes, friction, compliance, yielding, z, u, now, space):
+        fill(now, 0.0)  # all forces at once: a change would take a look at those that z is nearest to
+        if not add_change(W, points, axes, friction, compliance, yielding, z, q, now, space):
             break
     release(space, begun)
     return steps, is_found

@@ -216,7 +216,8 @@ def _find_contact(r: Array, motion: Motion, among: Among, beside: Beside, pull: 
     touch, found = among.touch, among.found
     space = work_space(3 * len(touch.places))
     look_around(touch, among.shapes, among.moving, among.law.h, beside, motion.q, among.beyond, found, space)
-    ask_points(touch, among.law, beside, among.begun, r, motion.velocity, among.beyond, touch.R[:0], found, space)
+    given = beside, among.begun.forces, r, motion.velocity, among.beyond, touch.R[:0]
+    ask_points(touch, among.law, *given, found, math.inf, space)
     if found.pairs.chosen.any():
         _set_delassus(touch, motion.factor, among.spread, among.W)
         if pull is not None:

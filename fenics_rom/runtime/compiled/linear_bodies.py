@@ -91,7 +91,7 @@ def _step_bodies(
     space: Array,
 ) -> None:
     """The same; kept: for what the step of a body finds."""
-    P, N, found, begin = len(body.places), begun.forces.shape[1], unowned(kept), taken(space)
+    P, found, begin = len(body.places), unowned(kept), taken(space)
     sought = found.pairs
     forces, axes = sought.forces, sought.axes
     for i in range(len(bodies)):
@@ -106,7 +106,7 @@ def _step_bodies(
         past = Begun(begun.forces[b], begun.swung[b])
         moving = Moving(obstacles.start[b], obstacles.end[b], obstacles.before[b])
         own_numbers = clearance.gap[b : b + 1], clearance.untouched[b : b + 1], clearance.still[b : b + 1]
-        near = Clearance(*own_numbers, clearance.stretch)
+        near = Clearance(*own_numbers, clearance.stretch, clearance.gone[b : b + 1], clearance.pairs[b])
         step = step_in(space, body, own, shapes, inputs[b], moving, past, state, found, near)
         told.status[b] = step.status
         if step.status != OTHERWISE and not np.isfinite(step.square):
@@ -125,10 +125,13 @@ def _step_bodies(
         fill(told.pressing[b], 0.0)
         copy(found.forces, told.forces[b])
         hand_on(law, past, touched, sought, Begun(after.forces[b], after.swung[b]))
-        for c in range(N):
-            for k in range(3 if touched else 0):
-                told.resultants[b, c // P, k] += forces[c, k]
-                told.pressing[b, c % P] += forces[c, k] * axes[c, 0, k]
+        for o in range(len(shapes) if touched else 0):
+            for p in range(P):
+                c = o * P + p
+                if sought.chosen[c]:
+                    for k in range(3):
+                        told.resultants[b, o, k] += forces[c, k]
+                        told.pressing[b, p] += forces[c, k] * axes[c, 0, k]
 
 
 @jit

@@ -6,6 +6,7 @@ and beside it what the contact points do beyond the basis (`steppers.residual_mo
 relaxes pull beside e, and beside what points do: see `steppers.contact_midpoint`.
 """
 
+import math
 from typing import NamedTuple
 
 from numpy import ndarray as Array
@@ -15,7 +16,7 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE,
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, begin_beside, room_beside, turn, turn_too_far
-from fenics_rom.mechanics.compiled.work_space import take, take_rows
+from fenics_rom.mechanics.compiled.work_space import release, take, take_rows, taken
 from fenics_rom.runtime.compiled.branches import (
     add_pull,
     add_row_of_pull,
@@ -32,12 +33,13 @@ from fenics_rom.runtime.compiled.touching import (
     Clearance,
     StepContact,
     add_up_forces,
+    are_left_out,
     ask_points,
     forget_pairs,
     go_on,
-    is_out_of_reach,
     is_settled,
-    look_around,
+    look_near,
+    reach_of,
     step_beyond,
 )
 
@@ -139,7 +141,7 @@ def step_in(
     by_contact, heat, beside = take(space, m), take(space, m), begin_beside(moving, h, len(pairs.forces), space)
     rate, stress = take(space, m), take(space, m)
     pull = take_rows(space, 2 if relaxes and yields else 0, 3 * P)
-    multiply(body.inputs, u, pushed)
+    _push(body.inputs, u, pushed)
     for i in range(m):
         right[i] = pushed[i] + 2 / h * r[i] - body.ω[i] * e[i]
         q[i] = state.rigid[i] if i < ρ else e[i] * body.inverse_ω[i]
@@ -154,23 +156,38 @@ def step_in(
             add_row_of_pull(body.branches, state.relaxed_beyond, row, pull[row])
     multiply(body.A, right, v)
     contact, going = Found(NOTHING, 0, 0.0), (r, v, state.beyond, pull, beside)
-    is_clear = not turn(moving) and is_out_of_reach(clearance, body, h, *going)
-    if not is_clear:
-        if turn_too_far(moving):
-            return NOT_TAKEN
-        look_around(body, shapes, moving, h, beside, q, state.beyond, found, space)
-        clearance.gap[0] = found.gaps.min() if law.compliance == 0.0 else 0.0  # springs reach as far as they are soft
-        is_clear = is_out_of_reach(clearance, body, h, *going)
+    reach, is_rigid = reach_of(clearance, body.inertia, body.whole, h, *going), law.compliance == 0.0
+    by_obstacles = power = 0.0
+    is_clear, farthest, begun_with = not turn(moving) and _is_beyond(clearance, reach), math.inf, taken(space)
+    if not is_clear and turn_too_far(moving):
+        return NOT_TAKEN
+    if is_rigid and len(clearance.pairs) > 0 and not turn(moving):  # springs reach as far as they are soft
+        farthest = 2 * reach
+    for _ in range(0 if is_clear else 2):
+        look_near(body, shapes, moving, h, beside, q, state.beyond, clearance, farthest, found, space)
+        release(space, begun_with)
+        if turn(moving):  # as velocities of pairs are known then
+            reach = reach_of(clearance, body.inertia, body.whole, h, *going)
+        clearance.gap[0] = found.gaps.min() if is_rigid else 0.0
+        is_clear = _is_beyond(clearance, reach)
+        if is_clear and farthest == math.inf:
+            break
+        if is_clear:  # by bounds of most pairs: where all are measured, it lasts longer
+            farthest = math.inf
+            continue
+        copy(begun.forces, pairs.forces)
+        ask_points(body, law, beside, pairs.forces, r, v, state.beyond, pull, found, farthest, space)
+        contact = find_forces(law, body.W, in_one_piece(body.inverse), P, begun.swung, pairs)
+        by_obstacles = add_up_forces(contact, beside.w, found)
+        if contact.status != FOUND or are_left_out(body.W, h, reach, farthest, found, space):
+            break
+        farthest = math.inf
     if is_clear:
         forget_pairs(pairs)
-    else:
-        copy(begun.forces, pairs.forces)
-        ask_points(body, law, beside, begun, r, v, state.beyond, pull, found, space)
-        contact = find_forces(law, body.W, in_one_piece(body.inverse), P, begun.swung, pairs)
+        fill(forces, 0.0)
     if contact.status == OTHERWISE:
         return NOT_TAKEN
     _remember(state, is_settled(clearance.still))
-    by_obstacles, power = add_up_forces(contact, beside.w, found), 0.0
     if contact.status == FOUND:
         multiply(body.points, forces, by_contact)
         for i in range(m):
@@ -223,6 +240,28 @@ def step_in(
         h * (normal - whole),
         contact.normal_power,
     )
+
+
+@jit_part
+def _push(inputs: Array, u: Array, into: Array) -> None:
+    """Sets G u; of an input most of whose numbers are 0 by the columns of the others."""
+    acting = 0
+    for k in range(len(u)):
+        acting += u[k] != 0.0
+    if 4 * acting > len(u):
+        multiply(inputs, u, into)
+        return
+    fill(into, 0.0)
+    for k in range(len(u)):
+        if u[k] != 0.0:
+            for i in range(len(into)):
+                into[i] += inputs[i, k] * u[k]
+
+
+@jit_part
+def _is_beyond(clearance: Clearance, reach: float) -> bool:
+    """Whether all pairs are known to be farther apart than what they reach, m."""
+    return clearance.gap[0] > 0.0 and clearance.gap[0] > reach
 
 
 @jit_part

@@ -49,7 +49,7 @@ class Clear(NamedTuple):
 def arrays_of(body: Body, state: State, shapes: Array, friction: Array) -> tuple[Array, ...]:
     """What a table has, in its order; shapes (O, 17) and friction (O P,) are those of the obstacles and pairs."""
     left = sum(part.size for part in (*state[:3], state.relaxed_beyond)) + 3 * len(shapes)
-    return *body[:12], *state, shapes, friction, np.zeros(3), stretch_of(body.points), np.zeros(left)
+    return *body[:12], *state, shapes, friction, np.zeros(4), stretch_of(body.points), np.zeros(left)
 
 
 def numbers_of(law: Law, body: Body) -> Array:
@@ -141,7 +141,7 @@ def _law_of(numbers: Array) -> Law:
 def _clear_at(table: Array) -> Clear:
     t = table[_OTHERS:]
     known = vector_at(t[2])
-    return Clear(Clearance(known[0:1], known[1:2], known[2:3], vector_at(t[3])), vector_at(t[4]))
+    return Clear(Clearance(known[0:1], known[1:2], known[2:3], vector_at(t[3]), known[3:4], known[4:]), vector_at(t[4]))
 
 
 @jit_part

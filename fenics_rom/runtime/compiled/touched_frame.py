@@ -204,7 +204,7 @@ def ask_in_sweep(among: Among, sweep: Sweep, count: int) -> None:
     pairs, gaps, motion, _ = among.found
     free, velocity = motion[FREE].reshape(-1, 3), motion[VELOCITY].reshape(-1, 3)
     outwards = sweep.settled[OUTWARDS, : len(gaps) if count else 0]
-    ask(among.law, gaps, free, velocity, sweep.beside, among.begun.forces, outwards, pairs)
+    ask(among.law, gaps, free, velocity, sweep.beside, among.begun.forces, outwards, pairs, math.inf)
 
 
 @jit_part

@@ -8,10 +8,12 @@ from typing import NamedTuple, Protocol
 
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_part
+from fenics_rom.compilation import jit_part, jit_sums
 from fenics_rom.mechanics.compiled.contact_law import FOUND, Found, Law, Pairs, ask
-from fenics_rom.mechanics.compiled.copying import add_row, copy, fill, largest_of
-from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving, look, row_of
+from fenics_rom.mechanics.compiled.copying import add_row, add_rows, copy, fill, largest_of
+from fenics_rom.mechanics.compiled.coulomb import add_motion
+from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving, look, row_of, turn
+from fenics_rom.mechanics.compiled.shapes import distance
 from fenics_rom.mechanics.compiled.work_space import rows_of, take, take_rows
 
 DIAGONAL = 3**0.5  # the longest vector in space whose components are 1 at most
@@ -69,6 +71,10 @@ class Clearance(NamedTuple):
     untouched: Array  # (1,) in how many steps in a row nothing has touched it, at least,
     still: Array  # and in how many nothing has been carried beyond the basis
     stretch: Array  # (m,) the largest displacement of a point by each coordinate
+    gone: Array  # how far points and obstacles can have gone since all pairs were measured (1,), m
+    # (N,) how far pairs were apart when they were measured last, and what was `gone` then, added up, m; (0,): all are
+    # measured in every look.
+    pairs: Array
 
 
 class StepContact(NamedTuple):
@@ -111,16 +117,61 @@ def look_around(
         found: as above.
         space: with room for 3P numbers.
     """
-    moved, places = found.motion[0], take_rows(space, len(body.places), 3)
+    places = take_rows(space, len(body.places), 3)
+    _place_points(body, q, beyond, found.motion[0], places)
+    look(shapes, moving, h, places, found.gaps, found.pairs.axes[:, 0], beside)
+
+
+@jit_part
+def _place_points(body: Touched, q: Array, beyond: Array, moved: Array, places: Array) -> None:
+    """Sets displacements (3P,) of the points, and where they are, (P, 3), m."""
     fill(moved, 0.0)
-    for i in range(len(q)):
-        add_row(body.points[i], q[i], moved)
+    add_rows(body.points, q, moved)
     if len(body.R) > 0:
         add_row(beyond[1], 1.0, moved)
     for p in range(len(places)):
         for k in range(3):
             places[p, k] = body.places[p, k] + moved[3 * p + k]
-    look(shapes, moving, h, places, found.gaps, found.pairs.axes[:, 0], beside)
+
+
+@jit_part
+def look_near(
+    body: Touched,
+    shapes: Array,
+    moving: Moving,
+    h: float,
+    beside: Beside,
+    q: Array,
+    beyond: Array,
+    clearance: Clearance,
+    farthest: float,
+    found: StepContact,
+    space: Array,
+) -> None:
+    """The same of pairs that may be nearer than some gap, m; gaps of others are set to what they are at least.
+
+    Arguments as of `look_around`; the clearance is changed. Where it keeps nothing of pairs, or obstacles turn,
+    all are measured.
+    """
+    places, P, gone, kept = take_rows(space, len(body.places), 3), len(body.places), clearance.gone, clearance.pairs
+    _place_points(body, q, beyond, found.motion[0], places)
+    keeps, start = len(kept) > 0, moving.start
+    if turn(moving):
+        look(shapes, moving, h, places, found.gaps, found.pairs.axes[:, 0], beside)
+        return
+    is_known = keeps and clearance.gap[0] != 0.0
+    if not is_known:
+        gone[0] = 0.0
+    for o in range(len(shapes)):
+        for p in range(P):
+            c = o * P + p
+            if is_known:
+                found.gaps[c] = kept[c] - gone[0]
+            if not (is_known and found.gaps[c] > farthest):
+                x, y, z = places[p, 0] - start[o, 0], places[p, 1] - start[o, 1], places[p, 2] - start[o, 2]
+                found.gaps[c] = distance(shapes[o], x, y, z, found.pairs.axes[c, 0])
+                if keeps:
+                    kept[c] = found.gaps[c] + gone[0]
 
 
 @jit_part
@@ -128,12 +179,13 @@ def ask_points(
     body: Touched,
     law: Law,
     beside: Beside,
-    begun: Begun,
+    before: Array,
     r: Array,
     v: Array,
     beyond: Array,
     pull: Array,
     found: StepContact,
+    farthest: float,
     space: Array,
 ) -> None:
     """Sets what the law asks of every pair in a step of h s, and velocities of the points; they have looked around.
@@ -141,29 +193,29 @@ def ask_points(
     Args:
         body, law: of it.
         beside: how obstacles move.
-        begun: what the step begins with.
+        before: forces of the step before (N, 3), N.
         r, v: rates at its start, and v̂ without contact, (m,).
         beyond: g, y and their rates, (4, 3P).
         pull: what branches of the material add to g and y in the step, (2, 3P); (0, 3P) where there are none.
         found: set but for forces.
+        farthest: as of `contact_law.ask`.
         space: not used up.
     """
     velocity, free = found.motion[1], found.motion[2]
     fill(velocity, 0.0)
     fill(free, 0.0)
-    for i in range(len(r)):
-        add_row(body.points[i], r[i], velocity)
-        add_row(body.points[i], v[i], free)
+    add_rows(body.points, r, velocity)
+    add_rows(body.points, v, free)
     if len(body.R) > 0:
         y, rate = beyond[1], beyond[3]
         for k in range(len(rate)):
             velocity[k] += rate[k]
             free[k] += (body.inertia * rate[k] - y[k] - (pull[1, k] if len(pull) > 0 else 0.0)) / body.whole
     at = rows_of(free, 3), rows_of(velocity, 3)
-    ask(law, found.gaps, *at, beside, begun.forces, take(space, 0), found.pairs)
+    ask(law, found.gaps, *at, beside, before, take(space, 0), found.pairs, farthest)
 
 
-@jit_part
+@jit_sums
 def _speed_of(clearance: Clearance, v: Array) -> float:
     """Of all points at most, by rates (m,) of the coordinates, m/s."""
     speed = 0.0
@@ -173,32 +225,63 @@ def _speed_of(clearance: Clearance, v: Array) -> float:
 
 
 @jit_part
-def is_out_of_reach(
-    clearance: Clearance, body: Touched, h: float, r: Array, v: Array, beyond: Array, pull: Array, beside: Beside
-) -> bool:
-    """Whether no pair takes part in a step of h s for sure.
+def reach_of(
+    clearance: Clearance,
+    inertia: float,
+    whole: float,
+    h: float,
+    r: Array,
+    v: Array,
+    beyond: Array,
+    pull: Array,
+    beside: Beside,
+) -> float:
+    """The gap, m, beyond which no pair takes part in a step of h s for sure, if contact forces do not move its point.
 
     A pair takes part below -g/h or (-g/h + a/2)/2, the larger one; where all velocities are within s and g >= 2.5 h s
     both are below -s.
 
     Args:
         clearance: when it begins.
-        body: with points.
+        inertia, whole: as of `Yielding`.
         h: s.
         r, v: rates at its start, and v̂ without contact, (m,).
         beyond, pull: as in `ask_points`.
         beside: how obstacles move.
     """
-    gap = clearance.gap[0]
-    if not gap > 0:
-        return False
     speed = max(_speed_of(clearance, r), _speed_of(clearance, v))
-    if len(body.R) > 0 and clearance.still[0] == 0:
+    if beyond.size > 0 and clearance.still[0] == 0:
         y, rate = largest_of(beyond[1]), largest_of(beyond[3])
         y += largest_of(pull[1]) if len(pull) > 0 else 0.0
-        speed += DIAGONAL * max(rate, (body.inertia * rate + y) / body.whole)
+        speed += DIAGONAL * max(rate, (inertia * rate + y) / whole)
     obstacles = DIAGONAL * max(largest_of(beside.w), largest_of(beside.before))
-    return gap > 2.5 * h * (speed + 2 * obstacles)
+    return 2.5 * h * (speed + 2 * obstacles)
+
+
+@jit_part
+def are_left_out(W: Array, h: float, reach: float, farthest: float, found: StepContact, space: Array) -> bool:
+    """Whether pairs that nobody asked, as they are farther apart, take no part under the forces of the others, either.
+
+    Args:
+        W: the Delassus operator (3P, 3P).
+        h: s.
+        reach: of `reach_of`.
+        farthest: gap beyond which pairs were not asked.
+        found: with forces of the points.
+        space: with room for 3P numbers; not given back.
+    """
+    nearest, moved = math.inf, take(space, len(W))
+    for c in range(len(found.gaps)):
+        if found.gaps[c] > farthest:
+            nearest = min(nearest, found.gaps[c])
+    if nearest == math.inf:
+        return True
+    fill(moved, 0.0)
+    for p in range(len(W) // 3):
+        x, y, z = found.forces[3 * p], found.forces[3 * p + 1], found.forces[3 * p + 2]
+        if x != 0.0 or y != 0.0 or z != 0.0:
+            add_motion(W, p, x, y, z, moved)
+    return nearest > reach + 2.5 * h * DIAGONAL * largest_of(moved)
 
 
 @jit_part
@@ -220,9 +303,10 @@ def go_on(clearance: Clearance, h: float, v: Array, beyond: Array, w: Array) -> 
         beyond: velocities of the points beyond the basis (3P,), m/s.
         w: those of the obstacles (O, 3).
     """
-    if clearance.gap[0] > 0:
+    if clearance.gap[0] > 0 or len(clearance.pairs) > 0:
         speed = _speed_of(clearance, v) + DIAGONAL * (largest_of(beyond) + largest_of(w))
         clearance.gap[0] -= h * speed
+        clearance.gone[0] += h * speed
 
 
 @jit_part
@@ -239,14 +323,17 @@ def add_up_forces(contact: Found, w: Array, found: StepContact) -> float:
         forces[k] = 0.0
     if contact.status == FOUND:
         P = len(forces) // 3
-        for c in range(len(pairs.forces)):
-            for k in range(3):
-                forces[3 * (c % P) + k] += pairs.forces[c, k]
-                power += pairs.forces[c, k] * w[row_of(w, c, len(pairs.forces), P), k]
+        for o in range(len(pairs.forces) // P):
+            for p in range(P):
+                c = o * P + p
+                if pairs.chosen[c]:  # others have none
+                    for k in range(3):
+                        forces[3 * p + k] += pairs.forces[c, k]
+                        power += pairs.forces[c, k] * w[row_of(w, c, len(pairs.forces), P), k]
     return power
 
 
-@jit_part
+@jit_sums
 def step_beyond(
     body: Yielding, h: float, beyond: Array, pull: Array, f: Array, rates: Array
 ) -> tuple[float, float, float]:
@@ -259,9 +346,9 @@ def step_beyond(
     fill(rates, 0.0)
     for k in range(len(f)):
         if f[k] != 0.0:
-            row, force = body.R[k], f[k]
+            force = f[k]
             for j in range(len(f)):
-                rates[j] += row[j] * force
+                rates[j] += body.R[k, j] * force
     for k in range(len(f)):
         less, less_y = (pull[0, k], pull[1, k]) if len(pull) > 0 else (0.0, 0.0)
         g_mid = (body.inertia * g_rate[k] - g[k] + f[k] - less) / body.whole
