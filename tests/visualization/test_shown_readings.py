@@ -77,7 +77,7 @@ def lines(panel):
 def test_inputs_that_change_and_all_readings_have_panels(run):
     panels = run_panels({"run": run})
     assert list(panels) == [
-        *("energy", "forces", "input_cable"),
+        *("energy", "forces", "pressure", "pressure_map", "input_cable"),
         *(f"reading_{name}" for name in ("cable", "sole", "stress", "strain", "corner", "ball", "skin")),
         *("taxels_skin", "slip_skin"),
     ]
