@@ -263,6 +263,12 @@ class CompiledFrame:
             return None
         return kept.item(LENGTH), kept[PASSED:].copy()
 
+    def pass_on(self, passed: tuple[float, Array] | None) -> None:
+        """Has the next step of a free body begin by h and ω̂, r̂ (3 + m,) of another's, unless it knows its own."""
+        kept = self._state.kept
+        if passed is not None and not kept[IS_PASSED]:
+            kept[IS_PASSED], kept[LENGTH], kept[PASSED:] = 1.0, *passed
+
     # What the last step led to.
 
     def frame(self) -> FrameState:

@@ -52,7 +52,14 @@ class FreeFrame(FreeBalance):
     def end_in_world(self, u: Array, square: float, within: float) -> None:
         """As in CompilableFrame."""
         super().end_in_world(u, square, within)
-        self._passed = None
+        assert self._compiled is not None
+        self._passed = self._compiled.passed()
+
+    def tell_loops(self) -> None:
+        """As in CompilableFrame; steps begin by the one before, where a law is expected from, too."""
+        super().tell_loops()
+        assert self._compiled is not None
+        self._compiled.pass_on(self._passed)
 
     def _motion_from(self, q: Array, shape: Shape, R: Rotation) -> Motion:
         """As in FrameKernel; the angular velocity is what the angular momentum says."""
