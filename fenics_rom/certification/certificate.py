@@ -15,6 +15,7 @@ from fenics_rom.certification.search import Cover
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.world_format import WorldScene
 
+MOST_CORNERS = 6  # dimensions: beyond them corners are too many
 RICHARDSON = 2.0  # peaks of contact converge with the step, at least: an error is twice what half of the step changes
 
 
@@ -50,16 +51,6 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """Runs at k points (k, d): reduced (k, 3), with finer models, and reduced with half of the step."""
-
-    points: Array
-    reduced: Array
-    finer: Array
-    halved: Array
-
-
-@dataclass(frozen=True)
 class Certificate:
     """The largest force, pressure and energy of an impact, over all of its ranges.
 
@@ -67,7 +58,7 @@ class Certificate:
         scene: the world.
         cover: runs of the search.
         corners: (c, 3) of the runs in the corners of the ranges, as `corners_of` gives these.
-        compared: runs that tell errors.
+        finer, halved: (k, 3) of the runs that tell errors, at `compared`: with finer models, and with half of the step.
         limits: of the region, if it was named.
         roms: models of the soft bodies.
         warnings: of the runs, each once.
@@ -80,7 +71,8 @@ class Certificate:
     scene: WorldScene
     cover: Cover
     corners: Array
-    compared: Comparison
+    finer: Array
+    halved: Array
     limits: Limits | None
     roms: Mapping[str, Rom]
     warnings: Sequence[str] = field(default=())
@@ -96,9 +88,10 @@ class Certificate:
     def findings(self) -> dict[str, Finding]:
         """By quantity."""
         points, peaks = self.points, self.peaks
-        bound = np.maximum(self.cover.bound, peaks.max(axis=0))
-        reduction = np.abs(self.compared.finer - self.compared.reduced).max(axis=0)
-        step = RICHARDSON * np.abs(self.compared.halved - self.compared.reduced).max(axis=0)
+        fitted = self.cover.fitted(corners_of(len(self.parameters)), self.corners)
+        bound = np.maximum(fitted.bound, peaks.max(axis=0))
+        reduction = np.abs(self.finer - peaks[self.compared]).max(axis=0)
+        step = RICHARDSON * np.abs(self.halved - peaks[self.compared]).max(axis=0)
         found = {}
         for k, quantity in enumerate(QUANTITIES):
             at = self.values_at(points[peaks[:, k].argmax()])
@@ -116,12 +109,17 @@ class Certificate:
     @property
     def points(self) -> Array:
         """(r, d) of all runs but those that tell errors: of the search, and then the corners."""
-        return np.concatenate([self.cover.middles, corners_of(len(self.parameters))[: len(self.corners)]])
+        return np.concatenate([self.cover.middles, corners_of(len(self.parameters))])
 
     @property
     def peaks(self) -> Array:
         """(r, 3) there."""
         return np.concatenate([self.cover.values, self.corners])
+
+    @property
+    def compared(self) -> Array:
+        """(k,) rows of `points` whose runs tell errors: the middle of the ranges, and where a quantity is largest."""
+        return compared_rows(self.peaks)
 
     def values_at(self, point: Array) -> tuple[float, ...]:
         """The parameters at a point (d,) of [0, 1]^d."""
@@ -132,7 +130,14 @@ class Certificate:
         return f"Certificate {self.scene.file.name!r} of {len(self.peaks)} runs: at most {', '.join(parts)}"
 
 
+def compared_rows(peaks: Array) -> Array:
+    """(k,) rows of the peaks (r, 3) of all runs that tell errors: the first, and the largest of each quantity."""
+    return np.unique([0, *peaks.argmax(axis=0)])
+
+
 def corners_of(dimension: int) -> Array:
-    """Of [0, 1]^d, (2^d, d), the last one first: there speeds and masses are largest."""
+    """Of [0, 1]^d, (2^d, d), the last one first: there speeds and masses are largest. Of too many dimensions none."""
+    if dimension > MOST_CORNERS:
+        return np.empty((0, dimension))
     every: Any = np.indices((2,) * dimension).reshape(dimension, -1).T
     return np.asarray(every[::-1], dtype=float)

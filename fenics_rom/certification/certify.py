@@ -4,15 +4,16 @@ import hashlib
 import json
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.certification.certificate import Certificate, Comparison, corners_of
-from fenics_rom.certification.impacts import Impact, check_strikes, strike
+from fenics_rom.certification.certificate import Certificate, compared_rows, corners_of
+from fenics_rom.certification.impacts import Impact, check_end, strike
 from fenics_rom.certification.limits import EXAMPLES, read_limits
 from fenics_rom.certification.models import models_of
 from fenics_rom.certification.ranges import file_at, parameters_of
@@ -24,7 +25,6 @@ from fenics_rom.scene.world_file import files_of_world
 from fenics_rom.scene.world_format import WorldScene
 
 NUMBER = re.compile(r"\d[\d.e+-]*")
-MOST_CORNERS = 6  # dimensions: beyond them corners are too many
 
 
 def certify(scene: WorldScene, *, runs_file: Path | None = None, report: Report = silent) -> Certificate:
@@ -61,7 +61,7 @@ def certify(scene: WorldScene, *, runs_file: Path | None = None, report: Report 
         return strikes(point)
 
     cover = search(values, dimension, table.tolerance, table.runs)
-    corners = corners_of(dimension) if dimension <= MOST_CORNERS else np.empty((0, dimension))
+    corners = corners_of(dimension)
     at_corners = np.array([values(point) for point in corners]).reshape(-1, cover.values.shape[1])
     report("runs, at most", table.runs, table.runs)
     points = np.concatenate([cover.middles, corners])
@@ -71,9 +71,7 @@ def certify(scene: WorldScene, *, runs_file: Path | None = None, report: Report 
             f"{scene.source}: in {len(found)} runs nothing hits {table.body!r}; allowed are ranges and a run in which "
             "it is hit"
         )
-    rows = np.unique([0, *found.argmax(axis=0)])
-    for row in rows:
-        check_strikes(strikes.impact(points[row]), strikes.where(points[row]))
+    rows = compared_rows(found)
     others = Strikes(scene, finer, run.dt), Strikes(scene, roms, run.dt / 2)
     compared = []
     for k, each in enumerate(others):
@@ -82,8 +80,7 @@ def certify(scene: WorldScene, *, runs_file: Path | None = None, report: Report 
             compared.append(each(points[row]))
     report("errors", 2 * len(rows), 2 * len(rows))
     of_finer, halved = np.array(compared).reshape(2, len(rows), -1)
-    comparison = Comparison(points[rows], found[rows], of_finer, halved)
-    return Certificate(scene, cover, at_corners, comparison, limits, roms, strikes.warnings)
+    return Certificate(scene, cover, at_corners, of_finer, halved, limits, roms, strikes.warnings)
 
 
 class Strikes:
@@ -100,13 +97,14 @@ class Strikes:
         self._scene, self._roms, self._dt, self._file = scene, roms, dt, runs_file
         self._known: dict[tuple[float, ...], Array] = {}
         self._told: dict[str, list[str]] = {}  # by their words, whatever their numbers
-        if runs_file is not None:
-            self._known = known_runs(runs_file, scene)
+        for run in [] if runs_file is None else known_runs(runs_file, scene):
+            self._keep(*run)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What runs told, each once, with the numbers of the first run that did, and in how many runs."""
-        return tuple(f"{texts[0]} (this or the like in {len(texts)} runs)" for texts in self._told.values())
+        counted = ((texts[0], f"{len(texts)} run{'s' * (len(texts) > 1)}") for texts in self._told.values())
+        return tuple(f"{text} (this or the like in {runs})" for text, runs in counted)
 
     @property
     def count(self) -> int:
@@ -117,11 +115,18 @@ class Strikes:
         """The peaks of a run, which is run where they are not known."""
         key = tuple(point.tolist())
         if key not in self._known:
-            self._known[key] = self.impact(point).peaks
+            impact = self.impact(point)
+            run = key, impact.peaks.tolist(), impact.warnings
+            self._keep(*run)
             if self._file is not None:
                 with self._file.open("a") as stream:
-                    stream.write(json.dumps([key, self._known[key].tolist()]) + "\n")
+                    stream.write(json.dumps(run) + "\n")
         return self._known[key]
+
+    def _keep(self, key: tuple[float, ...], peaks: Sequence[float], told: Sequence[str] = ()) -> None:
+        self._known[key] = np.array(peaks)
+        for text in told:
+            self._told.setdefault(NUMBER.sub("#", text), []).append(text)
 
     def impact(self, point: Array) -> Impact:
         """A run; whatever cannot be is told with its parameters."""
@@ -130,10 +135,9 @@ class Strikes:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", FenicsRomWarning)  # `impact.warnings` has them
                 impact = strike(scene, self._roms, self._dt)
+                check_end(impact)
         except FenicsRomError as error:
             raise type(error)(f"{self.where(point)}: {error}") from error
-        for text in impact.warnings:
-            self._told.setdefault(NUMBER.sub("#", text), []).append(text)
         return impact
 
     def where(self, point: Array) -> str:
@@ -144,8 +148,8 @@ class Strikes:
         return ", ".join(f"{each.name} = {each.at(float(share)):.6g} {each.unit}" for each, share in at)
 
 
-def known_runs(file: Path, scene: WorldScene) -> dict[tuple[float, ...], Array]:
-    """Runs that interrupted work left in a file, which is begun where it is not there.
+def known_runs(file: Path, scene: WorldScene) -> list[tuple[Any, ...]]:
+    """Runs that interrupted work left in a file, which is begun where it is not there: point, peaks and warnings.
 
     Raises:
         FileError: they are of another world, or it cannot be read or written.
@@ -159,8 +163,8 @@ def known_runs(file: Path, scene: WorldScene) -> dict[tuple[float, ...], Array]:
         first, *lines = file.read_text().splitlines()
         if first != digest.hexdigest():
             raise FileError(f"{file}: holds runs of another world, or of this one before it was changed; remove it")
-        return {tuple(point): np.array(peaks) for point, peaks in map(json.loads, lines)}
+        return [(tuple(point), *others) for point, *others in map(json.loads, lines)]
     except OSError as error:
         raise FileError(f"{file}: cannot be used: {error.strerror}") from error
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         raise FileError(f"{file}: does not hold runs of a certificate; remove it") from error

@@ -6,7 +6,7 @@ search, those that tell errors, the limits, and what follows from them. A seal i
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.arguments import path_in
-from fenics_rom.certification.certificate import Certificate, Comparison
+from fenics_rom.certification.certificate import Certificate, corners_of
 from fenics_rom.certification.certify import Strikes
 from fenics_rom.certification.impacts import QUANTITIES
 from fenics_rom.certification.limits import Limits, read_limits
@@ -42,12 +42,17 @@ def write_certificate(file: str | Path, certificate: Certificate, *, force: bool
         [PosixPath('impact.json'), PosixPath('impact.pad.h5')]
     """
     file = path_in("write_certificate", file)
-    models = {name: file.with_name(f"{file.stem}.{name}.h5") for name in certificate.roms}
+    models = model_files(file, certificate.roms)
     for name, model in models.items():
         write_rom(model, certificate.roms[name], force=force)
     digests = {name: {"file": path.name, "sha256": _digest(path.read_bytes())} for name, path in models.items()}
     write_whole(file, (json.dumps(_sealed(_written(certificate, digests)), indent=1) + "\n").encode())
     return [file, *models.values()]
+
+
+def model_files(file: Path, names: Iterable[str]) -> dict[str, Path]:
+    """Where the models of bodies of these names are, by name."""
+    return {name: file.with_name(f"{file.stem}.{name}.h5") for name in names}
 
 
 def check_certificate(file: str | Path, *, samples: int = SAMPLES, report: Report = silent) -> Certificate:
@@ -69,7 +74,7 @@ def check_certificate(file: str | Path, *, samples: int = SAMPLES, report: Repor
         True
     """
     certificate = read_certificate(file)
-    points, peaks, compared = certificate.points, certificate.peaks, certificate.compared
+    points, peaks = certificate.points, certificate.peaks
     worst = np.unique(peaks.argmax(axis=0))
     others = np.setdiff1d(np.arange(len(points)), worst)
     drawn = np.random.default_rng().permutation(others)[:samples]
@@ -77,7 +82,7 @@ def check_certificate(file: str | Path, *, samples: int = SAMPLES, report: Repor
     assert run is not None
     whole, half = (Strikes(certificate.scene, certificate.roms, dt) for dt in (run.dt, run.dt / 2))
     again = [(whole, points[row], peaks[row]) for row in (*worst, *drawn)]
-    again += [(half, *each) for each in zip(compared.points, compared.halved, strict=True)]
+    again += [(half, *each) for each in zip(points[certificate.compared], certificate.halved, strict=True)]
     for k, (strikes, point, said) in enumerate(again):
         report("runs", k, len(again))
         off = np.abs(strikes(point) - said) / np.maximum(peaks.max(axis=0), np.finfo(float).tiny)
@@ -114,13 +119,13 @@ def read_certificate(file: str | Path) -> Certificate:
         raise FileError(f"{file}: was altered: the seal does not fit what it holds")
     try:
         return _read(file, given)
-    except (KeyError, TypeError, ValueError, FenicsRomError) as error:
+    except (AttributeError, LookupError, TypeError, ValueError, FenicsRomError) as error:
         said = str(error) if isinstance(error, FenicsRomError) else f"{type(error).__name__} {error}"
         raise FileError(said if said.startswith(str(file)) else f"{file}: was altered: {said}") from error
 
 
 def _written(certificate: Certificate, models: Mapping[str, Any]) -> dict[str, Any]:
-    scene, cover, compared = certificate.scene, certificate.cover, certificate.compared
+    scene, cover = certificate.scene, certificate.cover
     raw = {**scene.raw, "bodies": {name: dict(body) for name, body in scene.raw["bodies"].items()}}
     for name, model in models.items():
         raw["bodies"][name].pop("scene", None)
@@ -141,7 +146,7 @@ def _written(certificate: Certificate, models: Mapping[str, Any]) -> dict[str, A
             "peaks": cover.values.tolist(),
             "corners": certificate.corners.tolist(),
         },
-        "errors": {key: value.tolist() for key, value in vars(compared).items()},
+        "errors": {"finer": certificate.finer.tolist(), "halved": certificate.halved.tolist()},
     }
 
 
@@ -181,9 +186,11 @@ def _read(file: Path, given: dict[str, Any]) -> Certificate:
     cover = search(look_up, points.shape[1], table.tolerance, table.runs)
     if len(asked) != len(points):
         raise FileError("it holds runs that its search did not ask for")
-    compared = Comparison(**{key: np.array(rows) for key, rows in given["errors"].items()})
-    corners = np.array(given["runs"]["corners"]).reshape(-1, peaks.shape[1])
-    certificate = Certificate(scene, cover, corners, compared, limits, roms, tuple(given["warnings"]))
+    corners = np.array(given["runs"]["corners"]).reshape(len(corners_of(points.shape[1])), peaks.shape[1])
+    finer, halved = (np.array(given["errors"][key]) for key in ("finer", "halved"))
+    certificate = Certificate(scene, cover, corners, finer, halved, limits, roms, tuple(given["warnings"]))
+    if not finer.shape == halved.shape == (len(certificate.compared), len(QUANTITIES)):
+        raise FileError("its errors are not of the middle of the ranges and of the worst runs")
     _check_findings(given["findings"], _findings(certificate))
     return certificate
 

@@ -8,12 +8,15 @@ from fenics_rom.certification.certificate import Certificate
 from fenics_rom.certification.certify import Strikes
 from fenics_rom.certification.impacts import QUANTITIES
 from fenics_rom.certification.search import SAFETY
+from fenics_rom.errors import FileError
 from fenics_rom.io.units import prefixed
 from fenics_rom.visualization.figure import LIGHT, figure_class, write_figure
+from fenics_rom.visualization.plots.plot import FORMATS
 
 PAGE = (8.27, 11.69)  # inches: A4
 HEADING = ("", "largest run", "bound", "+ reduction", "+ step", "= certified", "limit", "")
 MOST_PANELS = 4  # of parameters
+MOST_LINES = 13  # above the plots
 
 
 def finding_rows(certificate: Certificate) -> list[tuple[str, ...]]:
@@ -36,9 +39,16 @@ def coverage_lines(certificate: Certificate) -> list[str]:
         f"{len(certificate.peaks)} runs: {len(cover.middles)} boxes cover all of these ranges, the narrowest "
         f"{cover.widths.min():.2g} of a range; {len(certificate.corners)} corners.",
         f"The bound holds if nothing changes faster than {SAFETY:g} times what was seen between neighbouring runs.",
-        f"Errors are the largest of {len(certificate.compared.points)} runs, with finer models and with half of the "
+        f"Errors are the largest of {len(certificate.compared)} runs, with finer models and with half of the "
         "step. Both are added to the bound.",
     ]
+
+
+def check_report(file: Path) -> None:
+    """What is worth asking before long work: MissingPackageError without Matplotlib, FileError of another ending."""
+    figure_class()
+    if file.suffix not in FORMATS:
+        raise FileError(f"{file}: allowed is a file that ends in {', '.join(FORMATS)}")
 
 
 def write_report(file: Path, certificate: Certificate) -> None:
@@ -46,13 +56,13 @@ def write_report(file: Path, certificate: Certificate) -> None:
 
     Raises:
         MissingPackageError: without Matplotlib.
-        FileError: it cannot be written.
+        FileError: it cannot be written, or has another ending.
     """
-    figure_type = figure_class()
+    check_report(file)
     from matplotlib import rc_context
 
     with rc_context(LIGHT.settings):
-        figure = figure_type(figsize=PAGE)
+        figure = figure_class()(figsize=PAGE)
         _draw_words(figure, certificate)
         _draw_time(figure.add_axes((0.1, 0.42, 0.83, 0.15)), certificate)
         shown = range(min(MOST_PANELS, len(certificate.parameters)))
@@ -85,7 +95,8 @@ def _draw_words(figure: Any, certificate: Certificate) -> None:
 def _wrapped(lines: Sequence[str]) -> list[str]:
     from textwrap import wrap
 
-    return [part for line in lines for part in wrap(line, 120)][:24]
+    parts = [part for line in lines for part in wrap(line, 120)]
+    return parts if len(parts) <= MOST_LINES else [*parts[: MOST_LINES - 1], "And more: see what the command printed."]
 
 
 def _draw_time(axes: Any, certificate: Certificate) -> None:

@@ -11,7 +11,7 @@ were seen between such neighbours, times SAFETY: an assumption, which is stated 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import ndarray as Array
@@ -56,6 +56,13 @@ class Cover:
     def bound(self) -> Array:
         """(q,) what the functions can be anywhere."""
         return self.at_most.max(axis=0)
+
+    def fitted(self, points: Array, values: Array) -> "Cover":
+        """The same, with slopes so much larger that the functions can be as they are, (k, q), in corners (k, d)."""
+        boxes = (np.abs(points[:, None] - self.middles) / self.widths).max(axis=2).argmin(axis=1)
+        rises, found = (self.at_most - self.values)[boxes], values - self.values[boxes]
+        factors = np.divide(found, rises, out=np.ones_like(found), where=rises > 0)
+        return replace(self, quotients=self.quotients * factors.max(axis=0, initial=1.0))
 
 
 def search(values: Values, dimension: int, tolerance: float, most: int) -> Cover:

@@ -26,14 +26,20 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(choice: argparse.Namespace) -> None:
     """Searches, and writes page and numbers."""
     from fenics_rom.certification.certify import certify
-    from fenics_rom.certification.file import write_certificate
-    from fenics_rom.certification.report import HEADING, coverage_lines, finding_rows, write_report
-    from fenics_rom.visualization.figure import figure_class
+    from fenics_rom.certification.file import model_files, write_certificate
+    from fenics_rom.certification.report import HEADING, check_report, coverage_lines, finding_rows, write_report
 
-    figure_class()
+    check_report(choice.output)
     world = fr.read_world(choice.world)
-    for output in filter(None, (choice.output, choice.json)):
-        check_outputs(output, inputs=files_of_world(world), force=choice.force)
+    inputs = files_of_world(world)
+    check_outputs(choice.output, inputs=inputs, force=choice.force)
+    if choice.json is not None:
+        if choice.json.resolve() == choice.output.resolve():
+            choice.wrong_usage(f"--json {choice.json}: is the page of -o, too; give another name")
+        soft = [name for name, body in world.file.bodies.items() if body.shape is None]
+        check_outputs(choice.json, inputs=inputs, force=choice.force)
+        models = model_files(choice.json, soft).values()
+        check_outputs(*models, content="rom", inputs=inputs, force=choice.force)
     runs = choice.output.with_name(f"{choice.output.name}.runs")
     if not choice.resume:
         runs.unlink(missing_ok=True)

@@ -56,6 +56,12 @@ def _check_who(table: CertificateTable, file: WorldFile) -> None:
         check_known("body", name, file.bodies, SceneError, "certificate.by: ")
         if name in own:
             raise SceneError(f"certificate.by: {name!r} is joined to {table.body!r}, or is it: allowed is what hits it")
+    rigid = [name for name in (table.body, *table.by) if file.bodies[name].shape is not None]
+    if table.body in rigid and len(rigid) > 1:
+        raise SceneError(
+            f"certificate.by: {rigid[1]!r} and {table.body!r} are rigid: their force grows as the step shrinks, "
+            "and nothing tells a pressure; allowed is that one of both is soft"
+        )
     if len(set(table.by)) < len(table.by):
         raise SceneError(f"certificate.by: allowed are different bodies, given: {', '.join(table.by)}")
 

@@ -115,7 +115,7 @@ def seal_again(file, change):
 
 
 def lower_all(content):
-    for runs in content["runs"]["peaks"], content["runs"]["corners"], content["errors"]["reduced"]:
+    for runs in content["runs"]["peaks"], content["runs"]["corners"]:
         for run in runs:
             run[0] *= 0.5
 
@@ -133,7 +133,8 @@ def lower_all_as_follows(content):
 
 
 def shrink_step_error(content):
-    content["errors"]["halved"] = content["errors"]["reduced"]
+    peaks = content["runs"]["peaks"] + content["runs"]["corners"]
+    content["errors"]["halved"] = [peaks[row] for row in np.unique([0, *np.argmax(peaks, axis=0)])]
     for finding in content["findings"].values():
         finding["certified"] -= finding["time_step"]
         finding["time_step"] = 0.0
@@ -157,6 +158,9 @@ def raise_limit(content):
         (narrow, "from its runs follows|the model gives"),
         (raise_limit, "are not those of the table"),
         (lambda content: content["runs"]["points"].pop(), "altered"),
+        (lambda content: content["runs"]["corners"].pop(), "altered"),
+        (lambda content: [runs.pop() for runs in content["errors"].values()], "errors are not of the middle"),
+        (lambda content: content["runs"].update(points=[]), "altered"),
         (lambda content: content["runs"]["points"][3].__setitem__(0, 0.3), "altered"),
     ],
 )
@@ -192,6 +196,13 @@ def test_interrupted_work_goes_on_and_changed_worlds_begin_anew(folder, certific
     strikes(np.array([0.5, 0.5]))
     again = Strikes(scene, {}, 5e-4, runs)  # without models it can run nothing
     np.testing.assert_array_equal(again(np.array([0.5, 0.5])), certificate.cover.values[0])
+    first, line = runs.read_text().splitlines()
+    point, peaks, _ = json.loads(line)
+    runs.write_text(f"{first}\n{json.dumps([point, peaks, ['strains of 7 %']])}\n")
+    assert Strikes(scene, {}, 5e-4, runs).warnings == ("strains of 7 % (this or the like in 1 run)",)
+    runs.write_text(f"{first}\n0\n")
+    with pytest.raises(FileError, match="does not hold runs of a certificate"):
+        Strikes(scene, {}, 5e-4, runs)
     runs.write_text("0" * 64 + "\n")
     with pytest.raises(FileError, match="holds runs of another world"):
         Strikes(scene, {}, 5e-4, runs)
@@ -213,10 +224,14 @@ def test_the_commands(folder, tmp_path, capsys):
         main(["check", str(numbers)])
     assert ended.value.code == 0
     assert "holds" in capsys.readouterr().out
-    with pytest.raises(SystemExit) as ended:
-        main(["certify", str(tmp_path / "drop.toml"), "-o", str(out), "--resume"])
-    assert ended.value.code == 1
-    assert "nothing to go on from" in capsys.readouterr().err
+    for words, said in {
+        ("-o", str(out), "--resume"): "nothing to go on from",
+        ("-o", str(tmp_path / "impact.txt")): "impact.txt: allowed is a file that ends in .pdf, .svg, .png",
+        ("-o", str(out), "--json", str(out)): "is the page of -o, too; give another name",
+    }.items():
+        with pytest.raises(SystemExit):
+            main(["certify", str(tmp_path / "drop.toml"), *words])
+        assert said in capsys.readouterr().err
 
 
 GROUP = """
@@ -231,9 +246,7 @@ size = [0.1, 0.1, 0.1]
 mass = 2.0
 position = [0.2, 0.0, 0.5]
 [bodies.hand]
-shape = "sphere"
-radius = 0.05
-mass = 0.5
+scene = "hand.toml"
 [[joints]]
 kind = "weld"
 first = "tool"
@@ -298,15 +311,13 @@ def test_what_the_world_holds_turns_about_its_joint(tmp_path):
         ("[run]\ndt = 1e-3\nduration = 0.1\n", "", "its runs are as long as"),
         ("[run]", "[certificate.ranges.handle]\nspin = [[0,0,0],[0,0,1]]\n[run]", "is joined to"),
         ("[certificate.ranges.tool]", "[certificate.ranges.toll]", "no body 'toll'; .* did you mean 'tool'"),
-        ("mass = 0.5", "", "hand"),
+        ("[run]", "[certificate.ranges.hand]\nmass = [1, 2]\n[run]", "hand.mass: allowed for a rigid body"),
+        ('scene = "hand.toml"', 'shape = "sphere"\nradius = 0.1', "'tool' and 'hand' are rigid: their force grows"),
     ],
 )
 def test_what_cannot_be_certified_is_said(tmp_path, old, new, said):
-    text = GROUP.replace(old, new)
-    if old == "mass = 0.5":
-        text += "[certificate.ranges.hand]\nmass = [1, 2]\n"
     with pytest.raises(SceneError, match=said):
-        read(tmp_path, text)
+        read(tmp_path, GROUP.replace(old, new))
 
 
 def test_limits(tmp_path):

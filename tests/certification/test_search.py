@@ -23,6 +23,14 @@ def test_the_bound_is_above_all_values_and_within_the_tolerance(tolerance):
     assert len(cover.middles) <= {0.3: 15, 0.1: 30, 0.02: 120}[tolerance]
 
 
+def test_a_corner_above_its_box_makes_slopes_larger():
+    cover, ends = search(lambda x: np.array([1 + x[0] ** 8]), 1, 0.1, 3), np.array([[0.0], [1.0]])
+    assert cover.at_most[2] < 2
+    assert cover.fitted(ends, 1 + ends**8).at_most[2] == pytest.approx(2, rel=1e-14)
+    assert cover.fitted(ends, np.ones((2, 1))).bound == cover.bound
+    assert cover.fitted(np.empty((0, 1)), np.empty((0, 1))).bound == cover.bound
+
+
 def test_boxes_cover_the_ranges_once():
     cover = search(strike, 3, 0.05, 2000)
     assert cover.widths.prod(axis=1).sum() == pytest.approx(1, abs=1e-12)
