@@ -100,7 +100,7 @@ def turning_maps(turn: Geometry, arms: Array) -> Array:
 
 def crossed(arms: Array) -> Array:
     """-a~ (k, 3, 3) of arms (k, 3): velocities of points of a body that turns."""
-    maps = np.zeros((len(arms), 3, 3))
+    maps = np.zeros((len(arms), 3, 3), arms.dtype)
     x, y, z = arms.T
     maps[:, 0, 1], maps[:, 0, 2], maps[:, 1, 2] = z, -y, x
     maps -= maps.transpose(0, 2, 1)

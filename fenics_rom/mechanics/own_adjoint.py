@@ -11,13 +11,11 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.delassus import operator_between
-from fenics_rom.mechanics.own_surface import OwnSurface
+from fenics_rom.mechanics.own_surface import OwnSurface, corner_maps
 from fenics_rom.mechanics.surface_pairs import unit_normals
 
 _STEP = 1e-30  # along i, m
 _FLAT = 1e-9  # normals that differ by less are those of the triangle
-_TURNED = np.zeros((3, 3, 3))  # ε, so that (a × b)_i = ε_ijk a_j b_k
-_TURNED[[0, 1, 2], [1, 2, 0], [2, 0, 1]], _TURNED[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = 1.0, -1.0
 
 
 class Met(NamedTuple):
@@ -63,7 +61,7 @@ class Met(NamedTuple):
         """Gaps (k,), normals (k, 3) and weights (k, 3) there, with the sign of gaps as it is."""
         weights = self.weights_at(x)
         off = x[:, 0] - (weights[:, :, None] * x[:, 1:]).sum(axis=1)
-        n = _crossed(x[:, 2] - x[:, 1], x[:, 3] - x[:, 1])
+        n = np.cross(x[:, 2] - x[:, 1], x[:, 3] - x[:, 1])
         n = n / np.sqrt(_dot(n, n))[:, None]
         above, away = _dot(off, n), np.sqrt(_dot(off, off))
         away = np.where(self.is_flat, 1.0, np.where(above.real < 0, -away, away))
@@ -100,7 +98,8 @@ class OwnPairs(NamedTuple):
             for axis in range(3):
                 x[:, corner, axis] += 1j * _STEP
                 gaps, normals, weights = self.met.seen_at(x)
-                slopes = gap_ * gaps.imag + np.einsum("kcij,kcij->k", maps_, turning_maps(x, weights).imag)
+                maps = corner_maps(x[:, 0], x[:, 1:], weights)
+                slopes = gap_ * gaps.imag + np.einsum("kcij,kcij->k", maps_, maps.imag)
                 slopes += _dot(normal_, self._merged(normals, others).imag)
                 np.add.at(owed[:, axis], own[:, corner], slopes / _STEP)
                 x[:, corner, axis] -= 1j * _STEP
@@ -120,26 +119,8 @@ class OwnPairs(NamedTuple):
         return normals
 
 
-def turning_maps(x: Array, weights: Array) -> Array:
-    """By what corners move the places that points touch, (k, 3 corners, 3, 3); see `self_contact`.
-
-    Points and corners are at x (k, 4, 3), m, and weights (k, 3) are those of the corners in the nearest place.
-    """
-    p, corners = x[:, 0], x[:, 1:]
-    arms, away = corners - corners.mean(axis=1, keepdims=True), p - (weights[:, :, None] * corners).sum(axis=1)
-    J = (arms * arms).sum(axis=(1, 2))[:, None, None] * np.eye(3) - np.matmul(arms.transpose(0, 2, 1), arms)
-    by_turn = np.matmul(np.einsum("ijl,kl->kij", _TURNED, away), np.linalg.inv(J))
-    turns = np.einsum("ilj,kcl->kcij", _TURNED, arms)
-    maps: Array = np.matmul(by_turn[:, None], turns) + weights[:, :, None, None] * np.eye(3)
-    return maps
-
-
 def _dot(a: Array, b: Array) -> Array:
     return np.einsum("ki,ki->k", a, b)
-
-
-def _crossed(a: Array, b: Array) -> Array:
-    return np.einsum("ijl,kj,kl->ki", _TURNED, a, b)
 
 
 class PairRows(NamedTuple):
@@ -165,7 +146,7 @@ class PairRows(NamedTuple):
         """Of one of the points (3P, 3P), that of pairs (3C, 3C)."""
         return operator_between(W, self.nodes, self.maps)
 
-    def pull_back(self, gap_: Array, normal_: Array, products: "list[tuple[Array, Array]]") -> Array:
+    def pull_back(self, gap_: Array, normal_: Array, products: list[tuple[Array, Array]]) -> Array:
         """What is owed to places of the points (P, 3), by gaps (C,), normals (C, 3), and by maps.
 
         To these it is the sum of products of numbers of pairs (C, 3) and of points (P, 3).

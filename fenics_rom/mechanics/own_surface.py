@@ -12,6 +12,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled, in_plain
+from fenics_rom.mechanics.frame_geometry import crossed
 from fenics_rom.mechanics.surface_pairs import DEEPEST, Border, Boxes, OnSurface, near_boxes, nearest_of, unit_normals
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 
@@ -191,3 +192,16 @@ def _beside(point: Array, triangle: Array, triangles: Array) -> Array:
     first = np.repeat(begin - np.cumsum(counts) + counts, counts)
     keys: Array = np.repeat(points, counts) * len(triangles) + owner[first + np.arange(counts.sum())]
     return keys
+
+
+def corner_maps(points: Array, corners: Array, weights: Array) -> Array:
+    """Of points (k, 3) and triangles (k, 3 corners, 3), m: what each corner's velocity adds where the point is.
+
+    weights: of the corners in the nearest place, (k, 3).
+    """
+    arms, away = corners - corners.mean(axis=1, keepdims=True), points - (weights[:, :, None] * corners).sum(axis=1)
+    J = np.square(arms).sum(axis=(1, 2))[:, None, None] * np.eye(3) - np.matmul(arms.transpose(0, 2, 1), arms)
+    by_turn = np.matmul(crossed(away), np.linalg.inv(J))
+    turns = -crossed(arms.reshape(-1, 3)).reshape(-1, 3, 3, 3)
+    maps: Array = np.matmul(by_turn[:, None], turns) + weights[:, :, None, None] * np.eye(3)
+    return maps

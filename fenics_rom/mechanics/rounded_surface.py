@@ -23,7 +23,7 @@ RADIUS = 0.2  # of the least height of triangles around
 SHARPEST = np.cos(np.radians(40.0))  # between normals at rest of triangles at a corner: others are parted by a crease
 STEEPEST = 0.3  # cosine: triangles that are steeper over the plane of the disc are not seen
 INSIDE = -1e-9  # weights of a place that is on a triangle
-BEYOND = 0.25  # of the margin: what is outside, and as little beyond a border, may be over the surface after the step
+BEYOND = 0.25  # of the margin: by less beyond a border, points outside may be over the surface in the end
 
 
 class Rounding(NamedTuple):

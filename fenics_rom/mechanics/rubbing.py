@@ -46,11 +46,16 @@ def rubbing_at(
     λ = (normals * forces).sum(axis=1)
     t, s = forces - λ[:, None] * normals, velocities - (normals * velocities).sum(axis=1)[:, None] * normals
     slides = np.linalg.norm(t, axis=1) >= (1 - AT_LIMIT) * μ * λ
-    found = Rubbing(np.zeros((count, 3)), np.zeros(count), np.zeros((count, 3)), np.zeros(count))
+    found = nothing_rubs(count)
     for nodes, weights, sign in places:
         for sums, of_pairs in zip(found, (sign * t, μ * λ, sign * λ[:, None] * s, λ * slides), strict=True):
             np.add.at(sums, nodes, _spread(weights, of_pairs))
     return found
+
+
+def nothing_rubs(count: int) -> Rubbing:
+    """At so many contact points."""
+    return Rubbing(np.zeros((count, 3)), np.zeros(count), np.zeros((count, 3)), np.zeros(count))
 
 
 def _spread(weights: Array, of_pairs: Array) -> Array:

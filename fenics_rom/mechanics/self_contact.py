@@ -22,13 +22,12 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity.delassus import Delassus, operator_among, operator_between
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, Opposite, PointMotion
 from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs
-from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE, ContactSolver
-from fenics_rom.mechanics.frame_geometry import crossed
+from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE
 from fenics_rom.mechanics.mesh_contact import MeshContact
 from fenics_rom.mechanics.obstacle_outline import FLAT
 from fenics_rom.mechanics.obstacle_poses import NO_TURN, distance_from
 from fenics_rom.mechanics.obstacles import Obstacle
-from fenics_rom.mechanics.own_surface import OwnSurface
+from fenics_rom.mechanics.own_surface import OwnSurface, corner_maps
 
 _ONES = np.ones(3)
 
@@ -62,7 +61,7 @@ class _Itself:
         return gaps, normals
 
     def curvature(self, points: Array) -> Array:
-        """As of an Obstacle; nobody asks for it, as steps that touch have no derivative."""
+        """As of an Obstacle; nobody asks for it: `own_adjoint` knows how normals turn."""
         return np.zeros((len(points), 3, 3))
 
     @property
@@ -184,7 +183,9 @@ class SelfContact(MeshContact):
             again = copy(self)
             again.search, again._begun = search, begun
             SelfContact.solve(again, *given)
-            pairs, solved = ContactSolver.last_step.__get__(again)()
+            pairs, solved = super(SelfContact, again).last_step()
+            if solved is None:
+                return pairs, None
             of_each, (nodes, maps) = again._own_rows(solved.active), again._moved_by(solved.active)
             within = (of_each >= 0).nonzero()[0]
             own = OwnPairs.of(self.surface, of_each[within], self.points + points.displacement)
@@ -221,7 +222,7 @@ class SelfContact(MeshContact):
         opposite = self._itself.opposite
         if self._mapped is None or self._mapped[0] is not opposite or self._mapped[1] is not self._middle:
             self._mapped = opposite, self._middle
-            self._maps = _maps(self._middle[self._itself.row], self._middle[opposite.nodes], opposite.weights)
+            self._maps = corner_maps(self._middle[self._itself.row], self._middle[opposite.nodes], opposite.weights)
         return self._maps
 
     def _of_pairs(self, values: Array) -> Array:
@@ -275,19 +276,6 @@ class SelfContact(MeshContact):
         known = np.full(len(self.points), -1)
         known[self._itself.row] = np.arange(len(self._itself.row))
         return np.where(pairs // len(self.points) == self._O, known[pairs % len(self.points)], -1)
-
-
-def _maps(points: Array, corners: Array, weights: Array) -> Array:
-    """Of points (k, 3) and triangles (k, 3 corners, 3), m: what each corner's velocity adds where the point is.
-
-    weights: of the corners in the nearest place, (k, 3).
-    """
-    arms, away = corners - corners.mean(axis=1, keepdims=True), points - (weights[:, :, None] * corners).sum(axis=1)
-    J = np.square(arms).sum(axis=(1, 2))[:, None, None] * np.eye(3) - np.matmul(arms.transpose(0, 2, 1), arms)
-    by_turn = np.matmul(crossed(away), np.linalg.inv(J))
-    turns = -crossed(arms.reshape(-1, 3)).reshape(-1, 3, 3, 3)
-    maps: Array = np.matmul(by_turn[:, None], turns) + weights[:, :, None, None] * np.eye(3)
-    return maps
 
 
 def beside(obstacles: ObstacleMotion) -> ObstacleMotion:

@@ -145,8 +145,12 @@ class TouchReading:
     @property
     def shares_of_area(self) -> Array:
         """Area that each node stands for, (s,), m²; on facets of six nodes those in the middles of sides."""
-        at = self.facets if self.facets.shape[1] == 3 else self.facets[:, 3:]
-        return np.bincount(at.ravel(), np.repeat(self.areas / 3, 3), minlength=len(self.nodes))
+        return np.bincount(self._sharing.ravel(), np.repeat(self.areas / 3, 3), minlength=len(self.nodes))
+
+    @property
+    def _sharing(self) -> Array:
+        """Of each facet the nodes that have a third of its area, (F, 3)."""
+        return self.facets if self.facets.shape[1] == 3 else self.facets[:, 3:]
 
     @property
     def middle(self) -> Array:
@@ -205,8 +209,7 @@ class TouchReading:
         """Of nodes (s,), m²: of those on the rim of a patch that part which their pressure tells, see `RIM`."""
         shares = self.shares_of_area
         pressures = np.divide(pressing, shares, out=np.zeros(len(shares)), where=touches & (shares > 0))
-        nodes = self.facets if self.facets.shape[1] == 3 else self.facets[:, 3:]
-        around = np.zeros(len(shares))
+        nodes, around = self._sharing, np.zeros(len(shares))
         np.maximum.at(around, nodes, pressures[nodes].max(axis=1)[:, None])
         is_rim = np.zeros(len(shares), dtype=bool)
         is_rim[nodes[~touches[nodes].all(axis=1)]] = True

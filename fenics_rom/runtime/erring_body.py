@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.environment import given_environment
-from fenics_rom.runtime.error_tolerance import ADVICE, Exceeded, checked_tolerance, tell
+from fenics_rom.runtime.error_tolerance import ADVICE, NO_MORE, Exceeded, checked_tolerance, tell
 from fenics_rom.runtime.moving_body import MovingBody
 
 if TYPE_CHECKING:
@@ -113,6 +113,7 @@ class ErringBody(MovingBody):
                 if tolerance is None and acting.run is not None:
                     tolerance = acting.run.error_tolerance
                 self.errors = ErrorWatch(rom, ErrorMaps(rom, touched=touched), tolerance)
+                self.advice = NO_MORE if touched else ADVICE
         if asked and self.errors is None:
             raise StepError(f"errors = True: {self._untold}")
         if tolerance is not None and self.errors is None:

@@ -15,10 +15,8 @@ from fenics_rom.arguments import is_number
 from fenics_rom.errors import StepError, ToleranceWarning, shown
 from fenics_rom.rom.rom import Rom
 
-ADVICE = (
-    "the run goes on, but its outputs may be further off; take a higher order, or, with the full system at hand, let "
-    "directions be added (enrich)"
-)
+NO_MORE = "the run goes on, but its outputs may be further off; take a higher order"
+ADVICE = f"{NO_MORE}, or, with the full system at hand, let directions be added (enrich)"
 ADDED = "directions are added to the basis"
 
 

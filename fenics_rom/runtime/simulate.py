@@ -18,7 +18,7 @@ from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.error_tolerance import ADDED
+from fenics_rom.runtime.error_tolerance import ADDED, NO_MORE
 from fenics_rom.runtime.exceedings import Enriches, Exceedings
 from fenics_rom.runtime.initial_state import begin
 from fenics_rom.runtime.simulator import Simulator
@@ -104,9 +104,12 @@ def _set_beside(
     if body.errors is not None:
         raise SceneError("finer: the body states its own errors; allowed is one that does not, or errors = False")
     check_finer(body.rom, finer)
+    if tolerance is None and environment.run is not None:
+        tolerance = environment.run.error_tolerance
     _, _, fresh = _prepared(finer, environment, dt, every, signals, stepper, False)
     with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # the body tells them
         body.beside = FinerBeside(body, fresh()[0], tolerance)
+    body.advice = NO_MORE
 
 
 def _check_tolerance(
@@ -114,10 +117,10 @@ def _check_tolerance(
 ) -> None:
     """A SceneError where the scene asks for a tolerance that is not watched, or directions that nothing adds."""
     run = environment.run
-    if run is not None and errors is not False and run.error_tolerance is not None and body.errors is None:
+    if run is not None and errors is not False and run.error_tolerance is not None and body.error_tolerance is None:
         raise SceneError(
             f"run.error_tolerance = {run.error_tolerance:g}: the ROM's runs do not tell their errors; allowed is one "
-            "of fr.reduce(system, errors=True), or errors = False"
+            "of fr.reduce(system, errors=True), a finer one beside, or errors = False"
         )
     if run is not None and errors is not False and run.enrich and enrichment is None:
         raise SceneError(
@@ -125,8 +128,11 @@ def _check_tolerance(
             "enrich=system), simulate --enrich --scene SCENE, or errors = False"
         )
     if enrichment is not None:
-        if body.error_tolerance is None:
-            raise SceneError("enrich: adds directions beyond an error_tolerance; allowed is with that")
+        if body.errors is None or body.error_tolerance is None:
+            raise SceneError(
+                "enrich: adds directions where an error that the ROM's runs state is beyond an error_tolerance; "
+                "allowed is with both"
+            )
         body.advice = ADDED
 
 

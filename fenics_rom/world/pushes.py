@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.nodal_contact import Touch
-from fenics_rom.mechanics.rubbing import PairPlaces, Rubbing, rubbing_at
+from fenics_rom.mechanics.rubbing import PairPlaces, Rubbing, nothing_rubs, rubbing_at
 from fenics_rom.world.collision.contacts import Contacts
 from fenics_rom.world.contact_step import Found
 from fenics_rom.world.meetings import Meeting
@@ -51,5 +51,4 @@ def rubbing_of(pushes: Iterable[Pushes], count: int) -> Rubbing:
     parts = []
     for nodes, weights, *of_pairs in pushes:
         parts.append(rubbing_at(count, [PairPlaces(nodes, weights, 1.0)], *of_pairs))
-    nothing = Rubbing(np.zeros((count, 3)), np.zeros(count), np.zeros((count, 3)), np.zeros(count))
-    return Rubbing(*(sum(arrays[1:], start=arrays[0]) for arrays in zip(nothing, *parts, strict=True)))
+    return Rubbing(*(sum(arrays[1:], start=arrays[0]) for arrays in zip(nothing_rubs(count), *parts, strict=True)))

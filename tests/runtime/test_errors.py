@@ -71,8 +71,9 @@ class TestRandomRuns:
         assert max(run.outputs for run in random_runs) <= OUTPUT_ROUND_OFF
 
     def test_bounds_are_of_use(self, random_runs):
-        assert np.median([run.effectivity for run in random_runs]) < 15
-        assert np.percentile([run.effectivity for run in random_runs], 95) < 60
+        """They are 1.5 times the error in the median, and 17 times at 95 %."""
+        assert np.median([run.effectivity for run in random_runs]) < 2
+        assert np.percentile([run.effectivity for run in random_runs], 95) < 35
 
     def test_bounds_that_are_five_percent_too_small_are_caught(self, random_runs):
         assert sum(run.broken_by(0.95) > ROUND_OFF for run in random_runs) > 0.1 * len(random_runs)

@@ -1,5 +1,8 @@
 """A ROM of higher order beside: estimates for bodies whose errors no residual tells."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from bodies import scene_text
@@ -44,9 +47,11 @@ def test_a_tolerance_is_told_at_once_and_files_and_commands_take_it(case, tmp_pa
     _, rom, finer = case
     told = np.abs(fr.simulate(rom, finer=finer).errors["estimate"].outputs["tip"]).max(axis=(1, 2))
     tolerance = float(told.max() / 2)
-    with pytest.warns(ToleranceWarning, match="'tip' is off by"):
-        run = fr.simulate(rom, finer=finer, error_tolerance=tolerance)
-    assert run.tolerance.times == pytest.approx([run.times[np.argmax(told > tolerance)]])
+    asks = replace(rom.environment, run=replace(rom.environment.run, error_tolerance=tolerance))
+    for each, given in ((rom, {"error_tolerance": tolerance}), (replace(rom, environment=asks), {})):
+        with pytest.warns(ToleranceWarning, match="'tip' is off by .* take a higher order$"):
+            run = fr.simulate(each, finer=finer, **given)
+        assert run.tolerance.times == pytest.approx([run.times[np.argmax(told > tolerance)]])
     for name, each in (("rom", rom), ("finer", finer)):
         fr.write_rom(tmp_path / f"{name}.h5", each)
     out = tmp_path / "run.h5"
@@ -64,6 +69,8 @@ def test_what_is_refused(case, plate_system, plate_rom):
         fr.simulate(finer, finer=rom)
     with pytest.raises(SceneError, match="is of another body"):
         fr.simulate(rom, finer=plate_rom)
+    with pytest.raises(SceneError, match="an error that the ROM's runs state is beyond an error_tolerance"):
+        fr.simulate(rom, finer=finer, error_tolerance=1e-4, enrich=SimpleNamespace(rom=rom))
     own = fr.reduce(plate_system, order=6, errors=True)
     with pytest.raises(SceneError, match="the body states its own errors"):
         fr.simulate(own, finer=plate_rom)

@@ -146,14 +146,10 @@ class FrameKernel(CompilableFrame):
         self.newton.inverse = self._ahead = None
         self._elastic_and_inertial = np.stack([self._ω, np.full(len(γ), -2 / h)])
         if self._compiled is not None or compiled():
-            self._by_loops()
+            self.take_by_loops()
 
     def take_by_loops(self) -> "CompiledFrame | None":
         """As in CompilableFrame."""
-        return self._by_loops()
-
-    def _by_loops(self) -> "CompiledFrame | None":
-        """What takes steps by compiled functions; None where these do not know the body."""
         bent = None
         if self._found is not None or self.ties is not None:
             return None
