@@ -206,7 +206,7 @@ def main() -> None:
         ("no error is above its bound, beyond round-off", max(run.broken for run in runs) <= ROUND_OFF),
         ("no error of an output is above its bound", max(run.outputs for run in runs) <= OUTPUT_ROUND_OFF),
         (f"0.95 of the bound is below the error in some runs ({caught} of them)", caught > 0),
-        ("the bound is below 15 times the error in half of the runs", shares[1] < 15),
+        ("the bound is below 4 times the error in half of the runs", shares[1] < 4),
         ("and below 60 times in 95 %", shares[2] < 60),
         (f"the estimate is within a factor of 1.5 in 90 % of the runs ({near:.1%})", near >= 0.9),
         (f"it ranks orders 10, 20 and 40 as the errors do in 95 % ({same:.1%})", same >= 0.95),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import fenics_rom as fr
 from fenics_rom.cli.display import print_lines, print_table, progress
-from fenics_rom.cli.output import add_output
+from fenics_rom.cli.output import add_output, check_other_name
 from fenics_rom.errors import FileError
 from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.scene.world_file import files_of_world
@@ -30,12 +30,11 @@ def run(choice: argparse.Namespace) -> None:
     from fenics_rom.certification.report import HEADING, check_report, coverage_lines, finding_rows, write_report
 
     check_report(choice.output)
+    check_other_name(choice, "json")
     world = fr.read_world(choice.world)
     inputs = files_of_world(world)
     check_outputs(choice.output, inputs=inputs, force=choice.force)
     if choice.json is not None:
-        if choice.json.resolve() == choice.output.resolve():
-            choice.wrong_usage(f"--json {choice.json}: is the page of -o, too; give another name")
         soft = [name for name, body in world.file.bodies.items() if body.shape is None]
         check_outputs(choice.json, inputs=inputs, force=choice.force)
         models = model_files(choice.json, soft).values()

@@ -22,8 +22,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "--what",
         nargs="+",
         metavar="NAME",
-        help="some of: energy, output_NAME, input_NAME, reading_NAME, forces, pressure, pressure_map of runs; sigma, "
-        "response of a ROM",
+        help="some of: energy, error, output_NAME, input_NAME, reading_NAME, taxels_NAME, slip_NAME, forces, pressure, "
+        "pressure_map of runs; sigma, response of a ROM",
     )
     command.add_argument("--full", metavar="SCENE", help="solve for the full model's frequency responses, too")
     command.add_argument("--dark", action="store_true", help="light on dark")

@@ -11,7 +11,7 @@ from typing import Any
 
 import fenics_rom as fr
 from fenics_rom.cli.display import print_trajectory, progress
-from fenics_rom.cli.output import add_output
+from fenics_rom.cli.output import add_output, check_other_name
 from fenics_rom.errors import ToleranceWarning
 from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.io.overwriting import check_outputs
@@ -102,8 +102,8 @@ def _enrichment(choice: argparse.Namespace, rom: "fr.Rom", scene: "fr.Scene | No
     if choice.enriched is not None:
         if not asked:
             choice.wrong_usage("--enriched: writes what --enrich adds, which is not asked for")
-        named = [choice.model, choice.scene, choice.output]
-        check_outputs(choice.enriched, content="rom", inputs=[*filter(None, named)], force=choice.force)
+        inputs = [*filter(None, (choice.model, choice.scene, choice.finer))]
+        check_outputs(choice.enriched, content="rom", inputs=inputs, force=choice.force)
     if not asked:
         return None
     if scene is None:
@@ -114,7 +114,8 @@ def _enrichment(choice: argparse.Namespace, rom: "fr.Rom", scene: "fr.Scene | No
 
 def run(choice: argparse.Namespace) -> None:
     """Simulates, and writes the run."""
-    named = [choice.model, *filter(None, [choice.scene])]  # which may name other files
+    check_other_name(choice, "enriched")
+    named = [choice.model, *filter(None, [choice.scene, choice.finer])]  # which may name other files
     check_outputs(choice.output, inputs=named, force=True)
 
     def check(*inputs: Path) -> None:

@@ -55,7 +55,7 @@ def _check_who(table: CertificateTable, file: WorldFile) -> None:
     for name in table.by:
         check_known("body", name, file.bodies, SceneError, "certificate.by: ")
         if name in own:
-            raise SceneError(f"certificate.by: {name!r} is joined to {table.body!r}, or is it: allowed is what hits it")
+            raise SceneError(f"certificate.by: {name!r} is joined to {table.body!r}, or is it: allowed are others")
     rigid = [name for name in (table.body, *table.by) if file.bodies[name].shape is not None]
     if table.body in rigid and len(rigid) > 1:
         raise SceneError(

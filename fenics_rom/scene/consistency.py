@@ -195,8 +195,9 @@ def _check_tolerance(file: SceneFile) -> None:
     run = file.run
     if run is None:
         return
-    if run.error_tolerance is not None and not (run.errors and file.outputs):
-        lacks = "run.errors = true" if file.outputs else "[outputs]"
+    displaced = any(output.quantity != TOUCH for output in file.outputs.values())
+    if run.error_tolerance is not None and not (run.errors and displaced):
+        lacks = "run.errors = true" if displaced else "[outputs] of displacements"
         raise SceneError(f"run.error_tolerance: is of errors of outputs that a run tells; allowed is with {lacks}")
     if run.enrich and run.error_tolerance is None:
         raise SceneError("run.enrich: adds directions beyond run.error_tolerance; allowed is with that")

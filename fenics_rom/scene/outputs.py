@@ -97,7 +97,7 @@ def check_output(entry: OutputEntry, where: str, *, has_contact: bool) -> None:
         if taxels.rows * taxels.columns > MOST_TAXELS:
             raise SceneError(
                 f"{where}.taxels: {taxels.rows} x {taxels.columns} are {taxels.rows * taxels.columns} taxels; allowed "
-                f"are {MOST_TAXELS}"
+                f"are at most {MOST_TAXELS}"
             )
         if taxels.along is not None and not any(taxels.along):
             raise SceneError(f"{where}.taxels.along: allowed is any but zero")

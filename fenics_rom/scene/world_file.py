@@ -86,7 +86,9 @@ def files_of_world(scene: WorldScene) -> tuple[Path, ...]:
     bodies = scene.file.bodies.values()
     roms = [scene.folder / body.rom for body in bodies if body.rom is not None]
     scenes = [read_scene(scene.folder / body.scene).files for body in bodies if body.scene is not None]
-    tables = [scene.folder / name for name in scene.tables]
+    certificate = scene.file.certificate
+    limits = () if certificate is None or certificate.limits is None else (certificate.limits,)
+    tables = [scene.folder / name for name in (*scene.tables, *limits)]
     return (Path(scene.source), *tables, *roms, *(file for files in scenes for file in files))
 
 

@@ -17,6 +17,7 @@ from fenics_rom.certification.ranges import file_at, parameters_of
 from fenics_rom.cli.main import main
 from fenics_rom.errors import DataError, FileError, SceneError
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix
+from fenics_rom.scene.world_file import files_of_world
 
 MESHES = Path(__file__).parents[2] / "meshes"
 PAD = """
@@ -227,7 +228,7 @@ def test_the_commands(folder, tmp_path, capsys):
     for words, said in {
         ("-o", str(out), "--resume"): "nothing to go on from",
         ("-o", str(tmp_path / "impact.txt")): "impact.txt: allowed is a file that ends in .pdf, .svg, .png",
-        ("-o", str(out), "--json", str(out)): "is the page of -o, too; give another name",
+        ("-o", str(out), "--json", str(out)): "is the file of -o, too; give another name",
     }.items():
         with pytest.raises(SystemExit):
             main(["certify", str(tmp_path / "drop.toml"), *words])
@@ -333,6 +334,12 @@ def test_limits(tmp_path):
     (tmp_path / "mine.csv").write_text("region,force_N\nnose,50\n")
     with pytest.raises(DataError, match="column 'pressure_N_per_cm2' is missing"):
         read_limits("nose", tmp_path / "mine.csv")
+
+
+def test_a_table_of_limits_is_among_the_files_of_a_world(folder):
+    scene = fr.read_world(folder / "drop.toml")
+    table = replace(scene.file.certificate, limits="mine.csv")
+    assert folder / "mine.csv" in files_of_world(replace(scene, file=replace(scene.file, certificate=table)))
 
 
 @pytest.mark.slow

@@ -133,9 +133,12 @@ class TestRefused:
             "inertia = {}\ndamping = { alpha = 2.0, beta = 1e-3 }",
             {"outputs.tip": "points = [[1.0, 0.4, 0.3]]"},
         )
+        effects += "\n[effects.contact.obstacles.floor]\nshape = 'half-space'\npoint = [0, 0, -1]\nnormal = [0, 0, 1]"
+        touch = {"outputs.felt": "quantity = 'touch'\nsurface = 'right'"}
         for run, more, message in (
             ("error_tolerance = 1e-4", tip, "allowed is with run.errors = true"),
-            ("error_tolerance = 1e-4\nerrors = true", {}, r"allowed is with \[outputs\]"),
+            ("error_tolerance = 1e-4\nerrors = true", {}, r"allowed is with \[outputs\] of displacements"),
+            ("error_tolerance = 1e-4\nerrors = true", touch, r"allowed is with \[outputs\] of displacements"),
             ("enrich = true\nerrors = true", tip, "run.enrich: adds directions beyond run.error_tolerance"),
             ("error_tolerance = 0\nerrors = true", tip, "run.error_tolerance = 0"),
         ):

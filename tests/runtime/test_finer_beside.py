@@ -1,5 +1,6 @@
 """A ROM of higher order beside: estimates for bodies whose errors no residual tells."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ from bodies import scene_text
 from test_errors import run_command
 
 import fenics_rom as fr
+from fenics_rom.cli.main import main
 from fenics_rom.errors import SceneError, ToleranceWarning
 from fenics_rom.scene.file import parse_scene
 
@@ -57,6 +59,12 @@ def test_a_tolerance_is_told_at_once_and_files_and_commands_take_it(case, tmp_pa
     out = tmp_path / "run.h5"
     run_command("simulate", tmp_path / "rom.h5", "--finer", tmp_path / "finer.h5", "-o", out)
     assert "error of tip, estimate" in " ".join(capsys.readouterr().out.split())
+    finer_file, refused = str(tmp_path / "finer.h5"), "is read by this command, so it cannot be its output"
+    with pytest.raises(SystemExit):
+        main(["simulate", str(tmp_path / "rom.h5"), "--finer", finer_file, "-o", finer_file, "--force"])
+    with pytest.raises(SystemExit):
+        main(["simulate", str(tmp_path / "rom.h5"), "--enriched", str(out), "-o", str(out)])
+    assert re.search(f"{refused}.*is the file of -o, too", capsys.readouterr().err, re.DOTALL)
     again = fr.read_trajectory(out)
     assert again.errors["estimate"].norm is None
     np.testing.assert_array_equal(again.errors["estimate"].outputs["tip"], run.errors["estimate"].outputs["tip"])

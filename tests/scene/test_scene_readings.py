@@ -50,8 +50,7 @@ UNFELT = {
     'quantity = "touch"\npoints = [[0, 0, 0]]': r"outputs.skin.points: touch is of a piece of the surface; allowed is",
     'quantity = "tuch"\nsurface = "top"': r"outputs.skin.quantity: no choice 'tuch'.* did you mean 'touch'",
     TOUCH + "taxels = { rows = 2 }": r"outputs.skin.taxels: columns is missing",
-    TOUCH
-    + "taxels = { rows = 100, columns = 100 }": r"outputs.skin.taxels: 100 x 100 are 10000 taxels; allowed are 4096",
+    TOUCH + "taxels = { rows = 100, columns = 100 }": r"taxels: 100 x 100 are 10000 taxels; allowed are at most 4096",
     TOUCH
     + "taxels = { rows = 2, columns = 2, along = [0, 0, 0] }": r"outputs.skin.taxels.along: allowed is any but zero",
     TOUCH + "sensor = {}": r"outputs.skin.sensor: adds nothing; give one of rate, delay, pressure_noise",

@@ -10,7 +10,8 @@ from fenics_rom.io.units import prefixed
 from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.trajectory.series import ReadingSeries
 from fenics_rom.trajectory.trajectory import Trajectory
-from fenics_rom.visualization.figure import DASHES, Panel
+from fenics_rom.visualization.figure import Panel
+from fenics_rom.visualization.plots.run_lines import draw_legend, draw_time_axis, line_styles
 
 PARTS = {"margin": "margin to slip", "sliding": "slides already"}  # of the patch that presses most
 
@@ -46,17 +47,12 @@ def _draw_taxels(figure: Any, run: Trajectory, reading: ReadingSeries, name: str
 
 def _draw_slip(figure: Any, felt: Mapping[str, tuple[Trajectory, ReadingSeries]], name: str) -> None:
     """Margin to slip of the patch that presses most, and which part of its normal force slides."""
-    axes = figure.subplots()
-    scale, unit = prefixed("s", max(run.times[-1] for run, _ in felt.values()))
-    for dashes, (run, reading) in zip(DASHES * len(felt), felt.values(), strict=False):
+    axes, runs = figure.subplots(), {label: run for label, (run, _) in felt.items()}
+    time = draw_time_axis(axes, runs)
+    for line, (run, reading) in zip(line_styles(runs), felt.values(), strict=True):
         patches = reading.touch.patches
         there = np.where(patches.normal_force[:, 0] > 0, 1.0, np.nan)
         for k, part in enumerate(PARTS):
-            axes.plot(scale * run.times, there * getattr(patches, part)[:, 0], color=f"C{k}", linestyle=dashes)
-    for k, words in enumerate(PARTS.values()):
-        axes.plot([], [], color=f"C{k}", label=words)
-    if len(felt) > 1:
-        for dashes, label in zip(DASHES * len(felt), felt, strict=False):
-            axes.plot([], [], color="0.5", linestyle=dashes, label=label)
-    axes.legend()
-    axes.set(xlabel=f"time ({unit})", ylabel="share (1)", ylim=(-0.05, 1.05), title=f"slip of {name}")
+            axes.plot(time * run.times, there * getattr(patches, part)[:, 0], color=f"C{k}", **line)
+    draw_legend(figure, axes, {words: f"C{k}" for k, words in enumerate(PARTS.values())}, runs)
+    axes.set(ylabel="share (1)", ylim=(-0.05, 1.05), title=f"slip of {name}")
