@@ -11,7 +11,7 @@ import pytest
 
 import fenics_rom as fr
 from fenics_rom.certification.certify import Strikes, certify
-from fenics_rom.certification.impacts import QUANTITIES
+from fenics_rom.certification.impacts import QUANTITIES, Impact, check_end
 from fenics_rom.certification.limits import read_limits
 from fenics_rom.certification.ranges import file_at, parameters_of
 from fenics_rom.cli.main import main
@@ -354,10 +354,21 @@ def test_bodies_that_deform_largely_are_compared_with_twice_the_order(tmp_path):
     assert 0 < found.reduction < 0.1 * found.largest
 
 
+@pytest.mark.parametrize(("row", "grows"), [(0, "force"), (1, "pressure"), (2, "energy")])
+def test_a_run_that_ends_while_something_grows_is_refused(row, grows):
+    felt = np.ones((4, 3)) * [[0], [2], [1], [1]]
+    check_end(Impact(np.arange(4.0), felt, ()))
+    felt[3, row] = 2 * (1 + 1e-12)
+    with pytest.raises(SceneError, match=f"the {grows} still grows when the run ends, at 3 s"):
+        check_end(Impact(np.arange(4.0), felt, ()))
+    felt[2, row] = 2.0
+    check_end(Impact(np.arange(4.0), felt, ()))
+
+
 def test_nothing_that_is_hit_and_runs_that_end_too_early(folder, tmp_path):
     scene = fr.read_world(folder / "drop.toml")
     run = replace(scene.file.run, duration=5e-3)
-    with pytest.raises(SceneError, match="the force still grows when the run ends"):
+    with pytest.raises(SceneError, match="the energy still grows when the run ends"):
         certify(replace(scene, file=replace(scene.file, run=run)))
     away = replace(scene.file.bodies["ball"], position=(0.0, 0.0, 1.0))
     bodies = {**scene.file.bodies, "ball": away}
