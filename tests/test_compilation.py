@@ -1,9 +1,11 @@
 """Whether steps run compiled: what numba is there, and what the user is told."""
 
+import ast
 import os
 import subprocess
 import sys
 import types
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -78,6 +80,18 @@ def test_numpy_alone_lasts_as_long_as_its_block(asked_anew):
             assert not compiled()
         assert not compiled()
     assert compiled()
+
+
+def test_constants_that_compiled_functions_have_are_of_files_that_their_cache_knows():
+    """What is compiled has the numbers that these had then."""
+    package, unknown = Path(compilation.__file__).parent, set()
+    for source in package.rglob("compiled/*.py"):
+        for node in ast.walk(ast.parse(source.read_text())):
+            if isinstance(node, ast.ImportFrom) and any(alias.name.isupper() for alias in node.names):
+                file = node.module.removeprefix("fenics_rom.").replace(".", "/") + ".py"
+                known = file in compilation.SHARED or "compiled/" in file or not (package / file).exists()
+                unknown |= set() if known else {file}
+    assert not unknown
 
 
 def test_without_contact_numba_is_not_imported():

@@ -129,7 +129,7 @@ class Operators(NamedTuple):
     slots: Array  # (K,) of these contacts
     nodes: Array  # (K, 2, c) of soft bodies, as many as carry a point at most that is no joint's, and
     weights: Array  # (K, 2, c) of these
-    frames: Array  # (S, 58) of soft bodies, as they turned in that step: `soft_bodies.Step.turn`
+    frames: Array  # (S, 64) of soft bodies, as they turned in that step: `soft_bodies.Step.turn`
     soft: Array  # (9 K²,) Wᵀ of soft bodies, as rows of (3k, 3k)
     inverse: Array  # (9 K²,) of it
     whole: Array  # (9 K²,) Wᵀ of all bodies
