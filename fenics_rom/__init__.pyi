@@ -19,6 +19,7 @@ from fenics_rom.errors import SceneError as SceneError
 from fenics_rom.errors import SolverError as SolverError
 from fenics_rom.errors import StepError as StepError
 from fenics_rom.errors import StructureError as StructureError
+from fenics_rom.errors import ToleranceWarning as ToleranceWarning
 from fenics_rom.errors import TrajectoryFileError as TrajectoryFileError
 from fenics_rom.fem.assemble import assemble as assemble
 from fenics_rom.fem.forms import assemble_forms as assemble_forms

@@ -283,7 +283,9 @@ def test_there_is_a_file_of_every_body_and_no_other(make, tmp_path):
 
     for body in {body for body, _ in soft_tasks.TASKS.values()}:
         assert soft_bodies.scene(body, tmp_path).name in ("arm", "lifting finger", "plate")
-    with pytest.raises(SceneError, match="no body 'fingre'; there is far, finger, pegs, plate; did you mean 'finger'"):
+    with pytest.raises(
+        SceneError, match="no body 'fingre'; there is far, feeling-finger, finger, pegs, plate; did you mean 'finger'"
+    ):
         soft_bodies.make("fingre", tmp_path)
 
 

@@ -612,7 +612,7 @@ def test_file_without_permission_is_told(inside, refused, kind):
 LONG = f"{300 * 'a'}.h5"
 COMMANDS = {
     "2, no command": ([], "the following arguments are required: COMMAND; see fenics-rom --help"),
-    "2, unknown command": (["redcue", "block.toml"], "no command 'redcue'; there is compare, compile, export, "),
+    "2, unknown command": (["redcue", "block.toml"], "no command 'redcue'; there is certify, check, compare, "),
     "2, unknown command, hint": (["redcue"], "did you mean 'reduce'?"),
     "2, unknown option": (
         ["--verison"],

@@ -56,7 +56,7 @@ def test_no_point_enters_what_turns_and_contact_gains_nothing(name, friction):
         if not len(points):
             continue
         motion = PointMotion(np.zeros_like(points), *rng.normal(size=(2, *points.shape)))
-        solver = make_contact_solver(points, [shape], ContactLaw(friction=friction), turn=True)
+        solver = make_contact_solver(points, [shape], ContactLaw(friction=friction))
         contact = solver.solve(motion, np.eye(3 * len(points)), h, moving(start, end, h))
         v̂ = motion.free_velocity + (0.0 if contact is None else contact.forces)
         assert distance_from(shape, points + h * v̂, end)[0].min() > -ROUND_OFF

@@ -120,7 +120,7 @@ def test_poses_without_inertia(tmp_path, parts):
     check_twists(lambda: fr.Simulator(rom, H), swung, u, start, 1e2, touches=False)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", sorted(LAWS.keys() - {"turns"}))
 def test_twists_through_contact(tmp_path, law):
     """Sticking, sliding and bouncing."""
     effects, obstacle = LAWS[law]
@@ -129,7 +129,7 @@ def test_twists_through_contact(tmp_path, law):
     check_twists(lambda: fr.Simulator(rom, H), lowered, u, start)
 
 
-@pytest.mark.parametrize("parts", sorted(STILL.keys() - {"tied"}))
+@pytest.mark.parametrize("parts", sorted(STILL.keys() - {"tied", "turns"}))
 def test_twists_through_contact_without_inertia(tmp_path, parts):
     rom = reduced(tmp_path, HELD, effects=None, **STILL[parts])
     _, u, start, _ = pushed(rom, lowered, size=0.02, steps=14)

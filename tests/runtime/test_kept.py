@@ -48,6 +48,7 @@ READ = {
     "sums of the energy account": (lambda b: b.ledger.sums, "sums"),
     "surface's peak, and largest loss in a switch": (lambda b: (b.surface_peak, b.loss), "surface_peak loss"),
     "bound and estimate of the error": (lambda b: [told.norm for told in b.stated_errors.values()], "errors"),
+    "what sensors remember": (lambda b: (b.save().sensed, b.save().rubbed), "sensed rubbed"),
     "warnings of contact and of large deformation": (
         lambda b: (b.warnings, b.mismatch, searched(b)[1:2], b.save().stepper.notes),
         "stepper.notes told",
@@ -55,7 +56,11 @@ READ = {
     "time step": (lambda b: b.dt, "dt"),
     "signals that were set": (lambda b: b.environment and dict(b.environment.signals), ""),
 }
-OF_LINEAR = {row for row in READ if row.startswith(("forces", "places", "signals", "surface", "bound"))}
+OF_LINEAR = {row for row in READ if row.startswith(("forces", "places", "signals", "surface", "bound", "what sensors"))}
+OUTPUTS = {
+    "outputs.tip": "points = [[1.0, 0.4, 0.3]]",
+    "outputs.feel": 'surface = "bottom"\nquantity = "touch"\nsensor = { force_noise = 1.0, delay = 2e-3 }',
+}
 PLACE = [0.0, 0.0, -1e-3]
 
 
@@ -71,7 +76,7 @@ contact.obstacles.floor = { shape = "half-space", point = [0, 0, -2e-3], normal 
 contact.obstacles.ball = { shape = "sphere", center = [1.06, 0.2, 0.15], radius = 0.05 }
 """
     contacts = '[contacts.right]\nsurface = "right"\n[contacts.bottom]\nsurface = "bottom"'
-    scene = acted_on(mesh, effects, contacts=contacts, **{"outputs.tip": "points = [[1.0, 0.4, 0.3]]"})
+    scene = acted_on(mesh, effects, contacts=contacts, **OUTPUTS)
     return fr.reduce(fr.assemble(scene), order=20, errors=True)
 
 
