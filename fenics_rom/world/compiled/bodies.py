@@ -29,7 +29,21 @@ from fenics_rom.runtime.compiled.frames import (
 )
 from fenics_rom.world.compiled.rigid_bodies import RigidBodies, rows_of
 from fenics_rom.world.compiled.soft_bodies import put_rows
-from fenics_rom.world.compiled.tables import ASKEW, AWAY, IN_MIDDLE, MEAN, MIDDLE, POWER, SPIN, Driven, Freedoms, V
+from fenics_rom.world.compiled.tables import (
+    ASKEW,
+    AWAY,
+    DRIVEN,
+    IN_MIDDLE,
+    MEAN,
+    MIDDLE,
+    POWER,
+    SPIN,
+    Driven,
+    Freedoms,
+    V,
+    driven_at,
+    rigid_at,
+)
 
 _gap = jit_shared(base_fit.gap)
 _composed = jit_shared(frame_motion.composed)
@@ -115,9 +129,22 @@ def start_velocity_of_rigid(bodies: RigidBodies, b: int, place: Vector, middle: 
 
 
 @jit_part
-def start_velocity_at(motion: Array, rotation: Array, arm: Array) -> Vector:
-    """Between two steps of a point of a rigid body, at an arm in its axes; p, v and ω (3, 3), and R (3, 3)."""
-    return added(vector(motion[1], 0), 1.0, rotated(rows_of(rotation), cross(vector(motion[2], 0), vector(arm, 0))))
+def start_velocity_at(world: Array, kind: int, index: int, arm: Array) -> Vector:
+    """Between two steps of a point of a rigid or driven body, at an arm (3,) in its axes, m; m/s."""
+    if kind == DRIVEN:
+        start = driven_at(world).start[index]
+        turned_arm = rotated(rotation_of(*rotation_in(start)), vector(arm, 0))
+        return added(vector(start, VELOCITY), 1.0, cross(vector(start, TURNING), turned_arm))
+    motion, R = rigid_at(world).motion[index], rows_of(rigid_at(world).rotation[index])
+    return added(vector(motion[1], 0), 1.0, rotated(R, cross(vector(motion[2], 0), vector(arm, 0))))
+
+
+@jit_part
+def start_turning_of(world: Array, kind: int, index: int) -> Vector:
+    """How a rigid or driven body turns between two steps, rad/s."""
+    if kind == DRIVEN:
+        return vector(driven_at(world).start[index], TURNING)
+    return rotated(rows_of(rigid_at(world).rotation[index]), vector(rigid_at(world).motion[index, 2], 0))
 
 
 @jit_part
@@ -126,14 +153,6 @@ def start_velocity_of_driven(bodies: Driven, d: int, place: Vector) -> Vector:
     start = bodies.start[d]
     arm = added(place, -1.0, vector(bodies.step[d], MIDDLE))
     return added(vector(start, VELOCITY), 1.0, cross(vector(start, TURNING), arm))
-
-
-@jit_part
-def start_velocity_of_driven_at(bodies: Driven, d: int, arm: Vector) -> Vector:
-    """Between two steps of a point at an arm in its axes, m/s."""
-    start = bodies.start[d]
-    turned_arm = rotated(rotation_of(*rotation_in(start)), arm)
-    return added(vector(start, VELOCITY), 1.0, cross(vector(start, TURNING), turned_arm))
 
 
 @jit_part

@@ -8,7 +8,6 @@ from fenics_rom.mechanics.compiled.copying import add_row
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.runtime.compiled.frame_tables import state_at
 from fenics_rom.runtime.compiled.frames import (
-    TURNING,
     added,
     cross,
     dot,
@@ -20,7 +19,7 @@ from fenics_rom.runtime.compiled.frames import (
     vector,
 )
 from fenics_rom.world import turning
-from fenics_rom.world.compiled.bodies import start_velocity_at, start_velocity_of_driven_at, times
+from fenics_rom.world.compiled.bodies import start_turning_of, start_velocity_at, times
 from fenics_rom.world.compiled.couples import Turning, pushed_by, turned_by, turning_of
 from fenics_rom.world.compiled.joints import factor_of, solve_held
 from fenics_rom.world.compiled.rigid_bodies import rows_of, set_map, set_map_of_couple
@@ -34,7 +33,6 @@ from fenics_rom.world.compiled.tables import (
     SUPPLIED,
     Joined,
     bodies_at,
-    driven_at,
     freedoms_at,
     is_soft,
     joined_at,
@@ -103,10 +101,7 @@ def _velocity_of(world: Array, b: int, j: int, side: int) -> Vector:
             if joined.weights[j, side, k] != 0.0:
                 v = added(v, joined.weights[j, side, k], velocities_between(table, joined.nodes[j, side, k]))
         return v
-    if kind == DRIVEN:
-        return start_velocity_of_driven_at(driven_at(world), index, vector(joined.arms[j, side], 0))
-    rigid = rigid_at(world)
-    return start_velocity_at(rigid.motion[index], rigid.rotation[index], joined.arms[j, side])
+    return start_velocity_at(world, kind, index, joined.arms[j, side])
 
 
 @jit_part
@@ -119,10 +114,8 @@ def _turning_of(world: Array, b: int, j: int) -> Vector:
     """How one of the two bodies turns that a couple holds, rad/s."""
     bodies, joined, turning = bodies_at(world), joined_at(world), (0.0, 0.0, 0.0)
     kind, index = bodies.kinds[b], bodies.numbers[b]
-    if kind == RIGID:
-        return rotated(rows_of(rigid_at(world).rotation[index]), vector(rigid_at(world).motion[index, 2], 0))
-    if kind == DRIVEN:
-        return vector(driven_at(world).start[index], TURNING)
+    if not is_soft(kind):
+        return start_turning_of(world, kind, index)
     of = _turning_in(joined, j)
     for n in range(len(of.nodes)):
         turning = added(turning, 1.0, turned_by(of, n, velocities_between(softs_at(world)[index], of.nodes[n])))

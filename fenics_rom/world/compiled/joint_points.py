@@ -5,22 +5,19 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_apart, jit_part
 from fenics_rom.mechanics.compiled.copying import copy_rows
 from fenics_rom.mechanics.frame_motion import Vector
-from fenics_rom.runtime.compiled.frames import TURNING, added, put, rotated, rotated_back, vector
-from fenics_rom.world.compiled.bodies import start_velocity_at, start_velocity_of_driven_at
+from fenics_rom.runtime.compiled.frames import added, put, rotated, rotated_back, vector
+from fenics_rom.world.compiled.bodies import start_turning_of, start_velocity_at
 from fenics_rom.world.compiled.couples import look_at_turning, turned_by, turning_of
-from fenics_rom.world.compiled.rigid_bodies import rows_of
 from fenics_rom.world.compiled.soft_bodies import START, points_at, rows_in, step_at
 from fenics_rom.world.compiled.tables import (
-    DRIVEN,
     FREE,
     OF_JOINT,
     RIGID,
     bodies_at,
-    driven_at,
+    is_soft,
     joined_at,
     kept_at,
     near_at,
-    rigid_at,
     softs_at,
 )
 
@@ -66,11 +63,8 @@ def _start_velocity(world: Array, j: int, side: int) -> Vector:
     bodies, joined = bodies_at(world), joined_at(world)
     body = joined.ends[j, side]
     kind, index = bodies.kinds[body], bodies.numbers[body]
-    if kind == RIGID:
-        rigid = rigid_at(world)
-        return start_velocity_at(rigid.motion[index], rigid.rotation[index], joined.arms[j, side])
-    if kind == DRIVEN:
-        return start_velocity_of_driven_at(driven_at(world), index, vector(joined.arms[j, side], 0))
+    if not is_soft(kind):
+        return start_velocity_at(world, kind, index, joined.arms[j, side])
     v, step = (0.0, 0.0, 0.0), step_at(softs_at(world)[index])
     for k in range(joined.weights.shape[2]):
         share = joined.weights[j, side, k]
@@ -84,10 +78,8 @@ def _turning_at_start(world: Array, j: int, body: int) -> Vector:
     """How a body turns where a couple holds it, rad/s."""
     bodies, joined, turning = bodies_at(world), joined_at(world), (0.0, 0.0, 0.0)
     kind, index = bodies.kinds[body], bodies.numbers[body]
-    if kind == RIGID:
-        return rotated(rows_of(rigid_at(world).rotation[index]), vector(rigid_at(world).motion[index, 2], 0))
-    if kind == DRIVEN:
-        return vector(driven_at(world).start[index], TURNING)
+    if not is_soft(kind):
+        return start_turning_of(world, kind, index)
     step, of = step_at(softs_at(world)[index]), turning_of(joined, j, joined.arms_of_turning[joined.couples[j]])
     R = rows_in(step.turn, START)
     for n in range(len(of.nodes)):
