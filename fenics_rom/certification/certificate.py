@@ -21,7 +21,7 @@ RICHARDSON = 2.0  # peaks of contact converge with the step, at least: an error 
 
 @dataclass(frozen=True)
 class Finding:
-    """What is known of one quantity, in its unit.
+    """What is known of a quantity, in its unit.
 
     Attributes:
         largest: that was found in a run.
@@ -31,7 +31,6 @@ class Finding:
         limit: of the region, if there is one.
     """
 
-    quantity: str
     largest: float
     at: tuple[float, ...]
     bound: float
@@ -97,7 +96,7 @@ class Certificate:
             at = self.values_at(points[peaks[:, k].argmax()])
             limit = None if self.limits is None else self.limits.of.get(quantity)
             most, of_model, of_step = (float(each[k]) for each in (bound, reduction, step))
-            found[quantity] = Finding(quantity, float(peaks[:, k].max()), at, most, of_model, of_step, limit)
+            found[quantity] = Finding(float(peaks[:, k].max()), at, most, of_model, of_step, limit)
         return found
 
     @property

@@ -23,6 +23,7 @@ from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.world_file import files_of_world
 from fenics_rom.scene.world_format import WorldScene
+from fenics_rom.version import VERSION
 
 NUMBER = re.compile(r"\d[\d.e+-]*")
 
@@ -152,9 +153,9 @@ def known_runs(file: Path, scene: WorldScene) -> list[tuple[Any, ...]]:
     """Runs that interrupted work left in a file, which is begun where it is not there: point, peaks and warnings.
 
     Raises:
-        FileError: they are of another world, or it cannot be read or written.
+        FileError: they are of another world or version, or it cannot be read or written.
     """
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(VERSION.encode())  # another one may find other forces
     for each in files_of_world(scene):
         digest.update(each.read_bytes())
     try:
@@ -162,7 +163,10 @@ def known_runs(file: Path, scene: WorldScene) -> list[tuple[Any, ...]]:
             file.write_text(f"{digest.hexdigest()}\n")
         first, *lines = file.read_text().splitlines()
         if first != digest.hexdigest():
-            raise FileError(f"{file}: holds runs of another world, or of this one before it was changed; remove it")
+            raise FileError(
+                f"{file}: holds runs of another world, of this one before it was changed, or of another version of "
+                "fenics_rom; remove it"
+            )
         return [(tuple(point), *others) for point, *others in map(json.loads, lines)]
     except OSError as error:
         raise FileError(f"{file}: cannot be used: {error.strerror}") from error
