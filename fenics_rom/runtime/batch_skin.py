@@ -50,8 +50,9 @@ class BatchSkin:
         self._bound = max(float(np.linalg.norm(each, ord=2, axis=(1, 2)).max()) for each in blocks)  # m per length of q
         self._stride = min(stride_of(skin, MovedIntruder(each, np.zeros(3))) for each in obstacles.values())
         self._room = np.full(batch.size, self._stride)  # how far each may move until a look is due, m
-        self._since = _Whereabouts(*(part.copy() for part in self._now()))  # at the last look at each
+        self._since = self._now()  # at the last look at each
         self._is_new = np.ones(batch.size, dtype=bool)  # bodies that were put where they are: nothing was before
+        self._are_new = True  # whether any are
         self._arm = 0.0 if rom.moving_frame is None else arm_of(skin, rom.moving_frame.origin)
 
     def begin(self, bodies: Array) -> None:
@@ -61,10 +62,12 @@ class BatchSkin:
 
     def forget(self, bodies: Array) -> None:
         """Bodies (any,) were put elsewhere: what is between does not count."""
-        self._is_new[bodies] = True
+        self._is_new[bodies] = self._are_new = True
 
     def look_in_turn(self) -> None:
         """After a step: at the body whose turn it is, if it is one's, and at those that moved far."""
+        if self._are_new:
+            self._take_new()
         turn, left = divmod(self._batch.steps, self._every)
         body = turn % self._batch.size
         if not left and not self._batch.frozen[body]:
@@ -85,7 +88,7 @@ class BatchSkin:
         skin, time = self._watch.skin, float(self._batch.time[body])
         before = None if self._is_new[body] else self._before(body)
         now = self._instant(body)
-        self._take(self._now(), np.array([body]))
+        self._take(np.array([body]))
         self._room[body] = np.inf
         for who, intruder in now.intruders.items():
             room = skin.room(intruder.distance(now.body.few)[0])
@@ -96,22 +99,26 @@ class BatchSkin:
                     self.depth[body] = max([self.depth[body], *(each.depth for each in found)])
                     self._watch.note(who, time, found)
 
-    def _now(self) -> "_Whereabouts":
-        return _Whereabouts(*self._batch.whereabouts())
+    def _now(self, bodies: Array | None = None) -> "_Whereabouts":
+        """Of all bodies, or of some (any,)."""
+        return _Whereabouts(*self._batch.whereabouts(np.arange(self._batch.size) if bodies is None else bodies))
 
-    def _take(self, now: "_Whereabouts", bodies: Array) -> None:
+    def _take(self, bodies: Array) -> None:
         """Keeps where bodies (any,) are."""
-        for kept, part in zip(self._since, now, strict=True):
-            kept[..., bodies] = part[..., bodies]
+        for kept, part in zip(self._since, self._now(bodies), strict=True):
+            kept[..., bodies] = part
         self._is_new[bodies] = False
+
+    def _take_new(self) -> None:
+        new = self._is_new.nonzero()[0]
+        self._take(new)
+        self._room[new], self._are_new = self._stride, False
 
     def _due(self) -> Array:
         """Those of the bodies that moved so far that a look is due, the farthest last."""
+        if self._are_new:
+            self._take_new()
         now, since = self._now(), self._since
-        new = self._is_new.nonzero()[0]
-        if len(new):
-            self._take(now, new)
-            self._room[new] = self._stride
         moved = self._bound * np.sqrt(np.square(now.q - since.q).sum(axis=0))
         moved += self._gone(now.offsets - since.offsets)
         if len(now.poses):
@@ -135,9 +142,8 @@ class BatchSkin:
     def _instant(self, body: int) -> Instant:
         """Where a body and its obstacles are."""
         batch, skin = self._batch, self._watch.skin
-        placed = Placement(
-            self._few(batch.shape_coordinates(body), self._now().poses[:, body]), lambda: skin.places(batch.shape(body))
-        )
+        few = self._few(batch.shape_coordinates(body), self._now(np.array([body])).poses[:, 0])
+        placed = Placement(few, lambda: skin.places(batch.shape(body)))
         return Instant(placed, displaced(self._obstacles, batch.offsets_of(body)))
 
     def _before(self, body: int) -> Instant:

@@ -359,13 +359,13 @@ class CompiledState:
             read.append(reading.read(readable(self.rom, contact, *own, points, self._told.pressing[body])))
         return np.array(read)
 
-    def whereabouts(self) -> tuple[Array, Array, Array, Array]:
-        """q (m, size), numbers of the contact modes (size,), and rows of the obstacles (O, any, size).
+    def whereabouts(self, bodies: Array) -> tuple[Array, Array, Array, Array]:
+        """q (m, B) of bodies (B,), numbers of the contact modes (B,), and rows of the obstacles (O, any, B).
 
-        Then position and quaternion of frames that move (7, size), m; else (0, size).
+        Then position and quaternion of frames that move (7, B), m; else (0, B).
         """
-        q = self.state(np.arange(self.size))[0].T
-        return q, self._mode, self._offsets.transpose(1, 2, 0), np.zeros((0, self.size))
+        q = self.state(bodies)[0].T
+        return q, self._mode[bodies], self._offsets[bodies].transpose(1, 2, 0), np.zeros((0, len(bodies)))
 
     def offsets_of(self, body: int, offsets: Array | None = None) -> Array:
         """Rows of the obstacles of a body now, or of some kept (O, any, size), (O, any)."""

@@ -277,7 +277,7 @@ class FramesState(CompiledBodies):
         pose, field = base_in(self._frames[body]), super().shape(body)
         return world_displacement(pose, self._frame.origin, self.rom.nodes, field)
 
-    def whereabouts(self) -> tuple[Array, Array, Array, Array]:
+    def whereabouts(self, bodies: Array) -> tuple[Array, Array, Array, Array]:
         """As in CompiledState."""
-        q, mode, offsets, _ = super().whereabouts()
-        return q, mode, offsets, self._frames[:, :7].T
+        q, mode, offsets, _ = super().whereabouts(bodies)
+        return q, mode, offsets, self._frames[bodies, :7].T

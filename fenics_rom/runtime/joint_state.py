@@ -151,11 +151,11 @@ class JointState:
         """(size, P, 3), N."""
         return self._touching.point_forces
 
-    def whereabouts(self) -> tuple[Array, Array, Array, Array]:
+    def whereabouts(self, bodies: Array) -> tuple[Array, Array, Array, Array]:
         """As in CompiledState; displacements of the obstacles are in the axes of contact."""
         layout = self._layout
-        q = layout.state[0, layout.row].T * (self._dt / 2)
-        return q, layout.mode, self._touching.offsets, np.zeros((0, self.size))
+        q = layout.state[0, layout.row[bodies]].T * (self._dt / 2)
+        return q, layout.mode[bodies], self._touching.offsets[..., bodies], np.zeros((0, len(bodies)))
 
     def offsets_of(self, body: int, offsets: Array | None = None) -> Array:
         """Displacements of the obstacles of a body now, or of some kept ones, (O, 3), m."""

@@ -122,6 +122,11 @@ class MovingBody(SimulatedBody):
         if self._skin is not None and self.steps >= self._skin.next_check:
             self._skin.check()
 
+    @property
+    def begins_to_look(self) -> bool:
+        """Whether looks at the skin begin at the end of the next step: it is to be taken by itself."""
+        return self._skin is not None and self._skin.is_new
+
     def check_outside_obstacles(self) -> None:
         """A StepError where the body is not outside of all obstacles."""
         interface = self._stepper.interface

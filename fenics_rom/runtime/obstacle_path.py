@@ -23,10 +23,10 @@ class ObstaclePath:
     def ahead(self, u: Array) -> tuple[ObstacleMotion, int] | None:
         """In the next steps, for `ObstacleMotion.in_step`; how many, at most as many as there are inputs u.
 
-        None: the contact mode follows them, or one turns too far in a step.
+        None: the contact mode follows them, one turns too far in a step, or looks at the skin begin after the next one.
         """
         body, environment = self._body, self._body.environment
-        if environment is None or body.switches_itself or self._is_lost:
+        if environment is None or body.switches_itself or self._is_lost or body.begins_to_look:
             return None
         if environment.stands_still:
             motion = environment.step_input(u[0][: body.inputs], body.time, body.dt).obstacles

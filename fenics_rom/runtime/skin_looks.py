@@ -142,6 +142,11 @@ class SkinLooks:
         self._offsets = np.empty(0)
         self.next_check = 0
 
+    @property
+    def is_new(self) -> bool:
+        """Whether nothing is known of before: what happens from here on shows from the end of the next step on."""
+        return self._since is None
+
     def check(self) -> None:
         """Looks, if enough steps were taken, or something may have gone in since the last look."""
         steps = self._body.steps

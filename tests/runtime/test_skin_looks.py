@@ -197,6 +197,14 @@ def test_what_flies_through_a_thin_plate_is_told(plates, dt):
     assert (many.through_skin > 0.5 * RADIUS).all()
 
 
+def test_what_flies_through_right_after_the_start_is_told_by_batches(plates):
+    """In five steps after the first one, before who moved far is asked for the second time."""
+    many = fr.Batch(plates[1e-3][1], 3, 1e-3, signals={"ball": lambda t: crosses(t + 9e-3)})
+    with pytest.warns(FenicsRomWarning, match=TOLD.replace("bottom", "right")):
+        run(many, 20)
+    assert (many.through_skin > 0.5 * RADIUS).all()
+
+
 def test_a_body_that_is_put_elsewhere_did_not_go_through_what_is_between(plates):
     body = fr.Simulator(plates[1e-3][1], 1e-3)
     body.step()
