@@ -79,12 +79,12 @@ class OwnPairs(NamedTuple):
     @staticmethod
     def of(surface: OwnSurface, some: Array, places: Array) -> "OwnPairs":
         """Some (k,) of those that a surface found last, where points are at places (P, 3), m."""
-        found, plain, pairs, both, opposite = surface.last
-        pairs = pairs[some]
-        twinned = np.isin(pairs, both).nonzero()[0]
+        found, plain, twin, kept = surface.last
+        pairs = kept[some]
+        twinned = (twin[pairs] >= 0).nonzero()[0]
         met, twins = (
             Met.of(found.row[at], found.nodes[at], found.weights[at], plain[at], places)
-            for at in (pairs, opposite[pairs[twinned]])
+            for at in (pairs, twin[pairs[twinned]])
         )
         return OwnPairs(met, twins, twinned, places)
 

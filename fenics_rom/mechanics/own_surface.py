@@ -13,12 +13,20 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled, in_plain
 from fenics_rom.mechanics.frame_geometry import crossed
-from fenics_rom.mechanics.surface_pairs import DEEPEST, Border, Boxes, OnSurface, near_boxes, nearest_of, unit_normals
+from fenics_rom.mechanics.surface_pairs import (
+    DEEPEST,
+    OPPOSITE,
+    Border,
+    Boxes,
+    OnSurface,
+    near_boxes,
+    nearest_of,
+    unit_normals,
+)
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 
 _WALL = 2 * DEEPEST  # of the longest side of a triangle's box: what is nearer at rest, and behind a point, is its wall
 _SLACK = 0.25  # of the longest side of boxes in which points are looked for: candidates last while less has moved
-_OPPOSITE = 0.9  # weight of a corner of a triangle in the place that is touched: more, and the corner is
 _SAME = 1e-9  # of the longest side of triangles' boxes: what is nearer is in the same place
 _FLAT = 1e-6  # of the distance: a point that is not more above a triangle, or below one that it faces, is in its plane
 
@@ -28,9 +36,19 @@ class _Known(NamedTuple):
 
     points: Array  # then, (n, 3), m
     boxes: Boxes  # about triangles
+    margin: float  # m, about these, of what is near
     slack: float  # m, by which more were looked for
     row: Array  # of candidates
     triangle: Array
+
+
+class Facing(NamedTuple):
+    """All that points of a surface face, before what two of them have twice is left out."""
+
+    found: OnSurface
+    plain: Array  # normals (k, 3) of triangles, or along the nearest way
+    twin: Array  # (k,) which of them is opposite, each to the other; -1: none
+    kept: Array  # which of them have pairs
 
 
 class OwnSurface:
@@ -44,11 +62,10 @@ class OwnSurface:
 
     Attributes:
         triangles, names: as given.
-        last: all that was near, normals (k, 3) of triangles or along the nearest way; which of them have pairs,
-            which are opposite to another one, and to which (k,).
+        last: all that was near.
     """
 
-    last: tuple[OnSurface, Array, Array, Array, Array]
+    last: Facing
 
     def __init__(self, points: Array, triangles: Array, touching: Array, names: Sequence[str]):
         self.triangles, self._touching, self.names = triangles, touching, names
@@ -92,76 +109,87 @@ class OwnSurface:
         Of two points that touch one another the first alone has a pair, along the mean of both normals: W could hardly
         tell the forces of two apart.
         """
+        found, plain, twin = (self._find_compiled if compiled() else self._find)(points, margin)
+        kept = ((twin < 0) | (np.arange(len(twin)) < twin)).nonzero()[0]
+        self.last = Facing(found, plain, twin, kept)
+        return OnSurface(*(part[kept] for part in found))
+
+    def _find(self, points: Array, margin: float) -> tuple[OnSurface, Array, Array]:
+        """As of `Facing`."""
         corners = points[self.triangles.T]
         boxes, normals = Boxes.about(corners), unit_normals(corners.transpose(1, 0, 2))
         reach = DEEPEST * boxes.size
-        find = self._find_compiled if compiled() else self._find
-        found = find(points, boxes.wider(margin + reach), normals, boxes.size, margin, reach)
-        best = found.weights.argmax(axis=1)[:, None]
-        opposite = np.take_along_axis(found.nodes, best, axis=1)[:, 0]
-        is_at = np.take_along_axis(found.weights, best, axis=1)[:, 0] > _OPPOSITE
-        pair_of = np.full(len(points), -1)
-        pair_of[found.row] = np.where(is_at, np.arange(len(found.row)), -1)
-        other = np.where(is_at, pair_of[opposite], -1)
-        both = ((other >= 0) & (opposite[other] == found.row)).nonzero()[0]
-        plain = found.normals.copy()
-        means = plain[both] - plain[other[both]]
-        found.normals[both] = means / np.linalg.norm(means, axis=1)[:, None]
-        others = np.setdiff1d(np.arange(len(found.row)), both[found.row[both] > opposite[both]])
-        self.last = found, plain, others, both, other
-        return OnSurface(*(part[others] for part in found))
-
-    def _find(self, points: Array, boxes: Boxes, normals: Array, size: float, margin: float, reach: float) -> OnSurface:
-        """What points meet, in boxes about triangles with these normals; the rest as of `nearest_of`."""
-        row, triangle = self._candidates(points, boxes)
-        held = ((points[row] >= boxes.low[triangle]) & (points[row] <= boxes.high[triangle])).all(axis=1)
+        wider = boxes.wider(margin + reach)
+        row, triangle = self._candidates(points, boxes, margin + reach)
+        held = ((points[row] >= wider.low[triangle]) & (points[row] <= wider.high[triangle])).all(axis=1)
         row, triangle = row[held], triangle[held]
         faces = np.einsum("ij,ij->i", self._outwards(normals)[row], normals[triangle]) < 0
         row, triangle = row[faces], triangle[faces]
         of_these = self.triangles[triangle], points[self.triangles[triangle]], normals[triangle]
         border = Border(*(part[triangle] for part in self._border))
-        return nearest_of(points, row, *of_these, size, margin, reach, border)
+        found = nearest_of(points, row, *of_these, boxes.size, margin, reach, border)
+        best = found.weights.argmax(axis=1)[:, None]
+        opposite = np.take_along_axis(found.nodes, best, axis=1)[:, 0]
+        is_at = np.take_along_axis(found.weights, best, axis=1)[:, 0] > OPPOSITE
+        pair_of = np.full(len(points), -1)
+        pair_of[found.row] = np.where(is_at, np.arange(len(found.row)), -1)
+        twin = np.where(is_at, pair_of[opposite], -1)
+        twin[opposite[twin] != found.row] = -1
+        both, plain = (twin >= 0).nonzero()[0], found.normals.copy()
+        means = plain[both] - plain[twin[both]]
+        found.normals[both] = means / np.linalg.norm(means, axis=1)[:, None]
+        return found, plain, twin
 
-    def _find_compiled(
-        self, points: Array, boxes: Boxes, normals: Array, size: float, margin: float, reach: float
-    ) -> OnSurface:
+    def _find_compiled(self, points: Array, margin: float) -> tuple[OnSurface, Array, Array]:
         """The same by compiled loops."""
-        from fenics_rom.mechanics.compiled.own_surface import NONE, find_facing  # here, as numba takes time to import
+        from fenics_rom.mechanics.compiled.own_surface import NONE, find_facing, set_boxes  # as numba is slow to import
 
-        n, places = len(points), in_plain(points)
-        on, weights, along, gaps = np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
-        plain = (self.triangles, normals, *self._candidates(points, boxes), boxes.low, boxes.high, *self._border)
-        triangles, normals, row, triangle, low, high, sides, corners = map(in_plain, plain)
-        near = row, triangle, low, high
-        facing, limits, found = (
-            (triangles, normals, self._outwards(normals)),
-            (size, margin, reach),
-            (on, weights, along, gaps),
-        )
-        find_facing(places, *facing, *near, sides, corners, *limits, *found)
+        n, t, places = len(points), len(self.triangles), in_plain(points)
+        triangles, low, high, normals = in_plain(self.triangles), *np.empty((3, t, 3))
+        boxes = Boxes(low, high, set_boxes(places, triangles, low, high, normals))
+        reach = DEEPEST * boxes.size
+        row, triangle = map(in_plain, self._candidates(points, boxes, margin + reach))
+        on, twin, weights, plain, along, gaps = *np.empty((2, n), dtype=np.int64), *np.empty((3, n, 3)), np.empty(n)
+        facing, near = (triangles, normals, (self._point, self._triangle)), (row, triangle, low, high)
+        limits = *map(in_plain, self._border), boxes.size, margin, reach
+        find_facing(places, *facing, *near, *limits, on, twin, weights, plain, along, gaps)
         row = (on != NONE).nonzero()[0]
         nodes, weights = self.triangles[on[row]], weights[row]
         feet = (weights[:, :, None] * points[nodes]).sum(axis=1)
-        return OnSurface(row, nodes, weights, feet, along[row], gaps[row])
+        twin, at = twin[row], on  # of points, then of rows
+        at[row] = np.arange(len(row))
+        found = OnSurface(row, nodes, weights, feet, along[row], gaps[row])
+        return found, plain[row], np.where(twin == NONE, -1, at[twin])
 
-    def _candidates(self, points: Array, boxes: Boxes) -> tuple[Array, Array]:
+    def _candidates(self, points: Array, boxes: Boxes, margin: float) -> tuple[Array, Array]:
         """Rows of points and of triangles that may touch, among which are all that are near: kept while they are.
 
         A point and a box that come nearer by no more than they are looked for farther away are among them.
+        `margin`: m, about the boxes.
         """
         known = self._known
         if known is not None:
-            low, high = known.boxes.low - boxes.low, boxes.high - known.boxes.high
-            if max(np.abs(points - known.points).max(), low.max(), high.max()) <= known.slack / 2:
+            drift = self._drift(points, boxes, known) + max(margin - known.margin, 0.0)
+            if drift <= known.slack / 2:
                 return known.row, known.triangle
         slack = _SLACK * boxes.size
-        row, triangle = near_boxes(points[self._touching], boxes.wider(slack))
+        row, triangle = near_boxes(points[self._touching], boxes.wider(margin + slack))
         row = self._touching[row]
         keys = self._keys(row, triangle)
         at = np.minimum(np.searchsorted(self._left_out, keys), len(self._left_out) - 1)
         may = self._left_out[at] != keys
-        self._known = _Known(points, boxes, slack, row[may], triangle[may])
+        self._known = _Known(points, boxes, margin, slack, row[may], triangle[may])
         return self._known.row, self._known.triangle
+
+    def _drift(self, points: Array, boxes: Boxes, known: _Known) -> float:
+        """How far, m, points, or ends of boxes outwards, went at most since those were known."""
+        if compiled():
+            from fenics_rom.mechanics.compiled.own_surface import drift_of  # here, as above
+
+            now = in_plain(points), boxes.low, boxes.high
+            return drift_of(*now, in_plain(known.points), known.boxes.low, known.boxes.high)
+        low, high = known.boxes.low - boxes.low, boxes.high - known.boxes.high
+        return float(max(np.abs(points - known.points).max(), low.max(), high.max()))
 
 
 def _nearest_triangles(points: Array, corners: Array) -> Array:

@@ -142,7 +142,7 @@ class SelfContact(MeshContact):
         """As in ContactSolver."""
         self._last = self.search, self._begun, (points, delassus, dt, obstacles, quasi_static)
         planes = self._planes if settled is not None and settled is self._settled else None
-        self._look_around(points, dt)
+        self._look_around(points, dt, settled)
         if planes is not None:  # which points met in sweeps before
             self._planes = planes
             self._renew(self._own, *self._itself.distance(self.points + points.displacement))
@@ -193,9 +193,12 @@ class SelfContact(MeshContact):
 
         return known
 
-    def _look_around(self, points: PointMotion, dt: float) -> None:
-        """Begins a step: where pairs are looked for, and where points are in its middle."""
+    def _look_around(self, points: PointMotion, dt: float, settled: Settled | None) -> None:
+        """Begins a step, or a sweep: where pairs are looked for, and where points are in its middle."""
+        margin = self._itself.margin
         self._look(points, dt)
+        if settled is not None and settled is self._settled:  # what takes part stays so
+            self._itself.margin = max(self._itself.margin, margin)
         self._planes = None
         self._middle = self.points + points.displacement if points.middle is None else points.middle
 
@@ -222,8 +225,12 @@ class SelfContact(MeshContact):
         opposite = self._itself.opposite
         if self._mapped is None or self._mapped[0] is not opposite or self._mapped[1] is not self._middle:
             self._mapped = opposite, self._middle
-            self._maps = corner_maps(self._middle[self._itself.row], self._middle[opposite.nodes], opposite.weights)
+            self._maps = self._corner_maps(opposite)
         return self._maps
+
+    def _corner_maps(self, opposite: Opposite) -> Array:
+        """The same of what points meet."""
+        return corner_maps(self._middle[self._itself.row], self._middle[opposite.nodes], opposite.weights)
 
     def _of_pairs(self, values: Array) -> Array:
         """As in ContactSolver."""
@@ -255,11 +262,7 @@ class SelfContact(MeshContact):
     def _between(self, delassus: Array, pairs: Array) -> Array:
         """Relative velocities of pairs (C,) per force of each, (3C, 3C)."""
         nodes, maps = self._moved_by(pairs)
-        return self._operator(*operator_among(delassus, nodes), maps)
-
-    def _operator(self, W: Array, at: Array, maps: Array) -> Array:
-        """As `operator_between`."""
-        return operator_between(W, at, maps)
+        return operator_between(*operator_among(delassus, nodes), maps)
 
     def _moved_by(self, pairs: Array) -> tuple[Array, Array]:
         """As in MeshContact: with its point, and with three that carry what it meets."""

@@ -1,4 +1,4 @@
-"""A surface against itself, compiled: what its points meet, and how pairs of a point and a triangle move by forces."""
+"""A surface against itself, compiled: what its points meet, as `own_surface.OwnSurface` has it."""
 
 import math
 
@@ -7,11 +7,42 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.copying import add_row, put
-from fenics_rom.mechanics.compiled.triangles import dot, nearest_on_triangle, offset_from
+from fenics_rom.mechanics.compiled.triangles import added, dot, nearest_on_triangle, offset_from
 from fenics_rom.mechanics.frame_motion import Vector
-from fenics_rom.mechanics.surface_pairs import BORDER, MORE_ABOVE, ON_IT, SIDEWAYS
+from fenics_rom.mechanics.surface_pairs import BORDER, MORE_ABOVE, ON_IT, OPPOSITE, SIDEWAYS
 
 NONE = -1
+SURE = 1 - 1e-5  # of a distance that others are compared with before they are known
+
+
+@jit
+def set_boxes(points: Array, triangles: Array, low: Array, high: Array, normals: Array) -> float:
+    """Sets ends of boxes about triangles, and their normals, (t, 3) each; the longest side of a box, m."""
+    size = 0.0
+    for t in range(len(triangles)):
+        a, b, c = triangles[t]
+        for k in range(3):
+            low[t, k] = min(points[a, k], points[b, k], points[c, k])
+            high[t, k] = max(points[a, k], points[b, k], points[c, k])
+            size = max(size, high[t, k] - low[t, k])
+        u, v = added(_row(points, b), -1.0, _row(points, a)), added(_row(points, c), -1.0, _row(points, a))
+        x, y, z = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+        length = math.sqrt(x * x + y * y + z * z)
+        put(normals[t], x / length, y / length, z / length)
+    return size
+
+
+@jit
+def drift_of(points: Array, low: Array, high: Array, before: Array, low_before: Array, high_before: Array) -> float:
+    """How much nearer, m, points and boxes can have come since they were others: half of it, at most."""
+    most = 0.0
+    for p in range(len(points)):
+        for k in range(3):
+            most = max(most, abs(points[p, k] - before[p, k]))
+    for t in range(len(low)):
+        for k in range(3):
+            most = max(most, low_before[t, k] - low[t, k], high[t, k] - high_before[t, k])
+    return most
 
 
 @jit
@@ -19,7 +50,7 @@ def find_facing(
     points: Array,
     triangles: Array,
     normals: Array,
-    outwards: Array,
+    outer: tuple[Array, Array],
     row: Array,
     triangle: Array,
     low: Array,
@@ -30,7 +61,9 @@ def find_facing(
     margin: float,
     reach: float,
     on: Array,
+    twin: Array,
     weights: Array,
+    plain: Array,
     along: Array,
     gaps: Array,
 ) -> None:
@@ -38,30 +71,40 @@ def find_facing(
 
     Args:
         points, triangles: (n, 3), m, and (t, 3) rows of them.
-        normals, outwards: of the triangles (t, 3), units, and of the points (n, 3), of any length.
+        normals: of the triangles (t, 3), units.
+        outer: points and triangles (j,) that those are on: what outward vectors of the points are sums of.
         row, triangle: points and triangles (k,) that may touch.
-        low, high: ends of boxes (t, 3), m, outside of which no point is near.
+        low, high: ends of boxes (t, 3), m; no point is near that is farther outside than margin and reach.
         sides, corners: of the triangles on the border, (t, 3).
         size, margin, reach: as of `nearest_of`.
         on: (n,) set to triangles; NONE of points that meet nothing.
-        weights, along, gaps: (n, 3), (n, 3), (n,) set: of the corners, normals of the pairs, and m.
+        twin: (n,) set to points that are opposite, each to the other; NONE of others.
+        weights: (n, 3) set, of the corners.
+        plain, along: (n, 3) set, normals of the triangles or the ways there, and those of the pairs.
+        gaps: (n,) set, m.
     """
-    on[:] = NONE
-    best, high_above = np.full(len(points), np.inf), np.empty(len(points))
+    n = len(points)
+    on[:], twin[:] = NONE, NONE
+    farthest = max(margin, reach)
+    best, high_above, outwards = np.full(n, np.inf), np.empty(n), np.zeros((n, 3))
+    for k in range(len(outer[0])):
+        add_row(normals[outer[1][k]], 1.0, outwards[outer[0][k]])
     for k in range(len(row)):
         p, t = row[k], triangle[k]
-        if not _holds(points[p], low[t], high[t]) or _dot(outwards[p], normals[t]) >= 0:
+        if not _holds(points[p], low[t], high[t], margin + reach) or _dot(outwards[p], normals[t]) >= 0:
             continue
         a, b, c = _row(points, triangles[t, 0]), _row(points, triangles[t, 1]), _row(points, triangles[t, 2])
         point = _row(points, p)
+        if SURE * abs(dot(added(point, -1.0, a), _row(normals, t))) > min(best[p], farthest):
+            continue  # as far as its plane is
         share = nearest_on_triangle(point, a, b, c)
         off = offset_from(point, share, a, b, c)
         away, above = math.sqrt(dot(off, off)), dot(off, _row(normals, t))
         if away - MORE_ABOVE * abs(above) < best[p]:
             best[p], high_above[p], gaps[p], on[p] = away - MORE_ABOVE * abs(above), above, away, t
             put(weights[p], share[0], share[1], share[2])
-            put(along[p], off[0], off[1], off[2])
-    for p in range(len(points)):
+            put(plain[p], off[0], off[1], off[2])
+    for p in range(n):
         t, above, away = on[p], high_above[p], gaps[p]
         if t == NONE:
             continue
@@ -76,29 +119,29 @@ def find_facing(
             on[p] = NONE
         elif is_flat:
             gaps[p] = above
-            put(along[p], normals[t, 0], normals[t, 1], normals[t, 2])
+            put(plain[p], normals[t, 0], normals[t, 1], normals[t, 2])
         else:
             gaps[p] = math.copysign(away, above)
-            put(along[p], along[p, 0] / gaps[p], along[p, 1] / gaps[p], along[p, 2] / gaps[p])
+            put(plain[p], plain[p, 0] / gaps[p], plain[p, 1] / gaps[p], plain[p, 2] / gaps[p])
+    for p in range(n):
+        if on[p] == NONE:
+            continue
+        put(along[p], plain[p, 0], plain[p, 1], plain[p, 2])
+        q = _opposite(triangles, on, weights, p)
+        if q != NONE and on[q] != NONE and _opposite(triangles, on, weights, q) == p:
+            twin[p] = q
+            x, y, z = added(_row(plain, p), -1.0, _row(plain, q))
+            length = math.sqrt(x * x + y * y + z * z)
+            put(along[p], x / length, y / length, z / length)
 
 
-@jit
-def rows_between(W: Array, at: Array, maps: Array, between: Array) -> None:
-    """Sets rows of pairs, (3 C, n).
-
-    Args:
-        W: rows of some points, (3 s, n).
-        at: which of them pairs move with, (C, m).
-        maps: the velocity of pairs per theirs, (C, m, 3, 3).
-        between: set.
-    """
-    between[:] = 0.0
-    for c in range(len(at)):
-        for i in range(3):
-            for point in range(at.shape[1]):
-                for j in range(3):
-                    if maps[c, point, i, j] != 0.0:
-                        add_row(W[3 * at[c, point] + j], maps[c, point, i, j], between[3 * c + i])
+@jit_part
+def _opposite(triangles: Array, on: Array, weights: Array, p: int) -> int:
+    """The corner that a point touches; NONE where it touches none."""
+    k = 0
+    for j in range(1, 3):
+        k = j if weights[p, j] > weights[p, k] else k
+    return int(triangles[on[p], k]) if weights[p, k] > OPPOSITE else NONE
 
 
 @jit_part
@@ -113,9 +156,9 @@ def _dot(a: Array, b: Array) -> float:
 
 
 @jit_part
-def _holds(x: Array, low: Array, high: Array) -> bool:
-    """Whether a box holds a point."""
+def _holds(x: Array, low: Array, high: Array, wider: float) -> bool:
+    """Whether a box that is wider to all sides holds a point."""
     holds = True
     for k in range(3):
-        holds = holds and low[k] <= x[k] <= high[k]
+        holds = holds and low[k] - wider <= x[k] <= high[k] + wider
     return holds
