@@ -71,7 +71,8 @@ class CompiledSelfContact(SelfContact):
         pairs.axes[:, 0] = look.normals[near]
         forces, motion = np.empty((len(self.points), 3)), np.stack([points.free_velocity, points.velocity])
         moving = _moving_beside(near[:n], look, obstacles, len(self.points))
-        of_pairs = *map(in_plain, self._moved_by(near)), n, look.gaps[near], moving, begun.forces[near]
+        nodes, maps = map(in_plain, self._moved_by(near))
+        of_pairs = nodes, maps, n, look.gaps[near], moving, begun.forces[near]
         known = outwards[near] if len(outwards) else outwards, _decided_before(decided, near)
         before = np.zeros(len(near), dtype=np.int64) if swung is None else swung[near].astype(np.int64)
         given = *self._laws(dt, quasi_static), in_plain(delassus), motion, *of_pairs, *known, before
@@ -107,8 +108,8 @@ class CompiledSelfContact(SelfContact):
 
     def _between(self, delassus: Array, pairs: Array) -> Array:
         """As in SelfContact."""
-        between = np.empty((3 * len(pairs),) * 2)
-        set_operator(in_plain(delassus), *map(in_plain, self._moved_by(pairs)), between)
+        (nodes, maps), between = map(in_plain, self._moved_by(pairs)), np.empty((3 * len(pairs),) * 2)
+        set_operator(in_plain(delassus), nodes, maps, between)
         return between
 
     def _corner_maps(self, opposite: Opposite) -> Array:

@@ -150,9 +150,9 @@ class OwnSurface:
         reach = DEEPEST * boxes.size
         row, triangle = map(in_plain, self._candidates(points, boxes, margin + reach))
         on, twin, weights, plain, along, gaps = *np.empty((2, n), dtype=np.int64), *np.empty((3, n, 3)), np.empty(n)
-        facing, near = (triangles, normals, (self._point, self._triangle)), (row, triangle, low, high)
-        limits = *map(in_plain, self._border), boxes.size, margin, reach
-        find_facing(places, *facing, *near, *limits, on, twin, weights, plain, along, gaps)
+        sides, corners = map(in_plain, self._border)
+        facing, near = (triangles, normals, (self._point, self._triangle)), (row, triangle, low, high, sides, corners)
+        find_facing(places, *facing, *near, boxes.size, margin, reach, on, twin, weights, plain, along, gaps)
         row = (on != NONE).nonzero()[0]
         nodes, weights = self.triangles[on[row]], weights[row]
         feet = (weights[:, :, None] * points[nodes]).sum(axis=1)

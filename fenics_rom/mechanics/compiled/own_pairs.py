@@ -48,8 +48,8 @@ def set_corner_maps(points: Array, row: Array, nodes: Array, weights: Array, map
 def _set_inverse_inertia(arms: Array, inverse: Array) -> None:
     """Sets J⁻¹ (3, 3) of corners at arms (3, 3) from their middle."""
     xx = yy = zz = xy = xz = yz = 0.0
-    for c in range(3):
-        x, y, z = arms[c, 0], arms[c, 1], arms[c, 2]
+    for k in range(3):
+        x, y, z = arms[k, 0], arms[k, 1], arms[k, 2]
         xx, yy, zz = xx + y * y + z * z, yy + x * x + z * z, zz + x * x + y * y
         xy, xz, yz = xy - x * y, xz - x * z, yz - y * z
     a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
