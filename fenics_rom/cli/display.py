@@ -233,6 +233,8 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
             lines[f"error, {kind}"] = f"{stated.norm.max():.3g} J^1/2 at most in the energy norm{share}; {stated.why}"
         for name, off in stated.outputs.items():
             lines[f"error of {name}, {kind}"] = f"{np.abs(off).max():.3g} m at most in any direction"
+        for name, misread in stated.readings.items():
+            lines[f"error of {name}, {kind}"] = f"{_misread_words(misread)} at most"
     if run.tolerance is not None:
         lines["error tolerance"] = _tolerance_words(run.tolerance)
     print_lines(lines, run.warnings)
@@ -241,6 +243,15 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
         title = "what a step costs (with the clock read between its parts)"
         microseconds = [(part, 1e6 * seconds) for part, seconds in run.profile.items()]
         _print_costs(title, ("part", "microseconds", "share"), microseconds, repeat(()))
+
+
+def _misread_words(misread: ReadingSeries) -> str:
+    """The largest error of a reading; of touch in the force, the area and on a taxel."""
+    if misread.taxels is None:
+        return f"{misread.words}, {np.abs(misread.sizes).max():.3g} {misread.unit}"
+    touch = misread.touch
+    parts = {"N": np.linalg.norm(touch.force, axis=1), "m2": touch.area, "Pa on a taxel": touch.pressures}
+    return ", ".join(f"{np.abs(of).max():.3g} {unit}" for unit, of in parts.items() if of.size)
 
 
 def _tolerance_words(tolerance: ErrorTolerance) -> str:

@@ -194,10 +194,9 @@ def _check_environment(acting: Environment) -> None:
 
 def _carried_over(body: Simulator, rom: Rom, kept: Array, finer: Array) -> Simulator:
     """The body in a richer ROM: `kept` (m', m) of what strains, and `finer` (f', f), map coordinates."""
-    _, (_, scene, signals, stepper, detail, *_, as_last_said, saved) = body.__reduce__()
-    given: dict[str, Any] = {"scene": scene, "signals": signals, "stepper": stepper, "detail": detail}
+    _, (_, acting, _, as_last_said, saved) = body.__reduce__()
     watched: dict[str, Any] = {"errors": True, "error_tolerance": body.error_tolerance}
-    richer, rigid = Simulator(rom, body.dt, ledger=body.ledger is not None, **given, **watched), rom.rigid
+    richer, rigid = Simulator(rom, body.dt, ledger=body.ledger is not None, **acting, **watched), rom.rigid
     for name, signal in as_last_said.items():
         richer.set_signal(name, signal)
     richer.switch(body.contact)

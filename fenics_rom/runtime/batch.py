@@ -7,7 +7,7 @@ all bodies, they are taken together (`joint_bodies.py`); else one after another,
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -64,6 +64,7 @@ class Batch(BatchedBodies):
         detail: of a moving frame, as in Simulator.
         errors: whether to keep bound and estimate of each body's error, as in Simulator.
         error_tolerance: of each body, m, as in Simulator; `exceeded` tells when.
+        finer: a ROM of higher order beside each body, as in Simulator.
 
     Attributes:
         rom: the reduced model, of what acts in its scene.
@@ -96,6 +97,7 @@ class Batch(BatchedBodies):
         detail: str | None = None,
         errors: bool | None = None,
         error_tolerance: float | None = None,
+        finer: "Rom | str | PathLike[str] | None" = None,
     ):
         rom = given_rom("Batch", rom)
         if not (is_number(size, whole=True) and 0 < size <= MOST_BODIES):
@@ -103,11 +105,16 @@ class Batch(BatchedBodies):
         if not _is_dtype(dtype):
             raise StepError(f"dtype = {shown(dtype)}: allowed are float64 and float32")
         signals, ledger = mapping_in("signals", signals, StepError), check_flag("ledger", ledger, StepError)
-        self._errors = errors if errors is None else check_flag("errors", errors, StepError)
-        told = bool(errors) or error_tolerance is not None or (errors is None and rom.error_model is not None)
+        errors = errors if errors is None else check_flag("errors", errors, StepError)
+        self._told: dict[str, Any] = {"errors": errors, "error_tolerance": error_tolerance, "finer": finer}
+        told = (
+            bool(errors)
+            or finer is not None
+            or error_tolerance is not None
+            or (errors is None and rom.error_model is not None)
+        )
         feels = any(reading.quantity == "touch" for reading in rom.readings.values())
         keeps = "errors" if told else "a sense of touch" * feels
-        self._error_tolerance = error_tolerance
         self.size, self.dtype, self._why = int(size), np.dtype(dtype), keeps or _why_one_by_one(rom)
         self._given, self._ledger, self._signals, self._detail = rom, ledger, signals, detail
         h = checked_dt(dt)
@@ -140,8 +147,8 @@ class Batch(BatchedBodies):
     def _one_by_one(self, dt: float) -> "SeparateBodies":
         from fenics_rom.runtime.separate_bodies import SeparateBodies  # here, as few scenes need it
 
-        others = self._ledger, self._signals, self._detail, self._errors, self._error_tolerance
-        return SeparateBodies(self._given, self.size, dt, *others)
+        others = self._ledger, self._signals, self._detail
+        return SeparateBodies(self._given, self.size, dt, *others, self._told)
 
     def __copy__(self) -> "Batch":
         return deepcopy(self)

@@ -88,8 +88,15 @@ class BatchedBodies:
         def of_output(name: str) -> Array:
             return np.array([each.output(name) for each in stated])
 
-        shape = None if stated[0].shape is None else np.array([each.shape for each in stated])
-        return replace(stated[0], norm=np.array([each.norm for each in stated]), outputs=of_output, shape=shape)
+        def read(name: str) -> Array:
+            return np.array([each.reading(name) for each in stated])
+
+        def of_all(name: str) -> Array | None:
+            values = [getattr(each, name) for each in stated]
+            return None if values[0] is None else np.array(values)
+
+        known = {"norm": of_all("norm"), "shape": of_all("shape"), "read": stated[0].read and read}
+        return replace(stated[0], outputs=of_output, **known)
 
     @property
     def inputs(self) -> int:

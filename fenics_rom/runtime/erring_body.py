@@ -13,30 +13,40 @@ from fenics_rom.runtime.error_tolerance import ADVICE, NO_MORE, Exceeded, checke
 from fenics_rom.runtime.moving_body import MovingBody
 
 if TYPE_CHECKING:
+    from os import PathLike
+
+    from fenics_rom.mechanics.base_path import BaseState
+    from fenics_rom.rom.rom import Rom
     from fenics_rom.runtime.error_watch import ErrorState, ErrorWatch, StatedError
     from fenics_rom.runtime.finer_beside import FinerBeside
+    from fenics_rom.runtime.simulated_body import BesideState
+
+NO_BOUND = "error_bound: a ROM beside gives an estimate alone; allowed is error_estimate"
 
 
 class ErringBody(MovingBody):
     """What there is to tell of errors; nothing is kept where that was not asked for."""
 
     errors: "ErrorWatch | None" = None
-    beside: "FinerBeside | None" = None  # what states errors in a run in which a finer ROM takes the same steps
+    beside: "FinerBeside | None" = None  # what states them where a finer ROM takes the same steps
     _untold = ""  # why there are none
     _errors_before: "ErrorState | None" = None  # the last step that was noted by itself
     whose, advice = "", ADVICE  # beginning and end of what is said of the tolerance
 
     @property
+    def told_by(self) -> "ErrorWatch | FinerBeside | None":
+        """What states errors; None where they are not known."""
+        return self.errors or self.beside
+
+    @property
     def error_tolerance(self) -> float | None:
         """What the estimate of any output's error is to be no larger than, m; None: whatever it is."""
-        watch = self.errors or self.beside
-        return None if watch is None else watch.tolerance
+        return None if self.told_by is None else self.told_by.tolerance
 
     @property
     def exceeded(self) -> Exceeded | None:
         """Where the estimate was first larger than the tolerance: time, s, error, m, output; None where it was not."""
-        watch = self.errors or self.beside
-        return None if watch is None else watch.exceeded
+        return None if self.told_by is None else self.told_by.exceeded
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -48,11 +58,9 @@ class ErringBody(MovingBody):
     @property
     def stated_errors(self) -> "dict[str, StatedError]":
         """Bound and estimate by these names, as far as they are known."""
-        if self.beside is not None:
-            return {"estimate": self.beside.stated()}
-        if self.errors is None:
+        if self.told_by is None:
             return {}
-        bound = {} if self.errors.maps.touched else {"bound": self.error_bound}
+        bound = {} if self.errors is None or self.errors.maps.touched else {"bound": self.error_bound}
         return bound | {"estimate": self.error_estimate}
 
     @property
@@ -65,6 +73,8 @@ class ErringBody(MovingBody):
         Raises:
             StepError: it is not known.
         """
+        if self.beside is not None:
+            raise StepError(NO_BOUND)
         return self._told_errors().bound(self.contact, self._stepper.state)
 
     @property
@@ -74,6 +84,8 @@ class ErringBody(MovingBody):
         Raises:
             StepError: it is not known.
         """
+        if self.beside is not None:
+            return self.beside.stated()
         return self._told_errors().estimate(self.contact, self._stepper.state, self.beyond_shared)
 
     def _told_errors(self) -> "ErrorWatch":
@@ -82,13 +94,26 @@ class ErringBody(MovingBody):
         self._stepper.flush()
         return self.errors
 
-    def _watch_errors(self, asked: bool | None, tolerance: float | None) -> None:
+    def _watch_errors(
+        self, errors: bool | None, error_tolerance: float | None, finer: "Rom | str | PathLike[str] | None"
+    ) -> None:
         """Begins to keep errors, if that is asked for; None: if the ROM knows how, within what the scene says.
 
         Raises:
+            SceneError: `finer` is not one of higher order of the same body, or errors are known without.
             StepError: they, or a tolerance, are asked for, and cannot be known.
         """
-        rom, given = self.rom, self._origin[0]  # what acts here, as it was made
+        if finer is None:
+            self._state_errors(errors, error_tolerance)
+            return
+        from fenics_rom.runtime.finer_beside import FinerBeside  # here, as few runs have one
+
+        self._state_errors(errors, None)
+        self.beside = FinerBeside(self, finer, error_tolerance, self._origin[1])
+
+    def _state_errors(self, asked: bool | None, tolerance: float | None) -> None:
+        """Begins to keep those that the ROM knows of itself."""
+        rom, (given, acts, _) = self.rom, self._origin  # what acts here, as it was made
         tolerance = None if tolerance is None else checked_tolerance(tolerance)
         if asked is False:
             self._untold = "errors = False was given"
@@ -100,8 +125,7 @@ class ErringBody(MovingBody):
             from fenics_rom.runtime.error_maps import ErrorMaps
             from fenics_rom.runtime.error_watch import ErrorWatch
 
-            scene = self._origin[1]
-            plain = rom.environment if scene is None else given_environment(scene)
+            plain = rom.environment if acts["scene"] is None else given_environment(acts["scene"])
             acting = plain if self.environment is None else self.environment.environment
             reason = untold_errors(acting, deforms=rom.deformation is not None)
             touched = acting.contact_law is not None
@@ -147,7 +171,21 @@ class ErringBody(MovingBody):
         """As in MovingBody."""
         if self.errors is not None and self._errors_before is not None and self.notes_each_step:
             self.errors.state = self._errors_before
+        if self.beside is not None:
+            self.beside.take_back()
         super().take_back_step(acted)
+
+    def place(self, pose: "BaseState") -> None:
+        """As in MovingBody."""
+        before = self.pose
+        super().place(pose)
+        if self.beside is not None:
+            try:
+                self.beside.finer.place(pose)
+            except StepError:
+                assert before is not None
+                super().place(before)
+                raise
 
     def _note_inputs(self, inputs: Array) -> None:
         """Takes in the inputs (n, p) of booked steps of the kernel that is stepping."""
@@ -155,16 +193,21 @@ class ErringBody(MovingBody):
         self.errors.note(self.contact, self._stepper.kernel.h, inputs)
         self.tensions.note_all(inputs)
 
-    def _begin_errors(self, saved: "ErrorState | None" = None) -> None:
+    def _begin_errors(self, saved: "ErrorState | BesideState | None" = None) -> None:
         """Goes on from errors that were saved; without, they are counted from the state that the body is in."""
-        if self.errors is not None and saved is not None:
-            self.errors.state = saved
+        watch: Any = self.told_by
+        if watch is not None and isinstance(saved, watch.saved_as):
+            watch.state = saved
         elif self.errors is not None:
             self.errors.begin(self.contact, self._stepper.state)
+        elif self.beside is not None:
+            self.beside.begin()
 
     def _way_to_advance(self) -> Callable[[Array], float]:
         """As in MovingBody."""
         advance = super()._way_to_advance()
+        if self.beside is not None:
+            return self.beside.way_to_advance(advance)
         if self.errors is None:
             return advance
         if not self.notes_each_step:

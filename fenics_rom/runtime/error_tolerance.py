@@ -17,6 +17,7 @@ from fenics_rom.rom.rom import Rom
 
 NO_MORE = "the run goes on, but its outputs may be further off; take a higher order"
 ADVICE = f"{NO_MORE}, or, with the full system at hand, let directions be added (enrich)"
+NO_OUTPUTS = "error_tolerance: is of the errors of outputs, of which ROM {!r} has none"
 ADDED = "directions are added to the basis"
 
 
@@ -58,7 +59,7 @@ class OutputErrors:
         errors = rom.error_model
         assert errors is not None
         if not rom.outputs:
-            raise StepError(f"error_tolerance: is of the errors of outputs, of which ROM {rom.name!r} has none")
+            raise StepError(NO_OUTPUTS.format(rom.name))
         if errors.couples_rigid_motions:
             raise StepError(
                 "error_tolerance: dashpots couple how the body moves as a whole with how it strains; allowed is a body "

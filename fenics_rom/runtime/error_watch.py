@@ -13,16 +13,19 @@ most as large as both together: a bound. Of an output c it is |cᵀ(E s - W q)| 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError, unknown
+from fenics_rom.errors import StepError, check_known, shown, unknown
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.error_maps import ErrorMaps, squared_length
 from fenics_rom.runtime.error_tolerance import Exceeded, OutputErrors
 from fenics_rom.trajectory.error_series import OF
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.touch import TouchState
 
 BOUND = "the body is linear and damped, so that the residual of a finer model bounds what the estimate misses"
 ESTIMATE = "a finer model, of {} displacements, takes the same steps"
@@ -31,6 +34,7 @@ FORCES_DIFFER = (
     "a bound of the error is not known where obstacles touch the body: contact forces of the full order are others, "
     "which no residual tells; allowed is the estimate"
 )
+NO_READING = "errors of readings are differences to a finer ROM beside; allowed is Simulator(rom, dt, finer=better)"
 PUT_IN = "; the full order is taken to begin in the state that was put in"
 
 
@@ -45,6 +49,7 @@ class StatedError:
         names: of the outputs that it is told of.
         shape: in the mass norm, √(xᵀMx) of the error of displacements, kg^1/2 m; of a batch (size,). None of a bound,
             or where it is not known.
+        sensed: readings that it is told of.
     """
 
     kind: str
@@ -53,6 +58,8 @@ class StatedError:
     names: tuple[str, ...]
     outputs: Callable[[str], Array] = field(repr=False)
     shape: float | Array | None = None
+    sensed: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    read: Callable[[str], Array] | None = field(default=None, repr=False)
 
     def output(self, name: str) -> Array:
         """Of the displacement of a named output, m; in the shape that `displacement(name)` has.
@@ -63,6 +70,33 @@ class StatedError:
             StepError: no such output; or none can be told of it, and why.
         """
         return self.outputs(name)
+
+    def reading(self, name: str) -> Array:
+        """Of a reading without its sensor, in the shape that `reading(name)` has, to be added: finer less reduced.
+
+        Raises:
+            StepError: no such reading, or no finer ROM beside, which alone finds contact forces of its own.
+        """
+        read = self._read_of(name)
+        check_known("reading", name, self.sensed, StepError)
+        return read(name)
+
+    def touch(self, name: str) -> "TouchState":
+        """Of what a sense of touch feels: forces, centre, area and pressures, to be added.
+
+        Patches are compared in their order, so that it says nothing of them where others touch in the finer model.
+
+        Raises:
+            StepError: as of `reading`, or there is none of that name.
+        """
+        from fenics_rom.mechanics.touch import touch_of  # here, as few bodies have one
+
+        return touch_of(self.sensed, name, self._read_of(name))
+
+    def _read_of(self, name: str) -> Callable[[str], Array]:
+        if self.read is None:
+            raise StepError(f"reading {shown(name)}: {NO_READING}")
+        return self.read
 
 
 class ErrorState(NamedTuple):
@@ -87,6 +121,8 @@ class ErrorWatch:
         exceeded: where the estimate was first beyond the tolerance.
         last_inputs: (p,) of the last step that was taken in; None before the first.
     """
+
+    saved_as = ErrorState
 
     def __init__(self, rom: Rom, maps: ErrorMaps, tolerance: float | None = None):
         assert rom.error_model is not None

@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, shown
 from fenics_rom.mechanics.step import MOVING_FRAME, StepInput
-from fenics_rom.runtime.simulated_body import SimulatedBody
+from fenics_rom.runtime.simulated_body import SimulatedBody, SimulatorState
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.base_path import BaseState
@@ -17,11 +17,32 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.moving_frame import MovingFrameStepper
 
 
+class BeforeStep(NamedTuple):
+    """What a body was before a step that is to be taken back."""
+
+    body: Any  # a simulator
+    acted: tuple[Any, ...]
+    saved: SimulatorState | None  # where the step begins with a switch
+
+    @classmethod
+    def of(cls, body: Any) -> "BeforeStep":
+        """What it is now."""
+        switches = body.switches_itself and body.nearest_contact != body.contact
+        return cls(body, body.acted, body.save() if switches else None)
+
+    def return_to(self) -> None:
+        """Takes the step back."""
+        if self.saved is None:
+            self.body.take_back_step(self.acted)
+        else:
+            self.body.restore(self.saved)
+
+
 class MovingBody(SimulatedBody):
     """What a moving frame has besides; of a fixed one there is nothing of it."""
 
     _monitor_threshold: float
-    _base: "BaseState | None" = None  # that was given for the step to be taken
+    next_base: "BaseState | None" = None  # that was given for the step to be taken
     _solver_of: "type[ContactSolver] | None" = None  # that finds contact forces; None: ContactSolver
 
     @property
@@ -136,14 +157,14 @@ class MovingBody(SimulatedBody):
 
     def _take_base(self, base: "BaseState | None") -> None:
         """Where the base is to be at the end of the step that is taken next."""
-        self._base = None
+        self.next_base = None
         if base is None:
             return
         if not self.is_carried:
             raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
         from fenics_rom.mechanics.base_path import checked_base
 
-        self._base = checked_base(base, f"step {self.steps}: base")
+        self.next_base = checked_base(base, f"step {self.steps}: base")
 
     def _way_to_advance(self) -> Callable[[Array], float]:
         """What takes a step under an input (p,), N, and returns twice the stored energy, J.
@@ -162,7 +183,7 @@ class MovingBody(SimulatedBody):
         """Takes a step of a moving frame in which nothing acts by itself; twice the stored energy, J."""
         assert self._source is not None
         kernel: Any = self._stepper.kernel
-        kernel.base, self._base = self._base, None
+        kernel.base, self.next_base = self.next_base, None
         full = self._source.full_input(u, self._width)
         twice: float = kernel.step(full)
         self.tensions.note(full)
@@ -218,7 +239,7 @@ class MovingBody(SimulatedBody):
 
     def _with_base(self, inputs: StepInput) -> StepInput:
         """The inputs of the step to be taken, with the base that was given."""
-        base, self._base = self._base, None
+        base, self.next_base = self.next_base, None
         return inputs if base is None else inputs._replace(base=base)
 
     def _detail(self, given: str | None) -> str:

@@ -283,7 +283,7 @@ class Rollout:
         bases: (steps, 13), or None where none are given.
         """
         body = self._body
-        if body.remembers_touch:
+        if body.remembers_touch or body.beside is not None:
             return self._step_each(u, bases, taken, every, names)
         if body.takes_compiled_steps and (bases is None or body.is_carried):
             if self._in_a_frame is None:

@@ -6,7 +6,7 @@ For whatever has no form in which all bodies are stepped together. Simulators sh
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -16,33 +16,13 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import stacked_state
-from fenics_rom.runtime.simulated_body import SimulatorState
+from fenics_rom.runtime.moving_body import BeforeStep
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.tension_watch import pulled_columns
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import SignalLike
     from fenics_rom.runtime.joint_bodies import JointBodies
-
-
-class _Before(NamedTuple):
-    """What a body was before a step that is to be taken back."""
-
-    body: Simulator
-    acted: tuple[Any, ...]
-    saved: SimulatorState | None  # where the step begins with a switch
-
-    @classmethod
-    def of(cls, body: Simulator) -> "_Before":
-        switches = body.switches_itself and body.nearest_contact != body.contact
-        return cls(body, body.acted, body.save() if switches else None)
-
-    def return_to(self) -> None:
-        """Takes the step back."""
-        if self.saved is None:
-            self.body.take_back_step(self.acted)
-        else:
-            self.body.restore(self.saved)
 
 
 class SeparateBodies:
@@ -64,10 +44,8 @@ class SeparateBodies:
         ledger: bool,
         signals: "Mapping[str, SignalLike]",
         detail: str | None,
-        errors: bool | None,
-        error_tolerance: float | None,
+        told: Mapping[str, Any],
     ):
-        told: dict[str, Any] = {"errors": errors, "error_tolerance": error_tolerance}
         first = Simulator(rom, dt, ledger=ledger, signals=signals, detail=detail, **told)
         self.bodies = _copies([first] * size)
         self.rom, self.steps, self.frozen = first.rom, 0, np.zeros(size, bool)
@@ -150,7 +128,8 @@ class SeparateBodies:
     @friction.setter
     def friction(self, μ: Array) -> None:
         self._friction = np.array(μ, dtype=float)
-        for body, own in zip(self.bodies, self._friction.tolist(), strict=True):
+        beside = [body.beside.finer for body in self.bodies if body.beside is not None]
+        for body, own in zip([*self.bodies, *beside], [*μ.tolist()] * 2, strict=False):
             if body.integrator.interface is None or body.integrator.interface.solver.law.friction == own:
                 continue
             solver = body.integrator.interface.solver
@@ -349,12 +328,12 @@ class SeparateBodies:
         """As of `Batch`, but for "reset", under inputs and bases that are fine but for those of bodies held."""
         most, where, stays = max(self._widths.values()), f"step {self.steps}", self.frozen.copy()
         stays[held] = True
-        taken: list[_Before] = []
+        taken: list[BeforeStep] = []
         for number, body in enumerate(self.bodies):
             if stays[number]:
                 continue
             own = None if base is None else BaseState(*(part[number] for part in base))
-            before = _Before.of(body) if on_error == "raise" else None
+            before = BeforeStep.of(body) if on_error == "raise" else None
             try:
                 body.step(self._input_of(body, u[number], most), base=own)
             except StepError as error:

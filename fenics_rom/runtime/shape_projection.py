@@ -1,7 +1,7 @@
 """Fields of nodes in the coordinates of a contact mode, and what its basis has not of them."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -54,9 +54,15 @@ def project_fields(rom: Rom, contact: str, fields: Mapping[str, Array]) -> tuple
         if field.shape != rom.nodes.shape or not np.isfinite(field).all():
             raise StepError(f"{name}: allowed is a finite array of shape {rom.nodes.shape}, given: {shown(field)}")
     C = rom.contact_models[contact].coordinates
-    W = rom.basis @ C
-    weighted = W * rom.node_mass[rom.free // 3, None]
-    given = np.stack([field.ravel()[rom.free] for field in fields.values()], axis=1)
-    coordinates = dict(zip(fields, np.linalg.solve(weighted.T @ W, weighted.T @ given).T, strict=True))
+    coordinates = dict(zip(fields, nearest_coordinates(rom, contact, list(fields.values())), strict=True))
     taken = {name: rom.reconstruct(C @ column) for name, column in coordinates.items()}
     return coordinates, {name: missing_share(fields[name], taken[name], rom.node_mass) for name in fields}
+
+
+def nearest_coordinates(rom: Rom, contact: str, fields: Sequence[Array]) -> Array:
+    """Coordinates (fields, m) in the basis of a contact mode of fields (N, 3), or without a mesh (n,)."""
+    W = rom.basis @ rom.contact_models[contact].coordinates
+    weighted = W * rom.node_mass[rom.free // 3, None] if len(rom.nodes) else W
+    given = np.stack([field.ravel()[rom.free] if len(rom.nodes) else field for field in fields], axis=1)
+    coordinates: Array = np.linalg.solve(weighted.T @ W, weighted.T @ given).T
+    return coordinates

@@ -18,7 +18,7 @@ from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.error_tolerance import ADDED, NO_MORE
+from fenics_rom.runtime.error_tolerance import ADDED
 from fenics_rom.runtime.exceedings import Enriches, Exceedings
 from fenics_rom.runtime.initial_state import begin
 from fenics_rom.runtime.simulator import Simulator
@@ -53,11 +53,9 @@ def simulate(
     signals, reason = mapping_in("signals", signals, SceneError), ""
     if step_error is not None:
         stepper, reason = _by_error(rom, scene, dt, every, signals, stepper, step_error)
-    of_body = None if finer is not None else error_tolerance
-    environment, history, fresh = _prepared(rom, scene, dt, every, signals, stepper, errors, of_body)
+    told: dict[str, Any] = {"errors": errors, "error_tolerance": error_tolerance, "finer": finer}
+    environment, history, fresh = _prepared(rom, scene, dt, every, signals, stepper, told)
     body, lost = fresh()
-    if finer is not None:
-        _set_beside(body, finer, environment, dt, every, signals, stepper, error_tolerance)
     _check_tolerance(body, environment, errors, enrichment)
     recorder = TrajectoryRecorder(
         rom,
@@ -70,46 +68,22 @@ def simulate(
     recorder.sample(0, body)
     monitor = TimeStepMonitor()
     exceedings = Exceedings(enrichment)
-    if body.steps_in_blocks and not history.automatic and enrichment is None and finer is None:
+    if body.steps_in_blocks and not history.automatic and enrichment is None and body.beside is None:
         _run_in_blocks(body, history, recorder, monitor, report)
         exceedings.follow(body)
     else:
         body = _run_step_by_step(body, history, recorder, monitor, exceedings, report)
-    told = *body.warnings, *exceedings.messages(body.error_tolerance), *filter(None, [monitor.message])
+    said = *body.warnings, *exceedings.messages(body.error_tolerance), *filter(None, [monitor.message])
     run = recorder.record(
         name=rom.name,
         model="reduced",
         settings=body.settings | ({"seconds": _seconds(fresh()[0], history)} if rate else {}),
-        warnings=tuple(dict.fromkeys((*rom.warnings, *lost, *history.warnings, *told))),
+        warnings=tuple(dict.fromkeys((*rom.warnings, *lost, *history.warnings, *said))),
         tendons=rom.environment.tendons,
         profile=_profile(fresh()[0], history) if profile else None,
         stepping=f"{body.stepper}: {reason or body.stepping}" if rom.deformation is not None else "",
     )
     return replace(run, tolerance=exceedings.kept(body.error_tolerance))
-
-
-def _set_beside(
-    body: Simulator,
-    finer: Rom,
-    environment: Environment,
-    dt: float | None,
-    every: int | None,
-    signals: Mapping[str, SignalLike],
-    stepper: str | None,
-    tolerance: float | None,
-) -> None:
-    """Puts a body of a finer ROM beside one, at the same start of the same run."""
-    from fenics_rom.runtime.finer_beside import FinerBeside, check_finer  # here, as few runs have one
-
-    if body.errors is not None:
-        raise SceneError("finer: the body states its own errors; allowed is one that does not, or errors = False")
-    check_finer(body.rom, finer)
-    if tolerance is None and environment.run is not None:
-        tolerance = environment.run.error_tolerance
-    _, _, fresh = _prepared(finer, environment, dt, every, signals, stepper, False)
-    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # the body tells them
-        body.beside = FinerBeside(body, fresh()[0], tolerance)
-    body.advice = NO_MORE
 
 
 def _check_tolerance(
@@ -157,8 +131,6 @@ def _run_step_by_step(
                 monitor.add(np.square(after - before).sum(), np.square(after + before).sum() / 4)
         else:
             body.step(u)
-        if body.beside is not None:
-            body.beside.follow(u, body.advice)
         recorder.sample(step, body, u)
         body = exceedings.follow(body)
         report("steps", step, history.steps)
@@ -267,8 +239,7 @@ def _prepared(
     every: int | None,
     signals: Mapping[str, SignalLike] | None,
     stepper: str | None,
-    errors: bool | None = None,
-    error_tolerance: float | None = None,
+    told: Mapping[str, Any] | None = None,
 ) -> tuple[Environment, LoadHistory, Callable[[], tuple[Simulator, list[str]]]]:
     """What acts in the run, the inputs of its steps, and what makes a simulator at its start, and says what it lost."""
     if len(rom.nodes) == 0:
@@ -277,10 +248,14 @@ def _prepared(
     history = LoadHistory(environment, rom.contacts, rom.actuators, dt, every)
 
     def fresh() -> tuple[Simulator, list[str]]:
-        told: dict[str, Any] = {"errors": errors, "error_tolerance": error_tolerance}
-        simulator = Simulator(rom, history.dt, scene=scene, signals=signals, stepper=stepper, **told)
+        simulator = Simulator(rom, history.dt, scene=scene, signals=signals, stepper=stepper, **(told or {}))
         simulator.switch(history.first_contact())
-        return simulator, begin(simulator, rom, environment, history)
+        lost = begin(simulator, rom, environment, history)
+        if simulator.beside is not None:
+            simulator.beside.begin_with(
+                history.first_contact(), lambda finer, own: begin(finer, own, environment, history)
+            )
+        return simulator, lost
 
     return environment, history, fresh
 

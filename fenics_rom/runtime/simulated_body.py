@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ObstacleState
     from fenics_rom.mechanics.skin_watch import Told
     from fenics_rom.runtime.environment_inputs import EnvironmentInputs
+    from fenics_rom.runtime.error_tolerance import Exceeded
     from fenics_rom.runtime.error_watch import ErrorState
     from fenics_rom.runtime.skin_looks import SkinLooks
 
@@ -61,9 +62,17 @@ class SimulatorState:
     obstacles: "ObstacleState | None" = None  # None where nothing acts by itself
     told: "tuple[Told, ...]" = ()  # what went through the skin
     belongs: "Belongs | None" = None  # what it is a state of
-    errors: "ErrorState | None" = None  # None where none are kept
+    errors: "ErrorState | BesideState | None" = None  # None where none are kept
     sensed: tuple[Any, ...] = ()  # what sensors remember
     rubbed: tuple[Any, ...] | None = None  # what friction did in the last step
+
+
+class BesideState(NamedTuple):
+    """What a body of a finer ROM that takes the same steps needs to go on from."""
+
+    finer: SimulatorState
+    from_rest: bool  # or from a state that was put in
+    exceeded: "Exceeded | None"
 
 
 class SimulatedBody(ContactReadings):

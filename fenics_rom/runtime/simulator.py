@@ -56,6 +56,8 @@ class Simulator(ErringBody):
         errors: whether to keep bound and estimate of the error; None: if the ROM was made for that.
         error_tolerance: what the estimate of any output's error is to be no larger than, m: the first time that it is,
             a ToleranceWarning says so at once, and `exceeded` keeps it; None: as the scene's run says.
+        finer: a ROM of higher order of the same scene, which takes the same steps beside: the difference of both is
+            the estimate of bodies that state no errors of themselves.
 
     Attributes:
         steps: number of steps taken.
@@ -89,9 +91,12 @@ class Simulator(ErringBody):
         detail: str | None = None,
         errors: bool | None = None,
         error_tolerance: float | None = None,
+        finer: "Rom | str | PathLike[str] | None" = None,
     ):
         rom, signals = given_rom("Simulator", rom), mapping_in("signals", signals, StepError)
-        self._origin = rom, scene, signals, stepper, detail, errors, error_tolerance
+        acting: dict[str, Any] = {"scene": scene, "signals": signals, "stepper": stepper, "detail": detail}
+        told: dict[str, Any] = {"errors": errors, "error_tolerance": error_tolerance, "finer": finer}
+        self._origin = rom, acting, told
         self.environment: ActiveEnvironment | None = None
         self._source = None
         if not rom.environment.is_plain or scene is not None or signals:  # others start sooner without this import
@@ -108,7 +113,7 @@ class Simulator(ErringBody):
         self._monitor, self.tensions = LinearityMonitor(rom, self._rigid_displacement), TensionWatch(rom)
         self._output_rows: dict[tuple[str, str], Array] = {}
         self._rollout: Rollout | None = None
-        self._watch_errors(errors, error_tolerance)
+        self._watch_errors(**told)
         self._begin_sensing()
         self._enter()
         self._watch_skin()
@@ -192,6 +197,8 @@ class Simulator(ErringBody):
         if self.environment is None:
             raise StepError(unknown("load or obstacle", name, []))
         self.environment.set_signal(name, signal)
+        if self.beside is not None:
+            self.beside.finer.set_signal(name, signal)
         self._advance = self._way_to_advance()
 
     def step(
@@ -212,7 +219,7 @@ class Simulator(ErringBody):
         """
         if named:
             u = self._by_name(u, named)
-        if base is not None or self._base is not None:  # of a step that failed
+        if base is not None or self.next_base is not None:  # of a step that failed
             self._take_base(base)
         try:
             given = u if type(u) is Array and u.dtype is _FLOAT else real_numbers(u)
@@ -327,7 +334,7 @@ class Simulator(ErringBody):
         sums = None if self.ledger is None else self.ledger.sums
         obstacles = None if self.environment is None else self.environment.state
         told = () if self._skin is None else self._skin.watch.told
-        errors = None if self.errors is None else self.errors.state
+        errors = None if self.told_by is None else self.told_by.state
         when, peak, belongs = (self._dt, self.steps, self._since), self.surface_peak, self._belongs
         sensed = self._senses
         return SimulatorState(
@@ -382,18 +389,9 @@ class Simulator(ErringBody):
 
 
 def _revived(
-    rom: Rom,
-    scene: "HasEnvironment | None",
-    signals: "Mapping[str, SignalLike] | None",
-    stepper: str | None,
-    detail: str | None,
-    errors: bool | None,
-    error_tolerance: float | None,
-    given: "Mapping[str, SignalLike]",
-    state: SimulatorState,
+    rom: Rom, acting: dict[str, Any], told: dict[str, Any], given: "Mapping[str, SignalLike]", state: SimulatorState
 ) -> Simulator:
-    said: dict[str, Any] = {"ledger": state.sums is not None, "errors": errors, "error_tolerance": error_tolerance}
-    simulator = Simulator(rom, state.dt, scene=scene, signals=signals, stepper=stepper, detail=detail, **said)
+    simulator = Simulator(rom, state.dt, ledger=state.sums is not None, **acting, **told)
     for name, signal in given.items():  # after the start: an obstacle may since have gone where the body was
         simulator.set_signal(name, signal)
     simulator.restore(state)

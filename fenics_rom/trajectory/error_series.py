@@ -1,12 +1,14 @@
 """What a reduced run stated of its own error over time: a bound, and an estimate."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from numpy import ndarray as Array
 
-PREFIX, OF = "error ", "of "  # of what is kept of an instant, and of an output in it
+from fenics_rom.trajectory.series import ReadingSeries
+
+PREFIX, OF, READ = "error ", "of ", "read "  # of what is kept of an instant, and of an output and a reading in it
 
 
 @dataclass(frozen=True)
@@ -18,12 +20,14 @@ class ErrorSeries:
         norm: in the energy norm √(vᵀMv + xᵀKx), (S,), J^1/2; None where it is not known.
         outputs: of named outputs (S, points, 3), m: a bound of each component, or an estimate to be added.
         shape: in the mass norm √(xᵀMx), (S,), kg^1/2 m; None of a bound, or where it is not known.
+        readings: of readings without their sensors, to be added: by a finer ROM beside.
     """
 
     why: str
     norm: Array | None
     outputs: Mapping[str, Array]
     shape: Array | None = None
+    readings: Mapping[str, ReadingSeries] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -46,20 +50,27 @@ class ErrorTolerance:
 
 
 def stated_numbers(stated: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """What is kept of an instant: the norm, and each output as "of NAME"."""
+    """What is kept of an instant: norms, each output as "of NAME", and each reading as "read NAME"."""
     return {
         PREFIX + kind: ({} if error.norm is None else {"norm": error.norm})
         | ({} if error.shape is None else {"shape": error.shape})
         | {OF + name: error.output(name) for name in error.names}
+        | {READ + name: error.reading(name) for name in error.sensed}
         for kind, error in stated.items()
     }
 
 
-def error_series(why: Mapping[str, str], kept: dict[str, Any]) -> dict[str, ErrorSeries]:
-    """Takes what was kept of all instants out of other such things."""
+def error_series(
+    why: Mapping[str, str], kept: dict[str, Any], readings: Mapping[str, ReadingSeries]
+) -> dict[str, ErrorSeries]:
+    """Takes what was kept of all instants out of other such things; `readings` are the run's."""
     found = {}
     for kind, words in why.items():
         values = kept.pop(PREFIX + kind)
         norm, shape = values.pop("norm", None), values.pop("shape", None)
-        found[kind] = ErrorSeries(words, norm, {name.removeprefix(OF): of for name, of in values.items()}, shape)
+        outputs = {name.removeprefix(OF): of for name, of in values.items() if name.startswith(OF)}
+        misread = {
+            name: replace(of, values=values[READ + name]) for name, of in readings.items() if READ + name in values
+        }
+        found[kind] = ErrorSeries(words, norm, outputs, shape, misread)
     return found

@@ -38,7 +38,8 @@ shapes, N nodes, F triangles, P points of an output.
                                      dissipated, exchanged (S,) J, rows (2,) of its nodes; attribute `kind`; forces are
                                      then of pairs of bodies, FIRST-SECOND on the first
     errors/bound/, errors/estimate/  of a reduced run that stated its own; attribute `why`; may be absent
-        norm (S,) J^1/2, shape (S,) kg^1/2 m (both may be absent), outputs/NAME (S, P, 3) m
+        norm (S,) J^1/2, shape (S,) kg^1/2 m (both may be absent), outputs/NAME (S, P, 3) m, readings/NAME like the
+        values of readings/NAME (may be absent)
     tolerance/                       that such a run was to keep to; attribute `outputs`, a line each; may be absent
         value (1,) m, times (x,) s, errors (x,) m, orders (x, 2)
     profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
@@ -49,6 +50,7 @@ tendons and readings, none before 2.2 reactions, none before 2.3 a moving frame,
 contact on nodes and errors.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +68,8 @@ from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of, shap
 from fenics_rom.trajectory.bodies import put_bodies, take_bodies
 from fenics_rom.trajectory.contact_snapshots import CONTACT, contact_arrays, take_contact
 from fenics_rom.trajectory.error_series import ErrorSeries, ErrorTolerance
-from fenics_rom.trajectory.series_file import check_series, put_series, take_series
+from fenics_rom.trajectory.series import ReadingSeries
+from fenics_rom.trajectory.series_file import check_series, put_misread, put_series, take_misread, take_series
 from fenics_rom.trajectory.trajectory import CONTACT_ACCOUNT, Trajectory
 
 RUN = {
@@ -191,6 +194,7 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
         hdf5.put_text(part, why=stated.why)
         hdf5.put_arrays(part, ERROR_NORMS, sizes, vars(stated))
         hdf5.put_each(part, "outputs", ALIKE["outputs"], stated.outputs, sizes)
+        put_misread(part, stated.readings, sizes)
     if run.tolerance is not None:
         part = h5.create_group("tolerance", track_order=True)
         hdf5.put_text(part, outputs="\n".join(run.tolerance.outputs))
@@ -230,7 +234,9 @@ def _take(h5: h5py.File) -> Trajectory:
         readings=readings,
         bodies=take_bodies(groups["bodies"], sizes),
         touched=take_contact(arrays, sizes["N"]),
-        errors={kind: _take_errors(hdf5.get_group(groups["errors"], kind), sizes) for kind in groups["errors"]},
+        errors={
+            kind: _take_errors(hdf5.get_group(groups["errors"], kind), readings, sizes) for kind in groups["errors"]
+        },
         tolerance=_take_tolerance(hdf5.get_group(h5, "tolerance")) if "tolerance" in h5 else None,
         **alike,
         **arrays,
@@ -254,11 +260,13 @@ def _dimensions(shape: str) -> dict[str, Entry]:
     return {name: Entry(*of) for name, of in dimensions_of(shape).items()}
 
 
-def _take_errors(group: h5py.Group, sizes: Sizes) -> ErrorSeries:
+def _take_errors(group: h5py.Group, readings: Mapping[str, ReadingSeries], sizes: Sizes) -> ErrorSeries:
     check_known("kind of error", group.name.rpartition("/")[2], ERROR_KINDS, FileError)
-    norms = hdf5.get_record(group, ERROR_NORMS, sizes, ("outputs",))
+    norms = hdf5.get_record(group, ERROR_NORMS, sizes, ("outputs", "readings"))
     outputs = hdf5.get_each(hdf5.get_group(group, "outputs"), ALIKE["outputs"], sizes)
-    return ErrorSeries(hdf5.get_text(group, "why"), outputs=outputs, **norms)
+    return ErrorSeries(
+        hdf5.get_text(group, "why"), outputs=outputs, **norms, readings=take_misread(group, readings, sizes)
+    )
 
 
 def _take_tolerance(group: h5py.Group) -> ErrorTolerance:

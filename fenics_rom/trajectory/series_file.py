@@ -1,5 +1,7 @@
 """Inputs and readings in a run file: the groups `inputs` and `readings`, described in trajectory.file."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import h5py
@@ -73,6 +75,33 @@ def take_series(h5: h5py.File, sizes: Sizes) -> tuple[dict[str, Series], dict[st
             arrays["taxels"] = TaxelMap(**taxels)
         reading_series[name] = ReadingSeries(quantity, **arrays)
     return input_series, reading_series
+
+
+def put_misread(group: h5py.Group, misread: Mapping[str, ReadingSeries], sizes: Sizes) -> None:
+    """Writes errors of readings into a group `readings`, if there are some."""
+    if misread:
+        part = group.create_group("readings", track_order=True)
+        tables = {name: _reading_table(of.quantity)["values"] for name, of in misread.items()}
+        for name, of in misread.items():
+            put_arrays(part, {name: tables[name]}, {"S": sizes["S"]}, {name: of.values})
+
+
+def take_misread(group: h5py.Group, readings: Mapping[str, ReadingSeries], sizes: Sizes) -> dict[str, ReadingSeries]:
+    """Reads errors of readings of the run.
+
+    Raises:
+        FileError: of another reading, or an array that does not fit.
+    """
+    part: Any = get_group(group, "readings") if "readings" in group else {}
+    found: dict[str, ReadingSeries] = {}
+    for name in part:
+        check_known("reading", name, readings, FileError, f"{group.name}: ")
+        entry = _reading_table(readings[name].quantity)["values"]
+        arrays: Any = get_arrays(part, {name: entry}, {"S": sizes["S"]}, tuple(part))
+        if arrays[name].shape != readings[name].values.shape:
+            raise FileError(f"{part.name}/{name}: of shape {arrays[name].shape}, and the reading of another")
+        found[name] = replace(readings[name], values=arrays[name])
+    return found
 
 
 def _input_entry(unit: str) -> Entry:

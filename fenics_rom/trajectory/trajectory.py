@@ -386,7 +386,7 @@ class TrajectoryRecorder:
             touched=self._touched.kept,
             inputs=input_series(self._contact, self._inputs, *self._input_columns, self._loads, self._units),
             readings=readings,
-            errors=error_series(self._why, series),
+            errors=error_series(self._why, series, readings),
             **frame,
             **series,
         )

@@ -6,11 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from pads import RUBS, UP, L, pad_scene
 
 import fenics_rom as fr
+from fenics_rom.cli.display import print_trajectory
 from fenics_rom.errors import StepError
 from fenics_rom.fem.simulator import FullOrderSimulator
+from fenics_rom.visualization.plots.runs import run_panels
+from fenics_rom.visualization.viewer.live_page import error_words
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 FRICTION, FOUND = 0.4, 1e-9  # of velocities that contact stops, to which its forces are found
@@ -47,12 +51,17 @@ def system_of(folder, points="nodes", frame="fixed", **parts):
 
 @pytest.fixture(scope="module")
 def system(tmp_path_factory):
-    return system_of(tmp_path_factory.mktemp("touch"))
+    return system_of(tmp_path_factory.mktemp("touch"), run=f"dt = {DT}\nduration = {DT * STEPS}\nload = []")
 
 
 @pytest.fixture(scope="module")
 def rom(system):
     return fr.reduce(system, order=10)
+
+
+@pytest.fixture(scope="module")
+def finer(system):
+    return fr.reduce(system, order=40)
 
 
 def check_forces(body, reading, places, origin):
@@ -191,6 +200,46 @@ def test_bodies_of_a_batch_feel_what_single_ones_do_with_noise_of_their_own(rom)
     assert (noisy[0] != noisy[1]).all()
     copied = pickle.loads(pickle.dumps(bodies))
     np.testing.assert_array_equal(copied.touch("noisy").force, noisy)
+
+
+def test_errors_of_what_is_felt_are_estimated_beside_a_finer_rom(system, rom, finer, tmp_path, capsys):
+    """Of force, torque, centre, area and taxels, at order 10 as at 40; its run, file, print and plots have them."""
+    run = fr.simulate(rom, signals=SIGNALS, finer=finer)
+    true, felt = fr.simulate(system, signals=SIGNALS).readings["pad"].touch, run.readings["pad"].touch
+    told = run.errors["estimate"].readings["pad"].touch
+    for part in ("force", "torque", "centre", "normal_force", "area", "pressures"):
+        off, stated = (np.abs(of).max() for of in (getattr(true, part) - getattr(felt, part), getattr(told, part)))
+        assert off > 0.01 * np.abs(getattr(true, part)).max(), part
+        assert 0.67 < stated / off < 1.5, part
+    bodies, single = (
+        fr.Batch(rom, 2, DT, signals=SIGNALS, finer=finer),
+        fr.Simulator(rom, DT, finer=finer),
+    )
+    single.set_signal("pin", pin)  # of both
+    for _ in range(STEPS):
+        bodies.step(np.zeros(bodies.inputs))
+        single.step()
+    np.testing.assert_array_equal(bodies.error_estimate.touch("pad").force, [told.force[-1]] * 2)
+    np.testing.assert_array_equal(single.error_estimate.touch("noisy").force, told.force[-1])  # as felt, without noise
+    np.testing.assert_array_equal(
+        single.error_estimate.reading("pad"), run.errors["estimate"].readings["pad"].values[-1]
+    )
+    fr.write_trajectory(tmp_path / "run.h5", run)
+    again = fr.read_trajectory(tmp_path / "run.h5")
+    np.testing.assert_array_equal(again.errors["estimate"].readings["late"].touch.area, told.area)
+    print_trajectory(again, tmp_path / "run.h5")
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"error of pad, estimate {np.linalg.norm(told.force, axis=1).max():.3g} N" in said
+    assert error_words(single.stated_errors)[0].count(" N") == 3
+    reading = run_panels({"run": run})["reading_pad"]
+    reading(figure := Figure())
+    assert "± estimate" in figure.axes[0].get_legend_handles_labels()[1]
+
+
+def test_errors_of_what_is_felt_are_told_beside_a_finer_rom_alone(system):
+    body = fr.Simulator(fr.reduce(system, order=6, errors=True), DT, signals=SIGNALS)
+    with pytest.raises(StepError, match="reading 'pad': errors of readings are differences to a finer ROM beside"):
+        body.error_estimate.touch("pad")
 
 
 def test_what_is_no_sense_of_touch_is_refused(rom):

@@ -11,7 +11,7 @@ from fenics_rom.io.units import prefixed
 from fenics_rom.mechanics.base_path import with_nearest_signs
 from fenics_rom.mechanics.readings import COMPONENTS, READING_WORDS
 from fenics_rom.mechanics.touch import TOUCH
-from fenics_rom.trajectory.series import FRAME_SERIES
+from fenics_rom.trajectory.series import FRAME_SERIES, ReadingSeries
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.figure import Panel
 from fenics_rom.visualization.plots.contact import contact_panels
@@ -140,21 +140,30 @@ def _draw_frame(figure: Any, runs: Runs, name: str) -> None:
 
 
 def _draw_reading(figure: Any, runs: Runs, name: str) -> None:
-    """A reading; of strain the largest principal one at each place; of a marker, stress and touch's force all."""
+    """A reading; of strain the largest principal one at each place; of a marker, stress and touch's force all.
+
+    With bands of what a run states of its error.
+    """
     shown = {label: run for label, run in runs.items() if name in run.readings}
     readings = [run.readings[name] for run in shown.values()]
     components: Sequence[str] = {"marker": "xyz", "stress": COMPONENTS, TOUCH: "xyz"}.get(readings[0].quantity, "")
-    values = [
-        reading.by_point
-        if reading.quantity == TOUCH
-        else reading.values.reshape(len(reading.values), -1, reading.values.shape[-1])[:, :, : len(components)]
-        if components
-        else reading.sizes.reshape(len(reading.values), -1, 1)
-        for reading in readings
+
+    def drawn(reading: ReadingSeries) -> Array:
+        if reading.quantity == TOUCH:
+            return reading.by_point
+        values, count = reading.values, len(reading.values)
+        if components:
+            return values.reshape(count, -1, values.shape[-1])[:, :, : len(components)]
+        return reading.sizes.reshape(count, -1, 1)
+
+    values = [drawn(reading) for reading in readings]
+    bands = [
+        {kind: drawn(of.readings[name]) for kind, of in run.errors.items() if name in of.readings}
+        for run in shown.values()
     ]
     words = READING_WORDS[readings[0].quantity] if components else readings[0].words
     words = "force" if readings[0].quantity == TOUCH else words
-    _draw_values(figure, shown, values, readings[0].unit, components, words, f"reading {name}")
+    _draw_values(figure, shown, values, readings[0].unit, components, words, f"reading {name}", bands)
 
 
 def _draw_values(

@@ -36,12 +36,18 @@ if TYPE_CHECKING:
 
 
 def error_words(stated: "Mapping[str, StatedError]") -> list[str]:
-    """What a body states of its error, a line for each kind: in the energy norm, and the largest of each output."""
-    return [
-        f"error, {kind}: {of.norm:.2g} J^½"
-        + "".join(f" · {name} {with_unit(float(np.abs(of.output(name)).max()), 'm')}" for name in of.names)
-        for kind, of in stated.items()
-    ]
+    """What a body states of its error, a line for each kind: in the energy norm, and the largest of each output.
+
+    Of a sense of touch that of its force.
+    """
+    lines = []
+    for kind, of in stated.items():
+        parts = [] if of.norm is None else [f"{of.norm:.2g} J^½"]
+        parts += [f"{name} {with_unit(float(np.abs(of.output(name)).max()), 'm')}" for name in of.names]
+        felt = [name for name, reading in of.sensed.items() if reading.quantity == TOUCH]
+        parts += [f"{name} {with_unit(float(np.linalg.norm(of.touch(name).force)), 'N')}" for name in felt]
+        lines.append(f"error, {kind}: {' · '.join(parts)}")
+    return lines
 
 
 class LivePage(LiveLoop):
