@@ -211,10 +211,7 @@ def test_errors_of_what_is_felt_are_estimated_beside_a_finer_rom(system, rom, fi
         off, stated = (np.abs(of).max() for of in (getattr(true, part) - getattr(felt, part), getattr(told, part)))
         assert off > 0.01 * np.abs(getattr(true, part)).max(), part
         assert 0.67 < stated / off < 1.5, part
-    bodies, single = (
-        fr.Batch(rom, 2, DT, signals=SIGNALS, finer=finer),
-        fr.Simulator(rom, DT, finer=finer),
-    )
+    bodies, single = (fr.Batch(rom, 2, DT, signals=SIGNALS, finer=finer), fr.Simulator(rom, DT, finer=finer))
     single.set_signal("pin", pin)  # of both
     for _ in range(STEPS):
         bodies.step(np.zeros(bodies.inputs))
