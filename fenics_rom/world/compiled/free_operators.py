@@ -170,6 +170,8 @@ def _mean_rows(points: Points, pushes: Pushes) -> tuple[Array, Array]:
     (k, wide), m = pushes.nodes.shape, len(points.rows)
     size = 3 * k if len(points.R) else 0
     rows, C = np.zeros((m, 3 * k)), np.zeros((size, size))
+    columns, used = _columns_of(pushes, len(points.rest))
+    once, whole = np.zeros((size, 3 * len(used))), points.times[WHOLE]  # Q R, of the nodes that carry what is pushed
     for i in range(k):
         for a in range(wide):
             if pushes.weights[i, a] == 0.0:
@@ -177,17 +179,40 @@ def _mean_rows(points: Points, pushes: Pushes) -> tuple[Array, Array]:
             Q, at = _map_of(pushes, i, a), 3 * pushes.nodes[i, a]
             for j in range(m):
                 put(rows[j], 3 * i, added(vector(rows[j], 3 * i), 1.0, rotated(Q, vector(points.rows[j], at))))
-            for j in range(k if size else 0):
-                for b in range(wide):
-                    if pushes.weights[j, b] == 0.0:
-                        continue
-                    T, to, whole = _map_of(pushes, j, b), 3 * pushes.nodes[j, b], points.times[WHOLE]
-                    for d in range(3):  # Q R Tᵀ, column by column
-                        x = dot(T[d], vector(points.R[at], to)) / whole
-                        y = dot(T[d], vector(points.R[at + 1], to)) / whole
-                        z = dot(T[d], vector(points.R[at + 2], to)) / whole
-                        _add_column(C[3 * i : 3 * i + 3], 3 * j + d, 1.0, rotated(Q, (x, y, z)))
+            for d in range(3 if size else 0):
+                for e in range(3):
+                    if Q[d][e] != 0.0:
+                        _add_columns(once[3 * i + d], Q[d][e], points.R[at + e], used)
+    for j in range(k if size else 0):
+        for b in range(wide):
+            if pushes.weights[j, b] == 0.0:
+                continue
+            T, to = _map_of(pushes, j, b), 3 * columns[pushes.nodes[j, b]]
+            for row in range(size):
+                put(C[row], 3 * j, added(vector(C[row], 3 * j), 1 / whole, rotated(T, vector(once[row], to))))
     return rows, C
+
+
+@jit_part
+def _columns_of(pushes: Pushes, count: int) -> tuple[Array, Array]:
+    """Which of so many nodes carry what is pushed, and where each of these is among them, (count,)."""
+    columns = np.full(count, -1)
+    for i in range(len(pushes.nodes)):
+        for a in range(pushes.nodes.shape[1]):
+            if pushes.weights[i, a] != 0.0:
+                columns[pushes.nodes[i, a]] = 0
+    used = np.flatnonzero(columns == 0)
+    for u in range(len(used)):
+        columns[used[u]] = u
+    return columns, used
+
+
+@jit_part
+def _add_columns(to: Array, factor: float, row: Array, used: Array) -> None:
+    """Adds what a row has for some nodes."""
+    for u in range(len(used)):
+        for d in range(3):
+            to[3 * u + d] += factor * row[3 * used[u] + d]
 
 
 @jit_part
