@@ -60,7 +60,7 @@ class Certificate:
         finer, halved: (k, 3) of the runs that tell errors, at `compared`: with finer models, and with half of the step.
         limits: of the region, if it was named.
         roms: models of the soft bodies.
-        warnings: of the runs, each once.
+        warnings: which errors are estimates, and those of the runs, each once.
 
     Example:
         >>> fr.read_certificate("impact.json").findings["force"].is_kept  # doctest: +SKIP

@@ -54,7 +54,7 @@ def certify(scene: WorldScene, *, runs_file: Path | None = None, report: Report 
     if table.region is not None:
         limits = read_limits(table.region, EXAMPLES if table.limits is None else scene.folder / table.limits)
     dimension = len(parameters_of(table.ranges))
-    roms, finer = models_of(scene, report)
+    roms, finer, notes = models_of(scene, report)
     strikes = Strikes(scene, roms, run.dt, runs_file)
 
     def values(point: Array) -> Array:
@@ -81,7 +81,8 @@ def certify(scene: WorldScene, *, runs_file: Path | None = None, report: Report 
             compared.append(each(points[row]))
     report("errors", 2 * len(rows), 2 * len(rows))
     of_finer, halved = np.array(compared).reshape(2, len(rows), -1)
-    return Certificate(scene, cover, at_corners, of_finer, halved, limits, roms, strikes.warnings)
+    told = (*notes, *strikes.warnings)
+    return Certificate(scene, cover, at_corners, of_finer, halved, limits, roms, told)
 
 
 class Strikes:

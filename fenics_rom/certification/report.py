@@ -4,7 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fenics_rom.certification.certificate import Certificate
+import numpy as np
+
+from fenics_rom.certification.certificate import MOST_CORNERS, Certificate
 from fenics_rom.certification.certify import Strikes
 from fenics_rom.certification.impacts import QUANTITIES
 from fenics_rom.certification.search import SAFETY
@@ -37,11 +39,22 @@ def coverage_lines(certificate: Certificate) -> list[str]:
     return [
         *(f"{each.name}: {each.low:g} to {each.high:g} {each.unit}" for each in certificate.parameters),
         f"{len(certificate.peaks)} runs: {len(cover.middles)} boxes cover all of these ranges, the narrowest "
-        f"{cover.widths.min():.2g} of a range; {len(certificate.corners)} corners.",
+        f"{cover.widths.min():.2g} of a range; {_corners(certificate)}.",
         f"The bound holds if nothing changes faster than {SAFETY:g} times what was seen between neighbouring runs.",
         f"Errors are the largest of {len(certificate.compared)} runs, with finer models and with half of the "
         "step. Both are added to the bound.",
     ]
+
+
+def _corners(certificate: Certificate) -> str:
+    """How many of the ranges' corners were run."""
+    count = len(certificate.parameters)
+    if count <= MOST_CORNERS:
+        return f"all {len(certificate.corners)} corners"
+    return (
+        f"none of the {2**count} corners, as of more than {MOST_CORNERS} ranges these are too many: there, where the "
+        "worst often is, the bound rests on the slopes alone"
+    )
 
 
 def check_report(file: Path) -> None:
@@ -65,13 +78,24 @@ def write_report(file: Path, certificate: Certificate) -> None:
         figure = figure_class()(figsize=PAGE)
         _draw_words(figure, certificate)
         _draw_time(figure.add_axes((0.1, 0.42, 0.83, 0.15)), certificate)
-        shown = range(min(MOST_PANELS, len(certificate.parameters)))
+        shown = _shown(certificate)
         width = 0.83 / len(shown)
-        for k in shown:
-            axes = figure.add_axes((0.1 + k * width, 0.1, 0.8 * width, 0.24))
+        for panel, k in enumerate(shown):
+            axes = figure.add_axes((0.1 + panel * width, 0.1, 0.8 * width, 0.24))
             _draw_parameter(axes, certificate, k)
-            axes.set_ylabel("largest force (N)" if k == 0 else "")
+            axes.set_ylabel("largest force (N)" if panel == 0 else "")
+            if panel == 0:
+                axes.legend(loc="lower right")
+        if len(shown) < len(certificate.parameters):
+            said = f"The {len(shown)} of {len(certificate.parameters)} ranges along which the force changes most."
+            figure.text(0.1, 0.05, said, fontsize=7.5)
         write_figure(figure, file, dpi=150)
+
+
+def _shown(certificate: Certificate) -> list[int]:
+    """Parameters that are drawn, in their order: those along which the force changes most."""
+    slopes = certificate.cover.slopes[:, 0]
+    return sorted(np.argsort(-slopes, kind="stable")[:MOST_PANELS].tolist())
 
 
 def _draw_words(figure: Any, certificate: Certificate) -> None:
@@ -88,7 +112,8 @@ def _draw_words(figure: Any, certificate: Certificate) -> None:
     drawn.auto_set_font_size(False)
     drawn.set_fontsize(7.5)
     drawn.scale(1, 1.6)
-    lines = [*coverage_lines(certificate), *(f"Told by runs: {text}" for text in certificate.warnings)]
+    said, ranges = coverage_lines(certificate), len(certificate.parameters)
+    lines = ["; ".join(said[:ranges]), *said[ranges:], *(f"Told: {text}" for text in certificate.warnings)]
     figure.text(0.08, 0.775, "\n".join(_wrapped(lines)), fontsize=7.5, va="top", linespacing=1.5)
 
 
@@ -119,5 +144,3 @@ def _draw_parameter(axes: Any, certificate: Certificate, k: int) -> None:
     if found.limit is not None and found.limit < 3 * found.certified:
         axes.axhline(found.limit, color="black", linestyle="--", label=f"limit: {found.limit:.3g} N")
     axes.set(xlabel=f"{parameter.name} ({parameter.unit})", ylim=(0, None))
-    if k == 0:
-        axes.legend(loc="lower right")

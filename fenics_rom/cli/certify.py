@@ -10,7 +10,10 @@ from fenics_rom.errors import FileError
 from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.scene.world_file import files_of_world
 
-SUMMARY = "search the worst impacts of a world over the ranges of its [certificate]"
+SUMMARY = (
+    "search the worst impacts of a world over the ranges of its [certificate]; exit status 3 where a limit is exceeded"
+)
+EXCEEDED = 3  # exit status
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -23,8 +26,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--resume", action="store_true", help="go on from the runs that an interrupted search left")
 
 
-def run(choice: argparse.Namespace) -> None:
-    """Searches, and writes page and numbers."""
+def run(choice: argparse.Namespace) -> int:
+    """Searches, and writes page and numbers; the exit status."""
     from fenics_rom.certification.certify import certify
     from fenics_rom.certification.file import model_files, write_certificate
     from fenics_rom.certification.report import HEADING, check_report, coverage_lines, finding_rows, write_report
@@ -54,3 +57,4 @@ def run(choice: argparse.Namespace) -> None:
     print_table(f"impacts of {world.file.name}", HEADING, finding_rows(certificate))
     print(*(f"  {line}" for line in coverage_lines(certificate)), sep="\n")
     print_lines({"written": ", ".join(map(str, [choice.output, *files]))}, tuple(certificate.warnings))
+    return EXCEEDED if certificate.is_kept is False else 0

@@ -3,9 +3,13 @@
 import argparse
 from pathlib import Path
 
+from fenics_rom.cli.certify import EXCEEDED
 from fenics_rom.cli.display import print_table, progress
 
-SUMMARY = "verify a certificate of impact from its numbers and models, and run the worst impacts again"
+SUMMARY = (
+    "verify a certificate of impact from its numbers and models, and run the worst impacts again; exit status 3 where "
+    "a limit is exceeded"
+)
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -16,8 +20,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     )
 
 
-def run(choice: argparse.Namespace) -> None:
-    """Checks; what does not fit ends it with an error."""
+def run(choice: argparse.Namespace) -> int:
+    """Checks; what does not fit ends it with an error. The exit status."""
     from fenics_rom.certification.file import check_certificate
     from fenics_rom.certification.report import HEADING, coverage_lines, finding_rows
 
@@ -28,3 +32,4 @@ def run(choice: argparse.Namespace) -> None:
     print_table(f"impacts of {certificate.scene.file.name}", HEADING, finding_rows(certificate))
     print(*(f"  {line}" for line in coverage_lines(certificate)), sep="\n")
     print(f"  {choice.certificate}: holds; its seal, models and conclusions fit, and the worst runs were run again")
+    return EXCEEDED if certificate.is_kept is False else 0

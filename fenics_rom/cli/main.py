@@ -1,4 +1,7 @@
-"""The command line: `fenics-rom COMMAND ...`. Exit status 0 done, 1 could not be done, 2 wrong usage."""
+"""The command line: `fenics-rom COMMAND ...`.
+
+Exit status: 0 done, 1 could not be done, 2 wrong usage, 3 a limit is exceeded.
+"""
 
 import argparse
 import io
@@ -67,7 +70,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     try:
         rich_package()  # before long work, not after it
         petsc_options.set_petsc_options(petsc)
-        choice.run(choice)
+        status = choice.run(choice) or 0  # those that only do or fail give none
         petsc_options.print_unread(petsc)
         sys.stdout.flush()
     except FenicsRomError as error:
@@ -78,6 +81,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         _give_up("interrupted")
     except BrokenPipeError:  # whoever read the output has seen enough
         _drop_output()
+        status = 0
     except OSError as error:
         _drop_output()
         _give_up(str(error))
@@ -86,7 +90,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             _give_up(f"PETSc: {error}")
         traceback.print_exc()
         _end(1)
-    sys.exit(0)
+    sys.exit(status)
 
 
 def _give_up(reason: str) -> NoReturn:

@@ -10,13 +10,17 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
+from fenics_rom.certification import report
 from fenics_rom.certification.certify import Strikes, certify
 from fenics_rom.certification.impacts import QUANTITIES, Impact, check_end
 from fenics_rom.certification.limits import read_limits
-from fenics_rom.certification.ranges import file_at, parameters_of
+from fenics_rom.certification.models import models_of
+from fenics_rom.certification.report import coverage_lines, write_report
+from fenics_rom.certification.search import search
 from fenics_rom.cli.main import main
 from fenics_rom.errors import DataError, FileError, SceneError
-from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix
+from fenics_rom.io.progress import silent
+from fenics_rom.scene.certificate_format import BodyRanges
 from fenics_rom.scene.world_file import files_of_world
 
 MESHES = Path(__file__).parents[2] / "meshes"
@@ -235,90 +239,52 @@ def test_the_commands(folder, tmp_path, capsys):
         assert said in capsys.readouterr().err
 
 
-GROUP = """
-[bodies.tool]
-shape = "box"
-size = [0.1, 0.1, 0.1]
-mass = 1.0
-position = [0.0, 0.0, 0.5]
-[bodies.handle]
-shape = "box"
-size = [0.1, 0.1, 0.1]
-mass = 2.0
-position = [0.2, 0.0, 0.5]
-[bodies.hand]
-scene = "hand.toml"
-[[joints]]
-kind = "weld"
-first = "tool"
-second = "handle"
-point = [0.1, 0.0, 0.5]
-[certificate]
-body = "hand"
-by = ["tool"]
-[certificate.ranges.tool]
-position = [[0.0, 0.0, 0.5], [0.0, 0.0, 0.7]]
-rotation = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-velocity = [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0]]
-spin = [[0.0, 0.0, 2.0], [0.0, 0.0, 2.0]]
-[run]
-dt = 1e-3
-duration = 0.1
-"""
+def test_limits_that_are_exceeded_are_an_exit_status(certificate, tmp_path, monkeypatch, capsys):
+    mine = tmp_path / "mine.csv"
+    mine.write_text("region,force_N,pressure_N_per_cm2,energy_J,source\nhands and fingers,1,,,me\n")
+    scene = certificate.scene
+    table = replace(scene.file.certificate, limits=str(mine))
+    raw = {**scene.raw, "certificate": {**scene.raw["certificate"], "limits": str(mine)}}
+    scene = replace(scene, raw=raw, file=replace(scene.file, certificate=table))
+    exceeded = replace(certificate, scene=scene, limits=read_limits("hands and fingers", mine))
+    monkeypatch.setattr("fenics_rom.certification.certify.certify", lambda *_, runs_file, **__: exceeded)
+    numbers, page = tmp_path / "impact.json", tmp_path / "impact.png"
+    page.with_name("impact.png.runs").write_text("")
+    words = ["certify", str(certificate.scene.source), "-o", str(page), "--json", str(numbers), "--resume"]
+    for command in words, ["check", str(numbers), "--runs", "0"]:
+        with pytest.raises(SystemExit) as ended:
+            main(command)
+        assert ended.value.code == 3
+        assert "EXCEEDED" in capsys.readouterr().out
 
 
-def read(tmp_path, text):
-    (tmp_path / "world.toml").write_text(text)
-    return fr.read_world(tmp_path / "world.toml")
+def test_what_of_many_ranges_is_run_and_drawn_is_said(certificate, tmp_path, monkeypatch):
+    drawn, draw = [], report._draw_parameter
+    monkeypatch.setattr(report, "_draw_parameter", lambda *each: (drawn.append(each[-1]), draw(*each)))
+    write_report(tmp_path / "two.png", certificate)
+    assert drawn == [0, 1]
+    assert f"all {len(certificate.corners)} corners" in " ".join(coverage_lines(certificate))
+    ranges = {"ball": BodyRanges(mass=(0.1, 0.2), position=((0.0,) * 3, (1.0,) * 3), spin=((0.0,) * 3, (1.0,) * 3))}
+    table = replace(certificate.scene.file.certificate, ranges=ranges)
+    scene = replace(certificate.scene, file=replace(certificate.scene.file, certificate=table))
+    steep = np.array([1.0, 7.0, 2.0, 6.0, 3.0, 5.0, 4.0])
+    cover = search(lambda point: np.full(3, 9.0 + steep @ point), 7, 10.0, 100)
+    many = replace(certificate, scene=scene, cover=cover, corners=np.empty((0, 3)))
+    assert "none of the 128 corners, as of more than 6" in " ".join(coverage_lines(many))
+    drawn.clear()
+    monkeypatch.setattr(report, "_draw_time", lambda *_: None)
+    write_report(tmp_path / "seven.png", many)
+    assert drawn == [1, 3, 5, 6]
 
 
-def test_what_is_joined_moves_as_one(tmp_path):
-    scene = read(tmp_path, GROUP)
-    assert [each.name for each in parameters_of(scene.file.certificate.ranges)] == [
-        "tool.position.z",
-        "tool.rotation.z",
-    ]
-    file = file_at(scene.file, np.array([0.5, 1.0]))
-    tool, handle = file.bodies["tool"], file.bodies["handle"]
-    assert tool.position == pytest.approx((0, 0, 0.6))
-    assert handle.position == pytest.approx((0.2 * np.cos(1), 0.2 * np.sin(1), 0.6))
-    assert file.joints[0].point == pytest.approx((0.1 * np.cos(1), 0.1 * np.sin(1), 0.6))
-    turned = rotation_matrix(quaternion_of_vector(handle.rotation))
-    np.testing.assert_allclose(turned @ [1, 0, 0], [np.cos(1), np.sin(1), 0], atol=1e-15)
-    assert tool.velocity == (0, 0, -1)
-    assert handle.velocity == pytest.approx((-0.4 * np.sin(1), 0.4 * np.cos(1), -1))
-    assert handle.spin == (0, 0, 2)
-    assert file.bodies["hand"] == scene.file.bodies["hand"]
-
-
-def test_what_the_world_holds_turns_about_its_joint(tmp_path):
-    hinge = '[[joints]]\nkind = "hinge"\nfirst = "handle"\npoint = [1.0, 0.0, 0.5]\naxis = [0.0, 0.0, 1.0]\n'
-    text = GROUP.replace("[certificate]", hinge + "[certificate]")
-    text = re.sub(r"(position|velocity) = \[\[.*\n", "", text)
-    file = file_at(read(tmp_path, text).file, np.array([1.0]))
-    assert file.bodies["tool"].position == pytest.approx((1 - np.cos(1), -np.sin(1), 0.5))
-    assert file.bodies["tool"].velocity == pytest.approx((2 * np.sin(1), -2 * np.cos(1), 0))
-    assert file.joints[1].point == pytest.approx((1, 0, 0.5))
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ('body = "hand"', 'body = "hans"', "certificate.body: no body 'hans'"),
-        ('by = ["tool"]', 'by = ["hand"]', "is joined to 'hand', or is it"),
-        ('by = ["tool"]', 'by = ["tool"]\nlimits = "mine.csv"', "has no effect without the region"),
-        ("velocity = [[0.0, 0.0, -1.0]", "velocity = [[0.0, 0.0, 1.0]", "from 1 to -1: allowed is upwards"),
-        ("[certificate.ranges.tool]", "[certificate.ranges.tool]\npace = [1, 2]", "allowed for a body with a path"),
-        ("[run]\ndt = 1e-3\nduration = 0.1\n", "", "its runs are as long as"),
-        ("[run]", "[certificate.ranges.handle]\nspin = [[0,0,0],[0,0,1]]\n[run]", "is joined to"),
-        ("[certificate.ranges.tool]", "[certificate.ranges.toll]", "no body 'toll'; .* did you mean 'tool'"),
-        ("[run]", "[certificate.ranges.hand]\nmass = [1, 2]\n[run]", "hand.mass: allowed for a rigid body"),
-        ('scene = "hand.toml"', 'shape = "sphere"\nradius = 0.1', "'tool' and 'hand' are rigid: their force grows"),
-    ],
-)
-def test_what_cannot_be_certified_is_said(tmp_path, old, new, said):
-    with pytest.raises(SceneError, match=said):
-        read(tmp_path, GROUP.replace(old, new))
+def test_models_of_many_modes_are_not_made(folder, certificate, monkeypatch):
+    assert not certificate.warnings
+    monkeypatch.setattr("fenics_rom.certification.models.MOST_MODES", 15)
+    reduced, finer, notes = models_of(fr.read_world(folder / "drop.toml"), silent)
+    orders = [{mode.order for mode in roms["pad"].contact_models.values()} for roms in (reduced, finer)]
+    assert orders == [{10}, {20}]
+    assert "the reduction of 'pad' is an estimate, by twice its order (10): of its " in notes[0]
+    assert "more than 15 are too many" in notes[0]
 
 
 def test_limits(tmp_path):
