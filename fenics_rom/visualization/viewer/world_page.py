@@ -14,7 +14,7 @@ from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.rom.rom import Rom
 from fenics_rom.trajectory.elastic_part import elastic_part
-from fenics_rom.trajectory.series import reading_series
+from fenics_rom.trajectory.series import ReadingSeries, reading_series
 from fenics_rom.visualization.contact_surface import divide_contact_triangles
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.viewer.coloured_body import hide_what_is_behind
@@ -30,7 +30,15 @@ from fenics_rom.visualization.viewer.drawing import (
 from fenics_rom.visualization.viewer.live_loop import LiveLoop
 from fenics_rom.visualization.viewer.live_world import LiveWorld
 from fenics_rom.visualization.viewer.mouse_spring import closest_point
-from fenics_rom.visualization.viewer.surface import CONTACT_PRESSURE, UNITS, Surface, reading_words, surface_fields
+from fenics_rom.visualization.viewer.surface import (
+    CONTACT_PRESSURE,
+    READING,
+    UNITS,
+    Surface,
+    reading_fields,
+    reading_words,
+    surface_fields,
+)
 from fenics_rom.world.records import RigidBody
 from fenics_rom.world.shapes import HalfSpace
 from fenics_rom.world.world import World
@@ -61,7 +69,9 @@ class WorldPage(LiveLoop):
         set_camera_and_light(server, self.scale * (middle + ROOM * (places - middle)))
         self._covers = Covers(self._rigid.values())
         are_touched = any(body.is_touched for body in self._soft.values())
-        fields = [*list(UNITS)[:3], *([CONTACT_PRESSURE] if are_touched else [])] if self._soft else []
+        readings = {what: of.unit for body in self._soft.values() for what, (_, of) in body.readings.items()}
+        self._units = {**UNITS, **readings}
+        fields = [*list(UNITS)[:3], *([CONTACT_PRESSURE] if are_touched else []), *readings] if self._soft else []
         self._add_widgets(viser, server.gui, name, {}, fields)
 
     def _add_rigid(self, scene: Any, name: str, body: RigidBody) -> Any:
@@ -94,9 +104,9 @@ class WorldPage(LiveLoop):
         if not self._soft:
             return
         what = self._field.value
-        self._covers.see_through(what == CONTACT_PRESSURE)
+        self._covers.see_through(what == CONTACT_PRESSURE or what.startswith(READING))
         fields = {name: body.field(what) for name, body in self._soft.items()}
-        largest = self._colours.cover(max(float(values.max()) for values in fields.values()), UNITS[what])
+        largest = self._colours.cover(max(float(values.max()) for values in fields.values()), self._units[what])
         for name, body in self._soft.items():
             body.draw(shapes[name], fields[name], largest, with_traction=what == CONTACT_PRESSURE)
 
@@ -114,14 +124,17 @@ class WorldPage(LiveLoop):
 
     def _felt(self, name: str) -> list[str]:
         """What a body feels, in words."""
-        body = self.live.world.simulator(name)
-        senses = {own: reading for own, reading in body.rom.readings.items() if reading.quantity == TOUCH}
-        felt = {f"{name} - {own}": reading_series(of, body.reading(own)[None]) for own, of in senses.items()}
-        return reading_words(felt, 0)
+        senses = [own for own, of in self.live.roms[name].readings.items() if of.quantity == TOUCH]
+        return reading_words({f"{name} - {own}": self._soft[name].reading(own) for own in senses}, 0)
 
 
 class _SoftBody:
-    """A soft body on the page, whose surface is moved in the world."""
+    """A soft body on the page, whose surface is moved in the world.
+
+    Attributes:
+        readings: names and fields of those that are on the surface, by what they are called among the fields: with
+            their unit, so that those of several bodies that are called the same are shown at once.
+    """
 
     def __init__(self, page: WorldPage, scene: Any, name: str, rom: Rom):
         if not len(rom.triangles):
@@ -129,6 +142,10 @@ class _SoftBody:
         self._live, self._name, self._rom = page.live, name, rom
         self._surface = Surface(rom.nodes, rom.triangles)
         self._fields = surface_fields(self._surface, None)
+        fields = reading_fields(self._surface, {own: self.reading(own) for own in rom.readings})
+        self.readings = {
+            f"{what} ({field.unit})": (what.removeprefix(READING), field) for what, field in fields.items()
+        }
         self._next_picture, scale = page.next_picture, page.scale
         not_seen_through: dict[str, Array] = {}
         self._picture = DrawnBody(
@@ -147,6 +164,10 @@ class _SoftBody:
         """The displacement of all nodes from where the ROM has them, (N, 3), m."""
         return self._live.world.simulator(self._name).node_places() - self._rom.nodes
 
+    def reading(self, name: str) -> ReadingSeries:
+        """One of its own, as it is now."""
+        return reading_series(self._rom.readings[name], self._live.world.simulator(self._name).reading(name)[None])
+
     def _take_hold(self, contact: str, place: Array) -> bool:
         """Of the point of a contact surface that is nearest to a place."""
         nodes, triangles = self._surface.nodes, self._pick_surfaces[contact].triangles
@@ -156,6 +177,11 @@ class _SoftBody:
 
     def field(self, what: str) -> Array:
         """What colours show, at all vertices: of what strains it, and not of where it is."""
+        if what.startswith(READING):
+            if what not in self.readings:
+                return np.zeros(len(self._surface.node_of))
+            name, field = self.readings[what]
+            return field(self.reading(name).on_surface[0])
         if what == CONTACT_PRESSURE:
             simulator = self._live.world.simulator(self._name)
             if not self.is_touched:
