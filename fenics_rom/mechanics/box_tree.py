@@ -50,6 +50,21 @@ class BoxTree:
         find_nearest(np.ascontiguousarray(points), self._corners, WIDTH, self._order, *self._in_one_piece, found)
         return found
 
+    @or_numpy
+    def first_crossed(
+        self, starts: Array, ends: Array, limits: tuple[float, float, float], normals: Array, inward: Array
+    ) -> Array | None:
+        """As `TriangleSurface.first_crossed`, by loops; None where they do not run. Arguments as of these."""
+        if not compiled():
+            return None
+        from fenics_rom.mechanics.compiled.nearest_triangles import find_first_crossed  # here, as above
+
+        found, (boxes, levels) = np.empty(len(starts), dtype=np.int64), self._in_one_piece
+        ways = np.ascontiguousarray(starts), np.ascontiguousarray(ends)
+        of_triangles = self._corners, normals, inward
+        find_first_crossed(*ways, limits, *of_triangles, WIDTH, self._order, boxes, levels, found)
+        return found
+
     @cached_property
     def _in_one_piece(self) -> tuple[Array, Array]:
         """Low and high ends (B, 6) of all boxes, level after level, and where each level begins."""

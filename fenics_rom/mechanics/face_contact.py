@@ -26,7 +26,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.body_faces import DEEPEST, BodyFaces, Places
-from fenics_rom.mechanics.complementarity.delassus import Delassus, operator_among, operator_between
+from fenics_rom.mechanics.complementarity.delassus import Delassus
 from fenics_rom.mechanics.contact import Carriers, ContactLaw, ContactSolution, ObstacleMotion, PointMotion, moved_by
 from fenics_rom.mechanics.contact_look import Look, TurningLook
 from fenics_rom.mechanics.contact_pairs import Settled
@@ -301,9 +301,8 @@ class FaceContact(MeshContact):
         known, between = self._face_operator, self._reached
         if known is None or known[0] is not delassus or known[1] is not between or known[2] != key:
             active = chosen.nonzero()[0]
-            nodes, maps = self._moved_by(active)
-            moved = operator_between(*operator_among(delassus, nodes), maps)
-            self._face_operator = known = delassus, between, key, (active, Delassus(moved))
+            found = active, Delassus(self._between(delassus, active))
+            self._face_operator = known = delassus, between, key, found
         return known[3]
 
     def _moved_by(self, pairs: Array) -> tuple[Array, Array]:

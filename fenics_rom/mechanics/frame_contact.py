@@ -181,6 +181,7 @@ def touch(
     steady = np.array_equal(obstacles.velocities(h), obstacles.velocities_before)
     displacement = body.point_displacement()
     near, contact, proximal, least = np.empty(0, dtype=int), None, PROXIMAL, SMALLEST_PROXIMAL
+    is_near = np.zeros(len(displacement), dtype=bool)
     forces, size_before, scale = np.zeros_like(displacement), 0.0, body.scale(x)
     found_all, left = False, 0.0  # from when on the balance alone is solved, and what forces then lacked
 
@@ -204,6 +205,7 @@ def touch(
             near = solver.within_reach(PointMotion(displacement, velocity, moving), h, obstacles)
             if not len(near):
                 return (x if actuated is None else hold(body, x, actuated, z)), None
+            is_near[near] = True
         found, before, z_before, by_actuators = forces, contact, z, 0.0
         if not found_all:
             W = _operator(body, turn, arms, near, proximal)
@@ -216,7 +218,7 @@ def touch(
                 rows = (3 * near[:, None] + np.arange(3)).ravel()
                 moved[rows] = actuated.moved(near, turn, arms[near], held.spread)
                 z, contact = held.solve_with(moved, W, free, forces, z, solved)
-            if contact is not None and len(near) < len(forces) and np.setdiff1d(contact.touched_points, near).size:
+            if contact is not None and len(near) < len(forces) and not is_near[contact.touched_points].all():
                 near, solver.search, contact, z = np.arange(len(forces)), search_before, before, z_before
                 continue  # others are reached, too
             if solver.search.residual != search_before.residual:

@@ -1,7 +1,7 @@
 """What finds contact forces: compiled loops where there are any, else NumPy."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from numpy import ndarray as Array
 
@@ -12,7 +12,10 @@ from fenics_rom.mechanics.obstacles import Obstacle
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.body_faces import BodyFaces
+    from fenics_rom.mechanics.mesh_contact import MeshContact
     from fenics_rom.mechanics.own_surface import OwnSurface
+
+_Mesh = TypeVar("_Mesh", bound="MeshContact")
 
 
 def make_contact_solver(
@@ -26,29 +29,37 @@ def make_contact_solver(
 
     `own`: the surface of the body, if that touches itself; `faces`: of the body, if obstacles meet these, too.
     """
+    given = points, obstacles, law
     if faces is not None:
         from fenics_rom.mechanics.face_contact import FaceAndSelfContact, FaceContact  # here, as few scenes have these
 
-        if own is not None:
-            return FaceAndSelfContact(points, obstacles, law, faces, own)
-        return FaceContact(points, obstacles, law, faces)
+        return _kind(FaceContact)(*given, faces) if own is None else _kind(FaceAndSelfContact)(*given, faces, own)
     if own is not None:
         if compiled() and all(each.is_convex for each in obstacles):
             from fenics_rom.mechanics.compiled_self_contact import CompiledSelfContact  # here, as below
 
-            return CompiledSelfContact(points, obstacles, law, own)
+            return CompiledSelfContact(*given, own)
         from fenics_rom.mechanics.self_contact import SelfContact  # here, as few bodies touch themselves
 
-        return SelfContact(points, obstacles, law, own)
+        return _kind(SelfContact)(*given, own)
     if not all(each.is_convex for each in obstacles):
         from fenics_rom.mechanics.mesh_contact import MeshContact  # here, as few scenes have meshes
 
-        return MeshContact(points, obstacles, law)
+        return _kind(MeshContact)(*given)
     if compiled():
         from fenics_rom.mechanics.compiled.shapes import shape_rows  # here, as numba takes time to import
         from fenics_rom.mechanics.compiled_contact import CompiledContact
 
         shapes = shape_rows(obstacles)
         if shapes is not None:
-            return CompiledContact(points, obstacles, law, shapes)
-    return ContactSolver(points, obstacles, law)
+            return CompiledContact(*given, shapes)
+    return ContactSolver(*given)
+
+
+def _kind(numpy: "type[_Mesh]") -> "type[_Mesh]":
+    """The same, whose forces compiled loops find where there are any."""
+    if not compiled():
+        return numpy
+    from fenics_rom.mechanics.compiled_pairs import by_loops  # here, as numba takes time to import
+
+    return by_loops(numpy)

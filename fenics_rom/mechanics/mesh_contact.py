@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.complementarity.delassus import operator_among, operator_between
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion, moved_by
 from fenics_rom.mechanics.contact_look import Look
 from fenics_rom.mechanics.contact_pairs import Settled
@@ -33,7 +34,10 @@ class MeshContact(ContactSolver):
 
     Attributes:
         obstacles: those that are given, and after them planes of the meshes that may be added in a step.
+        reach: the largest gap, m, with which points of the body may be due to meet one another in a step.
     """
+
+    reach = 0.0
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
         given = tuple(obstacles)
@@ -44,7 +48,9 @@ class MeshContact(ContactSolver):
         self._owner = np.array([*range(len(given)), *added])  # which obstacle each of them is
         self._planes: _Planes | None = None  # of a step
         self._settled: Settled | None = None
+        self._motion: _KnownMotion | None = None  # of all planes, in a step
         self._looked: Look | None = None
+        self._seen_at: tuple[Look, Array, object, object] | None = None  # the last look, and what it is of
 
     def solve(
         self,
@@ -58,8 +64,10 @@ class MeshContact(ContactSolver):
     ) -> ContactSolution | None:
         """As in ContactSolver."""
         if settled is None or settled is not self._settled:
-            self._planes = None
-        motion = self._of_planes(obstacles)
+            self._planes = self._motion = None
+        if self._motion is None:
+            self._motion = _KnownMotion.of(obstacles, self._owner)
+        motion = self._motion
         self._settled = settled
         x, at_start = points.displacement, self._distances(points.displacement, motion.start)
         at_end = at_start if motion.end is motion.start else self._distances(x, motion.end) if motion.turns else None
@@ -67,7 +75,7 @@ class MeshContact(ContactSolver):
         begun = self.search
         while True:
             self.search = begun
-            contact = super().solve(points, delassus, dt, motion, quasi_static, settled, is_patient)
+            contact = self._forces(points, delassus, dt, motion, quasi_static, settled, is_patient)
             if self.law.stiffness is not None or not self._meshes:
                 break  # springs push along the way to the nearest place
             middle = points.free_velocity
@@ -80,20 +88,29 @@ class MeshContact(ContactSolver):
             return None
         obstacle, point = np.divmod(contact.pairs, len(self.points))
         pairs = self._owner[obstacle] * len(self.points) + point
-        return contact._replace(pairs=pairs, obstacle_velocities=obstacles.velocities(dt)[:, :3])
+        return contact._replace(pairs=pairs, obstacle_velocities=motion.velocities(dt)[: len(obstacles.start), :3])
+
+    def _forces(
+        self,
+        points: PointMotion,
+        delassus: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool,
+        settled: Settled | None,
+        is_patient: bool,
+    ) -> ContactSolution | None:
+        """As `solve`, with the planes that there are."""
+        return super().solve(points, delassus, dt, obstacles, quasi_static, settled, is_patient)
 
     def _looked_at(self, displacement: Array, obstacles: ObstacleMotion, dt: float) -> Look:
         """As in ContactSolver."""
-        self._looked = super()._looked_at(displacement, obstacles, dt)
+        known, planes = self._seen_at, self._planes
+        of = displacement, None if planes is None else planes.at_start, obstacles
+        if known is None or any(one is not other for one, other in zip(known[1:], of, strict=True)):
+            self._seen_at = known = super()._looked_at(displacement, obstacles, dt), *of
+        self._looked = known[0]
         return self._looked
-
-    def _of_planes(self, obstacles: ObstacleMotion) -> ObstacleMotion:
-        """How all move of which each plane has its own; the same arrays as long as a step is solved in sweeps."""
-        known = self._planes
-        start, end, before = (of.take(self._owner, axis=0) for of in obstacles)
-        if known is not None:
-            start, end = known.start, known.end
-        return ObstacleMotion(start, start if obstacles.end is obstacles.start else end, before)
 
     def _distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:
         """As in ContactSolver; of planes that are not there gaps are infinite."""
@@ -121,6 +138,11 @@ class MeshContact(ContactSolver):
     def _moved_by(self, pairs: Array) -> tuple[Array, Array]:
         """Points (C, k) that pairs (C,) move with, and what the velocity of each adds to theirs, (C, k, 3, 3)."""
         return pairs[:, None] % len(self.points), np.tile(np.eye(3), (len(pairs), 1, 1, 1))
+
+    def _between(self, delassus: Array, pairs: Array) -> Array:
+        """Relative velocities of pairs (C,) per force of each, (3C, 3C)."""
+        nodes, maps = self._moved_by(pairs)
+        return operator_between(*operator_among(delassus, nodes), maps)
 
     def _add_planes(
         self, middle: Array, points: PointMotion, dt: float, obstacles: ObstacleMotion, quasi_static: bool
@@ -165,6 +187,31 @@ class MeshContact(ContactSolver):
                 known = known._replace(at_end=(later.ravel(), turned.reshape(-1, 3)))
             self._planes = known
         return are_added
+
+
+class _KnownMotion(ObstacleMotion):
+    """How all planes move in a step, which is found once where that is solved in sweeps."""
+
+    _mean: Array | None = None  # velocities
+    _there: tuple[Array, tuple[Array, Array]] | None = None  # places, and velocities of what is there
+
+    @classmethod
+    def of(cls, obstacles: ObstacleMotion, owner: Array) -> "_KnownMotion":
+        """Of planes (any,) of these obstacles."""
+        start, end, before = (of.take(owner, axis=0) for of in obstacles)
+        return cls(start, start if obstacles.end is obstacles.start else end, before)
+
+    def velocities(self, dt: float) -> Array:
+        """As in ObstacleMotion, of one step."""
+        if self._mean is None:
+            self._mean = super().velocities(dt)
+        return self._mean
+
+    def velocities_at(self, places: Array, dt: float) -> tuple[Array, Array]:
+        """As in ObstacleMotion, of one step."""
+        if self._there is None or not np.array_equal(self._there[0], places):
+            self._there = places, super().velocities_at(places, dt)
+        return self._there[1]
 
 
 class _Planes(NamedTuple):

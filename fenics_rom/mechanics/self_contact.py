@@ -19,7 +19,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.complementarity.delassus import Delassus, operator_among, operator_between
+from fenics_rom.mechanics.complementarity.delassus import Delassus
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, Opposite, PointMotion
 from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs
 from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE
@@ -83,10 +83,8 @@ class SelfContact(MeshContact):
 
     Attributes:
         surface: as given.
-        reach: the largest gap, m, with which points of the body may be due to meet one another in a step.
     """
 
-    reach = 0.0
     _last: tuple[Any, Any, Any]  # what the last step began with, and was given
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw, surface: OwnSurface):
@@ -258,11 +256,6 @@ class SelfContact(MeshContact):
             found = active, Delassus(self._between(delassus, active))
             self._pairs_operator = known = delassus, maps, key, found
         return known[3]
-
-    def _between(self, delassus: Array, pairs: Array) -> Array:
-        """Relative velocities of pairs (C,) per force of each, (3C, 3C)."""
-        nodes, maps = self._moved_by(pairs)
-        return operator_between(*operator_among(delassus, nodes), maps)
 
     def _moved_by(self, pairs: Array) -> tuple[Array, Array]:
         """As in MeshContact: with its point, and with three that carry what it meets."""

@@ -251,6 +251,10 @@ class TriangleSurface:
 
     def first_crossed(self, starts: Array, ends: Array) -> Array:
         """Numbers of the triangles that straight ways (P, 3) to (P, 3) go through first, from before them; else -1."""
+        limits = ROUND_OFF * self.size, BESIDE * self.size, OVERLAP
+        found = self._tree.first_crossed(starts, ends, limits, self.normals, self._inward)
+        if found is not None:
+            return found
         way, triangle, before, after = self._met(starts, ends)
         near = ((after < -ROUND_OFF * self.size) & (before >= -BESIDE * self.size)).nonzero()[0]
         way, triangle, before, after = (each[near] for each in (way, triangle, before, after))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from triangle_meshes import ball, blob, groove, plate, prism, room
 
+from fenics_rom.compilation import compiled, numpy_alone
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.obstacles import Box, HalfSpace, Mesh, Sphere
 from fenics_rom.mechanics.triangles import nearest_on_triangles
@@ -126,6 +127,20 @@ def test_ways_go_through_the_first_triangle_that_they_meet():
     crossed = corner.surface.first_crossed(starts, ends)
     np.testing.assert_array_equal(corner.surface.normals[crossed[[0, 1, 3]]], [[1, 0, 0], [0, 0, 1], [1, 0, 0]])
     np.testing.assert_array_equal(crossed[[2, 4]], -1)  # away from it, and from within
+
+
+@pytest.mark.skipif(not compiled(), reason="numba is not installed")
+@pytest.mark.parametrize("length", [0.03, 0.3])
+def test_compiled_ways_go_through_the_same_triangles(length):
+    surface, random = Mesh(*ball()).surface, np.random.default_rng(0)
+    starts = random.normal(size=(400, 3))
+    far = random.uniform(0.95, 1.05, (400, 1)) * np.abs(surface.vertices).max()
+    starts *= far / np.linalg.norm(starts, axis=1)[:, None]
+    ends = starts + length * random.normal(size=(400, 3))
+    found = surface.first_crossed(starts, ends)
+    with numpy_alone():
+        np.testing.assert_array_equal(found, surface.first_crossed(starts, ends))
+    assert np.count_nonzero(found >= 0) > 10
 
 
 def test_points_in_a_corner_meet_all_its_planes():

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from bodies import box_arrays, write_arrays
 from triangle_meshes import groove, write_stl
+from turning import spin
 
 import fenics_rom as fr
+from fenics_rom.compilation import compiled, numpy_alone
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.mesh_contact import MeshContact
 from fenics_rom.scene.file import parse_scene
@@ -111,6 +113,30 @@ def test_a_batch_steps_as_a_simulator_does(held):
         bodies.step(u)
     np.testing.assert_array_equal(bodies.displacement("tip")[1], single.displacement("tip"))
     assert single.contact is not None
+
+
+@pytest.mark.skipif(not compiled(), reason="numba is not installed")
+@pytest.mark.parametrize("kind", ["held", "free, turning"])
+def test_compiled_forces_are_those_of_numpy(held, folder, kind):
+    """Step after step, each from where NumPy alone is."""
+    rom, signals = held[1], None
+    if kind != "held":
+        vee = VEE.replace("0.09, 0.025, -0.012", "0.05, 0.025, -0.02").replace("scale", "motion = {}\nscale")
+        rom = fr.reduce(fr.assemble(scene_of(folder, 'frame = "moving"\n' + FREE, vee)), order=8)
+        signals = {"vee": spin([0.05, 0.025, -0.02], [0.6, 0.0, 0.8], 5.0, 0.01)}
+    body = fr.Simulator(rom, 2e-3, signals=signals)
+    with numpy_alone():
+        other = fr.Simulator(rom, 2e-3, signals=signals)
+    largest, touched = 1e-3, 0
+    for _ in range(60):
+        body.step(np.zeros(body.inputs))
+        with numpy_alone():
+            other.step(np.zeros(body.inputs))
+        largest = max(largest, np.abs(other.contact_forces()).max())
+        np.testing.assert_allclose(body.contact_forces(), other.contact_forces(), rtol=0, atol=1e-8 * largest)
+        touched += other.integrator.contact is not None
+    assert touched > 15
+    np.testing.assert_allclose(body.displacement(), other.displacement(), rtol=0, atol=1e-11)
 
 
 def test_without_inertia_a_bar_lies_in_the_groove_at_once(folder):
