@@ -102,7 +102,7 @@ class BodyFaces:
         if not (len(near) and len(outline.corners)):
             return self._meet(points, outline, np.empty(0, dtype=int))[0]
         corners = points[self.triangles[near]]
-        wide = margin + outline.reach
+        wide = max(margin, depth) + outline.reach
         corner, edge = outline.among(corners.min(axis=(0, 1)) - wide, corners.max(axis=(0, 1)) + wide)
         at, row = near_boxes(outline.corners[corner], Boxes.about(corners.transpose(1, 0, 2)).wider(wide))
         own = len(self.triangles) + np.unique(self._edge_of[near])

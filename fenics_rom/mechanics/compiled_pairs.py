@@ -20,7 +20,6 @@ from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointM
 from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.mesh_contact import MeshContact
-from fenics_rom.mechanics.reach import reach_of
 
 _UNKNOWN, _ONES = in_one_piece(np.empty((0, 0))), np.ones(3)
 _Contact = TypeVar("_Contact", bound=MeshContact)
@@ -74,7 +73,7 @@ class CompiledPairs(MeshContact):
     ) -> _Found | None:
         """Contact of a step, and what the next search begins with; None where loops did not find forces."""
         look, decided = self._looked_at(points.displacement, obstacles, dt), None
-        is_near = look.gaps <= self._due(points, obstacles, dt)
+        is_near = look.gaps <= max(self._due(points, obstacles, dt), self.reach)
         if settled is not None and (decided := settled.decided()) is not None:
             is_near |= decided.chosen
         near, N = is_near.nonzero()[0], len(is_near)
@@ -136,11 +135,6 @@ class CompiledPairs(MeshContact):
         contact = ContactSolution(*told, w, power, surface_velocities=look.surface(active))
         kept = ContactSearch(forces, begun.residual, held=begun.held, slots=begun.slots)
         return contact, kept._replace(swung=None if stopping is None else stopping.swung)
-
-    def _due(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
-        """The largest gap, m, of pairs that may be due; also of springs."""
-        of_obstacles = reach_of(points, self.points, obstacles, dt) * max(1.0, -1 / (self.law.in_steps(dt)[0] * dt))
-        return max(of_obstacles, self.reach)
 
     def _between(self, delassus: Array, pairs: Array) -> Array:
         """As in MeshContact."""

@@ -39,7 +39,6 @@ from fenics_rom.mechanics.obstacle_outline import FLAT
 from fenics_rom.mechanics.obstacle_poses import placed, rotated, seen
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.own_surface import OwnSurface
-from fenics_rom.mechanics.reach import reach_of
 from fenics_rom.mechanics.self_contact import SelfContact
 
 MOST_SWEEPS = 12
@@ -117,7 +116,7 @@ class FaceContact(MeshContact):
 
     def within_reach(self, points: PointMotion, dt: float, obstacles: ObstacleMotion) -> Array:
         """As in ContactSolver, with what carries places that may be touched."""
-        margin = 2 * reach_of(points, self.points, obstacles, dt)
+        margin = 2 * self._due(points, obstacles, dt)
         found = self.near(points.displacement, obstacles.start, margin)
         carriers = [places.nodes.ravel() for places in found]
         return np.unique(np.concatenate([super().within_reach(points, dt, obstacles), *carriers]))
@@ -137,7 +136,7 @@ class FaceContact(MeshContact):
         places, turns, iterations = self.points + points.displacement, _mean_turns(obstacles), 0
         found = None if settled is None or settled is not self._settled else self._last_found
         if found is None:
-            reach = reach_of(points, self.points, obstacles, dt)
+            reach = self._due(points, obstacles, dt)
             found = [
                 places._replace(normals=rotated(places.normals, row))
                 for places, row in zip(self._places(starts, 2 * reach), obstacles.start, strict=True)
@@ -207,12 +206,32 @@ class FaceContact(MeshContact):
     def _places(self, seen: list[Array], margin: float) -> list[Places]:
         """Of each obstacle those near faces of points that it sees there, (P, 3), m, lowest gaps first."""
         depth, found, self._nearest = max(DEEPEST * self._faces.size, margin), list[Places](), np.inf
+        deepest = 0.0 if self.law.stiffness is None else self._faces.size
         for obstacle, points in zip(self._given[: self._solids], seen, strict=True):
             gaps = obstacle.distance(points)[0]
             self._nearest = min(self._nearest, float(gaps.min()))
-            places = self._faces.near(points, gaps, obstacle.outline, margin, depth)
+            places = self._faces.near(points, gaps, obstacle.outline, margin, max(deepest, depth))
+            if deepest:
+                places = places.of(self._are_springs(places, len(found), depth))
             found.append(places.of(slice(len(self.points))))
         return found
+
+    def _are_springs(self, places: Places, obstacle: int, depth: float) -> Array:
+        """Which places (k,) springs may act at, of one obstacle, by its number.
+
+        Of places where a corner is inside only the least deep one counts, so that its gap is continuous as it slides
+        from one triangle to another one. What is deeper than a depth, m, has pushed in the step before.
+        """
+        search, P = self.search, len(self.points)
+        pair = slice((self._solids + obstacle) * P, (self._solids + obstacle + 1) * P)
+        slots = self._slots if search.slots is None else search.slots
+        pushed = slots.keys[obstacle][search.forces[pair].any(axis=1)] // self._faces.parts
+        part = places.keys // self._faces.parts
+        order = np.lexsort((-places.gaps, part))
+        is_first = part >= len(self._given[obstacle].outline.corners)  # edges cross several ones
+        is_first[order] |= np.diff(part[order], prepend=-1) > 0
+        are: Array = (places.gaps >= 0) | (is_first & ((places.gaps >= -depth) | np.isin(part, pushed)))
+        return are
 
     def _put(self, found: list[Places], bends: list[Array] | None = None) -> None:
         """Takes note of all places; those that go on from the step before stay the same pairs.

@@ -23,6 +23,7 @@ from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacle_poses import distance_from, rotated, rotated_back, seen
 from fenics_rom.mechanics.obstacles import HalfSpace, Mesh, Obstacle
+from fenics_rom.mechanics.reach import reach_of
 from fenics_rom.mechanics.triangle_surface import MORE_PLANES, SAME, TriangleSurface
 
 _PLANE = HalfSpace((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))  # stands for those that are added: it is flat
@@ -138,6 +139,10 @@ class MeshContact(ContactSolver):
     def _moved_by(self, pairs: Array) -> tuple[Array, Array]:
         """Points (C, k) that pairs (C,) move with, and what the velocity of each adds to theirs, (C, k, 3, 3)."""
         return pairs[:, None] % len(self.points), np.tile(np.eye(3), (len(pairs), 1, 1, 1))
+
+    def _due(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
+        """The largest gap, m, with which points and obstacles may be due; also of springs."""
+        return reach_of(points, self.points, obstacles, dt) * max(1.0, -1 / (self.law.in_steps(dt)[0] * dt))
 
     def _between(self, delassus: Array, pairs: Array) -> Array:
         """Relative velocities of pairs (C,) per force of each, (3C, 3C)."""

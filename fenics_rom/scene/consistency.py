@@ -287,18 +287,10 @@ def _check_contact(contact: Contact, contacts: Collection[str], *, has_inertia: 
     for key in ("stiffness", "damping"):
         if getattr(contact, key) is not None and not penalty:
             raise SceneError(f"effects.contact.{key}: goes with method = 'penalty'; a rigid obstacle has none")
-    if contact.points == FACES:
-        _check_faces(contact)
+    if contact.points == FACES and not contact.obstacles:
+        raise SceneError("effects.contact.points = 'faces': there is no obstacle to meet them")
     if contact.restitution and (penalty or not has_inertia):
         raise SceneError("effects.contact.restitution: goes with inertia and method = 'complementarity'")
-
-
-def _check_faces(contact: Contact) -> None:
-    where = "effects.contact.points = 'faces': "
-    if contact.method == "penalty":
-        raise SceneError(f"{where}allowed is method = 'complementarity', as springs belong to contact points")
-    if not contact.obstacles:
-        raise SceneError(f"{where}there is no obstacle to meet them")
 
 
 def check_load(

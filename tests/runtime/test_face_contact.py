@@ -127,15 +127,43 @@ def test_a_ball_irons_over_triangles(tmp_path):
     ],
     ids=["at rest", "relaxing", "large", "carried"],
 )
-def test_bodies_of_all_kinds_stay_outside_and_close_their_accounts(tmp_path, frame, parts):
-    rom = rom_of(tmp_path, shape("ball", X, Y, 1e-4 * L), None, frame, **RUBS, **parts)
+@pytest.mark.parametrize("springs", ["", '\nmethod = "penalty"\nstiffness = 1e3'], ids=["rigid", "springs"])
+def test_bodies_of_all_kinds_close_their_accounts(tmp_path, frame, parts, springs):
+    """Rigid ones stay outside."""
+    rom = rom_of(tmp_path, shape("ball", X, Y, 1e-4 * L) + springs, None, frame, **RUBS, **parts)
     body, scale, left = fr.Simulator(rom, 1e-3), 0.0, 0.0
     for _ in range(40):
         body.step()
         scale, left = max(scale, body.energy), max(left, left_of(body))
     assert body.integrator.contact.touching >= 1
-    assert depth_of(body.integrator, np.zeros(3)) <= OUT
+    assert (depth_of(body.integrator, np.zeros(3)) <= OUT) is not bool(springs)
     assert left <= 1e-12 * scale
+
+
+@pytest.mark.parametrize("kind", ["ball", "peg", "edge"])
+def test_springs_push_by_their_depth_and_give_back_what_they_took(tmp_path, kind):
+    """A pin goes in by a fifth of the mesh size and out again, without friction; 1e3 times as soft as the pad."""
+
+    def goes(time):
+        return np.array([0.0, 0.0, -0.1 * L * (1 - np.cos(2 * np.pi * min(time / 0.1, 1.0)))])
+
+    springs = 'method = "penalty"\nstiffness = 10.0'
+    body = fr.Simulator(rom_of(tmp_path, f"{shape(kind, X, Y, 1e-4 * L)}\n{springs}"), 1e-3, signals={"pin": goes})
+    taken, scale, left = 0.0, 0.0, 0.0
+    for step in range(110):
+        body.step()
+        scale, left = max(scale, body.ledger.supplied), max(left, left_of(body))
+        taken = max(taken, body.ledger.contact)
+        if step == 49:
+            contact = body.integrator.contact
+            pressure = (contact.pair_forces * contact.normals).sum()
+            places = body.integrator.interface.solver.near(body.integrator.point_displacement(), [goes(0.05)])[0]
+            assert len(places.gaps) == len(contact.pairs)
+            assert pressure == pytest.approx(-10.0 * places.gaps.sum(), rel=2e-3)
+            assert places.gaps.min() < -0.19 * L
+    assert taken > 1e-5
+    assert abs(body.ledger.contact) <= 1e-4 * taken  # springs begin and end to push within a step
+    assert left <= 1e-13 * scale
 
 
 def test_a_free_body_takes_the_impulses_of_a_pin(tmp_path):
@@ -188,9 +216,6 @@ def test_steps_that_touch_have_no_derivative(pressed):
 
 
 def test_what_cannot_be_is_refused(tmp_path):
-    ball = shape("ball", X, Y, 1e-4 * L)
-    with pytest.raises(SceneError, match="'faces': allowed is method = 'complementarity'"):
-        pad_scene(tmp_path, f'method = "penalty"\nstiffness = 1e3\n{ball}')
     with pytest.raises(SceneError, match="'faces': there is no obstacle to meet them"):
         pad_scene(tmp_path, 'self_contact = ["top"]')
     with pytest.raises(SceneError, match=r"is 0.0001 m inside a face of the body at"):
