@@ -1,15 +1,17 @@
-"""Rows of a symmetric table with one vector or two, four rows at once, by instructions of vectors.
+"""What is done with four rows of a matrix at once, by instructions of vectors.
 
 Of the same loops over numbers numba makes code that takes twice the time, as it does not know that arrays are apart.
 """
 
 from typing import Any
 
+import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import can_compile
 
-ROWS = 4  # at once, and of each four numbers; with two vectors all that is added up fits into 16 registers
+ROWS = 4  # at once; of `add_rows` each four numbers: with two vectors all that is added up fits into 16 registers
+LANES = 8  # numbers at once of `subtract_rows`
 
 
 def add_rows(table: Array, i: int, given: Array, into: Array) -> None:
@@ -22,6 +24,11 @@ def add_rows(table: Array, i: int, given: Array, into: Array) -> None:
     into[..., own] += given[..., i:] @ rows.T
 
 
+def subtract_rows(A: Array, i: int, k: int, first: int, a: float, b: float, c: float, d: float) -> None:
+    """Takes shares of rows k to k + 4 of a matrix from row i, from a column on; that, and the width, are full lanes."""
+    A[i, first:] -= np.array((a, b, c, d)) @ A[k : k + ROWS, first:]
+
+
 if can_compile():
     from llvmlite import ir
     from numba import types
@@ -29,8 +36,15 @@ if can_compile():
     from numba.extending import intrinsic, overload
 
     _LANES, _PLACE = ir.VectorType(ir.DoubleType(), ROWS), ir.IntType(64)
-    _FIRST = ir.Constant(ir.VectorType(ir.IntType(32), ROWS), [0] * ROWS)
     _FUSED = ("contract",)
+
+    def _added(builder: Any, total: Any, a: Any, b: Any) -> Any:
+        return builder.fadd(total, builder.fmul(a, b, flags=_FUSED), flags=_FUSED)
+
+    def _in_all(builder: Any, number: Any, lanes: Any) -> Any:
+        one = builder.insert_element(ir.Constant(lanes, ir.Undefined), number, ir.IntType(32)(0))
+        first = ir.Constant(ir.VectorType(ir.IntType(32), lanes.count), [0] * lanes.count)
+        return builder.shuffle_vector(one, one, first)
 
     @intrinsic
     def _add_rows(context: Any, table: Any, i: Any, given: Any, into: Any) -> Any:
@@ -52,11 +66,10 @@ if can_compile():
                 return builder.load(lanes(at(array, row, column)), align=8)
 
             def added(total: Any, a: Any, b: Any) -> Any:
-                return builder.fadd(total, builder.fmul(a, b, flags=_FUSED), flags=_FUSED)
+                return _added(builder, total, a, b)
 
             def in_all_lanes(number: Any) -> Any:
-                one = builder.insert_element(ir.Constant(_LANES, ir.Undefined), number, ir.IntType(32)(0))
-                return builder.shuffle_vector(one, one, _FIRST)
+                return _in_all(builder, number, _LANES)
 
             vectors, rows = [_PLACE(k) for k in range(given.ndim)], [builder.add(start, _PLACE(r)) for r in range(ROWS)]
             shares = [[in_all_lanes(builder.load(at(x, k, row))) for row in rows] for k in vectors]
@@ -83,3 +96,32 @@ if can_compile():
     @overload(add_rows, strict=False)
     def _compiled_add_rows(table: Any, i: Any, given: Any, into: Any) -> Any:
         return lambda table, i, given, into: _add_rows(table, i, given, into)
+
+    @intrinsic
+    def _subtract_rows(context: Any, A: Any, i: Any, k: Any, first: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+        lanes = ir.VectorType(ir.DoubleType(), LANES)
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            array, to, of, start, *shares = values
+            matrix = cgutils.create_struct_proxy(A)(context, builder, array)
+            width = cgutils.unpack_tuple(builder, matrix.shape, 2)[1]
+
+            def at(row: Any, column: Any) -> Any:
+                place = builder.gep(matrix.data, [builder.add(builder.mul(row, width), column)])
+                return builder.bitcast(place, lanes.as_pointer())
+
+            less = [_in_all(builder, builder.fneg(share), lanes) for share in shares]
+            rows = [builder.add(of, _PLACE(r)) for r in range(ROWS)]
+            with cgutils.for_range_slice(builder, start, width, _PLACE(LANES)) as (j, _):
+                place = at(to, j)
+                total = builder.load(place, align=8)
+                for row, share in zip(rows, less, strict=True):
+                    total = _added(builder, total, builder.load(at(row, j), align=8), share)
+                builder.store(total, place, align=8)
+            return context.get_dummy_value()
+
+        return types.void(A, i, k, first, a, b, c, d), generate
+
+    @overload(subtract_rows, strict=False)
+    def _compiled_subtract_rows(A: Any, i: Any, k: Any, first: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+        return lambda A, i, k, first, a, b, c, d: _subtract_rows(A, i, k, first, a, b, c, d)

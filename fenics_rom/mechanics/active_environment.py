@@ -147,12 +147,12 @@ class ActiveEnvironment:
         """The values of all loads at a time (s), in the order of their columns."""
         if self._constant_loads is not None and self.mark is None:
             return self._constant_loads
-        values = [np.empty(0)]
+        values = list[Array]()
         for name, width in self.columns.items():
             values.append(self._signals[name].at(time) if name in self._signals else np.zeros(width))
             if self.mark is not None:
                 self.mark(name)
-        return np.concatenate(values)
+        return np.concatenate(values) if values else np.empty(0)
 
     def base_at(self, time: float) -> BaseState | None:
         """The rigid base at a time, s; None where nothing says how it moves."""

@@ -1,5 +1,6 @@
 """What a load or an obstacle does over time: numbers that stay, or straight lines between given times."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Union
@@ -113,7 +114,11 @@ class CheckedSignal:
 
     def at(self, time: float) -> Array:
         """The numbers (w,) at a time, s."""
-        return self._constant if self._function is None else self._checked(self._function(time))
+        if self._function is None:
+            return self._constant
+        value: Any = self._function(time)
+        is_plain = type(value) is np.ndarray and value.dtype is FLOAT and value.shape == (self._width,)
+        return value if is_plain and value.dot(value) < math.inf else self._checked(value)  # all finite, as most often
 
     def _checked(self, value: "ArrayLike") -> Array:
         try:

@@ -25,7 +25,7 @@ class TensionWatch:
     def note(self, u: Array) -> None:
         """Of an input (p,)."""
         for name, column in self._columns:
-            if (tension := u.item(column)) < self.least.get(name, 0.0):
+            if (tension := u.item(column)) < 0.0 and tension < self.least.get(name, 0.0):
                 self.least[name] = tension
 
     def note_all(self, inputs: Array) -> None:

@@ -169,7 +169,7 @@ def find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pair
         swung: (N,) in how many steps in a row friction did not stop a pair.
         pairs: what takes part, what is asked and forces are set; unless the status is OTHERWISE these are what came.
     """
-    space = work_space(OF_A_PAIR * len(pairs.level) + OF_A_POINT * P + 9)
+    space = work_space(OF_A_PAIR * len(pairs.level) + OF_A_POINT * P + 3)
     return _find_forces(law, unowned(W), unowned(inverse), P, unowned(swung), unowned(pairs), space)
 
 

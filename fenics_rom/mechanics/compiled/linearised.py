@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of, put
 from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, look_at
-from fenics_rom.mechanics.compiled.newton import solve
+from fenics_rom.mechanics.compiled.elimination import matrix_in, numbers_for, solve
 from fenics_rom.mechanics.compiled.work_space import release, take, take_integers, take_rows, taken
 
 MOST_STEPS = 8  # of Newton's method: where they suffice they are rarely more than four
@@ -39,12 +39,12 @@ def add_change(
         z: f - ρ u (C, 3), which says what pairs do.
         v: in the frames, m/s.
         f: in the frames, N.
-        space: with room for 45 numbers of each pair and 3 of each point.
+        space: with room for 45 numbers of each pair, 3 of each point and 3 more.
     """
     C, P, n, begun = len(points), len(W) // 3, 0, taken(space)
     owner, row, column = take_integers(space, 3 * C), take_rows(space, 3 * C, 3), take_rows(space, 3 * C, 3)
     asked, pushed, moved = take_rows(space, 3 * C, 3), take_rows(space, 3 * C, 3), take(space, 3 * P)
-    right, slack = take(space, 3 * C), take(space, 3 * C)  # slack: on the diagonal
+    right, slack = take(space, 3 * C + 3), take(space, 3 * C)  # slack: on the diagonal
     fill(slack, 0.0)
     for c in range(C):
         length, cone = math.sqrt(z[c, 1] ** 2 + z[c, 2] ** 2), friction[c] * z[c, 0]
@@ -68,7 +68,8 @@ def add_change(
                 put(column[n], 0.0, 2.0 - k, k - 1.0)
                 owner[n], right[n] = c, -v[c, k]
         n += 1
-    matrix = np.empty((n, n))
+    numbers = numbers_for(n)
+    matrix = matrix_in(numbers, n)
     for i in range(n):  # rows and columns in space
         _in_space(axes[owner[i]], row[i], asked[i])
         _in_space(axes[owner[i]], column[i], pushed[i])
@@ -116,7 +117,7 @@ def find_by_steps(
     """Forces of C pairs by Newton's method: how many steps it took, and whether they are found.
 
     Arguments as of `look_at`, which was asked of f (C, 3), and gave this error; f is changed only if they are found;
-    space: with room for 51 numbers of each pair and 3 of each point.
+    space: with room for 51 numbers of each pair, 3 of each point and 3 more.
     """
     begun, C, speed, before = taken(space), len(points), largest_of(q), np.inf
     now, z, steps, is_found = take_rows(space, C, 3), take_rows(space, C, 3), 0, False

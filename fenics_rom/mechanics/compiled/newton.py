@@ -21,12 +21,16 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.copying import add_row, copy, fill, largest_of
 from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, look_at
+from fenics_rom.mechanics.compiled.elimination import matrix_in, numbers_for, solve
 from fenics_rom.mechanics.compiled.work_space import release, take, take_frames, take_integers, take_rows, taken
 
 OPEN, SLIPS, STICKS, NO_PAIR = range(4)
 MOST_SEARCHES = 6  # where W is not quite what the inverse is of
 MOST_SOLVES = 12  # where they suffice they are rarely more than six
 SURE_SOLVES = 5  # before all is given up at the first one that does not halve what is missed
+
+
+Vector = tuple[float, float, float]
 
 
 class Inverse(NamedTuple):
@@ -68,18 +72,13 @@ def find_by_newton(
         f: (C, 3) in the frames, to begin with; set if they are found.
         u: (C, 3) W f + q; set if they are found.
         missed: how far these are from the law, m/s.
-        space: with room for 35 numbers of each point and 9 more; not given back.
+        space: with room for 35 numbers of each point and 3 more; not given back.
     """
     P, C, speed = len(inverse.whole) // 3, len(points), largest_of(q)
     kinds, frames, ρ, μ = take_integers(space, P), take_frames(space, P), take(space, P), take(space, P)
     v, z, as_if_stuck = take_rows(space, P, 3), take_rows(space, P, 3), take_rows(space, P, 3)
-    stuck, forces, right = take_rows(space, P, 3), take_rows(space, P, 3), take(space, 3 * P)
-    places, begins, moved, half = (
-        take_integers(space, P),
-        take_integers(space, P),
-        take(space, 3 * P),
-        take_rows(space, 3, 3),
-    )
+    stuck, forces, right = take_rows(space, P, 3), take_rows(space, P, 3), take(space, 3 * P + 3)
+    places, begins, moved = take_integers(space, P), take_integers(space, P), take(space, 3 * P)
     for p in range(P):
         kinds[p], ρ[p], μ[p] = NO_PAIR, 1.0, 0.0
         for a in range(3):
@@ -97,8 +96,7 @@ def find_by_newton(
     fill(v, 0.0)
     if _look(kinds, ρ, μ, stuck, v, as_if_stuck) < missed:
         copy(as_if_stuck, z)
-    known, blocks = np.zeros((P, P), dtype=np.bool_), np.empty((P, P, 3, 3))
-    matrix, before = np.empty((3 * P, 3 * P)), np.inf
+    numbers, before = numbers_for(3 * P), np.inf
     for count in range(1, MOST_SOLVES + 1):
         moving, n = 0, 0  # points with unknown velocities, and how many these are
         for p in range(P):
@@ -109,16 +107,20 @@ def find_by_newton(
                 places[moving], begins[moving] = p, n
                 moving, n = moving + 1, n + (2 if kinds[p] == SLIPS else 3)
         places_now, begins_now = places[:moving], begins[:moving]
-        _blocks_of(inverse, frames, places_now, known, blocks, half)
-        _set_up(blocks, stuck, kinds, ρ, μ, z, places_now, begins_now, matrix, right)
+        matrix = matrix_in(numbers, n)
+        _set_up(inverse, frames, stuck, kinds, ρ, μ, z, places_now, begins_now, matrix, right)
         if not solve(matrix, right, n):
             return count, False
         fill(v, 0.0)
         for i in range(moving):
             p, k = places[i], begins[i]
-            for a in range(1 if kinds[p] == SLIPS else 0, 3):
-                v[p, a] = right[k]
-                k += 1
+            if kinds[p] == SLIPS:
+                v[p, 1], v[p, 2] = right[k], right[k + 1]
+            else:
+                for a in range(3):
+                    v[p, a] = (
+                        frames[p, a, 0] * right[k] + frames[p, a, 1] * right[k + 1] + frames[p, a, 2] * right[k + 2]
+                    )
         _answer(inverse, frames, v, forces, moved)
         for p in range(P):
             is_open = kinds[p] == OPEN or kinds[p] == NO_PAIR
@@ -163,7 +165,7 @@ def find_with_operator(
 
     The inverse may be that of a matrix that is only nearly W, as where W is not symmetric. Then what W f is beyond that
     is among the free velocities of a further search, which takes a solve. Arguments as of `look_at`; missed: before;
-    space: with room for 35 numbers of each point, 3 of each pair and 9 more.
+    space: with room for 35 numbers of each point, 3 of each pair and 3 more.
     """
     begun, shifted = taken(space), take_rows(space, len(q), 3)
     solves, before, error, enough = 0, np.inf, missed, SOLVED * largest_of(q)
@@ -237,33 +239,56 @@ def _look(kinds: Array, ρ: Array, μ: Array, forces: Array, v: Array, z: Array)
 
 
 @jit_part
-def _blocks_of(inverse: Inverse, frames: Array, places: Array, known: Array, blocks: Array, half: Array) -> None:
-    """Sets those blocks (3, 3) of W⁻¹ between the points at places, in their frames, that are not known yet.
+def _between(inverse: Inverse, p: int, q: int) -> tuple[Vector, Vector, Vector]:
+    """The rows of the block (3, 3) of W⁻¹ between two points, along the axes of space."""
+    whole, less, right, x, y, z = inverse.whole, inverse.left, inverse.right, 3 * q, 3 * q + 1, 3 * q + 2
+    a, b, c = 3 * p, 3 * p + 1, 3 * p + 2
+    ax, bx, cx = whole[x, a], whole[x, b], whole[x, c]
+    ay, by, cy = whole[y, a], whole[y, b], whole[y, c]
+    az, bz, cz = whole[z, a], whole[z, b], whole[z, c]
+    for i in range(len(less)):
+        by_a, by_b, by_c, to_x, to_y, to_z = right[i, a], right[i, b], right[i, c], less[i, x], less[i, y], less[i, z]
+        ax, ay, az = ax - by_a * to_x, ay - by_a * to_y, az - by_a * to_z
+        bx, by, bz = bx - by_b * to_x, by - by_b * to_y, bz - by_b * to_z
+        cx, cy, cz = cx - by_c * to_x, cy - by_c * to_y, cz - by_c * to_z
+    return (ax, ay, az), (bx, by, bz), (cx, cy, cz)
 
-    half: (3, 3) to work in.
-    """
-    whole, less = inverse.whole, inverse.left
-    for p in places:
-        for q in places:
-            if known[p, q]:
-                continue
-            known[p, q] = True
-            left, right, block = frames[p], frames[q], blocks[p, q]
-            for a in range(3):
-                x, y, z = whole[3 * q, 3 * p + a], whole[3 * q + 1, 3 * p + a], whole[3 * q + 2, 3 * p + a]
-                for b in range(len(less)):
-                    by = inverse.right[b, 3 * p + a]
-                    x, y, z = x - less[b, 3 * q] * by, y - less[b, 3 * q + 1] * by, z - less[b, 3 * q + 2] * by
-                for k in range(3):
-                    half[a, k] = x * right[k, 0] + y * right[k, 1] + z * right[k, 2]
-            for a in range(3):
-                for k in range(3):
-                    block[a, k] = left[a, 0] * half[0, k] + left[a, 1] * half[1, k] + left[a, 2] * half[2, k]
+
+@jit_part
+def _put(row: Vector, frame: Array, slips: bool, to: Array, m: int) -> None:
+    """Sets what a row has of the velocity of a point, from m on: of one that slips along its tangents."""
+    x, y, z = row
+    if slips:
+        to[m] = x * frame[1, 0] + y * frame[1, 1] + z * frame[1, 2]
+        to[m + 1] = x * frame[2, 0] + y * frame[2, 1] + z * frame[2, 2]
+    else:
+        to[m], to[m + 1], to[m + 2] = x, y, z
+
+
+@jit_part
+def _along(frame: Array, n: float, first: float, second: float) -> Vector:
+    """A vector in a frame, along the axes of space."""
+    return (
+        frame[0, 0] * n + frame[1, 0] * first + frame[2, 0] * second,
+        frame[0, 1] * n + frame[1, 1] * first + frame[2, 1] * second,
+        frame[0, 2] * n + frame[1, 2] * first + frame[2, 2] * second,
+    )
+
+
+@jit_part
+def _sum_of(shares: Vector, rows: tuple[Vector, Vector, Vector]) -> Vector:
+    (a, b, c), (one, two, three) = shares, rows
+    return (
+        a * one[0] + b * two[0] + c * three[0],
+        a * one[1] + b * two[1] + c * three[1],
+        a * one[2] + b * two[2] + c * three[2],
+    )
 
 
 @jit_part
 def _set_up(
-    blocks: Array,
+    inverse: Inverse,
+    frames: Array,
     stuck: Array,
     kinds: Array,
     ρ: Array,
@@ -274,58 +299,32 @@ def _set_up(
     matrix: Array,
     right: Array,
 ) -> None:
-    """Sets the linear equations for the velocities of points at places, which begin there among the unknowns."""
+    """Sets the linear equations for the velocities of points at places, which begin there among the unknowns.
+
+    Those of a point that slips are along its tangents, others along the axes of space.
+    """
     for i in range(len(places)):
         p, k = places[i], begins[i]
+        frame, (n, x, y) = frames[p], stuck[p]
         if kinds[p] != SLIPS:
-            for a in range(3):
-                right[k + a] = -stuck[p, a]
-                for j in range(len(places)):
-                    m = begins[j]
-                    for b in range(1 if kinds[places[j]] == SLIPS else 0, 3):
-                        matrix[k + a, m] = blocks[p, places[j]][a, b]
-                        m += 1
+            right[k], right[k + 1], right[k + 2] = _along(frame, -n, -x, -y)
+            for j in range(len(places)):
+                q, m, rows = places[j], begins[j], _between(inverse, p, places[j])
+                _put(rows[0], frames[q], kinds[q] == SLIPS, matrix[k], m)
+                _put(rows[1], frames[q], kinds[q] == SLIPS, matrix[k + 1], m)
+                _put(rows[2], frames[q], kinds[q] == SLIPS, matrix[k + 2], m)
             continue
         length = math.sqrt(z[p, 1] ** 2 + z[p, 2] ** 2)
         first, second, share = z[p, 1] / length, z[p, 2] / length, μ[p] * z[p, 0] / length
         B11, B12, B22 = share * second * second, -share * first * second, share * first * first
         C11, C22, n1, n2 = 1 - B11, 1 - B22, μ[p] * first, μ[p] * second
+        one, other = _along(frame, -n1, C11, -B12), _along(frame, -n2, -B12, C22)
         for j in range(len(places)):
-            m, block = begins[j], blocks[p, places[j]]
-            for b in range(1 if kinds[places[j]] == SLIPS else 0, 3):
-                n, x, y = block[0, b], block[1, b], block[2, b]
-                matrix[k, m], matrix[k + 1, m] = C11 * x - B12 * y - n1 * n, C22 * y - B12 * x - n2 * n
-                m += 1
-        n, x, y = stuck[p]
+            q, m, rows = places[j], begins[j], _between(inverse, p, places[j])
+            _put(_sum_of(one, rows), frames[q], kinds[q] == SLIPS, matrix[k], m)
+            _put(_sum_of(other, rows), frames[q], kinds[q] == SLIPS, matrix[k + 1], m)
         right[k], right[k + 1] = n1 * n - C11 * x + B12 * y, n2 * n - C22 * y + B12 * x
         matrix[k, k] += ρ[p] * B11
         matrix[k, k + 1] += ρ[p] * B12
         matrix[k + 1, k] += ρ[p] * B12
         matrix[k + 1, k + 1] += ρ[p] * B22
-
-
-@jit_part
-def solve(matrix: Array, x: Array, n: int) -> bool:
-    """Solves the first n equations by elimination with pivots, in place; False where they are singular."""
-    for k in range(n):
-        pivot = k
-        for i in range(k + 1, n):
-            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
-                pivot = i
-        if matrix[pivot, k] == 0.0:
-            return False
-        if pivot != k:
-            for j in range(k, n):
-                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
-            x[k], x[pivot] = x[pivot], x[k]
-        row, whole = matrix[k, k + 1 : n], 1 / matrix[k, k]
-        for i in range(k + 1, n):
-            other, share = matrix[i, k + 1 : n], matrix[i, k] * whole
-            for j in range(len(row)):  # of a row from its first number on: twice as fast
-                other[j] -= share * row[j]
-            x[i] -= share * x[k]
-    for k in range(n - 1, -1, -1):
-        for j in range(k + 1, n):
-            x[k] -= matrix[k, j] * x[j]
-        x[k] /= matrix[k, k]
-    return True

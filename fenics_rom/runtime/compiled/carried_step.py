@@ -75,6 +75,8 @@ from fenics_rom.runtime.compiled.frames import (
     turned_along,
     vector,
 )
+from fenics_rom.runtime.compiled.small_matrices import dot as sum_of_products
+from fenics_rom.runtime.compiled.small_matrices import multiply, square_by
 
 OF_BASE, SPIN, MOMENTUM, ANGULAR_MOMENTUM = MOTION, MOTION + 3, MOTION + 6, MOTION + 9  # in `State.now`: v, ω, P and L
 IS_COUPLING_KNOWN, IS_INVERSE_KNOWN, IS_COUPLED = 1, 2, 3  # in `State.kept`; from REST on the nine factors of A
@@ -208,16 +210,17 @@ def end_carried_step(
     P, L = vector(now, MOMENTUM), vector(now, ANGULAR_MOMENTUM)
     ΔP, ΔL = added(P, -1.0, before[0]), added(L, -1.0, before[1])
     pushed = seen(R, t, push.force)
-    supplied = dot(ΔP, v̂) + dot(ΔL, ω̂) + h * (begun.modal.dot(r̂) - dot(pushed, v̂) - dot(push.turning, ω̂))
+    of_modes = sum_of_products(begun.modal, r̂)
+    supplied = dot(ΔP, v̂) + dot(ΔL, ω̂) + h * (of_modes - dot(pushed, v̂) - dot(push.turning, ω̂))
     _put_wrench(body, loads, begun, q, r̂, before, now, state.kept)
     if push.force != (0.0, 0.0, 0.0) or push.turning != (0.0, 0.0, 0.0):
         for first, of_contact in ((WRENCH, pushed), (WRENCH + 3, push.turning)):
             there = turned_along(R, begun.end, of_contact)
             put(state.kept, first, added(vector(state.kept, first), -1.0, there))
     carried = dot(P, v_end) + dot(L, ω_end) + dot(vector(now, DRIFT), v_end) + dot(vector(now, MOVED), ω_end)
-    within = r.dot(r)
+    within = sum_of_products(r, r)
     if bent is None:
-        within, heat = within + e.dot(e), h * r̂.dot(np.dot(body.D, r̂))
+        within, heat = within + sum_of_products(e, e), h * square_by(body.D, r̂)
     else:
         heat, supplied = end_shape(bent, q, after, r̂), supplied + h * bent.vectors[FOLLOWED].dot(r̂)
         within += twice_strained(bent, after)
@@ -292,7 +295,7 @@ def _rate(body: Body, now: Array, table: Array, kept: Array, slopes: Array, v_en
     m, (right, coupled) = len(body.ω), _balance(body, now, table, v_end, ω_end)
     kept[IS_COUPLED] = coupled[:9].any()
     if not kept[IS_COUPLED]:
-        return np.dot(body.inverse, right)
+        return _product(body.inverse, right)
     A, inverse = slopes[:m], slopes[m:]
     if not _is_same(coupled, kept):
         combine(coupled, body.products, A.reshape(m * m))
@@ -301,7 +304,14 @@ def _rate(body: Body, now: Array, table: Array, kept: Array, slopes: Array, v_en
     if not kept[IS_INVERSE_KNOWN]:  # of a base that turns steadily
         copy_rows(np.linalg.inv(A), inverse)
         kept[IS_INVERSE_KNOWN] = 1.0
-    return np.dot(inverse, right)
+    return _product(inverse, right)
+
+
+@jit_part
+def _product(A: Array, x: Array) -> Array:
+    made = np.empty(len(A))
+    multiply(A, x, made)
+    return made
 
 
 @jit_part

@@ -12,6 +12,7 @@ from fenics_rom.compilation import jit_part, jit_shared
 from fenics_rom.mechanics import base_fit, frame_motion
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.frame_motion import Quaternion, Rotation, Vector
+from fenics_rom.runtime.compiled.small_matrices import dot as sum_of_products
 from fenics_rom.runtime.steppers import frame_table, inertia
 from fenics_rom.runtime.steppers.inertia import Inertia
 
@@ -186,13 +187,12 @@ def shape_at(body: Body, q: Array, r: Array, table: Array, now: Array) -> None:
         combine(q, body.by_shape, shaped)
         for k in range(9 * m):
             shaped[k] += unshaped[k]
-    by_q, by_r = np.dot(table[:COUPLED], q), np.dot(table[MOMENTS:GIVEN], r)
     for k in range(6):
-        now[INERTIA + k] = body.rigid[k] + by_q[k] + by_q[BENT + k]
+        now[INERTIA + k] = body.rigid[k] + sum_of_products(table[k], q) + sum_of_products(table[BENT + k], q)
     for k in range(3):
-        now[MOVED + k] = by_r[COUPLED - MOMENTS + k]
-        now[MOMENT + k] = body.rigid[6 + k] + by_q[MOMENTS + k]
-        now[DRIFT + k] = by_r[k]
+        now[MOVED + k] = sum_of_products(table[COUPLED + k], r)
+        now[MOMENT + k] = body.rigid[6 + k] + sum_of_products(table[MOMENTS + k], q)
+        now[DRIFT + k] = sum_of_products(table[MOMENTS + k], r)
 
 
 @jit_part

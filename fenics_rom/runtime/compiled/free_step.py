@@ -71,6 +71,8 @@ from fenics_rom.runtime.compiled.free_balance import (
     solve,
     turn_at,
 )
+from fenics_rom.runtime.compiled.small_matrices import dot as sum_of_products
+from fenics_rom.runtime.compiled.small_matrices import square_by
 
 
 class Begun(NamedTuple):
@@ -198,9 +200,9 @@ def end_free_step(
     kept[IS_PASSED], kept[LENGTH] = 1.0, h
     for k in range(3 + m):
         kept[PASSED + k] = x[k]
-    ω, v, within = vector(now, SPIN), vector(now, VELOCITY), r.dot(r)
+    ω, v, within = vector(now, SPIN), vector(now, VELOCITY), sum_of_products(r, r)
     if bent is None:
-        within, heat = within + e.dot(e), h * r̂.dot(np.dot(body.D, r̂))
+        within, heat = within + sum_of_products(e, e), h * square_by(body.D, r̂)
     else:
         heat, power = end_shape(bent, q, after, r̂), power + bent.vectors[FOLLOWED].dot(r̂)
         within += twice_strained(bent, after)

@@ -27,6 +27,15 @@ def multiply(A: Array, x: Array, into: Array) -> None:
 
 
 @jit_part
+def square_by(A: Array, x: Array) -> float:
+    """x·A x."""
+    total = 0.0
+    for i in range(len(x)):
+        total += x[i] * dot(A[i], x)
+    return total
+
+
+@jit_part
 def factor(A: Array) -> bool:
     """Sets U above the diagonal of A = UᵀU, with 1/U on it; whether A is positive definite."""
     m = len(A)

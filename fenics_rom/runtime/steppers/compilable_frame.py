@@ -131,9 +131,9 @@ class CompilableFrame(PartedKernel):
                 self.flush()
             contacts: ContactWorks = () if contact is None else (lambda: works,)
             self._owed.append(StepWork(step.supplied, step.dissipated, contacts))
-        self._contact_before, self._reactions_before, self._notes_before = self.contact, self.reactions, self.notes
+        self._contact_before, self._reactions_before, self._notes_before = self._contact, self.reactions, self.notes
         self._frame_before_known, self._frame_known = self._frame_known, None
-        self._acting, self._places, self.contact = u, None, contact
+        self._acting, self._places, self._contact = u, None, contact
         if touch is not None:
             self._touched = touch.touched
         self.notes = self._compiled.notes(self.notes)

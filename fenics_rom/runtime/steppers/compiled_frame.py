@@ -136,6 +136,7 @@ class CompiledFrame:
         kept = np.zeros(REST + (9 if carried else 5 + m))
         self._state = State(halves, halves_before, np.zeros((2, NUMBERS)), body.table.copy(), kept, slopes)
         self._loads, self._watch, self._carried, self.bent = loads, watch, carried, bent
+        self._wrench, self._noted_now = kept[WRENCH:REST], watch.notes[:LOOKED_AT]  # parts of these, which steps set
         self._take_on(body)
         self._frame: FrameState | None = None  # that the state is of
         self._notes: dict[str, float] | None = None  # that those of the watch are,
@@ -155,7 +156,7 @@ class CompiledFrame:
 
     def _take_on(self, body: Body) -> None:
         """Has steps be of this body."""
-        self._body = body
+        self._body, (self._step, self._steps) = body, STEPS[self._kind]
         self.arrays = arrays_of(
             body, self._loads, self._state, self._watch, None if self.bent is None else self.bent.arrays
         )
@@ -169,17 +170,17 @@ class CompiledFrame:
 
         Args:
             u: (p,).
-            base: at the end (13,); of a free body (0,).
+            base: at the end (13,), an array of its own; of a free body (0,).
             frame: at the start; None: where the last step led.
             notes: of the run so far.
             obstacles: that can touch it; None: there are none.
         """
         self.begin(frame, notes)
-        given = (self._table, in_plain(u), in_plain(base)) if self._carried else (self._table, in_plain(u))
+        given = (self._table, in_plain(u), base) if self._carried else (self._table, in_plain(u))
         try:
             if self.touch is not None and obstacles is not None:
                 return self._take_touched(self.touch, given, obstacles)
-            step = STEPS[self._kind][0](*given)
+            step = self._step(*given)
         except np.linalg.LinAlgError:
             self.forget()
             return None
@@ -215,7 +216,7 @@ class CompiledFrame:
         given = self._table, in_plain(inputs), *on
         if self.touch is not None and path is not None:
             return self._take_many_touched(self.touch, given, path, taken)
-        count, last = STEPS[self._kind][1](*given, taken)
+        count, last = self._steps(*given, taken)
         nothing = np.empty((n, 0))
         return _first(count, TouchedTaken(taken, nothing, nothing, np.empty((n, 0, 3))), FrameStep(last))
 
@@ -282,7 +283,7 @@ class CompiledFrame:
 
     def notes(self, before: dict[str, float]) -> dict[str, float]:
         """Of the run; those before where nothing is new."""
-        now = self._watch.notes[:LOOKED_AT].tolist()
+        now = self._noted_now.tolist()
         if now != self._noted:
             self._noted = now
             before = before | {name: value for name, value in zip(NOTES, now, strict=True) if name in before}
@@ -297,7 +298,7 @@ class CompiledFrame:
 
     def wrench(self) -> Callable[[], tuple[Vector, Vector]]:
         """What tells the one of the base in the last step, in world axes."""
-        return partial(two_vectors, self._state.kept[WRENCH:REST].copy())
+        return partial(two_vectors, self._wrench.copy())
 
 
 def two_vectors(numbers: Array) -> tuple[Vector, Vector]:

@@ -26,9 +26,9 @@ class Turning(NamedTuple):
 
 
 @jit_part
-def couple_of(near: Near, c: int) -> int:
-    """Which couple a pair is; -1: none."""
-    return near.features[c] if near.meetings[c] == OF_JOINT else -1
+def couple_of(meetings: Array, features: Array, c: int) -> int:
+    """Which couple a pair is; -1: none. Of all arrays of `Near` it takes two, as many would cost more than the look."""
+    return features[c] if meetings[c] == OF_JOINT else -1
 
 
 @jit_part
@@ -36,7 +36,7 @@ def are_couples(near: Near, pairs: Array) -> Array:
     """Which of some pairs (n,) are."""
     are = np.zeros(len(pairs), dtype=np.bool_)
     for i in range(len(pairs)):
-        are[i] = couple_of(near, pairs[i]) >= 0
+        are[i] = couple_of(near.meetings, near.features, pairs[i]) >= 0
     return are
 
 

@@ -178,7 +178,7 @@ def _add_soft(world: Array, h: float, among: Array, b: int, Wᵀ: Array, yields:
                 rows[count], signs[count] = i, 1.0 - 2 * side
                 copy(near.nodes[among[i], side], nodes[count])
                 copy(near.weights[among[i], side], weights[count])
-                turns[count], count = couple_of(near, among[i]), count + 1
+                turns[count], count = couple_of(near.meetings, near.features, among[i]), count + 1
                 yields[i] = yields[i] or yields_itself
     if count == 0:
         return
@@ -225,7 +225,8 @@ def pushes_on(world: Array, among: Array, f: Array, b: int) -> Pushes:
                 copy(near.nodes[c, side], nodes[count])
                 copy(near.weights[c, side], weights[count])
                 copy(near.places[c], places[count])
-                turns[count], follows[count] = couple_of(near, c), is_followed(bodies, near, c, side)
+                turns[count] = couple_of(near.meetings, near.features, c)
+                follows[count] = is_followed(bodies, near, c, side)
                 for k in range(3):
                     forces[count, k] = signs[count] * f[c, k]
                 count += 1

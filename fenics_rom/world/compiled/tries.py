@@ -87,7 +87,7 @@ def _look_at_driven(world: Array, C: int, n: int) -> float:
             body = near.ends[c, side]
             if bodies.kinds[body] == DRIVEN:
                 d, place = bodies.numbers[body], vector(near.places[c], 0)
-                if couple_of(near, c) >= 0:
+                if couple_of(near.meetings, near.features, c) >= 0:
                     v = vector(driven.step[d], SPIN)
                 elif c < C:
                     v = velocity_of_driven(driven, d, place)
@@ -108,13 +108,13 @@ def _spread(world: Array, b: int, f: Array, is_free: bool) -> None:
         if pushed == NONE:
             continue
         for side in range(2):
-            if near.ends[c, side] == b and couple_of(near, c) < 0:
+            if near.ends[c, side] == b and couple_of(near.meetings, near.features, c) < 0:
                 for k in range(near.weights.shape[2]):
                     share = (1.0 - 2 * side) * near.weights[c, side, k]
                     if share != 0.0:
                         to = points.forces[near.nodes[c, side, k]]
                         put(to, 0, added(vector(to, 0), share, pushed))
-        if near.ends[c, 0] == b and couple_of(near, c) >= 0 and not is_free:
+        if near.ends[c, 0] == b and couple_of(near.meetings, near.features, c) >= 0 and not is_free:
             _push_surface(world, b, c, f)
 
 
@@ -139,7 +139,7 @@ def _try_soft_body(world: Array, h: float, b: int, f: Array) -> float:
     for c in range(len(f)):
         for side in range(2):
             if ends[c, side] == b:
-                if couple_of(near, c) >= 0:
+                if couple_of(near.meetings, near.features, c) >= 0:
                     fastest = max(fastest, _turn_surface(world, h, b, c))
                     continue
                 v, sign, nodes, weights = NONE, 1.0 - 2 * side, near.nodes[c, side], near.weights[c, side]
@@ -172,13 +172,13 @@ def _try_free_body(world: Array, h: float, b: int, f: Array) -> float:
         for side in range(2):
             if ends[c, side] == b:
                 v, sign, arm, nodes, weights = NONE, 1.0 - 2 * side, NONE, near.nodes[c, side], near.weights[c, side]
-                for k in range(near.weights.shape[2] if couple_of(near, c) < 0 else 0):
+                for k in range(near.weights.shape[2] if couple_of(near.meetings, near.features, c) < 0 else 0):
                     share, p = weights[k], nodes[k]
                     if share != 0.0:
                         v = added(v, share, velocity_at(moving, vector(start[p], 0), vector(inside[p], 0)))
                         arm = added(arm, share, arm_of(points, p, rows_in(turn, START), rows_in(turn, END), h))
                 place = added(vector(turn, CENTRE), 1.0, arm)
-                if couple_of(near, c) >= 0:
+                if couple_of(near.meetings, near.features, c) >= 0:
                     inward = _turning_inside(world, c, points)
                     v = added(vector(turn, SPUN), 1.0, rotated(rows_in(turn, MIDDLE), inward))
                 elif is_followed(bodies, near, c, side):

@@ -238,7 +238,7 @@ def _look_at_power(world: Array, C: int) -> None:
             body = near.ends[c, side]
             if bodies.kinds[body] == DRIVEN and dot(f, f) > 0:
                 d = bodies.numbers[body]
-                if couple_of(near, c) >= 0:
+                if couple_of(near.meetings, near.features, c) >= 0:
                     v = vector(driven.step[d], SPIN)
                 elif c < C:
                     v = velocity_of_driven(driven, d, vector(near.places[c], 0))
