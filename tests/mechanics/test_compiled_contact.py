@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from fenics_rom.compilation import compiled, jit
 from fenics_rom.mechanics import braking, compiled_contact, contact_pairs, obstacles
 from fenics_rom.mechanics.braking import SWINGS
-from fenics_rom.mechanics.compiled import contact_law, coulomb, linearised, newton, shapes, sweeps
+from fenics_rom.mechanics.compiled import contact_law, coulomb, elimination, linearised, newton, shapes, sweeps
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Found
 from fenics_rom.mechanics.compiled.shapes import measure, shape_rows
 from fenics_rom.mechanics.compiled.sweeps import MOST_SWEEPS
@@ -32,6 +32,7 @@ H, EPS = 1e-3, float(np.finfo(float).eps)
 find_by_newton, find_by_sweeps, find_by_steps, look_at = map(
     jit, (newton.find_by_newton, sweeps.find_by_sweeps, linearised.find_by_steps, coulomb.look_at)
 )
+solve = jit(elimination.solve)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -134,6 +135,21 @@ def test_forces_are_those_of_numpy(law, quasi_static, seed):
         np.testing.assert_array_equal(*swung)
         if not quasi_static:
             assert asked.braking.share == pytest.approx(asked_there.braking.share, abs=1e-7)
+
+
+@given(seeds, st.integers(1, 40))
+@settings(deadline=None, max_examples=60)
+def test_equations_are_solved_whatever_stands_beside_them(seed, n):
+    """Their symmetric part is definite, so that elimination without pivots is stable."""
+    random = np.random.default_rng(seed)
+    root, skew, x = random.normal(size=(n, n)), random.normal(size=(n, n)), random.normal(size=n)
+    A = root @ root.T / n + 0.3 * np.eye(n) + 0.5 * (skew - skew.T) / np.sqrt(n)
+    rows, right = np.full((-(-n // 4) * 4, -(-n // 8) * 8), np.nan), np.full(n + 3, np.nan)
+    rows[:n, :n], right[:n] = A, A @ x
+    assert solve(rows, right, n)
+    np.testing.assert_allclose(right[:n], x, atol=10 * n * EPS * np.linalg.cond(A) * np.abs(x).max(), rtol=0)
+    rows[:n, :n], right[:n] = 0.0, x
+    assert not solve(rows, right, n)
 
 
 @given(seeds)
