@@ -50,7 +50,7 @@ MAY_IMPORT = {
     "compiled_arrays": ({"compilation"}, {"numpy", "numba"}),
     "compiled_products": ({"compilation"}, {"numpy", "numba", "llvmlite"}),
     "io": ({"errors", "arguments", "version"}, {"numpy", "h5py"}),
-    "mechanics": ({"errors", "arguments", "compilation", "compiled_arrays"}, {"numpy"}),
+    "mechanics": ({"errors", "arguments", "compilation", "compiled_arrays", "compiled_products"}, {"numpy"}),
     "scene": (GROUND | {"trajectory"}, {"numpy", "pydantic", "pydantic_core", "gmsh", "vtkmodules"}),
     "system": (GROUND | {"scene"}, {"numpy", "scipy"}),
     "rom": (GROUND, {"numpy", "h5py"}),
