@@ -20,7 +20,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known, shown, unknown
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.error_maps import ErrorMaps, squared_length
+from fenics_rom.runtime.error_maps import AT_ONCE, Coordinates, ErrorMaps, onward, squared_length
 from fenics_rom.runtime.error_tolerance import Exceeded, OutputErrors
 from fenics_rom.trajectory.error_series import OF
 
@@ -129,8 +129,21 @@ class ErrorWatch:
         self._rom, self.maps, self._model = rom, maps, rom.error_model
         self._ω = np.sqrt(self._model.eigenvalues)
         self.last_inputs: Array | None = None
+        self._ahead: tuple[Coordinates, Array] | None = None  # y of the finer model, if it is not known otherwise
         self.tolerance, self._outputs = tolerance, None if tolerance is None else OutputErrors(rom)
         self.state = ErrorState(0.0, np.zeros(2 * len(self._ω)), True)
+
+    @property
+    def _finer(self) -> Array:
+        """[e, r] (2f,) of the finer model, from its coordinates where blocks of steps left it in these."""
+        if self._ahead is not None:
+            at, y = self._ahead
+            self._finer = at.back @ y.view(float)
+        return self._at
+
+    @_finer.setter
+    def _finer(self, state: Array) -> None:
+        self._at, self._ahead = state, None
 
     @property
     def state(self) -> ErrorState:
@@ -148,40 +161,43 @@ class ErrorWatch:
 
     def note(self, contact: str, h: float, inputs: Array) -> None:
         """Takes in steps of h s in a contact mode under inputs (n, p), and contact forces where there may be some."""
-        state, left, squares = self._finer, len(inputs), 0.0
-        if not left:
+        if not len(inputs):
             return
         self.last_inputs = inputs[-1].copy()
-        if left == 1:
-            self._note_one(contact, h, inputs[0])
-            return
-        for length, carry, push, F in self.maps.blocks(contact, h, left):
-            if length <= left:
-                times = left // length
-                taken = inputs[len(inputs) - left :][: times * length].reshape(times, -1)
-                states = np.empty((times + 1, len(state)))
-                states[0] = state
-                for before, after, pushed in zip(states[:-1], states[1:], taken.dot(push), strict=True):
-                    carry(before, after)
-                    np.add(after, pushed, after)
-                squares += squared_length(F, np.hstack([states[:-1], taken]))
-                state, left = states[-1], left - times * length
-        self._finer = state
-        self._square += h / 2 * squares
+        taken = self._note_blocks(contact, h, inputs) if len(inputs) > 1 else 0
+        for one in inputs[taken:]:
+            self._note_one(contact, h, one)
+
+    def _note_blocks(self, contact: str, h: float, inputs: Array) -> int:
+        """The same in blocks; how many steps they took."""
+        at, taken, heard, silent = self.maps.coordinates(contact, h), 0, 0.0, 0.0
+        if at is None:
+            return 0
+        y = self._ahead[1] if self._ahead and self._ahead[0] is at else (at.into @ self._finer).view(complex)
+        for block in self.maps.blocks(contact, h, len(inputs)):
+            times = (len(inputs) - taken) // block.length
+            for first in range(0, times, AT_ONCE):
+                count = min(AT_ONCE, times - first)
+                steps = count * block.length
+                u = inputs[taken : taken + steps].reshape(count, -1)
+                before, y, squares = onward(block.powers, y, u.dot(block.push).view(complex), at.audible)
+                heard += squared_length(block.residual, np.hstack([before.view(float)[:, at.heard], u]))
+                silent += block.silent**2 * squares
+                taken += steps
+        self._ahead = at, y
+        self._square += h / 2 * (math.sqrt(heard) + math.sqrt(silent)) ** 2
+        return taken
 
     def _note_one(self, contact: str, h: float, inputs: Array) -> None:
         """The same of one step, with as few products as it takes."""
-        _, carry, push, F = self.maps.blocks(contact, h, 1)[-1]
-        state, after = self._finer, np.empty_like(self._finer)
-        carry(state, after)
-        self._finer = after + inputs.dot(push)
+        carry, push, F = self.maps.step(contact, h)
+        state = self._finer
+        self._finer = carry.dot(state) + inputs.dot(push)
         if len(F):
             ρ = F.dot(np.concatenate((state, inputs)))
             self._square += h / 2 * float(ρ.dot(ρ))
         if self._apart is not None:
-            apart = np.empty_like(state)
-            carry(self._apart, apart)
-            self._apart = apart
+            self._apart = carry.dot(self._apart)
 
     def after_each(
         self, before: ErrorState, contact: str, h: float, inputs: Array, states: Array
@@ -195,11 +211,11 @@ class ErrorWatch:
             inputs: (n, p).
             states: [e, r] of the reduced model, which they begin with and lead to, (n + 1, 2m).
         """
-        _, carry, push, F = self.maps.blocks(contact, h, 1)[-1]
+        carry, push, F = self.maps.step(contact, h)
         finer = np.empty((len(inputs) + 1, before.finer.size))
         finer[0] = before.finer
         for start, after, pushed in zip(finer[:-1], finer[1:], inputs.dot(push), strict=True):
-            carry(start, after)
+            carry.dot(start, after)
             np.add(after, pushed, after)
         ρ, f = np.hstack([finer[:-1], inputs]) @ F.T, len(self._ω)
         missed = np.sqrt(before.square + h / 2 * np.cumsum(np.einsum("ij,ij->i", ρ, ρ)))

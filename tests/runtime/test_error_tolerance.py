@@ -77,8 +77,8 @@ class TestItSaysSo:
                 body.step([np.sin(k), 0.5])
         assert watched.exceeded is None
         assert plain.energy_coordinates.tolist() == watched.energy_coordinates.tolist()
-        for kind in ("error_bound", "error_estimate"):
-            assert getattr(watched, kind).norm == pytest.approx(getattr(plain, kind).norm, rel=1e-9)
+        assert watched.error_estimate.norm == pytest.approx(plain.error_estimate.norm, rel=1e-9)
+        assert 1 - 1e-12 < plain.error_bound.norm / watched.error_bound.norm < 1 + 1e-7  # in blocks it is none less
 
     def test_saved_copied_and_begun_anew(self, rom):
         body = fr.Simulator(rom, H, error_tolerance=np.median(errors_of(rom)))

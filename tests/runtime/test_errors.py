@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from bodies import acted_on, dense, scene_text
+from matplotlib.figure import Figure
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
@@ -17,8 +18,10 @@ from fenics_rom.errors import RomFileError, SceneError, StepError
 from fenics_rom.reduction import error_model
 from fenics_rom.rom.midpoint_map import matrices
 from fenics_rom.runtime import error_maps
-from fenics_rom.runtime.error_maps import residual_map
+from fenics_rom.runtime.error_maps import ErrorMaps, residual_map
+from fenics_rom.runtime.error_watch import ErrorWatch
 from fenics_rom.scene.file import parse_scene
+from fenics_rom.visualization.plots.runs import run_panels
 
 sys.path.append(str(Path(__file__).parents[2] / "demos" / "bounds"))
 from random_runs import OUTPUT_ROUND_OFF, ROUND_OFF, chain_of, compare, random_run, ranking
@@ -166,6 +169,36 @@ def test_a_switch_is_off_by_what_its_projection_drops():
     assert dropped > 0.01 * np.sqrt(x @ K @ x + v @ M @ v)
     assert body.error_bound.norm == pytest.approx(dropped, rel=1e-9)
     assert body.error_estimate.norm == pytest.approx(dropped, rel=1e-9)
+
+
+CRITICAL = {"damping": sp.diags(np.r_[4.0, np.full(59, 0.3)]), "stiffness": sp.diags(np.r_[4.0, np.arange(5.0, 64.0)])}
+
+
+@pytest.mark.parametrize("silent", [error_maps.SILENT, 0.1])
+@pytest.mark.parametrize("given", [{}, {"damping": dashpots(), "rayleigh": None}, {"rayleigh": (1.0, 0.1)}, CRITICAL])
+def test_blocks_of_steps_bound_what_steps_do(given, silent, monkeypatch):
+    """Also where they leave out the residual of directions that have much of it: then the bound is larger."""
+    if given is CRITICAL:  # of a direction that is damped critically a step has one eigenvector
+        unit = np.eye(60)
+        given = given | {"mass": sp.identity(60), "contacts": {"one": unit[:, :2]}, "outputs": {"far": unit[:, [9]]}}
+        system = fr.System(**given)
+    else:
+        system = chain(**given)
+    monkeypatch.setattr(error_maps, "SILENT", silent)
+    rom, u = (
+        fr.reduce(system, order=8, method="modal", errors=True),
+        np.random.default_rng(0).standard_normal((1111, 2)),
+    )
+    maps, one, several = (ErrorMaps(rom), *(ErrorWatch(rom, ErrorMaps(rom)) for _ in range(2)))
+    h, before = 3e-3, np.zeros(2 * rom.contact_models["one"].order)
+    for row in u:
+        one.note("one", h, row[None])
+    several.note("one", h, u[:1000])
+    several.note("one", h, u[1000:])
+    assert bool(maps.blocks("one", h, 64)) == (given.get("stiffness") is None)
+    np.testing.assert_allclose(several.state.finer, one.state.finer, rtol=0, atol=1e-12 * np.abs(one.state.finer).max())
+    larger = several.bound("one", before).norm / one.bound("one", before).norm
+    assert 1 - 1e-12 <= larger < (1 + 1e-6 if silent < 0.1 else 20)
 
 
 @pytest.mark.parametrize("dense_damping", [False, True])
@@ -388,6 +421,15 @@ class TestScenes:
         assert "told by runs, by a finer model of" in " ".join(capsys.readouterr().out.split())
         panels = fr.plot(reduced, folder / "plots")
         assert "error.png" in {file.name for file in panels}
+        run_panels({"run": reduced})["output_tip"](figure := Figure())
+        axes, k = figure.axes[0], int(np.abs(reduced.errors["bound"].outputs["tip"]).max(axis=(1, 2)).argmax())
+        assert {"± bound", "± estimate"} <= set(axes.get_legend_handles_labels()[1])
+        scale = axes.lines[1].get_ydata()[k] / reduced.outputs["tip"][k, 0, 1]  # of the unit that is drawn
+        widths = {kind: scale * np.abs(reduced.errors[kind].outputs["tip"][k, 0, 1]) for kind in reduced.errors}
+        for kind, width in widths.items():  # of y: there is a band around its line, as wide as what is stated
+            edges = [band.get_paths()[0].vertices for band in axes.collections if band.get_paths()]
+            heights = [np.ptp(of[np.isclose(of[:, 0], axes.lines[1].get_xdata()[k]), 1]) for of in edges if len(of) > 9]
+            assert any(np.isclose(height, 2 * width) for height in heights), kind
 
     def test_a_run_at_full_order_has_none_to_state(self, scene_runs, capsys):
         folder = scene_runs[0]

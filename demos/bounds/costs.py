@@ -1,0 +1,83 @@
+"""What stating errors costs: processor time of single steps and of rollouts, with and without.
+
+    OMP_NUM_THREADS=1 .venv/bin/python demos/bounds/costs.py           # 1 min
+    OMP_NUM_THREADS=1 .venv/bin/python demos/bounds/costs.py --quick   # the chain with one input
+
+A rollout reads an output after each step. The bodies are the plate, and a chain of 200 masses under one and three
+forces. Runs with and without errors take turns, and medians of their ratios are printed.
+"""
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from numpy import ndarray as Array
+
+import fenics_rom as fr
+from fenics_rom.io.markdown import markdown
+
+PLATE = Path(__file__).parents[1] / "plate" / "plate.toml"
+H = 1e-3  # s
+ROLLED, STEPPED, TURNS = 16_384, 2_048, 15
+
+
+def chain(forces: int) -> fr.System:
+    """Masses between springs, some of which are pushed."""
+    n, unit = 200, np.eye(200)
+    K = 1e3 * sp.diags([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], [-1, 0, 1])
+    pushed = {"contacts": {"end": unit[:, :forces]}, "outputs": {"far": unit[:, [n - 9]]}}
+    return fr.System(mass=1e-2 * sp.identity(n), stiffness=K, rayleigh=(1.0, 1e-3), **pushed)
+
+
+def roll(body: fr.Simulator, inputs: Array) -> None:
+    """Takes steps at once."""
+    body.rollout(inputs, outputs=[next(iter(body.rom.outputs))])
+
+
+def step(body: fr.Simulator, inputs: Array) -> None:
+    """Takes them one by one."""
+    for u in inputs:
+        body.step(u)
+
+
+def costs(rom: fr.Rom, move: Callable[[fr.Simulator, Array], None], steps: int) -> tuple[float, float, float]:
+    """Microseconds of a step without errors and with, and by which share these are more."""
+    inputs = np.random.default_rng(0).standard_normal((steps, fr.Simulator(rom, H).inputs))
+    bodies, taken = [fr.Simulator(rom, H, errors=errors) for errors in (False, True)], []
+    for _ in range(TURNS + 1):
+        turn = []
+        for body in bodies:
+            start = time.process_time()
+            move(body, inputs)
+            turn.append(1e6 * (time.process_time() - start) / steps)
+        taken.append(turn)
+    without, beside = np.array(taken[1:]).T  # the first one makes maps
+    return float(np.median(without)), float(np.median(beside)), float(np.median(beside / without)) - 1
+
+
+def main() -> None:
+    """Measures, and prints a table."""
+    parser = argparse.ArgumentParser(description="What stating errors costs.")
+    parser.add_argument("--quick", action="store_true", help="the chain with one input alone")
+    quick = parser.parse_args().quick
+    warnings.simplefilter("ignore")
+    systems = {"chain, 1 input": chain(1)}
+    if not quick:
+        systems |= {"chain, 3 inputs": chain(3), "plate, 3 inputs": fr.assemble(fr.read_scene(PLATE))}
+    rows = []
+    for name, system in systems.items():
+        for order in (20, 40):
+            rom = fr.reduce(system, order=order, errors=True)
+            assert rom.error_model is not None
+            found = [costs(rom, *given) for given in ((step, STEPPED), (roll, ROLLED))]
+            told = [f"{a:.2f}, {b:.2f}, +{100 * more:.0f} %" for a, b, more in found]
+            rows.append((name, f"{order}, {len(rom.error_model.eigenvalues)}", *told))
+    print(markdown(("body", "order, directions of the finer model", "single step: without, with", "rollout"), rows))
+
+
+if __name__ == "__main__":
+    main()
