@@ -35,10 +35,12 @@ part() { # NAME PYTEST ARGUMENT ...
   summaries+=("$name: $(tail -n 1 "$log")")
 }
 
+# A file's tests on one core, in the order of tests/conftest.py.
+by_file=(--dist loadfile --no-loadscope-reorder --maxprocesses 4 --numprocesses)
 export FENICS_ROM_COMPILED=0 # NumPy is the reference; what runs compiled is held to it below
-part "on all cores" "$@" "${demos[@]}" -m "not (alone or ranks)" --numprocesses auto --maxprocesses 4 --dist loadfile
-part "ranks" "$@" -m ranks "${ranks[@]}" --numprocesses 2 --dist loadfile # each is one process for most of its time
+part "on all cores" "$@" "${demos[@]}" --ignore=tests/test_compilation.py -m "not (alone or ranks)" "${by_file[@]}" auto
+part "ranks" "$@" -m ranks "${ranks[@]}" "${by_file[@]}" 2 # each is one process for most of its time
 part "alone" "$@" -m alone "${alone[@]}" # what goes by the clock
-FENICS_ROM_COMPILED=1 part "compiled" "$@" "${with_numba[@]}" --numprocesses auto --maxprocesses 4 --dist loadfile
+FENICS_ROM_COMPILED=1 part "compiled" "$@" "${with_numba[@]}" "${by_file[@]}" auto
 printf '=== %s\n' "${summaries[@]}"
 exit "$failed"

@@ -74,10 +74,10 @@ normal = [0, 1, 0]
 point = [0, 0, 0]
 """
 ACTING = """dt = 0.005
-duration = 0.5
+duration = 0.2
 snapshots = 10
-load = [{ actuator = "air", force = [50.0] }, { actuator = "rope", start = 0.1, force = [3.0] }]"""
-RUN = 'dt = 0.01\nduration = 0.5\nload = [{ contact = "middle", stop = 0.3, force = [0.0, 0.1, 0.5] }]'
+load = [{ actuator = "air", force = [50.0] }, { actuator = "rope", start = 0.05, force = [3.0] }]"""
+RUN = 'dt = 0.01\nduration = 0.25\nload = [{ contact = "middle", stop = 0.15, force = [0.0, 0.1, 0.5] }]'
 TIP = {"outputs.tip": "points = [[0.9, 0.2, 0.1]]", "reduction": "order = 12"}
 pytestmark = pytest.mark.ranks
 FOUR = pytest.param(4, marks=pytest.mark.slow)
@@ -114,7 +114,7 @@ def write_scenes(folder):
         (folder / f"{name}.toml").write_text(scene_text(folder / "box.msh", **bottom, **parts))
     parts |= {"effects": MOVING + EFFECTS, "supports": None}
     (folder / "rolling.toml").write_text(ROLLERS + scene_text(folder / "box.msh", **bottom, **parts))
-    (folder / "ball.csv").write_text("time,x,y,z\n0,0,0,0\n0.3,-0.02,0.0,0.0\n0.5,0.01,0.0,0.0\n")
+    (folder / "ball.csv").write_text("time,x,y,z\n0,0,0,0\n0.12,-0.02,0.0,0.0\n0.2,0.01,0.0,0.0\n")
     (folder / "missing.toml").write_text(scene_text(folder / "none.msh"))
 
 
