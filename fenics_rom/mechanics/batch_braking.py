@@ -9,7 +9,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.body_axis import put, taken
-from fenics_rom.mechanics.braking import LEAST_SHARE, NEARLY_NONE, SWINGS, swung_with
+from fenics_rom.mechanics.braking import AIMED, LEAST_SHARE, NEARLY_NONE, SWINGS, swung_with
 from fenics_rom.mechanics.complementarity.normals import along, subtract_along
 from fenics_rom.mechanics.complementarity.problems import Problems
 
@@ -186,8 +186,9 @@ class _Shares:
             a = np.einsum("apb,apb->b", of_friction, by_share)
             b = np.einsum("apb,apb->b", friction, by_share)
             b += np.einsum("apb,apb->b", of_friction, slip + targets)
-            root = np.sqrt(b * b - 4 * a * (power + negligible / 2))
-            step = np.where(b > 0, -2 * (power + negligible / 2) / (b + root), (root - b) / (2 * a))
+            beyond = power + np.minimum(enough / 2, AIMED * negligible)
+            root = np.sqrt(b * b - 4 * a * beyond)
+            step = np.where(b > 0, -2 * beyond / (b + root), (root - b) / (2 * a))
             found = share + step
         fits = (found > below + LEAST_SHARE) & (found < above)
         none = (share == 0) & (power >= -negligible) & (b >= 0)

@@ -19,6 +19,7 @@ from numpy import ndarray as Array
 
 WORK_ROUND_OFF = 1e-12  # of force times velocity: work that is no work
 NEARLY_NONE = 1e-9  # of the work on what is stopped: by so much friction may do less than it could
+AIMED = 2.0  # times what is no work: so far below it a share is looked for, as round-off of forces makes as much
 MOST_LOOKS = 8  # at shares between 0 and 1
 LEAST_SHARE = 1e-9
 SWINGS = 10  # steps in a row in which a pair was not stopped: fewer are those of bodies that are pushed about
@@ -166,11 +167,11 @@ class Braking:
             begins, self._known, self._below, self._above = not self._known, pairs, 0.0, 1.0
             if share > 0 and not begins:
                 return 0.0
+        enough = max(negligible, NEARLY_NONE * float(np.abs(friction * whole).sum()))
         if power > negligible:
             self._above = share
         else:
             self._below = share
-            enough = max(negligible, NEARLY_NONE * float(np.abs(friction * whole).sum()))
             if self._left == 0 or (share > 0 and power >= -enough):
                 return share
         if self._left == 0:
@@ -182,7 +183,7 @@ class Braking:
             return (self._below + self._above) / 2
         by_slip = by_slip + whole
         slope = float((by_friction * moves).sum() + (friction * by_slip).sum())
-        root = share + root_of(float((by_friction * by_slip).sum()), slope, power + negligible / 2)
+        root = share + root_of(float((by_friction * by_slip).sum()), slope, power + min(enough / 2, AIMED * negligible))
         if self._below + LEAST_SHARE < root < self._above:
             return root
         if share == 0 and power >= -negligible and slope >= 0:

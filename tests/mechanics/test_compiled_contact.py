@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from fenics_rom.compilation import compiled, jit
@@ -103,6 +103,7 @@ def problem(random, law, quasi_static):
 @pytest.mark.parametrize("quasi_static", [False, True], ids=["dynamic", "at rest"])
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 @given(seeds)
+@example(9_999_999)  # a share of what swings that round-off of forces keeps from being found to less than that
 @settings(deadline=None, max_examples=60)
 def test_forces_are_those_of_numpy(law, quasi_static, seed):
     random = np.random.default_rng(seed)

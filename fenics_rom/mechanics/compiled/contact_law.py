@@ -300,7 +300,7 @@ def _find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pai
                 elif not stays:
                     looks -= 1
                     of_law = part, points, axes, whole, friction, law.compliance, yielding
-                    ahead = next_share(*of_law, f, u, moves, share, below, above, negligible, space)
+                    ahead = next_share(*of_law, f, u, moves, share, below, above, negligible, enough, space)
                 repeat = ahead != share
                 for i in range(C if repeat else 0):
                     c = active[i]

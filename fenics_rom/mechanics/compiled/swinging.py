@@ -4,7 +4,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part, jit_shared
 from fenics_rom.mechanics import braking
-from fenics_rom.mechanics.braking import LEAST_SHARE
+from fenics_rom.mechanics.braking import AIMED, LEAST_SHARE
 from fenics_rom.mechanics.compiled.coulomb import look_at
 from fenics_rom.mechanics.compiled.linearised import add_change
 from fenics_rom.mechanics.compiled.work_space import take, take_rows
@@ -41,6 +41,7 @@ def next_share(
     below: float,
     above: float,
     negligible: float,
+    enough: float,
     space: Array,
 ) -> float:
     """The share that is to be looked at next, between two that are known to be too little and too much.
@@ -62,7 +63,7 @@ def next_share(
             square += by_f[c, k] * by_moves[c, k]
             slope += by_f[c, k] * moves[c, k] + f[c, k] * by_moves[c, k]
             power += f[c, k] * moves[c, k]
-    root = share + root_of(square, slope, power + negligible / 2)
+    root = share + root_of(square, slope, power + min(enough / 2, AIMED * negligible))
     if below + LEAST_SHARE < root < above:
         return root
     if share == 0.0 and power >= -negligible and slope >= 0:
