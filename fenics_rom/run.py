@@ -64,7 +64,7 @@ def simulate(
         enrich: the system that the ROM was reduced of: where the tolerance is exceeded, directions are added to the
             basis, and the run goes on without a jump; or an Enrichment, whose `rom` has them afterwards.
         finer: a ROM of higher order of the same scene, which takes the same steps beside: for bodies that do not state
-            errors of themselves the difference of outputs is an estimate.
+            errors of themselves the difference of outputs and readings is an estimate.
         arc_length: whether loads are to grow and shrink along the equilibrium path of a body that deforms largely and
             has no inertia, on beyond its limit points: from nothing to what the run has at its end, in as many steps as
             the run has, or fewer, the first with about an equal share. Beside them there is what always acts; `inputs`

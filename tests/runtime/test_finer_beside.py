@@ -23,6 +23,7 @@ ROPE = 'tendon.rope = { points = [[0.0, 0.4, 0.3], [0.5, 0.4, 0.3], [1.0, 0.4, 0
 SCENES = {  # what comes before the scene, effects, loads
     "relaxes": ("", "viscoelasticity = { ratios = [0.5], times = [0.1] }", PUSH),
     "stroke": ("", ROPE, PUSH + ', { actuator = "rope", force = [0.002] }'),
+    "large": ("", "large_deformation = {}", PUSH),
     "carried": ('frame = "moving"\n', "gravity = { acceleration = [0, 0, -9.81] }", PUSH),
 }
 
@@ -36,7 +37,10 @@ def reduced(box_file, name):
     return system, *(fr.reduce(system, order=order) for order in (4, 12))
 
 
-@pytest.fixture(scope="module", params=SCENES)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=[pytest.mark.slow] * (name == "large")) for name in SCENES],  # 10 s
+)
 def case(request, box_file):
     return reduced(box_file, request.param)
 
