@@ -25,6 +25,7 @@ import gmsh
 import numpy as np
 import pytest
 import scipy.linalg
+from all_points import all_points
 from bodies import dense
 from drawn_scenes import STEPS, Drawn, drawn
 
@@ -33,7 +34,6 @@ from fenics_rom.errors import FenicsRomError
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.reduction.hyperreduction import reduce as hyperreduction
-from fenics_rom.reduction.hyperreduction.cubature import Cubature
 from fenics_rom.scene import foreign_file, foreign_process
 from fenics_rom.scene.file import parse_scene
 
@@ -148,12 +148,8 @@ def in_all_modes(system: fr.System) -> fr.Rom:
         γ, V = scipy.linalg.eigh((K + K.T) / 2, (M + M.T) / 2)
         return replace(seen(problem, checkpoint), columns=V[:, len(γ) - order :])
 
-    def every_point(body, *_):
-        return Cubature(np.arange(len(body.weights)), np.ones(len(body.weights)), 0.0)
-
-    with pytest.MonkeyPatch.context() as patched:
+    with pytest.MonkeyPatch.context() as patched, all_points():
         patched.setitem(hyperreduction.BASES, "modal+derivatives", every_mode)
-        patched.setattr(hyperreduction, "fit_cubature", every_point)
         rom = fr.reduce(system, order=order, method="modal+derivatives")
     return replace(rom, deformation=replace(rom.deformation, trained=None), residual_compliance=None)
 

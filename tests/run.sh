@@ -11,7 +11,7 @@ install_packages
 pytest=(.venv/bin/python -m pytest)
 demos=()
 with_numba=(tests/test_compilation.py tests/world/test_compiled_{joints,world}.py tests/mechanics/test_{compiled_contact,contact}.py
-  tests/runtime/test_{compiled_*,batch_contact,clearance,differentiation_contact,energy_laws,fast_motion,residual_compliance}.py)
+  tests/runtime/test_{compiled_*,batch_contact,clearance,differentiation_contact,fast_motion,residual_compliance,skin_looks}.py)
 if [ "$*" = --elsewhere ]; then
   demos=(--ignore=tests/demos) # which are the same on all systems, and a third of the time
   with_numba=(tests/test_compilation.py tests/mechanics/test_compiled_contact.py tests/runtime/test_compiled_{steps,frames}.py)

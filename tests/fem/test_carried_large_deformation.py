@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from all_points import all_points
 from bodies import box_arrays, scene_text, write_arrays
 
 import fenics_rom as fr
@@ -97,15 +98,11 @@ def test_account_closes_at_any_step_and_a_step_is_taken_back(mesh):
 
 def every_point(system):
     """A ROM of all modes, and of all points."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FenicsRomWarning)
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning), all_points():
         rom = fr.reduce(system, order=system.size, method="modal+derivatives")
     assert len(rom.stiffness) == system.size
-    whole = system.deformation
-    names = ("weights", "first_lame", "shear", "viscosity")
-    points = {name: getattr(whole, name) for name in names} | {"gradients": whole.gradients(rom.basis)}
-    every = replace(rom.deformation, **points, points_of=len(whole.weights), trained=None)
-    return replace(rom, deformation=every)
+    assert len(rom.deformation.weights) == rom.deformation.points_of
+    return replace(rom, deformation=replace(rom.deformation, trained=None))
 
 
 def test_reduced_in_all_modes_and_points_is_full_order(mesh):
