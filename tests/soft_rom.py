@@ -8,6 +8,7 @@ from bodies import box_arrays
 from soft_box import scalar_mass, soft_box
 
 import fenics_rom as fr
+from fenics_rom.compilation import compiled
 from fenics_rom.errors import StepError
 from fenics_rom.reduction.moving_frame import inertia_constants
 from fenics_rom.rom.contact_model import ContactModel
@@ -172,4 +173,13 @@ def refuse_few_parts(monkeypatch, fewest: int, longer_than: float = 0.0) -> list
         raise StepError("in too few parts")
 
     monkeypatch.setattr(HeldBody, "_in_parts", failing)
+    if compiled() and fewest > 1:  # loops take steps whole
+        from fenics_rom.runtime.steppers.compiled_held import CompiledHeld
+
+        take = CompiledHeld.take
+
+        def taken(loops, *given):
+            return None if loops.body.sampled is not None and loops.body.law.h > longer_than else take(loops, *given)
+
+        monkeypatch.setattr(CompiledHeld, "take", taken)
     return refused

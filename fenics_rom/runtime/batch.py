@@ -45,9 +45,9 @@ class Batch(BatchedBodies):
     that a base carries, without contact. All others are stepped one after another, each at the rate of a simulator,
     with the same results to the bit: without inertia, with strokes, friction of tendons, a material that relaxes,
     springs in place of the rigid law, errors that are kept, free bodies in moving frames, and what else `stepping`
-    tells. Where numba is installed, held bodies of small strains among obstacles, those of large deformation by
-    linearly implicit steps, and bodies in moving frames step compiled on several threads, by any law of contact, if a
-    single one does, and each as that to the bit.
+    tells. Where numba is installed, held bodies of small strains among obstacles, those of large deformation, also with
+    strokes, and bodies in moving frames step compiled on several threads, by any law of contact, if a single one does,
+    and each as that to the bit.
 
     `bodies` in the methods are None (all), a mask (size,) or distinct indices; arrays are in the order 0 .. size - 1.
 

@@ -28,13 +28,17 @@ from fenics_rom.runtime.compiled.carried_strains import (
 )
 from fenics_rom.runtime.compiled.held_bodies import Carried, restore_bodies, step_bodies
 from fenics_rom.runtime.compiled.linear_step import State
+from fenics_rom.runtime.compiled.strain_tables import padded
+from fenics_rom.runtime.compiled.strokes import Pull
 from fenics_rom.runtime.compiled_bodies import CompiledBodies
 from fenics_rom.runtime.compiled_state import Mode
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.adjoint import NONE
+from fenics_rom.runtime.steppers.compiled_deformation import Known, branches_of
 from fenics_rom.runtime.steppers.deformation_maps import E_OF_Q
 from fenics_rom.runtime.steppers.deformation_maps import Carried as HandedOn
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
+from fenics_rom.runtime.steppers.elastic.sampled import SampledPoints
 from fenics_rom.runtime.steppers.training_watch import TRUSTED_EXTENT
 from fenics_rom.runtime.threads import deal_out
 
@@ -53,17 +57,15 @@ class CompiledBending(CompiledBodies):
     def made(
         cls, rom: Rom, size: int, dt: float, ledger: bool, signals: "Mapping[str, SignalLike]", detail: str | None
     ) -> "CompiledBending | None":
-        """Of a ROM; None where its steps are not compiled. Without contact they are linearly implicit at any dt."""
+        """Of a ROM; None where its steps are not compiled.
+
+        They are linearly implicit at any dt where NumPy would take them together, and else what suits dt.
+        """
         acting = rom.environment
-        if (
-            not compiled()
-            or rom.deformation is None
-            or acting.is_moving
-            or acting.finds_forces
-            or not acting.has_inertia
-        ):
+        if not compiled() or rom.deformation is None or acting.is_moving or not acting.has_inertia:
             return None
-        stepper = None if acting.contact_law is not None else "linearly-implicit"
+        alone = acting.contact_law is not None or acting.finds_forces or acting.viscoelasticity is not None
+        stepper = None if alone else "linearly-implicit"
         single = Simulator(rom, dt, signals=signals, stepper=stepper, detail=detail)
         return cls(single, size, ledger) if single.bends_compiled else None
 
@@ -71,19 +73,22 @@ class CompiledBending(CompiledBodies):
         first, size = not self._modes, self.size
         stepper, body = self._single.integrator, self.rom.deformation
         assert body is not None
-        m, r = body.order, StrainsCarried.strain_count(body)
+        m, r = body.order, StrainsCarried.strain_count(body) if isinstance(self._law, StrainsCarried) else 0
         states, self._modes = self._modes[0].states if self._modes else None, []
+        self._pulls = dict[str, Pull | None]()
         for name in self.rom.contact_models:
             stepper.restore(name, self._at_rest(name), self._dt)
             loops = self._kernel.loops
             if states is None:
-                sizes = (2, m), (0,), (4, 0 if loops.touch is None else len(loops.touch.R)), (0, 2, 0), (0, 2, 0)
+                k = 0 if loops.touch is None else len(loops.touch.R)
+                sizes = (2, m), (0,), (4, k), (0, 2, 0), (loops.body.law.branches.shape[1] if k else 0, 2, k)
                 states = State(*(np.zeros((size, *shape)) for shape in sizes * 2))
             self._modes.append(Mode(name, loops.body, loops.touch, states))
+            self._pulls[name] = loops.pull
         if first:
-            n, N = self._modes[0].body.law.branches.shape[1], len(self._modes[0].body.law.gram)
-            own = (9, m), (m, m), (2, r), (NUMBERS,), (n, 2, r), (2, N)
-            shapes = *own, (m,), (m,), (2, r), (NUMBERS,), (n, 2, r), (m,), (3,)
+            relaxed, N, k = branches_of(self._law).shape, padded((m + 1) * (m + 2) // 2), self._strokes
+            own = (9, m), (m, m), (2, r), (NUMBERS,), relaxed, (2, N)
+            shapes = *own, (m,), (k,), (m,), (2, r), (NUMBERS,), relaxed, (m,), (k,), (3,)
             self._carried = Carried(*(np.zeros((size, *shape)) for shape in shapes))
             self._notes = np.zeros((3, size))  # strained, mismatch and distance, at most
             self._begin(np.arange(size), np.zeros(size, bool))
@@ -96,8 +101,8 @@ class CompiledBending(CompiledBodies):
         return cast("HeldBody", self._single.integrator.kernel)
 
     @property
-    def _law(self) -> StrainsCarried:
-        return cast(StrainsCarried, self._kernel.elastic)
+    def _law(self) -> Known:
+        return cast(Known, self._kernel.elastic)
 
     def _set_pushed(self, body: int, forces: Array) -> None:
         """Has the last step have had contact forces (P, 3)."""
@@ -107,12 +112,13 @@ class CompiledBending(CompiledBodies):
     def _enter(self, body: int) -> "ReducedStepper":
         stepper, carried, states = self._single.integrator, self._carried, self._modes[0].states
         numbers, contact = carried.numbers[body], self._contact_of(body)
-        strained = carried.strained[body].copy() if numbers[IS_CARRIED] else E_OF_Q
-        handed_on = HandedOn(carried.vectors[body, VELOCITY].copy(), strained, *numbers[:4].tolist())
-        relaxed, of_law = carried.relaxed[body].ravel(), handed_on.in_one(carried.strained.shape[2])
-        auxiliary = np.concatenate([of_law, relaxed, states.beyond[body].ravel()])
-        own = states.halves[body].ravel(), np.empty(0), auxiliary
-        now = StepperState(*own, contact, self._search_of(body), {}, np.empty(0))
+        of_law = [carried.relaxed[body].ravel(), states.beyond[body].ravel(), states.relaxed_beyond[body].ravel()]
+        if isinstance(self._law, StrainsCarried):
+            strained = carried.strained[body].copy() if numbers[IS_CARRIED] else E_OF_Q
+            handed_on = HandedOn(carried.vectors[body, VELOCITY].copy(), strained, *numbers[:4].tolist())
+            of_law.insert(0, handed_on.in_one(carried.strained.shape[2]))
+        own = states.halves[body].ravel(), np.empty(0), np.concatenate(of_law)
+        now = StepperState(*own, contact, self._search_of(body), {}, carried.reactions[body].copy())
         stepper.restore(self._modes[self._mode[body]].name, now, self._dt)
         if numbers[HAS_TANGENT]:
             self._kernel.tangent = carried.tangent[body].copy()
@@ -126,21 +132,27 @@ class CompiledBending(CompiledBodies):
         states.halves[body] = kernel.state.reshape(2, -1)
         if states.beyond.size and kernel.residual is not None:
             states.beyond[body] = kernel.residual.state.reshape(4, -1)
-        self._take_on(body, self._law.carried, kernel.tangent)
+            if kernel.residual.branches is not None:
+                states.relaxed_beyond[body] = kernel.residual.branches.state
+        self._take_on(body, kernel.tangent)
         self._carried.pushed[body] = kernel.loops.pushed_by(kernel.contact)
-        q = states.halves[body, 0] * self._modes[0].body.inverse_ω
-        gap = noted["mismatch"] ** 2 * noted["strained"]
-        self._carried.noted[body] = noted["strained"], gap, q.dot(q)
+        self._carried.reactions[body] = kernel.reactions
+        q, strained = states.halves[body, 0] * self._modes[0].body.inverse_ω, noted.get("strained", 0.0)
+        self._carried.noted[body] = strained, noted.get("mismatch", 0.0) ** 2 * strained, q.dot(q)
 
-    def _take_on(self, body: int, handed_on: HandedOn, tangent: Array) -> None:
-        """Has a body go on from what a step handed on."""
-        carried, numbers = self._carried, self._carried.numbers[body]
+    def _take_on(self, body: int, tangent: Array) -> None:
+        """Has a body go on from what the law carries along."""
+        carried, numbers, law = self._carried, self._carried.numbers[body], self._law
+        if law.branches is not None:
+            carried.relaxed[body] = law.branches.state
+        if isinstance(law, SampledPoints):
+            numbers[ENERGY] = law.energy_of_points
+            return
+        handed_on = law.carried
         carried.vectors[body, VELOCITY] = handed_on.velocity
         numbers[:5] = *handed_on[2:], len(handed_on.strained) > 0
         if len(handed_on.strained):
             carried.strained[body] = handed_on.strained
-        if self._law.branches is not None:
-            carried.relaxed[body] = self._law.branches.state
         numbers[[IS_AHEAD, HAS_TANGENT]] = 0.0, len(tangent) > 0
         if len(tangent):
             carried.tangent[body] = tangent
@@ -151,7 +163,8 @@ class CompiledBending(CompiledBodies):
         for body in bodies.tolist():
             e, r = states.halves[body]
             self._law.resume(e * self._modes[0].body.inverse_ω, r, np.empty(0))
-            self._take_on(body, self._law.carried, NONE)
+            self._take_on(body, NONE)
+            self._carried.reactions[body] = 0.0
 
     def reset(self, bodies: Array, on_error: str) -> None:
         """As of `Batch`."""
@@ -170,12 +183,12 @@ class CompiledBending(CompiledBodies):
         carried.velocity_before[body] = carried.vectors[body, VELOCITY]
         carried.strained_before[body] = carried.strained[body]
         carried.numbers_before[body], carried.pushed_before[body] = carried.numbers[body], carried.pushed[body]
-        carried.relaxed_before[body] = carried.relaxed[body]
+        carried.relaxed_before[body], carried.reactions_before[body] = carried.relaxed[body], carried.reactions[body]
         super()._step_alone(body, u, obstacles)
 
     def _step_together(self, mode: Mode, own: Array, inputs: Array, obstacles: Moving) -> None:
         law = NO_LAW if self._interface is None else self._solver.law_in_steps(self._dt)
-        given = mode.body, mode.touch, law, self._friction, self._shapes
+        given = mode.body, mode.touch, self._pulls[mode.name], law, self._friction, self._shapes
         between = inputs, obstacles, self._begun, self._after, mode.states, self._carried, self._new
         deal_out(partial(_step, given, between), own)
 
@@ -193,14 +206,22 @@ class CompiledBending(CompiledBodies):
         np.maximum(distance, np.sqrt(square), out=distance, where=taken)
 
     @property
+    def reactions(self) -> dict[str, Array]:
+        """(size,) of each, by name."""
+        names = () if self._single.environment is None else self._single.environment.stroke_names(self.rom.actuators)
+        return dict(zip(names, self._carried.reactions.T.copy(), strict=False))
+
+    @property
     def energy(self) -> Array:
         """(size,), J."""
         mode, numbers, beyond = self._modes[0], self._carried.numbers, self._modes[0].states.beyond
         q, r = mode.states.halves[:, 0] * mode.body.inverse_ω, mode.states.halves[:, 1]
         energy: Array = numbers[:, ENERGY] + numbers[:, LEFT] + np.einsum("bm,bm->b", r, r) / 2
         energy += np.einsum("bm,bm->b", q @ mode.body.law.springs, q) / 2
-        relaxed = self._carried.relaxed
-        energy += np.einsum("n,bnk,bnk->b", mode.body.law.branches[RATIO], relaxed[:, :, 0], relaxed[:, :, 1]) / 2
+        for relaxed in (self._carried.relaxed, mode.states.relaxed_beyond):
+            if relaxed.size:
+                w, stressed = relaxed.transpose(2, 0, 1, 3)
+                energy += np.einsum("n,bnk,bnk->b", mode.body.law.branches[RATIO], w, stressed) / 2
         if beyond.size:
             g, y, ġ, ẏ = beyond.transpose(1, 0, 2)
             energy += (np.einsum("bp,bp->b", g, y) + mode.touch.τ**2 * np.einsum("bp,bp->b", ġ, ẏ)) / 2

@@ -69,6 +69,7 @@ class CompiledState:
 
     def __init__(self, single: Simulator, size: int, ledger: bool):
         self._single, self._dt, self.size, self.ledger = single, single.dt, size, ledger
+        self._strokes = len(single.integrator.reactions)  # how many forces are found
         names, law = list(self.rom.contact_models), self.rom.environment.contact_law
         self._nothing_acts = None if single.environment else ActiveEnvironment(self.rom.environment, {})
         obstacles, P = len(self._shapes), len(self._points)
@@ -114,7 +115,7 @@ class CompiledState:
 
     def _at_rest(self, name: str) -> StepperState:
         rest = np.zeros(2 * self.rom.contact_models[name].order), np.zeros(self.rom.rigid), np.empty(0)
-        return StepperState(*rest, None, self._first_search, {}, np.empty(0))
+        return StepperState(*rest, None, self._first_search, {}, np.zeros(self._strokes))
 
     @property
     def rom(self) -> Rom:

@@ -6,8 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import in_plain
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.frame_motion import ZERO, rotation_matrix
+from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.compiled.contact_points import Points
 from fenics_rom.runtime.compiled.frame_tables import ROWS as FRAME_ROWS
@@ -16,6 +18,7 @@ from fenics_rom.runtime.steppers.bent_in_loops import BentInLoops
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
 from fenics_rom.runtime.steppers.compilable_frame import CompilableFrame
 from fenics_rom.runtime.steppers.compiled_frame import CompiledFrame
+from fenics_rom.runtime.steppers.compiled_step import Relaxing
 from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.frame_state import FrameState
@@ -23,8 +26,9 @@ from fenics_rom.runtime.steppers.frame_table import ROWS
 from fenics_rom.runtime.steppers.frame_touch import points_of
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
 from fenics_rom.runtime.steppers.held import HeldBody
+from fenics_rom.world.compiled.relaxing_bodies import Relaxed
+from fenics_rom.world.compiled.soft_bodies import RELAXED, TURNS, Step
 from fenics_rom.world.compiled.soft_bodies import ROWS as WORLD_ROWS
-from fenics_rom.world.compiled.soft_bodies import TURNS, Step
 from fenics_rom.world.handed_forces import Handed, handed_in
 from fenics_rom.world.soft import Soft
 
@@ -59,12 +63,41 @@ class HeldBent(BentInLoops):
         return handed_in(forces.dot(self._R))
 
 
+class HeldRelaxing:
+    """Branches of the material of a held body of small strains, within its basis and beyond; see `Relaxed`.
+
+    Args:
+        kernel: of the body.
+        branches: within its basis.
+    """
+
+    def __init__(self, kernel: ContactMidpoint, branches: MaxwellBranches):
+        N, (m, n), residual = len(branches.state), kernel.arrays[1].shape, kernel.residual
+        self._within = Relaxing(branches, N, m)
+        self._beyond = Relaxing(None if residual is None else residual.branches, N, 0 if residual is None else n)
+        share, numbers = np.empty((0, 0)) if branches.share is None else in_plain(branches.share), branches.numbers
+        of_both = self._within.rows, self._within.rows_before, self._beyond.rows, self._beyond.rows_before
+        self.arrays = Relaxed(numbers, share, *of_both)
+
+    def tell_loops(self) -> None:
+        """As in CompilableFrame."""
+        self._within.begin()
+        self._beyond.begin()
+
+    def end_in_world(self, u: Array, square: float, within: float) -> None:
+        """As in CompilableFrame."""
+        self._within.end()
+        self._beyond.end()
+
+
 class SoftTable(NamedTuple):
     """A soft body as compiled steps take it."""
 
     kernel: CarriedFrame | FreeFrame | ContactMidpoint | HeldBody
     frame: CompiledFrame
-    beside: CompilableFrame | HeldBent | None  # what is told when compiled steps begin and end, if anything is
+    beside: (
+        CompilableFrame | HeldBent | HeldRelaxing | None
+    )  # what is told when compiled steps begin and end, if anything is
     points: Points
     step: Step
     arrays: list[Array]  # all of them, which the table has the addresses of
@@ -84,7 +117,12 @@ def soft_table(body: Soft) -> SoftTable | None:
         frame, rest, rows = _held_largely(body, kernel), interface.points.coordinates, kernel.of_points
     else:
         return None
-    if frame is None or (kernel.residual is not None and kernel.residual.relaxes):
+    if frame is None:
+        return None
+    relaxing = None
+    if isinstance(kernel, ContactMidpoint) and kernel.branches is not None:
+        relaxing = HeldRelaxing(kernel, kernel.branches)
+    elif kernel.residual is not None and kernel.residual.relaxes:
         return None
     of_body, loads = frame.parts
     m, P, p = len(of_body.ω), len(rest), loads.push.shape[0]
@@ -98,14 +136,17 @@ def soft_table(body: Soft) -> SoftTable | None:
     linear, bent = frame.arrays[:FRAME_ROWS], frame.arrays[FRAME_ROWS:]
     arrays, table = [*linear, *points, *step, *bent], np.zeros((WORLD_ROWS, 4), dtype=np.int64)
     table[: len(arrays)] = table_of(arrays)
-    beside = kernel if isinstance(kernel, CompilableFrame) else frame.bent
-    assert beside is None or isinstance(beside, CompilableFrame | HeldBent)
+    if relaxing is not None:
+        arrays += relaxing.arrays
+        table[RELAXED:] = table_of(relaxing.arrays)
+    beside = kernel if isinstance(kernel, CompilableFrame) else frame.bent or relaxing
+    assert beside is None or isinstance(beside, CompilableFrame | HeldBent | HeldRelaxing)
     return SoftTable(kernel, frame, beside, points, step, arrays, table)
 
 
 def _held(body: Soft, kernel: ContactMidpoint) -> CompiledFrame | None:
     """A linear body that nothing carries: its frame stands still."""
-    if not kernel.answers_linearly or kernel.branches is not None or body.rom.rigid:
+    if not kernel.answers_linearly or body.rom.rigid:
         return None
     (A, _, halves, before), D = kernel.arrays, body.model.damping
     D, A = (np.ascontiguousarray(np.diag(each) if each.ndim == 1 else each) for each in (D, A))

@@ -15,6 +15,7 @@ from fenics_rom.mechanics.viscoelasticity import PronySeries
 from fenics_rom.runtime import compiled_bending
 from fenics_rom.runtime.compiled import held_bodies, held_step
 from fenics_rom.runtime.steppers.held import HeldBody
+from fenics_rom.runtime.steppers.selection import longest_linearly_implicit_step
 
 pytestmark = [
     pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off"),
@@ -23,30 +24,36 @@ pytestmark = [
 
 SIZE, STEPS, DT = 40, 150, 2e-3
 LAWS = "st_venant_kirchhoff", "neo_hookean", "relaxing"
-CASES = [(law, contact) for law in LAWS for contact in (False, True)]
+CASES = [*((law, contact) for law in LAWS for contact in (False, True)), ("stroke", False), ("newton", True)]
 
 
 def rom_of(law, contact):
-    rom = soft_rom("neo_hookean" if law == "relaxing" else law, order=9, contact=contact, touched_from=0.25)
-    if law == "relaxing":
+    material = law if law in LAWS[:2] else "neo_hookean"
+    rom = soft_rom(material, order=9, contact=contact, touched_from=0.25)
+    if law in ("stroke", "newton"):
+        rom = replace(rom, environment=replace(rom.environment, controls={"cable": "length"}))
+    if law in ("relaxing", "newton"):
         series = PronySeries((0.5, 0.3), (0.03, 2e-4))
         rom = replace(rom, environment=replace(rom.environment, viscoelasticity=series))
     return replace(rom, contact_models={"tip": rom.contact_models["tip"]}) if contact else rom
 
 
-def history(width):
-    """Forces at the tip, air and tensions, of each body others: (STEPS, SIZE, width)."""
+def history(width, *, by_stroke=False):
+    """Forces at the tip, air and tensions, or strokes, of each body others: (STEPS, SIZE, width)."""
     rng, t = np.random.default_rng(1), DT * np.arange(STEPS)[:, None]
     forces = np.zeros((STEPS, SIZE, width))
     size, rate = rng.uniform(0.5, 1.5, (3, SIZE)), rng.uniform(20, 40, (3, SIZE))
     forces[:, :, 0], forces[:, :, 1] = 0.05 * size[0] * np.sin(rate[0] * t), 0.05 * size[1] * np.sin(rate[1] * t)
     forces[:, :, 2] = 0.1 * size[2] * (np.sin(rate[2] * t) - 1)
     forces[:, :, -2:] = rng.uniform(0, [300.0, 0.3], (SIZE, 2)) * np.sin(10 * t[:, :, None]) ** 2
+    forces[:, :, -1] *= 0.01 if by_stroke else 1.0
     return forces
 
 
-def single(rom):
-    return fr.Simulator(rom, DT, stepper="linearly-implicit")
+def single(rom, dt=DT):
+    body = fr.Simulator(rom, dt)
+    assert body.integrator.kernel.is_compiled
+    return body
 
 
 def assert_same(bodies, k, body):
@@ -54,9 +61,10 @@ def assert_same(bodies, k, body):
     if body.integrator.interface is not None:
         np.testing.assert_array_equal(bodies.point_forces[k], body.contact_forces())
         np.testing.assert_array_equal(bodies.contact_force("floor")[k], body.obstacle_forces()[0])
+    assert {name: forces[k] for name, forces in bodies.reactions.items()} == body.reactions
     assert bodies.time[k] == body.time
     assert bodies.energy[k] == pytest.approx(body.energy, rel=1e-13)
-    assert bodies.mismatch[k] == pytest.approx(body.mismatch, rel=1e-12, abs=1e-14)
+    assert bodies.mismatch[k] == pytest.approx(body.mismatch or 0.0, rel=1e-12, abs=1e-14)
     for one, other in (bodies.displacement("tip")[k], body.displacement("tip")), (bodies.shape(k), body.displacement()):
         np.testing.assert_allclose(one, other, atol=1e-13 * np.abs(other).max(), rtol=0)
     account = body.ledger
@@ -68,10 +76,12 @@ def assert_same(bodies, k, body):
 @pytest.mark.parametrize(("law", "contact"), CASES)
 def test_bodies_are_single_ones_to_the_bit(law, contact):
     """More than one thread takes at once; one sits a step out, one begins anew, one switches, and dt changes."""
-    rom = rom_of(law, contact)
-    bodies, singles = fr.Batch(rom, SIZE, DT, ledger=True), [single(rom) for _ in range(4)]
+    rom, by_stroke = rom_of(law, contact), law in ("stroke", "newton")
+    dt = 1.2 * longest_linearly_implicit_step(rom) if law == "newton" else DT
+    bodies, singles = fr.Batch(rom, SIZE, dt, ledger=True), [single(rom, dt) for _ in range(4)]
     assert bodies.stepping == "compiled"
-    for step, u in enumerate(history(bodies.inputs)):
+    assert (singles[0].stepper == "newton") == (law == "newton")
+    for step, u in enumerate(history(bodies.inputs, by_stroke=by_stroke)):
         if step == 60:
             u[1] = np.nan
             bodies.reset([2])
@@ -80,7 +90,7 @@ def test_bodies_are_single_ones_to_the_bit(law, contact):
             bodies.switch("middle", [3])
             singles[3].switch("middle")
         if step == 110:
-            bodies.dt = DT / 2
+            bodies.dt = dt / 2 if dt == DT else 0.9 * dt
         held = bodies.step(u, on_error="hold")
         assert held.tolist() == ([1] if step == 60 else [])
         for k, body in enumerate(singles):
@@ -88,6 +98,7 @@ def test_bodies_are_single_ones_to_the_bit(law, contact):
             if k not in held:
                 body.step(u[k])
     assert not contact or bodies.point_forces.any()
+    assert not by_stroke or bodies.reactions["cable"].any()
     for k, body in enumerate(singles):
         assert_same(bodies, k, body)
 
@@ -118,11 +129,12 @@ def test_steps_that_loops_do_not_take_and_those_that_are_refused(contact, monkey
         memory.numbers[:] = memory.relaxed[:] = pushed[:] = np.nan
         return held_step.NOT_TAKEN
 
-    def give_up(form, touch, law, friction, shapes, some, *others):
-        take(form, touch, law, friction, shapes, some[some != 1], *others)
+    def give_up(form, touch, pull, law, friction, shapes, some, *others):
+        given = form, touch, pull, law, friction, shapes
+        take(*given, some[some != 1], *others)
         with monkeypatch.context() as patch:
             patch.setattr(held_bodies, "take_step", spoil)
-            take.py_func(form, touch, law, friction, shapes, some[some == 1], *others)
+            take.py_func(*given, some[some == 1], *others)
 
     def refuse(*_):
         raise StepError("none")

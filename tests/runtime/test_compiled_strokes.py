@@ -11,8 +11,8 @@ from soft_rom import soft_rom
 import fenics_rom as fr
 from fenics_rom.compilation import compiled, numpy_alone
 from fenics_rom.rom.deformation import ReducedTendon
-from fenics_rom.runtime.compiled import held_step
-from fenics_rom.runtime.compiled.strokes import Pull, find_held
+from fenics_rom.runtime.compiled import held_touch
+from fenics_rom.runtime.compiled.strokes import Pull, end_pull, find_held
 
 pytestmark = [
     pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off"),
@@ -192,8 +192,9 @@ def test_cables_that_hold_and_slack_ones_fulfil_all_conditions():
         pull = Pull(*fixed, np.zeros(n), targets, z, lines, lines.copy(), W, np.ones(n))
         assert find_held(pull, v)
         first, motion = z >= 0, SimpleNamespace(velocity=v.copy(), force=np.zeros(m))
-        if not held_step._pull_alone(pull, motion):
+        if not held_touch.pull_alone(pull, motion.velocity):
             continue
+        end_pull(pull, motion.force)
         found, again = found + 1, again + ((z > 0) & ~first).any()
         longer = lines @ motion.velocity - targets
         scale = np.abs(targets).max() + np.abs(lines).max() * np.abs(motion.velocity).max()
@@ -248,7 +249,7 @@ def test_volumes_are_those_of_numpy(names, contact):
         found, expected = ([*body.reactions.values()] for body in (one, other))
         np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-9 * max(map(abs, expected)))
         states = [np.concatenate(body.state) for body in (one, other)]
-        np.testing.assert_allclose(*states, atol=1e-10 * np.abs(states[1]).max(), rtol=0)
+        np.testing.assert_allclose(*states, atol=1e-9 * np.abs(states[1]).max(), rtol=0)
         pressures.append(one.reactions["air"])
         touched += contact and one.contact_forces().any()
     assert min(pressures) < 0 < max(pressures)

@@ -218,9 +218,18 @@ def each(worlds):
         yield worlds[1]
 
 
-def test_a_run_is_that_of_numpy(held):
+@pytest.fixture(scope="module")
+def relaxing(tmp_path_factory):
+    """By branches slower and faster than a step."""
+    series = {"effects.viscoelasticity": "ratios = [0.5, 0.3]\ntimes = [0.02, 2e-4]"}
+    return reduced(tmp_path_factory.mktemp("relaxing"), frame="fixed", **series, **CLAMPED, **TOUCHED)
+
+
+@pytest.mark.parametrize("kind", ["held", "relaxing"])
+def test_a_run_is_that_of_numpy(kind, request):
     """Boxes fall on a beam: 150 steps, most of which compiled functions take."""
-    worlds, touching = both(lambda: beam_and_boxes(held)), 0
+    rom = request.getfixturevalue(kind)
+    worlds, touching = both(lambda: beam_and_boxes(rom)), 0
     starts = [world.energy for world in worlds]
     for _ in range(150):
         for world in worlds:
@@ -229,6 +238,8 @@ def test_a_run_is_that_of_numpy(held):
         np.testing.assert_allclose(told(worlds[0]), told(worlds[1]), atol=1e-8)
     for world, start in zip(worlds, starts, strict=True):
         assert_closes(world, start, 150)
+    kernels = [world.simulator("beam").integrator.kernel for world in worlds]
+    np.testing.assert_allclose(*(kernel.auxiliary for kernel in kernels), atol=1e-8)
     assert touching > 3
     assert worlds[0].compiled_steps > 0.7 * 150
 

@@ -167,16 +167,19 @@ def arm_of(points: Points, p: int, R: Rotation, end: Rotation, h: float) -> Vect
 
 
 @jit_part
-def end_points(points: Points, h: float) -> tuple[float, float]:
-    """Takes the step of what points do beyond the basis: what it loses, J, and twice the energy stored there."""
+def end_points(points: Points, h: float, pull: Array) -> tuple[float, float]:
+    """Takes the step of what points do beyond the basis: what it loses, J, and twice the energy stored there.
+
+    `pull` (2, 3P) as of `step_beyond`, of a material that relaxes; (0, 3P): it does not.
+    """
     if not len(points.R):
         return 0.0, 0.0
     n = 3 * len(points.rest)
     copy_rows(points.beyond, points.beyond_before)
     times, f = points.times, points.seen.reshape(n)
     yielding = Beyond(points.R, times[INERTIA], times[WHOLE], times[LOST], times[TAU])
-    lost, _, stored = step_beyond(yielding, h, points.beyond, points.R[:0], f, np.empty(n))
-    if not points.pushed.any() and stored < 2 * FORGOTTEN:
+    lost, _, stored = step_beyond(yielding, h, points.beyond, pull, f, np.empty(n))
+    if not points.pushed.any() and stored < 2 * FORGOTTEN and not len(pull):
         points.beyond[:] = 0.0
         return 0.0, 0.0
     return lost, stored

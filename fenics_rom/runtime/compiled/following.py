@@ -38,3 +38,41 @@ def add_following(loads: Following, u: Array, q: Array, products: Array, force: 
             pull = size / math.sqrt(x * x + y * y + z * z)
             for i in range(len(q)):
                 force[i] -= pull * (x * shapes[0, i] + y * shapes[1, i] + z * shapes[2, i])
+
+
+@jit_part
+def add_following_slope(loads: Following, u: Array, q: Array, size: float, slope: Array) -> None:
+    """Adds, so many times, what these forces change by with q (m, m)."""
+    for k in range(len(loads.pressures)):
+        if u[loads.pressures[k]] != 0:
+            add_pressed_slope(loads.polynomials[k], q, size * u[loads.pressures[k]], slope)
+    for s in range(len(loads.tendons)):
+        if u[loads.tendons[s]] != 0:
+            add_pulled_slope(loads.at_rest[s], loads.shapes[s], q, size * u[loads.tendons[s]], slope)
+
+
+@jit_part
+def add_pressed_slope(polynomial: Array, q: Array, size: float, slope: Array) -> None:
+    """Adds that of a pressure of 1 Pa."""
+    m = len(q)
+    for n in range(m):
+        row, into, at = polynomial[n], slope[n], m + 1
+        for i in range(m):
+            into[i] += size * (row[1 + i] + row[at] * q[i])
+            for j in range(i + 1, m):
+                into[i] += size * row[at + j - i] * q[j]
+                into[j] += size * row[at + j - i] * q[i]
+            at += m - i
+
+
+@jit_part
+def add_pulled_slope(at_rest: Array, shapes: Array, q: Array, size: float, slope: Array) -> None:
+    """Adds that of a segment of a cable under 1 N."""
+    x, y, z = at_rest[0] + dot(shapes[0], q), at_rest[1] + dot(shapes[1], q), at_rest[2] + dot(shapes[2], q)
+    length = math.sqrt(x * x + y * y + z * z)
+    x, y, z, size = x / length, y / length, z / length, size / length
+    for i in range(len(q)):
+        along = x * shapes[0, i] + y * shapes[1, i] + z * shapes[2, i]
+        a, b, c = shapes[0, i] - along * x, shapes[1, i] - along * y, shapes[2, i] - along * z
+        for j in range(len(q)):
+            slope[i, j] -= size * (a * shapes[0, j] + b * shapes[1, j] + c * shapes[2, j])

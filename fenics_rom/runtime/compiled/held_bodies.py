@@ -10,9 +10,11 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, IS_AHEAD, IS_CARRIED, VELOCITY, Memory
-from fenics_rom.runtime.compiled.held_step import Among, Body, Motion, Step, Touch, motion_in, take_step
+from fenics_rom.runtime.compiled.held_step import Step, take_step
+from fenics_rom.runtime.compiled.held_touch import Among, Body, Motion, Touch, motion_in
 from fenics_rom.runtime.compiled.linear_bodies import Told, contact_of
 from fenics_rom.runtime.compiled.linear_step import State
+from fenics_rom.runtime.compiled.strokes import Pull, own_pull
 from fenics_rom.runtime.compiled.touching import Begun, StepContact, hand_on
 
 
@@ -26,11 +28,13 @@ class Carried(NamedTuple):
     relaxed: Array  # strains of branches, and C₀ times them (B, branches, 2, n - 1)
     stressed: Array  # (B, 2, N)
     pushed: Array  # generalized forces of contact in the last step (B, m)
+    reactions: Array  # forces of strokes in it (B, n)
     velocity_before: Array  # (B, m)
     strained_before: Array
     numbers_before: Array
     relaxed_before: Array
     pushed_before: Array
+    reactions_before: Array
     noted: Array  # (B, 3): as in `held_steps.Taken`, and |q|²
 
 
@@ -38,6 +42,7 @@ class Carried(NamedTuple):
 def step_bodies(
     body: Body,
     touch: Touch | None,
+    pull: Pull | None,
     law: Law,
     friction: Array,
     shapes: Array,
@@ -54,12 +59,14 @@ def step_bodies(
 
     Args:
         touch: where they can be touched; None: nowhere.
+        pull: cables and chambers whose strokes are given; None: there are none. What is found is not set here.
         carried: changed as states are.
     """
     m, N = len(body.ω), begun.forces.shape[1]
-    n, r = 3 * told.forces.shape[1], len(body.law.stiffness)
+    n, r = 3 * told.forces.shape[1], carried.stressed.shape[2]
     within, products, vectors, factor = np.zeros((3, m, m)), np.zeros((4, r)), np.zeros((8, m)), np.zeros((m, m))
     motion, found, spread, W = motion_in(vectors, factor), contact_of(N, n // 3), np.empty((m, n)), np.empty((n, n))
+    by_branches = np.empty((2 if states.relaxed_beyond.size > 0 else 0, n))
     for b in bodies:
         memory = Memory(
             carried.vectors[b],
@@ -73,8 +80,9 @@ def step_bodies(
         )
         pushed = carried.pushed[b]
         _remember(b, states, carried)
+        pulled = _pull_of(pull, carried.reactions[b])
         if touch is None:
-            step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, None, None)
+            step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, None, pulled)
         else:
             copy(begun.forces[b], found.pairs.forces)
             found.pairs.friction[:] = friction[b]
@@ -82,8 +90,9 @@ def step_bodies(
             own = Law(law.h, law.restitution, friction[b], *numbers)
             past, beyond = Begun(begun.forces[b], begun.swung[b]), (states.beyond[b], states.beyond_before[b])
             moving = Moving(obstacles.start[b], obstacles.end[b], obstacles.before[b])
-            among = Among(touch, own, shapes, moving, past, *beyond, found, spread, W)
-            step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, among, None)
+            relaxed = states.relaxed_beyond[b], states.relaxed_beyond_before[b]
+            among = Among(touch, own, shapes, moving, past, *beyond, *relaxed, by_branches, found, spread, W)
+            step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, among, pulled)
         told.status[b] = step.status
         if step.status >= OTHERWISE:
             restore(b, states, carried)
@@ -94,13 +103,23 @@ def step_bodies(
 
 
 @jit_part
+def _pull_of(pull: Pull | None, forces: Array) -> Pull | None:
+    """As `own_pull`, where anything pulls."""
+    if pull is None:
+        return None
+    return own_pull(pull, forces)
+
+
+@jit_part
 def _remember(b: int, states: State, carried: Carried) -> None:
     """Notes what a body is before a step."""
     copy(states.halves[b], states.halves_before[b])
     copy(states.beyond[b], states.beyond_before[b])
+    copy(states.relaxed_beyond[b], states.relaxed_beyond_before[b])
     copy(carried.numbers[b], carried.numbers_before[b])
     copy(carried.relaxed[b], carried.relaxed_before[b])
     copy(carried.pushed[b], carried.pushed_before[b])
+    copy(carried.reactions[b], carried.reactions_before[b])
     copy(carried.vectors[b, VELOCITY], carried.velocity_before[b])
     if carried.numbers[b, IS_CARRIED]:
         copy(carried.strained[b], carried.strained_before[b])
@@ -114,9 +133,11 @@ def restore(b: int, states: State, carried: Carried) -> None:
     """
     copy(states.halves_before[b], states.halves[b])
     copy(states.beyond_before[b], states.beyond[b])
+    copy(states.relaxed_beyond_before[b], states.relaxed_beyond[b])
     copy(carried.numbers_before[b], carried.numbers[b])
     copy(carried.relaxed_before[b], carried.relaxed[b])
     copy(carried.pushed_before[b], carried.pushed[b])
+    copy(carried.reactions_before[b], carried.reactions[b])
     copy(carried.velocity_before[b], carried.vectors[b, VELOCITY])
     carried.numbers[b, IS_AHEAD] = 0.0
     if carried.numbers[b, IS_CARRIED]:

@@ -9,7 +9,8 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, Memory
-from fenics_rom.runtime.compiled.held_step import NOT_TAKEN, Among, Body, Step, among_in, motion_in, take_step
+from fenics_rom.runtime.compiled.held_step import NOT_TAKEN, Step, take_step
+from fenics_rom.runtime.compiled.held_touch import Among, Body, among_in, motion_in
 from fenics_rom.runtime.compiled.strokes import Pull
 from fenics_rom.runtime.compiled.touching import Last, hand_on, keep_found
 

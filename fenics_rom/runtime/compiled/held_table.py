@@ -23,7 +23,8 @@ from fenics_rom.runtime.compiled.carried_strains import (
     Memory,
 )
 from fenics_rom.runtime.compiled.following import Following
-from fenics_rom.runtime.compiled.held_step import Body, motion_in, take_step
+from fenics_rom.runtime.compiled.held_step import take_step
+from fenics_rom.runtime.compiled.held_touch import Body, motion_in
 from fenics_rom.runtime.compiled.material_points import Points
 
 
@@ -77,7 +78,7 @@ def take_step_at(table: Array, numbers: Array, u: Array, halves: Array) -> tuple
         integers_at(table[3]), cube_at(table[4]), integers_at(table[5]), matrix_at(table[6]), cube_at(table[7])
     )
     law, memory = law_at(numbers, table[8:]), memory_at(table[16:])
-    body = Body(vector_at(table[0]), vector_at(table[1]), matrix_at(table[2]), following, law)
+    body = Body(vector_at(table[0]), vector_at(table[1]), matrix_at(table[2]), following, law, None)
     rest = table[24:]
     vectors, factor, pushed = matrix_at(rest[0]), matrix_at(rest[1]), vector_at(rest[2])
     noted = Noted(

@@ -64,19 +64,28 @@ def add_force(points: Points, q: Array, force: Array) -> float:
 
 @jit_part
 def add_geometric(points: Points, q: Array, size: float, matrix: Array) -> None:
-    """Adds, so many times, what stresses at q (m,) make stiff, Σ S_jl ∂W_i/∂X_j ∂W_i/∂X_l (m, m)."""
-    H, m = displacement_gradients(points, q), len(q)
-    P = H.shape[1]
+    """Adds, so many times, what stresses at q (m,) make stiff (m, m)."""
+    H = displacement_gradients(points, q)
+    S = np.empty((6, H.shape[1]))
+    for p in range(H.shape[1]):
+        for c, stress in enumerate(_stress(points.moduli[0, p], points.moduli[1, p], H, p)):
+            S[c, p] = stress
+    add_stressed(points, S, size, matrix)
+
+
+@jit_part
+def add_stressed(points: Points, S: Array, size: float, matrix: Array) -> None:
+    """Adds, so many times, Σ S_jl ∂W_i/∂X_j ∂W_i/∂X_l (m, m) of stresses S (6, P), which hold the weights."""
+    m, P = len(matrix), S.shape[1]
     stressed = np.empty((m, 9 * P))
     G, SG = points.gradients.reshape(m, 3, 3, P), stressed.reshape(m, 3, 3, P)
     for p in range(P):
-        S = _stress(points.moduli[0, p], points.moduli[1, p], H, p)
         for k in range(m):
             for i in range(3):
                 first, second, third = G[k, i, 0, p], G[k, i, 1, p], G[k, i, 2, p]
-                SG[k, i, 0, p] = size * (S[0] * first + S[5] * second + S[4] * third)
-                SG[k, i, 1, p] = size * (S[5] * first + S[1] * second + S[3] * third)
-                SG[k, i, 2, p] = size * (S[4] * first + S[3] * second + S[2] * third)
+                SG[k, i, 0, p] = size * (S[0, p] * first + S[5, p] * second + S[4, p] * third)
+                SG[k, i, 1, p] = size * (S[5, p] * first + S[1, p] * second + S[3, p] * third)
+                SG[k, i, 2, p] = size * (S[4, p] * first + S[3, p] * second + S[2, p] * third)
     for i in range(m):
         for j in range(i, m):
             added = dot(points.gradients[i], stressed[j])
@@ -86,11 +95,50 @@ def add_geometric(points: Points, q: Array, size: float, matrix: Array) -> None:
 
 
 @jit_part
+def add_resultant(points: Points, H: Array, S: Array, force: Array) -> None:
+    """Adds Σ (F S) : ∇W_k (m,) of stresses S (6, P), which hold the weights, on points deformed by H (9, P)."""
+    P = S.shape[1]
+    piola = np.empty((9, P))
+    for i in range(3):
+        for p in range(P):
+            a, b, c = H[3 * i, p] + (i == 0), H[3 * i + 1, p] + (i == 1), H[3 * i + 2, p] + (i == 2)
+            piola[3 * i, p] = a * S[0, p] + b * S[5, p] + c * S[4, p]
+            piola[3 * i + 1, p] = a * S[5, p] + b * S[1, p] + c * S[3, p]
+            piola[3 * i + 2, p] = a * S[4, p] + b * S[3, p] + c * S[2, p]
+    flat = piola.reshape(-1)
+    for k in range(len(force)):
+        force[k] += dot(points.gradients[k], flat)
+
+
+@jit_part
+def set_strains(H: Array, E: Array) -> None:
+    """Sets Green's strains (6, P) of displacement gradients (9, P)."""
+    for p in range(H.shape[1]):
+        a, b, c, d, e, f, g, i, k = H[0, p], H[1, p], H[2, p], H[3, p], H[4, p], H[5, p], H[6, p], H[7, p], H[8, p]
+        E[0, p] = a + (a * a + d * d + g * g) / 2
+        E[1, p] = e + (b * b + e * e + i * i) / 2
+        E[2, p] = k + (c * c + f * f + k * k) / 2
+        E[3, p], E[4, p], E[5, p] = (
+            f + i + b * c + e * f + i * k,
+            c + g + a * c + d * f + g * k,
+            b + d + a * b + d * e + g * i,
+        )
+
+
+@jit_part
 def _stress(λ: float, μ: float, H: Array, p: int) -> tuple[float, float, float, float, float, float]:
-    """S of point p: see `hyperelastic`."""
+    """S of point p."""
     a, b, c, d, e, f, g, i, k = H[0, p], H[1, p], H[2, p], H[3, p], H[4, p], H[5, p], H[6, p], H[7, p], H[8, p]
-    x, y, z = 2 * a + a * a + d * d + g * g, 2 * e + b * b + e * e + i * i, 2 * k + c * c + f * f + k * k  # C - 1
+    x, y, z = 2 * a + a * a + d * d + g * g, 2 * e + b * b + e * e + i * i, 2 * k + c * c + f * f + k * k
     u, v, w = f + i + b * c + e * f + i * k, c + g + a * c + d * f + g * k, b + d + a * b + d * e + g * i
+    return neo_hookean_stress(λ, μ, x, y, z, u, v, w)
+
+
+@jit_part
+def neo_hookean_stress(
+    λ: float, μ: float, x: float, y: float, z: float, u: float, v: float, w: float
+) -> tuple[float, float, float, float, float, float]:
+    """S where C - 1 has x, y and z on its diagonal, and yz, xz and xy are u, v and w: see `hyperelastic`."""
     first, second, third = y * z + y + z - u * u, z * x + z + x - v * v, x * y + x + y - w * w
     fourth, fifth, sixth = v * w - u - u * x, w * u - v - v * y, u * v - w - w * z
     change = x * first + x + first + v * fifth + w * sixth

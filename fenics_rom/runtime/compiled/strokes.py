@@ -9,6 +9,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.actuator_forces import SHARE, TOLERANCE
 from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.runtime.compiled.following import add_pressed_slope, add_pulled_slope
 from fenics_rom.runtime.compiled.small_matrices import dot, factor, solve, solve_rows
 from fenics_rom.runtime.compiled.strain_tables import set_products
 
@@ -31,6 +32,15 @@ class Pull(NamedTuple):
     spread: Array  # what forces move (n, m)
     W: Array  # (n, n)
     holds: Array  # 1 of those that go as they are to (n,), 0 of cables that are slack
+
+
+@jit_part
+def own_pull(pull: Pull, forces: Array) -> Pull:
+    """Of a body of many, whose forces of the step before are these (n,)."""
+    n, m, c = len(pull.columns), pull.lines.shape[1], pull.chambers
+    fixed = pull.columns, c, pull.starts, pull.at_rest, pull.shapes, pull.lengths, pull.polynomials
+    rates = np.zeros(len(pull.products)), forces, np.zeros(n), np.zeros(n)
+    return Pull(*fixed, *rates, np.zeros((n, m)), np.zeros((n, m)), np.zeros((n, n)), np.zeros(n))
 
 
 @jit_part
@@ -80,6 +90,16 @@ def add_pull(pull: Pull, q: Array, size: float, force: Array) -> None:
         _line(pull, k, q)
         for i in range(len(q)):
             force[i] += size * pull.forces[k] * pull.lines[k, i]
+
+
+@jit_part
+def add_pull_slope(pull: Pull, q: Array, size: float, slope: Array) -> None:
+    """Adds, so many times, what the forces that are found do at q changes by with q (m, m)."""
+    for k in range(len(pull.columns)):
+        if pull.chambers[k] >= 0:
+            add_pressed_slope(pull.polynomials[pull.chambers[k]], q, size * pull.found[k], slope)
+        for s in range(pull.starts[k], pull.starts[k + 1]):
+            add_pulled_slope(pull.at_rest[s], pull.shapes[s], q, size * pull.found[k], slope)
 
 
 @jit_part

@@ -332,7 +332,7 @@ def act_on_points(among: Among, sweep: Sweep, contact: Found, turn: Turn) -> flo
 def end_touched(among: Among, step: Step, contact: Found, by_obstacles: float) -> Touched:
     """Ends a step that was taken under forces with which points move by MOVED: what they yield, and what works did."""
     h, found, power = among.law.h, among.found, 0.0
-    lost, stored = end_points(among.points, h)
+    lost, stored = end_points(among.points, h, among.points.R[:0])
     step = Step(step.status, step.square + stored, step.within, step.supplied, step.dissipated + lost)
     if contact.status == NOTHING:
         return Touched(step, contact, 0.0, 0.0, 0.0)

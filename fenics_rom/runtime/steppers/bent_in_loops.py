@@ -11,7 +11,14 @@ from fenics_rom.runtime.compiled.bent_frame import IS_INVERSE_KNOWN, LACKED, WHO
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, HAS_TANGENT, MADE_TANGENT, strains_in
 from fenics_rom.runtime.steppers.acts.following import FollowingLoads
 from fenics_rom.runtime.steppers.adjoint import NONE
-from fenics_rom.runtime.steppers.compiled_deformation import following_of, handed_on, law_of, memory_of, take_on
+from fenics_rom.runtime.steppers.compiled_deformation import (
+    branches_of,
+    following_of,
+    handed_on,
+    law_of,
+    memory_of,
+    take_on,
+)
 from fenics_rom.runtime.steppers.deformation_maps import Carried
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 
@@ -45,7 +52,7 @@ class BentInLoops:
         carried: bool,
         h: float,
     ):
-        m, memory = body.order, memory_of(body.order, 0 if law.branches is None else len(law.branches.state))
+        m, memory = body.order, memory_of(body.order, branches_of(law))
         self._law, self._h, self._strains = law, h, strains_in(memory)
         free = 0 if carried else 3 + m
         self.arrays = Bending(

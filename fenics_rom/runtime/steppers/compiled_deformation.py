@@ -1,6 +1,7 @@
 """What resists the shape of a body that deforms largely, and what follows it, as arrays for compiled steps."""
 
 from collections.abc import Sequence
+from typing import TypeAlias, TypeGuard
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -13,17 +14,21 @@ from fenics_rom.rom.strain_tables import StrainTables
 from fenics_rom.runtime.compiled.carried_strains import HAS_TANGENT, IS_AHEAD, NUMBERS, Law, Memory, Strains
 from fenics_rom.runtime.compiled.following import Following
 from fenics_rom.runtime.compiled.material_points import Points
+from fenics_rom.runtime.compiled.sampled_points import Sampled
 from fenics_rom.runtime.compiled.strain_tables import folded, padded
 from fenics_rom.runtime.steppers.acts.following import FollowingLoads, Pressure
 from fenics_rom.runtime.steppers.deformation_maps import E_OF_Q, Carried
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
+from fenics_rom.runtime.steppers.elastic.sampled import SampledPoints
 
-LAWS = "st_venant_kirchhoff", "neo_hookean"  # that are compiled
+LAWS = "st_venant_kirchhoff", "neo_hookean"  # that are compiled,
+Known: TypeAlias = StrainsCarried | SampledPoints  # by these steps
 
 
-def is_known(body: ReducedDeformation, law: object) -> bool:
+def is_known(law: object, body: ReducedDeformation) -> TypeGuard[Known]:
     """Whether loops know what resists the shape of a body."""
-    return isinstance(law, StrainsCarried) and isinstance(law.strains, MonomialStrains) and body.law in LAWS
+    has_tables = isinstance(law, StrainsCarried) and isinstance(law.strains, MonomialStrains)
+    return body.law in LAWS and (has_tables or isinstance(law, SampledPoints))
 
 
 def handed_on(velocity: Array, carried: Array, numbers: Array) -> Carried:
@@ -32,11 +37,13 @@ def handed_on(velocity: Array, carried: Array, numbers: Array) -> Carried:
     return Carried(velocity.copy(), carried.copy() if is_carried else E_OF_Q, left, c, tank, energy)
 
 
-def take_on(strains: Strains, law: StrainsCarried, tangent: Array) -> None:
+def take_on(strains: Strains, law: Known, tangent: Array) -> None:
     """Has loops go on from what a law carries along."""
-    numbers, carried = strains.numbers, law.carried
     if law.branches is not None:
         strains.relaxed[:] = law.branches.state
+    if isinstance(law, SampledPoints):
+        return
+    numbers, carried = strains.numbers, law.carried
     strains.velocity[:] = carried.velocity
     numbers[:5] = *carried[2:], len(carried.strained) > 0
     if len(carried.strained):
@@ -46,11 +53,16 @@ def take_on(strains: Strains, law: StrainsCarried, tangent: Array) -> None:
         strains.tangent[:] = tangent
 
 
-def memory_of(m: int, branches: int) -> Memory:
-    """Of a body with m modes, whose material has so many branches."""
+def memory_of(m: int, branches: Array) -> Memory:
+    """Of a body with m modes, whose material has branches of such states (N, 2, strains)."""
     n = (m + 1) * (m + 2) // 2
-    sizes = (9, m), (m, m), (2, n - 1), (NUMBERS,), (2, padded(n)), (branches, 2, n - 1), (3, m, m), (4, padded(n))
+    sizes = (9, m), (m, m), (2, n - 1), (NUMBERS,), (2, padded(n)), branches.shape, (3, m, m), (4, padded(n))
     return Memory(*map(np.zeros, sizes))
+
+
+def branches_of(law: Known) -> Array:
+    """States (N, 2, strains) of branches of a material; N = 0 where it does not relax."""
+    return np.empty((0, 2, 0)) if law.branches is None else law.branches.state
 
 
 def _tables_of(body: ReducedDeformation, tables: StrainTables) -> tuple[Array, Array]:
@@ -63,28 +75,44 @@ def _tables_of(body: ReducedDeformation, tables: StrainTables) -> tuple[Array, A
 _folded: WeakKeyDictionary[ReducedDeformation, tuple[Array, Array]] = WeakKeyDictionary()
 
 
-def law_of(body: ReducedDeformation, law: StrainsCarried, h: float) -> Law:
-    """In steps of h s."""
-    assert isinstance(law.strains, MonomialStrains)
-    most, P = 0.0, 0
-    if law.points is not None:
-        most, P = law.points.most, len(body.weights)
-    gradients = body.gradients[:, :, :P].reshape(-1, body.order).T.copy()
-    points = Points(gradients, np.stack([body.weights * body.first_lame, body.weights * body.shear])[:, :P].copy())
+def law_of(body: ReducedDeformation, law: Known, h: float) -> Law:
+    """In steps of h s; of sampled points what is not of these."""
+    steady, most, P, tables = body.external_damping + h / 2 * body.springs, 0.0, 0, (np.empty((0, 0)),) * 2
+    viscosity, steepest = 0.0, 0.0
+    if isinstance(law, StrainsCarried):
+        assert isinstance(law.strains, MonomialStrains)
+        viscosity, steepest, tables = law.strains.viscosity, law.steepest, _tables_of(body, law.strains.tables)
+        if law.points is not None:
+            most, P = law.points.most, len(body.weights)
     return Law(
         h,
-        law.strains.viscosity,
+        viscosity,
         body.training_radius,
         most,
-        law.steepest,
+        steepest,
         0.0 if law.branches is None else law.branches.stiffening_time,
         body.external_damping.copy(),
         body.springs.copy(),
-        law.steady.copy(),
-        *_tables_of(body, law.strains.tables),
+        steady,
+        *tables,
         np.zeros((8, 0)) if law.branches is None else law.branches.numbers,
-        points,
+        _points_of(body, P),
     )
+
+
+def _points_of(body: ReducedDeformation, P: int) -> Points:
+    """The first of a body's."""
+    gradients = body.gradients[:, :, :P].reshape(-1, body.order).T.copy()
+    return Points(gradients, np.stack([body.weights * body.first_lame, body.weights * body.shear])[:, :P].copy())
+
+
+def sampled_of(body: ReducedDeformation, law: Known) -> Sampled | None:
+    """Points as Newton's steps have them; None of strains that are carried along."""
+    if not isinstance(law, SampledPoints):
+        return None
+    added = 0.0 if law.branches is None else law.branches.stiffening_time
+    viscosity, round_off = np.stack([body.viscosity, body.viscosity + added]), float(np.max(law.round_off))
+    return Sampled(_points_of(body, len(body.weights)), viscosity, round_off, body.law == LAWS[0])
 
 
 def polynomials_of(pressures: Sequence[Array], m: int) -> Array:

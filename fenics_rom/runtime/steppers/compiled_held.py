@@ -1,7 +1,7 @@
-"""Steps of a held body whose strains are carried along by one compiled function: what `HeldBody` tries first."""
+"""Steps of a held body that deforms largely by one compiled function: what `HeldBody` tries first."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy import ndarray as Array
@@ -16,9 +16,10 @@ from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
 from fenics_rom.runtime.compiled import held_step
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, HAS_TANGENT, MADE_TANGENT, strains_in
-from fenics_rom.runtime.compiled.held_step import Among, Body, Step, Touch, motion_in
+from fenics_rom.runtime.compiled.held_step import Step
 from fenics_rom.runtime.compiled.held_steps import Taken, take_steps
 from fenics_rom.runtime.compiled.held_table import Noted, arrays_of, take_step_at
+from fenics_rom.runtime.compiled.held_touch import Among, Body, Touch, motion_in
 from fenics_rom.runtime.compiled.strokes import Pull
 from fenics_rom.runtime.compiled.touching import LOST
 from fenics_rom.runtime.steppers.acts.following import Pressure
@@ -26,17 +27,22 @@ from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
 from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
 from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.compiled_deformation import (
+    Known,
+    branches_of,
     following_of,
     handed_on,
     is_known,
     law_of,
     memory_of,
     polynomials_of,
+    sampled_of,
     segments_of,
     take_on,
 )
 from fenics_rom.runtime.steppers.deformation_maps import Expected
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
+from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
+from fenics_rom.runtime.steppers.elastic.sampled import SampledPoints
 from fenics_rom.runtime.steppers.held_contact import HeldContact
 from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
@@ -77,13 +83,14 @@ class CompiledHeld:
     Attributes:
         body: what is held, as arrays.
         motion: of the last step.
+        pull: cables and chambers whose strokes are given; None: there are none.
         tangent: T (m, m) that the next step is expected with; empty: it is to be made.
     """
 
     def __init__(
         self,
         body: ReducedDeformation,
-        law: StrainsCarried,
+        law: Known,
         loads: ShapeLoads,
         contact: HeldContact | None,
         pull: Pull | None,
@@ -99,20 +106,21 @@ class CompiledHeld:
             loads.dead,
             following_of(loads.following, m, [] if pull is None else pull.columns.tolist()),
             law_of(body, law, h),
+            sampled_of(body, law),
         )
-        self._memory = memory_of(m, 0 if law.branches is None else len(law.branches.state))
+        self._memory = memory_of(m, branches_of(law))
         self._of_motion = np.zeros((8, m)), np.zeros((m, m))
         self.motion, self._strains = motion_in(*self._of_motion), strains_in(self._memory)
-        self.tangent, self._carried = NONE, law.carried
-        self._met, self._pull = contact, pull
+        self.tangent, self._carried = NONE, cast(Any, law.carried)
+        self._met, self.pull = contact, pull
         self._table, self._numbers = np.empty((0, 4), dtype=np.int64), np.array(self.body.law[:6], dtype=float)
         self._is_ahead = False  # whether loops took steps that the law does not know of
         self.forget()
 
     @property
     def is_alone(self) -> bool:
-        """Whether nothing touches the body, or pulls it by strokes."""
-        return self._met is None and self._pull is None
+        """Whether nothing touches the body, or pulls it by strokes, and its strains are carried along."""
+        return self._met is None and self.pull is None and self.body.sampled is None
 
     def note_in(self, halves: Array, watched: tuple[Array, Array, Array]) -> None:
         """Has `take_alone` keep what was before a step, e and r in an array (2, m), and look at what is watched."""
@@ -131,7 +139,7 @@ class CompiledHeld:
     @staticmethod
     def of(
         body: ReducedDeformation,
-        law: StrainsCarried,
+        law: ElasticLaw,
         loads: ShapeLoads,
         solver: ContactSolver | None,
         points: Array,
@@ -144,7 +152,7 @@ class CompiledHeld:
         `solver`: what finds contact forces, if anything can touch; `points` and `residual` as in `HeldContact`;
         `found`: what finds forces of strokes, if any are given.
         """
-        if not (is_known(body, law) and (solver is None or isinstance(solver, CompiledContact))):
+        if not (is_known(law, body) and (solver is None or isinstance(solver, CompiledContact))):
             return None
         pull = None if found is None else _pull(found, *loads.dead.shape)
         if found is not None and pull is None:
@@ -165,7 +173,7 @@ class CompiledHeld:
         among = self._begin(start)
         if among is None and self._met is not None:
             return None
-        given = self._pushed, self._memory, *self._of_motion, among, self._pull
+        given = self._pushed, self._memory, *self._of_motion, among, self.pull
         step = take_step(self.body, in_plain(u), in_plain(start.halves), *given)
         if step.status >= OTHERWISE:
             self.forget()
@@ -210,7 +218,7 @@ class CompiledHeld:
         if met is not None and among is not None:
             among, last = met.for_many(among)
         along = None if among is None or path is None else Moving(*path)
-        given = self._pushed, self._memory, *self._of_motion, among, self._pull, along, last, taken
+        given = self._pushed, self._memory, *self._of_motion, among, self.pull, along, last, taken
         count, step = take_steps(self.body, in_plain(inputs), halves, *given)
         if step.status == LOST:
             halves[:] = before[0]
@@ -230,8 +238,8 @@ class CompiledHeld:
         """Has loops go on from what is carried; what a step is among, None: it is not known, or there is nothing."""
         if not (self._is_known and self._elastic.carried is self._carried and start.tangent is self.tangent):
             self._load(start.tangent)
-        if self._pull is not None:
-            self._pull.forces[:] = start.reactions
+        if self.pull is not None:
+            self.pull.forces[:] = start.reactions
         if self._met is None or start.obstacles is None:
             return None
         self._met.set_pushed(self._pushed, start.touched)
@@ -240,6 +248,10 @@ class CompiledHeld:
     def _hand_on(self) -> None:
         """Has the law know what the last step that was taken carries along."""
         self._is_known, strains = True, self._strains
+        if isinstance(self._elastic, SampledPoints):
+            self._elastic.took(self.motion.e * self.body.inverse_ω, strains.velocity, strains.relaxed)
+            self._carried = self._elastic.carried
+            return
         self._carried = handed_on(strains.velocity, strains.carried, strains.numbers)
         self._elastic.took(self.motion.e * self.body.inverse_ω, self._carried, strains.relaxed, *self.noted)
 
@@ -247,6 +259,7 @@ class CompiledHeld:
         """Has the law know what steps that were taken alone carry along, the last one and that before it."""
         if not self._is_ahead:
             return
+        assert isinstance(self._elastic, StrainsCarried)
         self._is_ahead, before = False, self._noted
         carried = handed_on(before.velocity, before.carried, before.numbers)
         self._elastic.took(before.halves[0] * self.body.inverse_ω, carried, before.relaxed, *self.noted)
@@ -269,7 +282,7 @@ class CompiledHeld:
     @property
     def reactions(self) -> Array | None:
         """Forces (n,) of strokes in the last step, N; None: none are given."""
-        return None if self._pull is None else self._pull.forces.copy()
+        return None if self.pull is None else self.pull.forces.copy()
 
     def pushed_by(self, touched: ContactSolution | None) -> Array:
         """Generalized forces (m,) of contact in the last step."""
@@ -302,6 +315,7 @@ class CompiledHeld:
         """What the last step was expected to be, under reactions and contact as they were; the law is told, too."""
         self.settle()
         strains, motion, law = self._strains, self.motion, self._elastic
+        assert isinstance(law, StrainsCarried)
         of_T = strains.tangent.copy(), bool(strains.numbers[MADE_TANGENT])
         before, expected = law.velocity_before, strains.expected.copy()
         law.tell(expected, strains.matrix.copy())

@@ -2,6 +2,7 @@
 
 CONVERGENCE_TOLERANCE = 1e-12  # of the largest force in a step
 STAGNATION_TOLERANCE = 1e-8  # of it: from here on round-off may be what is left
+FAST_CONTRACTION = 0.1  # up to which the slope of an earlier iteration will do
 MAX_ITERATIONS = 30
 MAX_PARTS = 64  # that a step which it does not solve is cut into
 

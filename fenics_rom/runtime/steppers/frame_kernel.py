@@ -183,7 +183,7 @@ class FrameKernel(CompilableFrame):
         from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 
         extent, law, points = self._extent, self.elastic, 0 if self._interface is None else len(self.points.rest)
-        if extent is None or not isinstance(law, StrainsCarried) or not is_known(extent.body, law):
+        if extent is None or not (is_known(law, extent.body) and isinstance(law, StrainsCarried)):
             return None
         frame = self._constants
         return BentInLoops(extent.body, law, self._following, frame.origin, points, frame.carried, self.h)

@@ -63,10 +63,22 @@ class HeldAdjoint(PartedKernel):
 
     def adjoint(self, u: Array) -> PartedAdjoint:
         """As in Kernel."""
-        if self._compiled is not None and self._expectation is None:
+        if self._compiled is None or self._expectation is not None or self.taken:
+            pass
+        elif self.elastic is not None and not self.elastic.is_exact:
+            self.taken = (self._whole_step(),)
+        else:
             self._expectation = self._compiled.expectation(self._reactions_before, self._contact_before is not None)
         forces = self.loads.without_found(u)
         return self._adjoint_at_once(u, forces) if self._expectation else self._adjoint_of_parts(u, forces)
+
+    def _whole_step(self) -> Part:
+        """The last step, which loops took."""
+        (e, r), (_, r_after) = self._state_before.reshape(2, -1).copy(), self.state.reshape(2, -1)
+        maps = None if self.residual is None else self.residual.maps
+        branches = None if self.branches is None else self.branches.adjoint()
+        v = (r + r_after) / 2
+        return Part(self.h, e * self._inverse_ω, r, v, self.reactions, self._contact_step, maps, branches)
 
     def _adjoint_at_once(self, u: Array, forces: Array) -> PartedAdjoint:
         """Of a step by strains that are carried along."""

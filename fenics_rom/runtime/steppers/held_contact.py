@@ -7,8 +7,10 @@ from fenics_rom.compilation import in_plain
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.compiled_contact import CompiledContact
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
-from fenics_rom.runtime.compiled.held_step import Among, Step, Touch
+from fenics_rom.runtime.compiled.held_step import Step
+from fenics_rom.runtime.compiled.held_touch import Among, Touch
 from fenics_rom.runtime.compiled.touching import Last
+from fenics_rom.runtime.steppers.compiled_step import Relaxing
 from fenics_rom.runtime.steppers.contact_in_loops import ContactInLoops
 from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
@@ -31,6 +33,9 @@ class HeldContact(ContactInLoops):
         if self._residual is not None:
             (R, *times), beyond = self._residual.numbers, self._residual.states
         self.touch, self._beyond = Touch(in_plain(points), in_plain(self._solver.points), in_plain(R), *times), beyond
+        branches, n = None if residual is None else residual.branches, points.shape[1]
+        self._relaxing = Relaxing(branches, 0 if branches is None else len(branches.state), n)
+        self._by_branches = np.zeros((0 if branches is None else 2, n))
         self._spread = np.zeros(points.shape)
         self.forget()
 
@@ -58,7 +63,10 @@ class HeldContact(ContactInLoops):
         law, shapes, n = self._law, self._solver.shapes, self.touch.points.shape[1]
         W = np.empty((n, n))  # another one each time, as the solver keeps parts of it
         begun, found = self._begun(), self._for_found()
-        return Among(self.touch, law, shapes, Moving(*obstacles), begun, *self._beyond, found, self._spread, W)
+        self._relaxing.begin()
+        branches = self._relaxing.rows, self._relaxing.rows_before, self._by_branches
+        beyond = *self._beyond, *branches
+        return Among(self.touch, law, shapes, Moving(*obstacles), begun, *beyond, found, self._spread, W)
 
     def for_many(self, among: Among) -> tuple[Among, Last]:
         """The same for steps in a row, which change what they begin with; and where the last one is kept."""
@@ -67,6 +75,7 @@ class HeldContact(ContactInLoops):
 
     def keep(self, step: Step, among: Among) -> ContactSolution | None:
         """Contact of a step that was taken; the next search begins with it."""
+        self._relaxing.end()
         contact = self._keep(among.found, among.W, self._motion(among), step.sweeps, step.normal_power)
         self._pushing = contact
         return contact

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import compiled
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
 class HeldByLoops(HeldAdjoint):
     """What of a held body loops do, where they are compiled, and know all that acts on it."""
 
+    _has_loops: bool  # whether functions are compiled, as the body was made: it goes on as it began
     _watched: dict[str, float] | None = None  # notes by which loops say what is new
     _law: "ElasticLaw | None" = None
     _ahead: "CompiledHeld | None" = None  # loops that took steps of which the law does not know
@@ -105,7 +105,7 @@ class HeldByLoops(HeldAdjoint):
             return None
         from fenics_rom.runtime.steppers.compiled_deformation import is_known  # here, as numba takes time to import
 
-        if not is_known(self._body, law):
+        if not is_known(law, self._body):
             return None
         return self._body, law, self.loads.following, np.zeros(3), points, True, self.h
 
@@ -132,7 +132,7 @@ class HeldByLoops(HeldAdjoint):
     def _compiled_step(self) -> "CompiledHeld | None":
         """What takes steps where loops are compiled, and there is nothing that they do not know."""
         law, solver = self.elastic, None if self._interface is None else self._interface.solver
-        if not (compiled() and isinstance(law, StrainsCarried) and self.h > 0):
+        if not (self._has_loops and law is not None and self.h > 0):
             return None
         from fenics_rom.runtime.steppers.compiled_held import CompiledHeld  # here, as numba takes time to import
 
@@ -166,7 +166,7 @@ class HeldByLoops(HeldAdjoint):
         No step is to be taken back after them.
         """
         law, halves = self.elastic, self._halves.copy()
-        if self._compiled is None or not isinstance(law, StrainsCarried):
+        if self._compiled is None or law is None:
             return None
         start = self._beginning(path)._replace(halves=halves)
         taken = self._compiled.take_many(inputs, start)

@@ -289,7 +289,7 @@ def _end(table: Array, h: float, bent: Bending | None) -> bool:
     taken = end_free_step(body, loads, begun, step.changed, push, state, watch_at(table), bent)
     if taken.status == OTHERWISE:
         return False
-    lost, stored = end_points(points, h)
+    lost, stored = end_points(points, h, points.R[:0])
     told[SQUARE], told[WITHIN] = taken.square + stored, taken.within
     told[SUPPLIED], told[DISSIPATED], told[BY_OTHERS] = taken.supplied, taken.dissipated + lost, h * turn[POWER]
     return True

@@ -64,10 +64,18 @@ from fenics_rom.runtime.compiled.frames import (
     shape_at,
     vector,
 )
+from fenics_rom.world.compiled.relaxing_bodies import (
+    Relaxed,
+    draw_back,
+    draw_points_back,
+    relax,
+    relax_points,
+    relaxed_in,
+)
 
 # Rows of the table of a body: after those of `frame_tables`, of `contact_points.Points`, then of `Step`, then what
-# one has that deforms largely, as in `frame_tables`: addresses of others are 0.
-POINTS, STEP, BENT, ROWS = FRAME_ROWS, 38, 52, 89
+# one has that deforms largely, as in `frame_tables`, and what one has that relaxes: addresses of others are 0.
+POINTS, STEP, BENT, RELAXED, ROWS = FRAME_ROWS, 38, 52, 89, 95
 SQUARE, WITHIN, SUPPLIED, DISSIPATED, BY_OTHERS = range(5)  # in `Step.told`
 START, END, MIDDLE, TURN, V, Ω, V_END, Ω_END, ORIGIN, SPUN = 0, 9, 18, 27, 30, 33, 36, 39, 42, 45  # in `Step.turn`
 CENTRE, FORCE, TORQUE, POWER, RIMS, TURNS = 48, 51, 54, 57, 58, 64  # there, of free bodies
@@ -152,6 +160,12 @@ def bends(table: Array) -> bool:
 
 
 @jit_part
+def relaxes(table: Array) -> bool:
+    """Whether its strains are small, and its material relaxes."""
+    return table[RELAXED, 0] != 0
+
+
+@jit_part
 def bending_of(table: Array) -> Bending:
     """What such a body has."""
     return bent_at(table[BENT - FRAME_ROWS :])
@@ -160,7 +174,7 @@ def bending_of(table: Array) -> Bending:
 @jit_apart
 def begin_soft(table: Array, h: float, travel: Array) -> bool:
     """Begins the step of a linear body whose base is set; whether it could. Sets how far it goes, (4,)."""
-    return _begin(table, h, travel, None, None)
+    return _begin(table, h, travel, None, None, None)
 
 
 @jit_apart
@@ -168,11 +182,19 @@ def begin_bent(table: Array, h: float, travel: Array) -> bool:
     """The same of one that deforms largely."""
     bent = bending_of(table)
     remember_shape(bent)
-    return _begin(table, h, travel, bent, points_at(table))
+    return _begin(table, h, travel, bent, points_at(table), None)
+
+
+@jit_apart
+def begin_relaxing(table: Array, h: float, travel: Array) -> bool:
+    """The same of one whose material relaxes, of small strains."""
+    return _begin(table, h, travel, None, None, relaxed_in(table[RELAXED:]))
 
 
 @jit_part
-def _begin(table: Array, h: float, travel: Array, bent: Bending | None, touched: Points | None) -> bool:
+def _begin(
+    table: Array, h: float, travel: Array, bent: Bending | None, touched: Points | None, relaxed: Relaxed | None
+) -> bool:
     """The same."""
     body, state, points, step = body_at(table), state_at(table), points_at(table), step_at(table)
     kept, now = state.kept, state.now[0]
@@ -195,16 +217,20 @@ def _begin(table: Array, h: float, travel: Array, bent: Bending | None, touched:
     put(turn, SPUN, rotated(middle, begun.ω̂))
     copy(begun.modal, step.modal)
     copy(begun.rate, step.rate)
-    copy(begun.rate, step.changed)
+    if relaxed is not None:
+        draw_back(relaxed, body.inverse, body.ω, step.rate)
+    copy(step.rate, step.changed)
     r = state.halves[1]
-    begin_points(points, state.halves[0] * body.inverse_ω, begun.rate)
+    begin_points(points, state.halves[0] * body.inverse_ω, step.rate)
+    if relaxed is not None:
+        draw_points_back(relaxed, points)
     points.pushed[:] = 0.0
     points.seen[:] = 0.0
     copy(points.free, points.inside)
     v, ω = vector(now, OF_BASE), vector(now, SPIN)
     place_points(points, r, R, vector(now, POSITION), v, ω, step.places, step.velocities)
     look_at_travel(h, step.velocities, travel)
-    return bool(np.isfinite(begun.rate.sum() + points.free.sum()))
+    return bool(np.isfinite(step.rate.sum() + points.free.sum()))
 
 
 @jit_part
@@ -282,19 +308,25 @@ def outward_of(turn: Array, h: float) -> Rotation:
 @jit_apart
 def end_soft(table: Array, h: float) -> None:
     """Takes the step of a linear body under the forces that were tried last."""
-    _end(table, h, None)
+    _end(table, h, None, None)
+
+
+@jit_apart
+def end_relaxing(table: Array, h: float) -> None:
+    """The same of one whose material relaxes, of small strains."""
+    _end(table, h, None, relaxed_in(table[RELAXED:]))
 
 
 @jit_apart
 def end_bent(table: Array, h: float) -> None:
     """The same of one that deforms largely."""
     bent = bending_of(table)
-    _end(table, h, bent)
+    _end(table, h, bent, None)
     copy(points_at(table).forces, bent.pressed)
 
 
 @jit_part
-def _end(table: Array, h: float, bent: Bending | None) -> None:
+def _end(table: Array, h: float, bent: Bending | None, relaxed: Relaxed | None) -> None:
     """The same."""
     body, loads, state, points, step = (
         body_at(table), loads_at(table), state_at(table), points_at(table), step_at(table),
@@ -319,7 +351,11 @@ def _end(table: Array, h: float, bent: Bending | None) -> None:
     push = Push(force, torque, seen(R, t, torque))
     watch = watch_at(table)
     taken = end_carried_step(body, loads, begun, step.base, step.changed, push, state, watch, bent)
-    lost, stored = end_points(points, h)
+    if relaxed is None:
+        lost, stored = end_points(points, h, points.R[:0])
+    else:
+        of_points, within = relax_points(relaxed, points, h), relax(relaxed, body.ω, step.changed)
+        lost, stored = of_points[0] + within[0], of_points[1] + within[1]
     told[SQUARE], told[WITHIN] = taken.square + stored, taken.within
     told[SUPPLIED], told[DISSIPATED], told[BY_OTHERS] = taken.supplied, taken.dissipated + lost, h * power
 

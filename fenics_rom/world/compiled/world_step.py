@@ -30,11 +30,14 @@ from fenics_rom.world.compiled.soft_bodies import (
     DISSIPATED,
     SUPPLIED,
     begin_bent,
+    begin_relaxing,
     begin_soft,
     bends,
     end_bent,
+    end_relaxing,
     end_soft,
     mount_on,
+    relaxes,
     step_at,
 )
 from fenics_rom.world.compiled.tables import (
@@ -143,6 +146,8 @@ def _begin_step(world: Array, h: float) -> bool:
                     mount_on(driven.end[carrier], softs[index])
                 if bends(softs[index]):
                     could = begin_bent(softs[index], h, travel)
+                elif relaxes(softs[index]):
+                    could = begin_relaxing(softs[index], h, travel)
                 else:
                     could = begin_soft(softs[index], h, travel)
             if not could:
@@ -205,6 +210,8 @@ def _end_step(world: Array, C: int, h: float, row: int, free: bool) -> bool:
             table = softs[index]
             if kind == SOFT and bends(table):
                 end_bent(table, h)
+            elif kind == SOFT and relaxes(table):
+                end_relaxing(table, h)
             elif kind == SOFT:
                 end_soft(table, h)
             told = step_at(table).told

@@ -53,6 +53,9 @@ class ElasticLaw:
     def note(self, notes: dict[str, float]) -> None:
         """Notes how the last step went."""
 
+    def note_all(self, notes: dict[str, float], noted: Array) -> None:
+        """The same of steps in a row that loops took, which noted so (n, 2)."""
+
     def messages(self, notes: Mapping[str, float]) -> tuple[str, ...]:
         """What the user should know of a run with such notes."""
         return ()

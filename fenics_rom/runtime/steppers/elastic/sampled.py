@@ -53,8 +53,14 @@ class SampledPoints(ElasticLaw):
     @property
     def stored(self) -> float:
         """As in ElasticLaw."""
-        stored = self._body.energy(self._q)
+        q = self._q
+        stored = self.energy_of_points + float(q @ self._body.springs @ q) / 2
         return stored if self.branches is None else stored + self.branches.stored
+
+    @property
+    def energy_of_points(self) -> float:
+        """J."""
+        return self._body.elastic_energy(self._body.strains(self._q))
 
     @property
     def auxiliary(self) -> Array:
@@ -173,6 +179,17 @@ class SampledPoints(ElasticLaw):
         heat = h * float(v.dot(body.external_damping.dot(v)))
         heat += h * float(body.viscosity.dot((linear * rates).sum(axis=0)))
         return heat if self.branches is None else heat + self.branches.step(np.stack([rates, linear]).reshape(2, -1))
+
+    @property
+    def carried(self) -> Array:
+        """What steps go on from, (m,): another array after each."""
+        return self._q
+
+    def took(self, after: Array, v: Array, relaxed: Array) -> None:
+        """Takes note of a step with v (m,) to q⁺ (m,) that a compiled function took, and of branches (N, 2, 6 P)."""
+        self._q_before, self._q, self.velocity, self._has_slope = self._q, after, v.copy(), False
+        if self.branches is not None:
+            self.branches.took(relaxed.copy())
 
     def adjoint(self) -> "SampledAdjoint":
         """As in ElasticLaw."""

@@ -1,0 +1,182 @@
+"""What touches a held body that deforms largely, and what pulls it by strokes, in a step whose velocity follows forces.
+
+Where nothing can touch the body `among` is None, and numba makes the same functions without contact; where no stroke is
+given `pull` is.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.actuator_forces import TOGETHER
+from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, find_forces
+from fenics_rom.mechanics.compiled.contact_law import Law as ContactLaw
+from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.newton import in_one_piece
+from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving
+from fenics_rom.mechanics.compiled.work_space import work_space
+from fenics_rom.runtime.compiled.carried_strains import Law
+from fenics_rom.runtime.compiled.following import Following
+from fenics_rom.runtime.compiled.sampled_points import Sampled
+from fenics_rom.runtime.compiled.small_matrices import dot, solve, solve_rows, squares
+from fenics_rom.runtime.compiled.strokes import Pull, find_held, hold, hold_back, is_settled, move_by
+from fenics_rom.runtime.compiled.touching import Begun, StepContact, add_up_forces, ask_points, look_around
+
+
+class Body(NamedTuple):
+    """What is held, with m modes and p inputs."""
+
+    ω: Array  # (m,), 1/s
+    inverse_ω: Array  # (m,), s
+    dead: Array  # forces of inputs whose direction stays (m, p)
+    loads: Following
+    law: Law
+    sampled: (
+        Sampled | None
+    )  # of Newton's steps, of which `law` has what is not of points; None: strains are carried along
+
+
+class Motion(NamedTuple):
+    """What a step sets beside what is strained, (m,) each but the last."""
+
+    e: Array  # at its end
+    r: Array
+    q: Array  # at its start
+    residual: Array  # forces out of balance there at v̂ of the step before
+    whole: Array  # v̂ that these lead to, before it is made no longer than what was trained
+    force: Array  # of inputs
+    velocity: Array  # v̂
+    pushed: Array  # generalized forces of contact
+    factor: Array  # of the step's matrix (m, m)
+
+
+@jit_part
+def motion_in(vectors: Array, factor: Array) -> Motion:
+    """As parts of few arrays, (8, m) and (m, m)."""
+    first, second = (vectors[0], vectors[1], vectors[2], vectors[3]), (vectors[4], vectors[5], vectors[6], vectors[7])
+    return Motion(*first, *second, factor)
+
+
+class Touch(NamedTuple):
+    """Where a body can be touched; see `touching.Touched`."""
+
+    points: Array  # (m, 3P)
+    places: Array  # (P, 3)
+    R: Array  # (3P, 3P) or (0, 0)
+    inertia: float
+    whole: float
+    lost: float
+    τ: float
+
+
+class Among(NamedTuple):
+    """The obstacles that a body is among in a step, and what it finds of them."""
+
+    touch: Touch
+    law: ContactLaw
+    shapes: Array  # of the obstacles, (O, 17)
+    moving: Moving  # how they move
+    begun: Begun
+    beyond: Array  # g, y and their rates, (4, 3P), changed
+    beyond_before: Array  # the same before the step
+    relaxed: Array  # branches of a material that relaxes, beyond the basis (N, 2, 3P), changed
+    relaxed_before: Array
+    pull: Array  # by which these pull there, of `step_beyond` (2, 3P); (0, 3P): the material does not relax
+    found: StepContact  # with forces to begin with; set
+    spread: Array  # for roots of W (m, 3P),
+    W: Array  # and W, m/s/N (3P, 3P)
+
+
+@jit_part
+def among_in(among: Among, moving: Moving) -> Among:
+    """The same obstacles, which move so."""
+    touch, law, shapes, _, begun, beyond, beyond_before, relaxed, relaxed_before, pull, found, spread, W = among
+    branches = relaxed, relaxed_before, pull
+    return Among(touch, law, shapes, moving, begun, beyond, beyond_before, *branches, found, spread, W)
+
+
+NOT_FOUND = Found(OTHERWISE, 0, 0.0)
+
+
+@jit_part
+def find_touching(r: Array, motion: Motion, among: Among | None, beside: Beside | None, pull: Pull | None) -> Found:
+    """Finds forces of contact and cables at v̂ of the motion, and has v̂ follow them; sets what contact does (m,).
+
+    Cables hold their strokes under contact forces, too, or are slack.
+    """
+    v = motion.velocity
+    if among is None or beside is None:
+        if pull is None:
+            return Found(NOTHING, 0, 0.0)
+        return Found(NOTHING if pull_alone(pull, v) else OTHERWISE, 0, 0.0)
+    answer = motion.pushed.copy()
+    for count in range(TOGETHER if pull is not None else 1):
+        if pull is not None:
+            if count > 0 and not find_held(pull, v):
+                return NOT_FOUND
+            move_by(pull, 1.0, v)
+        contact = _find_contact(r, motion, among, beside, pull)
+        if contact.status == OTHERWISE:
+            return NOT_FOUND
+        if pull is not None:
+            hold(pull, motion.pushed, v)
+        copy(motion.pushed, answer)
+        solve(motion.factor, answer)
+        for i in range(len(v)):
+            v[i] += answer[i]
+        if pull is None:
+            return contact
+        if is_settled(pull, v):
+            return contact
+        for i in range(len(v)):
+            v[i] -= answer[i]
+        move_by(pull, -1.0, v)
+    return NOT_FOUND
+
+
+@jit_part
+def _find_contact(r: Array, motion: Motion, among: Among, beside: Beside, pull: Pull | None) -> Found:
+    """Finds contact forces at v̂ of the motion, and sets what they do (m,)."""
+    touch, found = among.touch, among.found
+    space = work_space(3 * len(touch.places))
+    look_around(touch, among.shapes, among.moving, among.law.h, beside, motion.q, among.beyond, found, space)
+    given = beside, among.begun.forces, r, motion.velocity, among.beyond, among.pull
+    ask_points(touch, among.law, *given, found, math.inf, space)
+    if found.pairs.chosen.any():
+        _set_delassus(touch, motion.factor, among.spread, among.W)
+        if pull is not None:
+            hold_back(pull, touch.points, among.W)
+    unknown, P = in_one_piece(np.empty((0, 0))), len(touch.places)
+    contact = find_forces(among.law, among.W, unknown, P, among.begun.swung, found.pairs)
+    add_up_forces(contact, beside.w, found)
+    for i in range(len(motion.pushed)):
+        motion.pushed[i] = dot(touch.points[i], found.forces) if contact.status == FOUND else 0.0
+    return contact
+
+
+@jit_part
+def _set_delassus(touch: Touch, factor: Array, spread: Array, W: Array) -> None:
+    """Sets W = S A⁻¹ Sᵀ + R/a by the factor of A."""
+    copy(touch.points, spread)
+    solve_rows(factor, spread)
+    squares(spread, W)
+    if len(touch.R) > 0:
+        for i in range(len(W)):
+            for j in range(len(W)):
+                W[i, j] += touch.R[i, j] / touch.whole
+
+
+@jit_part
+def pull_alone(pull: Pull, v: Array) -> bool:
+    """Has cables go as they are to, or be slack, where nothing touches, and v̂ (m,) follow; whether forces are found."""
+    for count in range(TOGETHER):
+        if count > 0 and not find_held(pull, v):
+            return False
+        move_by(pull, 1.0, v)
+        if is_settled(pull, v):
+            return True
+        move_by(pull, -1.0, v)
+    return False

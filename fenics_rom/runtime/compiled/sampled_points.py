@@ -1,0 +1,261 @@
+"""An elastic law by a discrete gradient of points, compiled: `steppers.elastic.sampled`, of two materials.
+
+f̂ = Aᵀ ω Ŝ(E, E⁺)         A = ∂E/∂q in the middle of the step
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.compilation import jit_part
+from fenics_rom.mechanics.hyperelastic import ROUND_OFF_STRAIN
+from fenics_rom.runtime.compiled.branches import add_row_of_pull, step_branches
+from fenics_rom.runtime.compiled.carried_strains import Law
+from fenics_rom.runtime.compiled.material_points import (
+    Points,
+    add_resultant,
+    add_stressed,
+    displacement_gradients,
+    neo_hookean_stress,
+    set_strains,
+)
+from fenics_rom.runtime.compiled.small_matrices import dot
+
+PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # of the six components
+Six = tuple[float, float, float, float, float, float]
+
+
+class Sampled(NamedTuple):
+    """P points."""
+
+    points: Points
+    viscosity: Array  # β, and that with what branches resist strain rates by (2, P), s
+    round_off: float  # of forces, however small the strains
+    is_linear: bool  # whether stresses are, in the strains; else points are neo-Hookean
+
+
+class InStep(NamedTuple):
+    """What points begin a step with, and what they are at a velocity."""
+
+    E: Array  # strains (6, P)
+    W: Array  # energies (P,), J
+    history: Array  # stresses (6, P) of branches; these, and others, have the weights
+    middle: Array  # displacement gradients (9, P) in its middle,
+    end: Array  # and at its end
+    mean: Array  # of the strains (6, P)
+    after: Array  # strains (6, P) at its end
+    S: Array  # (6, P)
+
+
+@jit_part
+def begin_points(sampled: Sampled, law: Law, relaxed: Array, q: Array) -> InStep:
+    """From q (m,), with strains of branches and their stresses (N, 2, 6 P)."""
+    H = displacement_gradients(sampled.points, q)
+    P = H.shape[1]
+    strains = np.empty((6, P)), np.empty((6, P)), np.empty((6, P)), np.empty((6, P))
+    step = InStep(strains[0], np.empty(P), np.zeros((6, P)), H, np.empty((9, P)), *strains[1:])
+    set_strains(H, step.E)
+    for p in range(P):
+        step.W[p] = _energy(sampled, step.E, p)
+    add_row_of_pull(law.branches, relaxed, 1, step.history.reshape(-1))
+    return step
+
+
+@jit_part
+def _energy(sampled: Sampled, E: Array, p: int) -> float:
+    """Of point p, J."""
+    λ, μ, trace = sampled.points.moduli[0, p], sampled.points.moduli[1, p], E[0, p] + E[1, p] + E[2, p]
+    u, v, w = E[3, p], E[4, p], E[5, p]
+    if sampled.is_linear:
+        square = E[0, p] ** 2 + E[1, p] ** 2 + E[2, p] ** 2
+        return λ / 2 * trace**2 + μ * (square + (u * u + v * v + w * w) / 2)
+    x, y, z = 2 * E[0, p], 2 * E[1, p], 2 * E[2, p]
+    first = y * z + y + z - u * u
+    lnJ = math.log1p(x * first + x + first + v * (w * u - v - v * y) + w * (u * v - w - w * z)) / 2
+    return μ * (trace - lnJ) + λ / 2 * lnJ**2
+
+
+@jit_part
+def _stress(sampled: Sampled, E: Array, p: int) -> Six:
+    """Of point p."""
+    λ, μ = sampled.points.moduli[0, p], sampled.points.moduli[1, p]
+    if sampled.is_linear:
+        return _linear_stress(λ, μ, E[0, p], E[1, p], E[2, p], E[3, p], E[4, p], E[5, p])
+    return neo_hookean_stress(λ, μ, 2 * E[0, p], 2 * E[1, p], 2 * E[2, p], E[3, p], E[4, p], E[5, p])
+
+
+@jit_part
+def _linear_stress(λ: float, μ: float, x: float, y: float, z: float, u: float, v: float, w: float) -> Six:
+    on = λ * (x + y + z)
+    return 2 * μ * x + on, 2 * μ * y + on, 2 * μ * z + on, μ * u, μ * v, μ * w
+
+
+@jit_part
+def _defect(sampled: Sampled, step: InStep, stress: Six, p: int) -> tuple[float, float]:
+    """What the energy of point p grows by beside the work of a stress, over a square of its strains, and this one."""
+    share, square = _energy(sampled, step.after, p) - step.W[p], ROUND_OFF_STRAIN**2
+    for c in range(6):
+        Δ = step.after[c, p] - step.E[c, p]
+        share, square = share - stress[c] * Δ, square + (Δ * Δ if c < 3 else Δ * Δ / 2)
+    return share / square, square
+
+
+@jit_part
+def set_resistance(sampled: Sampled, law: Law, step: InStep, q: Array, v: Array, force: Array) -> None:
+    """Sets f̂ (m,) at v, from q (m,)."""
+    m, h, points, S, E, after = len(q), law.h, sampled.points, step.S, step.E, step.after
+    at = np.empty(m)
+    for i in range(m):
+        at[i] = q[i] + h * v[i]
+    step.end[:] = displacement_gradients(points, at)
+    for i in range(m):
+        at[i] = q[i] + h / 2 * v[i]
+    step.middle[:] = displacement_gradients(points, at)
+    set_strains(step.end, after)
+    for c in range(6):
+        for p in range(len(step.W)):
+            step.mean[c, p] = (E[c, p] + after[c, p]) / 2
+    for p in range(len(step.W)):
+        stress, share = _stress(sampled, step.mean, p), 0.0
+        if not sampled.is_linear:
+            share = _defect(sampled, step, stress, p)[0]
+        viscous, history = _viscous(sampled, law, step, 1, p), step.history
+        for c in range(6):
+            Δ = after[c, p] - E[c, p]
+            S[c, p] = stress[c] + share * (Δ if c < 3 else Δ / 2) + viscous[c] + history[c, p]
+    for i in range(m):
+        force[i] = dot(law.springs[i], at) + dot(law.damping[i], v)
+    add_resultant(points, step.middle, S, force)
+
+
+@jit_part
+def _viscous(sampled: Sampled, law: Law, step: InStep, row: int, p: int) -> Six:
+    """Stress of the strain rates of point p, by a row of viscosities."""
+    size, Δ = sampled.viscosity[row, p] / law.h, step.after
+    λ, μ, E = size * sampled.points.moduli[0, p], size * sampled.points.moduli[1, p], step.E
+    x, y, z = Δ[0, p] - E[0, p], Δ[1, p] - E[1, p], Δ[2, p] - E[2, p]
+    return _linear_stress(λ, μ, x, y, z, Δ[3, p] - E[3, p], Δ[4, p] - E[4, p], Δ[5, p] - E[5, p])
+
+
+@jit_part
+def set_slope_of_points(sampled: Sampled, law: Law, step: InStep, is_exact: bool, slope: Array) -> None:
+    """Sets what f̂ changes by with v (m, m), at that of the last `set_resistance`; definite unless it is to be exact."""
+    m, h, P, points = len(slope), law.h, len(step.W), sampled.points
+    moduli, C, at_end = np.empty((6, 6, P)), np.empty((3, 3)), step.end if is_exact else step.middle
+    for p in range(P):
+        _set_moduli(sampled, step, is_exact, p, h, C, moduli)
+    rates, stressed, own = np.empty((m, 6, P)), np.empty((m, 6, P)), np.empty((6, P))
+    for j in range(m):
+        G = points.gradients[j].reshape(9, P)
+        _set_rates(step.middle, G, rates[j])
+        _set_rates(at_end, G, own)
+        for c in range(6):
+            into = stressed[j, c]
+            into[:] = 0.0
+            for d in range(6):
+                for p in range(P):
+                    into[p] += moduli[c, d, p] * own[d, p]
+    for i in range(m):
+        for j in range(m):
+            slope[i, j] = law.steady[i, j] + dot(rates[i].reshape(-1), stressed[j].reshape(-1))
+    if is_exact:
+        add_stressed(points, step.S, h / 2, slope)
+
+
+@jit_part
+def _set_rates(H: Array, G: Array, rates: Array) -> None:
+    """Sets what strains (6, P) change by with a mode of gradients (9, P), of points deformed by H."""
+    for c in range(6):
+        i, j, row = PAIRS[c, 0], PAIRS[c, 1], rates[c]
+        for p in range(len(row)):
+            row[p] = G[3 * i + j, p]
+        if i != j:
+            for p in range(len(row)):
+                row[p] += G[3 * j + i, p]
+        for k in range(3):
+            for p in range(len(row)):
+                row[p] += H[3 * k + i, p] * G[3 * k + j, p]
+            if i != j:
+                for p in range(len(row)):
+                    row[p] += H[3 * k + j, p] * G[3 * k + i, p]
+
+
+@jit_part
+def _set_moduli(sampled: Sampled, step: InStep, is_exact: bool, p: int, h: float, C: Array, into: Array) -> None:
+    """Sets h ∂Ŝ/∂E⁺, and what is viscous, of point p (6, 6); where it need not be exact what is definite of it."""
+    λ, μ, viscosity = sampled.points.moduli[0, p], sampled.points.moduli[1, p], sampled.viscosity[1, p]
+    into[:, :, p] = 0.0
+    if sampled.is_linear:
+        viscosity += h / 2
+    else:
+        _add_neo_hookean(λ, μ, step.mean, p, h / 2, C, into)
+        if is_exact:
+            _correct(sampled, step, p, h, into)
+    for c in range(3):
+        for d in range(3):
+            into[c, d, p] += viscosity * λ
+        into[c, c, p] += 2 * viscosity * μ
+        into[3 + c, 3 + c, p] += viscosity * μ
+
+
+@jit_part
+def _add_neo_hookean(λ: float, μ: float, E: Array, p: int, size: float, C: Array, into: Array) -> None:
+    """Adds, so many times, moduli of point p; C (3, 3) is set."""
+    x, y, z, u, v, w = 2 * E[0, p], 2 * E[1, p], 2 * E[2, p], E[3, p], E[4, p], E[5, p]
+    first, second, third = y * z + y + z - u * u, z * x + z + x - v * v, x * y + x + y - w * w
+    fourth, fifth, sixth = v * w - u - u * x, w * u - v - v * y, u * v - w - w * z
+    change = x * first + x + first + v * fifth + w * sixth
+    C[0, 0], C[1, 1], C[2, 2] = (1 + first) / (1 + change), (1 + second) / (1 + change), (1 + third) / (1 + change)
+    C[1, 2] = C[2, 1] = fourth / (1 + change)
+    C[0, 2] = C[2, 0] = fifth / (1 + change)
+    C[0, 1] = C[1, 0] = sixth / (1 + change)
+    turned = size * (μ - λ * math.log1p(change) / 2)
+    for c in range(6):
+        i, j = PAIRS[c, 0], PAIRS[c, 1]
+        for d in range(6):
+            k, n = PAIRS[d, 0], PAIRS[d, 1]
+            into[c, d, p] += size * λ * C[i, j] * C[k, n] + turned * (C[i, k] * C[j, n] + C[i, n] * C[j, k])
+
+
+@jit_part
+def _correct(sampled: Sampled, step: InStep, p: int, h: float, into: Array) -> None:
+    """Adds h times what ∂Ŝ/∂E⁺ of point p is beside ½ ∂S/∂E of the mean strain: see `discrete_gradient_slopes`."""
+    stress, after = _stress(sampled, step.mean, p), _stress(sampled, step.after, p)
+    share, square = _defect(sampled, step, stress, p)
+    by_defect = np.empty(6)
+    for d in range(6):
+        bent, along = 0.0, (step.after[d, p] - step.E[d, p]) * (1.0 if d < 3 else 0.5)
+        for c in range(6):
+            bent += into[c, d, p] / h * (step.after[c, p] - step.E[c, p])
+        by_defect[d] = (after[d] - stress[d] - bent - 2 * share * along) / square
+    for c in range(6):
+        size = h * (1.0 if c < 3 else 0.5)
+        for d in range(6):
+            into[c, d, p] += size * (step.after[c, p] - step.E[c, p]) * by_defect[d]
+        into[c, c, p] += size * share
+
+
+@jit_part
+def close_points(sampled: Sampled, law: Law, step: InStep, relaxed: Array, v: Array) -> tuple[float, float]:
+    """Ends a step with v (m,), that of the last `set_resistance`: energy of the points, and what was dissipated, J."""
+    h, P, energy, heat = law.h, len(step.W), 0.0, 0.0
+    for i in range(len(v)):
+        heat += h * v[i] * dot(law.damping[i], v)
+    for p in range(P):
+        energy += _energy(sampled, step.after, p)
+        viscous = _viscous(sampled, law, step, 0, p)
+        for c in range(6):
+            heat += viscous[c] * (step.after[c, p] - step.E[c, p])
+    if law.branches.size > 0:
+        rates, stresses = step.mean, step.S
+        for p in range(P):
+            λ, μ = sampled.points.moduli[0, p], sampled.points.moduli[1, p]
+            for c in range(6):
+                rates[c, p] = (step.after[c, p] - step.E[c, p]) / h
+            stress = _linear_stress(λ, μ, rates[0, p], rates[1, p], rates[2, p], rates[3, p], rates[4, p], rates[5, p])
+            for c in range(6):
+                stresses[c, p] = stress[c]
+        heat += step_branches(law.branches, relaxed, rates.reshape(-1), stresses.reshape(-1))
+    return energy, heat
