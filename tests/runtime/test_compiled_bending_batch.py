@@ -78,10 +78,11 @@ def test_bodies_are_single_ones_to_the_bit(law, contact):
     """More than one thread takes at once; one sits a step out, one begins anew, one switches, and dt changes."""
     rom, by_stroke = rom_of(law, contact), law in ("stroke", "newton")
     dt = 1.2 * longest_linearly_implicit_step(rom) if law == "newton" else DT
-    bodies, singles = fr.Batch(rom, SIZE, dt, ledger=True), [single(rom, dt) for _ in range(4)]
+    size = SIZE if dt == DT else 10  # Newton's steps take longer
+    bodies, singles = fr.Batch(rom, size, dt, ledger=True), [single(rom, dt) for _ in range(4)]
     assert bodies.stepping == "compiled"
     assert (singles[0].stepper == "newton") == (law == "newton")
-    for step, u in enumerate(history(bodies.inputs, by_stroke=by_stroke)):
+    for step, u in enumerate(history(bodies.inputs, by_stroke=by_stroke)[:, :size]):
         if step == 60:
             u[1] = np.nan
             bodies.reset([2])
