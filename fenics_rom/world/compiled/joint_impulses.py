@@ -23,7 +23,8 @@ from fenics_rom.world.compiled.bodies import start_turning_of, start_velocity_at
 from fenics_rom.world.compiled.couples import Turning, pushed_by, turned_by, turning_of
 from fenics_rom.world.compiled.joints import factor_of, solve_held
 from fenics_rom.world.compiled.rigid_bodies import rows_of, set_map, set_map_of_couple
-from fenics_rom.world.compiled.soft_bodies import kick_soft, points_at, velocities_between
+from fenics_rom.world.compiled.soft_bodies import points_at
+from fenics_rom.world.compiled.soft_kicks import kick_soft, velocities_between
 from fenics_rom.world.compiled.tables import (
     BY_JOINTS,
     BY_OTHERS,

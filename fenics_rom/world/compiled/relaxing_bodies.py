@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
 from fenics_rom.compiled_arrays import flat
-from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.copying import copy, fill
 from fenics_rom.runtime.compiled.arrays_at import cube_at, matrix_at
 from fenics_rom.runtime.compiled.branches import (
     add_pull,
@@ -21,6 +21,7 @@ from fenics_rom.runtime.compiled.branches import (
     stored_in,
 )
 from fenics_rom.runtime.compiled.contact_points import WHOLE, Points, end_points
+from fenics_rom.runtime.compiled.touching import FORGOTTEN
 
 
 class Relaxed(NamedTuple):
@@ -83,4 +84,8 @@ def relax_points(relaxed: Relaxed, points: Points, h: float) -> tuple[float, flo
     if len(pull):
         lost += step_branches(relaxed.numbers, relaxed.beyond, pull[0], pull[1])
         stored += 2 * stored_in(relaxed.numbers, relaxed.beyond)
+        if not points.pushed.any() and stored < 2 * FORGOTTEN:
+            fill(points.beyond, 0.0)
+            fill(relaxed.beyond, 0.0)
+            return lost, 0.0
     return lost, stored

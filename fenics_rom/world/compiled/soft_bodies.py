@@ -15,17 +15,14 @@ from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.runtime.compiled.arrays_at import integer_cube_at, integer_rows_at, matrix_at, vector_at
 from fenics_rom.runtime.compiled.bent_frame import Bending, pressed_rims, remember_shape
 from fenics_rom.runtime.compiled.carried_step import (
-    ANGULAR_MOMENTUM,
     IS_COUPLED,
     IS_INVERSE_KNOWN,
-    MOMENTUM,
     OF_BASE,
     SPIN,
     Begun,
     begin_carried_step,
     end_carried_step,
     inverse_of_carried,
-    move_with,
 )
 from fenics_rom.runtime.compiled.contact_points import (
     Points,
@@ -39,16 +36,13 @@ from fenics_rom.runtime.compiled.contact_points import (
 from fenics_rom.runtime.compiled.frame_tables import ROWS as FRAME_ROWS
 from fenics_rom.runtime.compiled.frame_tables import bent_at, body_at, loads_at, state_at, watch_at
 from fenics_rom.runtime.compiled.frames import (
-    DRIFT,
     IS_SHAPE_KNOWN,
-    MOVED,
     OTHERWISE,
     POSITION,
     TAKEN,
     TURNING,
     VELOCITY,
     Push,
-    State,
     act,
     added,
     cross,
@@ -57,11 +51,9 @@ from fenics_rom.runtime.compiled.frames import (
     middle_of,
     put,
     rotated,
-    rotated_back,
     rotation_in,
     rotation_of,
     seen,
-    shape_at,
     vector,
 )
 from fenics_rom.world.compiled.relaxing_bodies import (
@@ -374,49 +366,3 @@ def mount_on(carrier: Array, table: Array) -> None:
     base[3], base[4], base[5], base[6] = a / size, b / size, c / size, d / size
     put(base, VELOCITY, added(vector(carrier, VELOCITY), 1.0, cross(ω, arm)))
     put(base, TURNING, ω)
-
-
-@jit_part
-def velocities_between(table: Array, p: int) -> Vector:
-    """Of a point between two steps within the basis, in world axes, m/s: beyond it there is next to no mass."""
-    body, state, points = body_at(table), state_at(table), points_at(table)
-    now, e, r = state.now[0], state.halves[0], state.halves[1]
-    y, û = vector(points.rest[p], 0), (0.0, 0.0, 0.0)
-    for i in range(len(r)):
-        row = vector(points.rows[i], 3 * p)
-        y, û = added(y, e[i] * body.inverse_ω[i], row), added(û, r[i], row)
-    if len(points.R):
-        y = added(y, 1.0, vector(points.beyond[1], 3 * p))
-    R = rotation_of(*rotation_in(now))
-    moving = added(vector(now, VELOCITY), 1.0, cross(vector(now, TURNING), rotated(R, y)))
-    return added(moving, 1.0, rotated(R, û))
-
-
-@jit_part
-def kick_soft(table: Array, impulses: Array) -> float:
-    """Adds impulses (P, 3) in world axes on points between two steps; by how much that changes its energy, J.
-
-    The base stays as it moves.
-    """
-    body, state, points, told = body_at(table), state_at(table), points_at(table), step_at(table).told
-    now, e, r, R = state.now[0], state.halves[0], state.halves[1], rotation_of(*rotation_in(state.now[0]))
-    inside, before = np.empty(3 * len(impulses)), told[SQUARE]
-    for p in range(len(impulses)):
-        put(inside, 3 * p, rotated_back(R, vector(impulses[p], 0)))
-    square, within = _square_of(state), r.dot(r)
-    r += np.dot(points.rows, inside)
-    shape_at(body, e * body.inverse_ω, r, state.table, now)
-    move_with(body.mass, R, now)
-    within = r.dot(r) - within
-    told[WITHIN] += within
-    told[SQUARE] += _square_of(state) - square + within
-    return (told[SQUARE] - before) / 2
-
-
-@jit_part
-def _square_of(state: State) -> float:
-    """Twice the kinetic energy of a body but for that of its shape within the frame, J."""
-    now = state.now[0]
-    v, ω = vector(now, OF_BASE), vector(now, SPIN)
-    square = dot(vector(now, MOMENTUM), v) + dot(vector(now, ANGULAR_MOMENTUM), ω)
-    return square + dot(vector(now, DRIFT), v) + dot(vector(now, MOVED), ω)
