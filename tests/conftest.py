@@ -35,8 +35,8 @@ def pytest_collection_modifyitems(config, items):
     if not config.getoption("--slow"):
         for item in slow:
             item.add_marker(pytest.mark.skip(reason="slow: run with --slow"))
-    # Files that take long, and then those of many tests: at the end no core is to wait long for another one.
-    long = {item.path for item in slow}
+    # Files that take long or compile, and then those of many tests: at the end no core is to wait long for another one.
+    long = {item.path for item in slow} | {path for path in count if path.name.startswith("test_compil")}
     items.sort(key=lambda item: (item.path not in long, -count[item.path]))
 
 

@@ -9,11 +9,12 @@ cd "$(dirname "$(realpath "$0")")/.."
 packages=(chromium) # for the live view's tests
 install_packages
 pytest=(.venv/bin/python -m pytest)
-demos=()
+same=()
 with_numba=(tests/test_compilation.py tests/world/test_compiled_{joints,world}.py tests/mechanics/test_{compiled_contact,contact}.py
   tests/runtime/test_{compiled_*,batch_contact,clearance,differentiation_contact,fast_motion,residual_compliance,skin_looks}.py)
 if [ "$*" = --elsewhere ]; then
-  demos=(--ignore=tests/demos) # which are the same on all systems, and a third of the time
+  # What is the same on all systems: demos, a third of the time, and which products of effects are refused.
+  same=(--ignore=tests/demos --ignore=tests/test_product_table.py)
   with_numba=(tests/test_compilation.py tests/mechanics/test_compiled_contact.py tests/runtime/test_compiled_{steps,frames}.py)
   set --
 elif [ $# -gt 0 ] && [ "$*" != --slow ]; then
@@ -38,7 +39,7 @@ part() { # NAME PYTEST ARGUMENT ...
 # A file's tests on one core, in the order of tests/conftest.py.
 by_file=(--dist loadfile --no-loadscope-reorder --maxprocesses 4 --numprocesses)
 export FENICS_ROM_COMPILED=0 # NumPy is the reference; what runs compiled is held to it below
-part "on all cores" "$@" "${demos[@]}" --ignore=tests/test_compilation.py -m "not (alone or ranks)" "${by_file[@]}" auto
+part "on all cores" "$@" "${same[@]}" --ignore=tests/test_compilation.py -m "not (alone or ranks)" "${by_file[@]}" auto
 part "ranks" "$@" -m ranks "${ranks[@]}" "${by_file[@]}" 2 # each is one process for most of its time
 part "alone" "$@" -m alone "${alone[@]}" # what goes by the clock
 FENICS_ROM_COMPILED=1 part "compiled" "$@" "${with_numba[@]}" "${by_file[@]}" auto
