@@ -99,7 +99,7 @@ class CompiledSelfContact(SelfContact):
         """That of pairs with obstacles, and of those of the body with itself."""
         radii = [float(obstacle.core[0]) for obstacle in self.obstacles[: self._O]]
         given = float(self.law.restitution), float(self.law.friction), *self.law.in_steps(dt), quasi_static, SWINGS
-        return Law(dt, *given, min(radii, default=np.inf)), Law(dt, *given, np.inf)
+        return Law(dt, *given, min(radii, default=np.inf)), Law(dt, *given, self._itself.core[0])
 
     def _due(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
         """The largest gap, m, of pairs that may be due; also of springs."""

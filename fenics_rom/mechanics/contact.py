@@ -296,7 +296,7 @@ def equilibrium_work(
 
 
 class HeldBack(NamedTuple):
-    """Steps in which points would have gone through obstacles: they were held before these, and thrown back."""
+    """Steps in which points would have gone through obstacles, or the body itself: they were held before these."""
 
     steps: int = 0  # how many
     dt: float = math.inf  # s, in which none would have gone so far, about
@@ -307,8 +307,9 @@ class HeldBack(NamedTuple):
         if not self.steps:
             return ""
         return (
-            f"in {self.steps} steps points would have gone through an obstacle, as they moved by more than half of its "
-            f"thickness: they were held before it, and left as fast as they came; a dt of {self.dt:.1g} s would do"
+            f"in {self.steps} steps points would have gone through an obstacle, or the body itself, as they moved by "
+            "more than half of its thickness: they were held before it, and left as fast as they came; a dt of "
+            f"{self.dt:.1g} s would do"
         )
 
     def with_step(self, dt: float) -> "HeldBack":

@@ -57,6 +57,14 @@ class _AtShare(NamedTuple):
     normals: Array  # derivatives with the normals n (C, 3)
 
 
+class _Bent(NamedTuple):
+    """Of a body that touches itself, whose forces move the places by which their own pairs move with its points."""
+
+    share: Array  # forces at the points by those that pairs have with the places as they are (3P, 3P)
+    moved: Array  # velocities of pairs per force at the points (3C, 3P), m/s/N
+    told: Array  # the same at the start
+
+
 class ContactAdjoint(NamedTuple):
     """Contact of a step, to go back through."""
 
@@ -67,6 +75,7 @@ class ContactAdjoint(NamedTuple):
     operator: Array  # W of the points (3P, 3P), m/s/N,
     moved: Array  # and of these pairs (3C, 3C)
     asked: Delassus  # the same less what the targets change by with forces
+    bent: _Bent | None = None
 
     @staticmethod
     def of(solver: ContactSolver, found: SolvedPairs | None) -> "ContactAdjoint | None":
@@ -89,25 +98,42 @@ class ContactAdjoint(NamedTuple):
         moved, bends = _of_pairs(found, found.operator), curvature if curvature.any() else None
         return ContactAdjoint(solver.law, found, bends, turning, found.operator, moved, Delassus(moved))
 
-    def through(self, operator: Array, by_start: Array | None = None) -> "ContactAdjoint":
+    def through(
+        self, operator: Array, by_start: Array | None = None, by_middle: Array | None = None
+    ) -> "ContactAdjoint":
         """The same of points that another Delassus operator (3P, 3P) moves than the one that forces were found with.
 
-        `by_start`: what forces do to the velocities that the points have at the start, as the law is told, (3P, 3P).
+        `by_start`, `by_middle`: what forces do to the velocities that the points have at the start, as the law is told,
+        and to where they are in the middle of the step, (3P, 3P); the latter matters to a body that touches itself.
         """
-        moved = asked = _of_pairs(self.found, operator)
-        if by_start is not None:
+        rows, bent, told = self.found.rows, None, None
+        if rows is None or by_start is None or by_middle is None:
+            moved, told = _of_pairs(self.found, operator), None if by_start is None else _of_pairs(self.found, by_start)
+        else:
+            points, F = self.found.points, self.found.problem.frames.in_space(self.found.forces)
+            velocity = points.free_velocity + _of_shape(self.found.operator.dot(rows.at_points(F).ravel()))
+            M, by_places = rows.matrix, rows.by_middle(velocity)
+            bent = _Bent(
+                np.linalg.inv(np.eye(M.shape[1]) - rows.at_points_by_middle(F).dot(by_middle)),
+                M.dot(operator) + by_places.dot(by_middle),
+                M.dot(by_start) + rows.by_middle(points.velocity).dot(by_middle),
+            )
+            moved, told = (each.dot(bent.share).dot(M.T) for each in (bent.moved, bent.told))
+        asked = moved
+        if told is not None:
             _, by_approach, by_slide = self._target_slopes()
             n = np.broadcast_to(self.found.problem.frames.axes[:, :, 0], (len(self.found.active), 3))
-            told = n if self.turning is None else self.turning.told_along(n)
-            along = by_approach[:, None, None] * n[:, :, None] * told[:, None]
+            along_start = n if self.turning is None else self.turning.told_along(n)
+            along = by_approach[:, None, None] * n[:, :, None] * along_start[:, None]
             along += by_slide[:, None, None] * (np.eye(3) - n[:, :, None] * n[:, None])
-            told = _of_pairs(self.found, by_start).reshape(len(n), 3, -1)
-            asked = moved - (along @ told).reshape(moved.shape)
-        return self._replace(operator=operator, moved=moved, asked=Delassus(asked))
+            asked = moved - (along @ told.reshape(len(n), 3, -1)).reshape(moved.shape)
+        return self._replace(operator=operator, moved=moved, asked=Delassus(asked), bent=bent)
 
     def pull_back(self, φ: Array) -> PointMotion:
         """Derivatives with what the points do, (P, 3) each, from those with the forces on them, φ (P, 3), 1/N."""
-        frames, rows, of_points = self.found.problem.frames, self.found.rows, φ
+        frames, rows, of_points, bent = self.found.problem.frames, self.found.rows, φ, self.bent
+        if bent is not None:
+            φ = _of_shape(bent.share.T.dot(φ.ravel()))
         φ, at_share = self._through_share(self._of_points(φ))
         ψ = self._law_pulled_back(frames.turned(φ)[0])
         by_gap, by_approach, by_slide = self._target_slopes()
@@ -131,10 +157,17 @@ class ContactAdjoint(NamedTuple):
         if rows is None:
             return owed
         F, points = frames.in_space(self.found.forces), self.found.points
-        moved = self.found.operator.dot(rows.at_points(F).ravel()).reshape(of_points.shape)
-        by_forces = self.operator.T.dot(owed.free_velocity.ravel()).reshape(of_points.shape)
-        products = [(whole, points.free_velocity + moved), (told.start, points.velocity), (F, of_points + by_forces)]
-        return owed._replace(displacement=owed.displacement + rows.pull_back(-by_gap * ψ[0], normal_, products))
+        moved = _of_shape(self.found.operator.dot(rows.at_points(F).ravel()))
+        if bent is None:
+            forces_ = of_points + _of_shape(self.operator.T.dot(owed.free_velocity.ravel()))
+        else:
+            by_pairs = bent.moved.T.dot(whole.ravel()) + bent.told.T.dot(told.start.ravel())
+            forces_ = _of_shape(bent.share.T.dot(of_points.ravel() + by_pairs))
+        products = [(whole, points.free_velocity + moved), (told.start, points.velocity), (F, forces_)]
+        start_, middle_ = rows.pull_back(-by_gap * ψ[0], normal_, products)
+        if points.middle is None:
+            return owed._replace(displacement=owed.displacement + start_ + middle_)
+        return owed._replace(displacement=owed.displacement + start_, middle=middle_)
 
     def _through_share(self, φ: Array) -> "tuple[Array, _AtShare | None]":
         """Derivatives with forces (C, 3) at a share σ that stays, and what else the share depends on.
@@ -218,6 +251,11 @@ def _of_pairs(found: SolvedPairs, operator: Array) -> Array:
     rows = (3 * (found.active % (len(operator) // 3))[:, None] + np.arange(3)).ravel()
     of_pairs: Array = operator[rows[:, None], rows]
     return of_pairs
+
+
+def _of_shape(values: Array) -> Array:
+    """Of points (3P,), (P, 3)."""
+    return values.reshape(-1, 3)
 
 
 def _transposed(operator: Array, forces: Array) -> Array:

@@ -75,10 +75,11 @@ class OwnPairs(NamedTuple):
     twins: Met  # of the pairs that are opposite to another one, what that meets
     twinned: Array  # which these are (t,)
     places: Array  # of all points of the body (P, 3), m
+    middle: Array | None  # of them in the middle of the step, as of `PointMotion`
 
     @staticmethod
-    def of(surface: OwnSurface, some: Array, places: Array) -> "OwnPairs":
-        """Some (k,) of those that a surface found last, where points are at places (P, 3), m."""
+    def of(surface: OwnSurface, some: Array, places: Array, middle: Array | None) -> "OwnPairs":
+        """Some (k,) of those that a surface found last, where points are at places (P, 3), m, and in the middle."""
         found, plain, twin, kept = surface.last
         pairs = kept[some]
         twinned = (twin[pairs] >= 0).nonzero()[0]
@@ -86,11 +87,32 @@ class OwnPairs(NamedTuple):
             Met.of(found.row[at], found.nodes[at], found.weights[at], plain[at], places)
             for at in (pairs, twin[pairs[twinned]])
         )
-        return OwnPairs(met, twins, twinned, places)
+        return OwnPairs(met, twins, twinned, places, middle)
+
+    @property
+    def maps_by_middle(self) -> Array:
+        """Maps of corners (k, 3, 3, 3) by where points and they are in the middle of the step, (k, 3, 3, 3, 4, 3)."""
+        x = self._in_middle.astype(complex)
+        slopes = np.empty((len(x), 3, 3, 3, 4, 3))
+        for corner in range(4):
+            for axis in range(3):
+                x[:, corner, axis] += 1j * _STEP
+                slopes[..., corner, axis] = corner_maps(x[:, 0], x[:, 1:], self.met.weights).imag / _STEP
+                x[:, corner, axis] -= 1j * _STEP
+        return slopes
+
+    @property
+    def _in_middle(self) -> Array:
+        """Points and corners (k, 4, 3), m."""
+        places: Array = (self.places if self.middle is None else self.middle)[self.met.points]
+        return places
 
     def pull_back(self, gap_: Array, normal_: Array, maps_: Array) -> Array:
-        """What is owed to all points (P, 3), m, by gaps (k,), normals (k, 3) and maps of corners (k, 3, 3, 3)."""
-        own = self.met.points
+        """What is owed to places of all points (P, 3), m, when the step begins.
+
+        By gaps (k,), normals (k, 3) and, as the places that are met move, maps of corners (k, 3, 3, 3).
+        """
+        own, there = self.met.points, self._in_middle
         x, owed = self.places[own].astype(complex), np.zeros(self.places.shape)
         twin, all_twins = self.twins.points, self.places[self.twins.points].astype(complex)
         _, others, _ = self.twins.seen_at(all_twins)
@@ -98,7 +120,7 @@ class OwnPairs(NamedTuple):
             for axis in range(3):
                 x[:, corner, axis] += 1j * _STEP
                 gaps, normals, weights = self.met.seen_at(x)
-                maps = corner_maps(x[:, 0], x[:, 1:], weights)
+                maps = corner_maps(there[:, 0], there[:, 1:], weights)
                 slopes = gap_ * gaps.imag + np.einsum("kcij,kcij->k", maps_, maps.imag)
                 slopes += _dot(normal_, self._merged(normals, others).imag)
                 np.add.at(owed[:, axis], own[:, corner], slopes / _STEP)
@@ -146,11 +168,39 @@ class PairRows(NamedTuple):
         """Of one of the points (3P, 3P), that of pairs (3C, 3C)."""
         return operator_between(W, self.nodes, self.maps)
 
-    def pull_back(self, gap_: Array, normal_: Array, products: list[tuple[Array, Array]]) -> Array:
-        """What is owed to places of the points (P, 3), by gaps (C,), normals (C, 3), and by maps.
+    @property
+    def matrix(self) -> Array:
+        """The same as one (3C, 3P)."""
+        of_pairs = np.zeros((len(self.nodes), 3, len(self.own.places), 3))
+        for k in range(4):
+            np.add.at(of_pairs.transpose(0, 2, 1, 3), (np.arange(len(of_pairs)), self.nodes[:, k]), self.maps[:, k])
+        return of_pairs.reshape(3 * len(of_pairs), -1)
 
-        To these it is the sum of products of numbers of pairs (C, 3) and of points (P, 3).
+    def by_middle(self, values: Array) -> Array:
+        """What `of_pairs` of values changes by with where points are in the middle of the step, (3C, 3P)."""
+        slopes = np.zeros((len(self.nodes), 3, *self.own.places.shape))
+        moved = -np.einsum("kcijna,kcj->kina", self.own.maps_by_middle, values[self.nodes[self.within, 1:]])
+        for n in range(4):
+            at = self.within[:, None], np.arange(3), self.own.met.points[:, n, None]
+            np.add.at(slopes, at, moved[:, :, n])
+        return slopes.reshape(3 * len(self.nodes), -1)
+
+    def at_points_by_middle(self, values: Array) -> Array:
+        """What `at_points` of values changes by with where points are in the middle of the step, (3P, 3P)."""
+        P = len(self.own.places)
+        slopes, met = np.zeros((P, P, 3, 3)), self.own.met
+        moved = -np.einsum("kcijna,ki->kcnja", self.own.maps_by_middle, values[self.within])
+        np.add.at(slopes, (met.nodes[:, :, None], met.points[:, None, :]), moved)
+        return slopes.transpose(0, 2, 1, 3).reshape(3 * P, 3 * P)
+
+    def pull_back(self, gap_: Array, normal_: Array, products: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+        """What is owed to places of the points at the start and in the middle of the step (P, 3).
+
+        By gaps (C,), normals (C, 3), and by maps: to these it is the sum of products of numbers of pairs (C, 3) and of
+        points (P, 3).
         """
-        nodes = self.nodes[self.within, 1:]
-        maps_ = -sum(np.einsum("ci,cnj->cnij", of[self.within], at[nodes]) for of, at in products)
-        return self.own.pull_back(gap_[self.within], normal_[self.within], np.asarray(maps_))
+        own, nodes = self.own, self.nodes[self.within, 1:]
+        maps_ = -np.asarray(sum(np.einsum("ci,cnj->cnij", of[self.within], at[nodes]) for of, at in products))
+        middle_ = np.zeros(own.places.shape)
+        np.add.at(middle_, own.met.points, np.einsum("kcij,kcijna->kna", maps_, own.maps_by_middle))
+        return own.pull_back(gap_[self.within], normal_[self.within], maps_), middle_

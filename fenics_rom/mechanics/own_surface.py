@@ -16,6 +16,7 @@ from fenics_rom.mechanics.frame_geometry import crossed
 from fenics_rom.mechanics.surface_pairs import (
     DEEPEST,
     OPPOSITE,
+    SIDEWAYS,
     Border,
     Boxes,
     OnSurface,
@@ -62,6 +63,7 @@ class OwnSurface:
 
     Attributes:
         triangles, names: as given.
+        deepest: how deep points may be inside, m, before they have passed it, or the wall that is behind it at rest.
         last: all that was near.
     """
 
@@ -91,6 +93,8 @@ class OwnSurface:
         offsets = points[row] - nearest_on_triangles(points[row], corners[triangle])[1]
         above, away = (offsets * normals[triangle]).sum(axis=1), np.linalg.norm(offsets, axis=1)
         front = np.where(faces, -1, 1) * np.maximum(_FLAT * away, _SAME * boxes.size)
+        is_wall = faces & (above < -SIDEWAYS * away)
+        self.deepest = min(DEEPEST * boxes.size, float(away[is_wall].min(initial=np.inf)))
         return self._keys(row, triangle)[(away <= wall) & (above <= front)]
 
     def _outwards(self, normals: Array) -> Array:

@@ -71,8 +71,8 @@ class _Itself:
 
     @property
     def core(self) -> tuple[float, Array]:
-        """As of an Obstacle: no ball that would go through points."""
-        return np.inf, np.empty((0, 3))
+        """As of an Obstacle: what is deeper is soon taken to have passed; no ball that would go through points."""
+        return self.surface.deepest / 4, np.empty((0, 3))
 
 
 class SelfContact(MeshContact):
@@ -161,10 +161,7 @@ class SelfContact(MeshContact):
 
     @property
     def last_step(self) -> Callable[[], tuple[Pairs | None, SolvedPairs | None]]:
-        """As in ContactSolver; a step that touched is found once more, with how pairs move with points.
-
-        What tells it raises a StepError in a moving frame.
-        """
+        """As in ContactSolver; a step that touched is found once more, with how pairs move with points."""
         if not self._has_touched:
             return super().last_step
         search, begun, given = self._last
@@ -173,11 +170,6 @@ class SelfContact(MeshContact):
             from fenics_rom.mechanics.own_adjoint import OwnPairs, PairRows  # here, as few are differentiated
 
             points = given[0]
-            if points.middle is not None:
-                raise StepError(
-                    "effects.contact.self_contact: steps in which a body in a moving frame that may touch itself "
-                    "touches something have no derivative: allowed are those where nothing touches, or a held body"
-                )
             again = copy(self)
             again.search, again._begun = search, begun
             SelfContact.solve(again, *given)
@@ -186,7 +178,7 @@ class SelfContact(MeshContact):
                 return pairs, None
             of_each, (nodes, maps) = again._own_rows(solved.active), again._moved_by(solved.active)
             within = (of_each >= 0).nonzero()[0]
-            own = OwnPairs.of(self.surface, of_each[within], self.points + points.displacement)
+            own = OwnPairs.of(self.surface, of_each[within], self.points + points.displacement, points.middle)
             return pairs, solved._replace(rows=PairRows(nodes, maps, own, within, self._O))
 
         return known

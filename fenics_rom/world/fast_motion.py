@@ -1,10 +1,14 @@
-"""Steps of a world in which rigid bodies may pass through one another, as they go farther than they are thick.
+"""Steps of a world in which bodies may pass through one another, as they go farther than they are thick.
 
 Where two bodies touch is looked for where they are expected in the middle of a step. What went by more than both are
 thick by then may be on the other side. So such a step is cut. In a part two bodies go, relative to one another, by at
 most a share of their thickness, or of the gap between them while that is more. Parts are halves of halves of a step.
-Thick is the largest ball that a body holds. Gaps are those of balls around bodies, at least: parts are rather too
-short. How fast bodies are is looked at again before one could be fast if all sped up twofold.
+How fast bodies are is looked at again before one could be fast if all sped up twofold.
+
+As thick as the largest ball that it holds is a rigid body. The points of a soft one have no thickness, so beside these
+that of a rigid one alone counts, and of two soft ones half of the thinner wall. In a body that touches itself it is
+what `OwnSurface` says. Gaps of rigid bodies are those of balls around them, at least: parts are rather too short. Soft
+ones are apart by what is between their points along the axes, and along the way that they go relative to one another.
 """
 
 import math
@@ -15,6 +19,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.mechanics.surface_pairs import DEEPEST, Boxes, unit_normals
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.make_bodies import AnyBody
 from fenics_rom.world.meetings import Meeting
@@ -27,30 +32,69 @@ SHARE = 0.5  # of the thickness, or of the gap, that two bodies go in a part
 MOST_PARTS = 4096  # of a step
 MOST_TURNED = 1.0  # rad, in a part
 LONGEST_WAIT = 256  # steps, until it is looked again how fast bodies are
+LONGEST_SOFT_WAIT = 64  # the same where one is soft: what it stores may make it faster
+MOST_RAYS = 500  # that look how thick walls are
+NOTHING_BEHIND = 1e-6  # of them: so near a ray meets where it begins
 
 
 class FastPair(NamedTuple):
-    """Two rigid bodies that may pass through one another."""
+    """Two bodies that may pass through one another, or one that may pass through itself."""
 
     meeting: Meeting
-    first: Rigid | Driven
-    second: Rigid | Driven
+    first: AnyBody
+    second: AnyBody
     thick: float  # both together, m
+
+
+class _Going(NamedTuple):
+    """How a body goes."""
+
+    velocity: Array  # of its middle (3,), m/s
+    beside: float  # how much faster a point of it is, m/s, at most
+    turning: float  # rad/s, of a rigid one
+    points: Array  # (P, 3) of a soft one, m; (0, 3)
 
 
 def fast_pairs(bodies: Sequence[AnyBody], meetings: Sequence[Meeting]) -> list[FastPair]:
     """Those of the meetings of bodies; of what is infinitely thick there is none."""
-    pairs = []
+    pairs, walls = [], {id(body): _wall(body) for body in bodies if isinstance(body, Soft) and len(bodies) > 1}
     for meeting in meetings:
         first, second = bodies[meeting.first], bodies[meeting.second]
-        if first is second or not (isinstance(first, Rigid | Driven) and isinstance(second, Rigid | Driven)):
-            continue
-        assert first.shape is not None
-        assert second.shape is not None
-        thick = first.shape.core[0] + second.shape.core[0]
+        cores = [body.shape.core[0] for body in (first, second) if not isinstance(body, Soft) and body.shape]
+        if meeting.own is not None:
+            thick = meeting.own.deepest / 2
+        else:
+            thick = sum(cores) if cores else min(walls[id(body)] for body in (first, second)) / 2
         if math.isfinite(thick):
             pairs.append(FastPair(meeting, first, second, thick))
     return pairs
+
+
+def _wall(body: Soft) -> float:
+    """The thinnest wall of a soft body at rest behind its contact surface, m: some rays into it say so.
+
+    Not more than what points may be inside, to be found there.
+    """
+    points, inwards = (
+        body.surface.points[body.contact_triangles],
+        -unit_normals(body.surface.points[body.contact_triangles]),
+    )
+    if not len(points):
+        return math.inf
+    some = np.unique(np.linspace(0, len(points) - 1, MOST_RAYS).astype(int))
+    a, b, c = np.moveaxis(body.rom.nodes[body.rom.triangles], 1, 0)
+    wall = DEEPEST * Boxes.about(points.transpose(1, 0, 2)).size
+    for start, n in zip(points[some].mean(axis=1), inwards[some], strict=True):
+        # start + t n = a + v (b - a) + w (c - a)
+        p = np.cross(n, c - a)
+        det = np.einsum("ij,ij->i", b - a, p)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            s = start - a
+            v, q = np.einsum("ij,ij->i", s, p) / det, np.cross(s, b - a)
+            w, t = q.dot(n) / det, np.einsum("ij,ij->i", c - a, q) / det
+            hit = (v >= 0) & (w >= 0) & (v + w <= 1) & (t > wall * NOTHING_BEHIND)
+        wall = min(wall, float(t[hit].min(initial=math.inf)))
+    return wall
 
 
 class CutWorld(ReadWorld):
@@ -97,24 +141,30 @@ class CutWorld(ReadWorld):
 
     def _steps_to_wait(self) -> int:
         """Steps in which nothing is fast, even if all speed up twofold by then."""
-        h, thinnest, wait = self._dt, min(pair.thick for pair in self._fast), float(LONGEST_WAIT)
+        h, thinnest = self._dt, min(pair.thick for pair in self._fast)
+        wait = float(LONGEST_SOFT_WAIT if self._soft else LONGEST_WAIT)
         slow = SHARE * thinnest / (4 * h)  # two bodies, each twice as fast
-        for body in {id(body): body for pair in self._fast for body in (pair.first, pair.second)}.values():
-            speed, gained = _speed(body, h), h * _acceleration(body)
+        for body, going in self._goings(h).items():
+            speed, gained = float(np.linalg.norm(going.velocity)) + going.beside, h * _acceleration(body)
             wait = min(wait, slow / max(speed, 1e-300), (slow - speed) / max(gained, 1e-300))
         return int(max(wait, 0.0))
 
+    def _goings(self, h: float) -> dict[AnyBody, _Going]:
+        """How the bodies go in a step of h s that may pass through others."""
+        bodies = {id(body): body for pair in self._fast for body in (pair.first, pair.second)}
+        return {body: _going(body, h) for body in bodies.values()}
+
     def _parts(self, h: float) -> int:
         """Of h s, in which nothing goes too far; a power of 2."""
-        parts, turns = 1.0, 0.0
+        parts, turns, goings = 1.0, 0.0, self._goings(h)
         for meeting, first, second, thick in self._fast:
             if not meeting.is_on:
                 continue
-            (v, turning), (w, others) = _rates(first, h), _rates(second, h)
-            goes = h * math.dist(v, w) + sum(h * ω * body.size for ω, body in ((turning, first), (others, second)) if ω)
-            turns = max(turns, h * turning, h * others)
+            one, other = goings[first], goings[second]
+            goes = h * (math.dist(one.velocity, other.velocity) + one.beside + other.beside)
+            turns = max(turns, h * one.turning, h * other.turning)
             if goes > SHARE * thick:
-                parts = max(parts, goes / (SHARE * max(thick, _gap(first, second))))
+                parts = max(parts, goes / (SHARE * max(thick, _gap(first, second, one, other))))
         if parts > 1:
             parts = max(parts, turns / MOST_TURNED)
         return int(min(2 ** math.ceil(math.log2(parts)), MOST_PARTS))
@@ -162,25 +212,38 @@ def _rates(body: Rigid | Driven, h: float) -> tuple[Array, float]:
     return v + h * body.gravity, turning
 
 
-def _speed(body: Rigid | Driven, h: float) -> float:
-    """Of the fastest point, m/s, at most."""
-    v, turning = _rates(body, h)
-    return float(np.linalg.norm(v)) + (turning * body.size if turning else 0.0)
+def _going(body: AnyBody, h: float) -> _Going:
+    """How a body goes in a step of h s."""
+    if not isinstance(body, Soft):
+        v, turning = _rates(body, h)
+        return _Going(v, turning * body.size if turning else 0.0, turning, np.empty((0, 3)))
+    velocities = body.point_velocities()
+    mean = velocities.mean(axis=0)
+    return _Going(mean, float(np.sqrt(np.square(velocities - mean).sum(axis=1).max())), 0.0, body.places())
 
 
-def _acceleration(body: Rigid | Driven) -> float:
-    """Of what moves freely, m/s²: by its weight, and as in the last step."""
-    if isinstance(body, Driven):
+def _acceleration(body: AnyBody) -> float:
+    """Of what moves freely, m/s²: by its weight, and as in the last step; of soft ones nobody knows."""
+    if not isinstance(body, Rigid):
         return 0.0
     return float(np.linalg.norm(body.gravity) + np.linalg.norm(body.turning[2]))
 
 
-def _gap(first: Rigid | Driven, second: Rigid | Driven) -> float:
-    """Between two bodies, at least, m: of the ball around either from the other one."""
+def _gap(first: AnyBody, second: AnyBody, one: _Going, other: _Going) -> float:
+    """Between two bodies, at least, m: of the ball around either, or the points of a soft one, from the other one."""
+    if first is second:
+        return 0.0
+    if isinstance(first, Soft) and isinstance(second, Soft):
+        way = other.velocity - one.velocity
+        axes = np.concatenate([np.eye(3), [way / max(float(np.linalg.norm(way)), 1e-300)]])
+        here, there = one.points.dot(axes.T), other.points.dot(axes.T)
+        return float(max((there.min(axis=0) - here.max(axis=0)).max(), (here.min(axis=0) - there.max(axis=0)).max()))
     gaps = [0.0]
-    for body, other in ((first, second), (second, first)):
-        assert other.shape is not None
-        R = rotation_matrix(other.pose.rotation)
-        centre = (body.pose.position - other.pose.position) @ R
-        gaps.append(float(other.shape.distance(centre[None])[0][0]) - body.size)
+    for body, other_body, points in ((first, second, one.points), (second, first, other.points)):
+        if not isinstance(other_body, Soft):
+            assert other_body.shape is not None
+            R = rotation_matrix(other_body.pose.rotation)
+            seen = points if len(points) else body.pose.position[None]
+            gap = other_body.shape.distance((seen - other_body.pose.position) @ R)[0].min()
+            gaps.append(float(gap) - (0.0 if len(points) else body.size))
     return max(gaps)

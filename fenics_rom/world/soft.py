@@ -151,6 +151,10 @@ class Soft(Simulator, Body):
         """Of the contact points now, (P, 3) in world axes, m."""
         return self.to_world(self._kernel.point_places())
 
+    def point_velocities(self) -> Array:
+        """Of the contact points now, (P, 3) in world axes, m/s; without inertia as they went in the step before."""
+        return self._kernel.start_velocities().dot(self._R.T) if self.has_inertia else self._went
+
     def node_places(self) -> Array:
         """Of all nodes now, (N, 3) in world axes, m."""
         return self.to_world(self.rom.nodes + self.displacement())
@@ -173,7 +177,7 @@ class Soft(Simulator, Body):
                 self.switch(nearest)
         self._h, self._tried, self._is_open = h, False, h > 0 and self._kernel.answers_linearly
         self._start = self.places()
-        self._velocity = self._kernel.start_velocities().dot(self._R.T) if self.has_inertia else self._went
+        self._velocity = self.point_velocities()
         self._handed.reached = np.empty(0, dtype=int)
         if h == 0:
             return

@@ -235,7 +235,7 @@ class World(CutWorld):
         """Advances by so many steps of dt.
 
         Where they are compiled, many cost less than one by one. Accounts, warnings and skins are as of single ones;
-        forces, contacts and sweeps are read of the last. A step in which rigid bodies would go through one another is
+        forces, contacts and sweeps are read of the last. A step in which bodies would go through one another is
         cut: `warnings` tells of it.
 
         Args:

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from bodies import box_arrays, write_arrays
+from forks import CLAMPED, LONG, cleft, fork_scene
+from forks import GAP as OPEN
 from triangle_meshes import prism, write_stl
 
 import fenics_rom as fr
@@ -108,6 +110,29 @@ def test_a_cube_that_is_thrown_within_a_step_does_not_pass_what_is_thin(roms, wa
     assert told.startswith("in 1 steps")
     body.restore(body.save())
     assert told in body.warnings
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_prongs_of_a_body_that_are_flung_at_one_another_do_not_pass(tmp_path, way):
+    """By up to 100 mm in a step, where they are 2 mm apart and 10 mm thick: they had gone through by 45 mm."""
+    rom = fr.reduce(fr.assemble(fork_scene(tmp_path, cleft((6, 1, 3), 1), **CLAMPED)), order=12)
+    if way == "compiled":
+        body = fr.Simulator(rom, DT)
+    else:
+        with numpy_alone():
+            body = fr.Simulator(rom, DT)
+    x = rom.nodes
+    body.set_shape(np.zeros_like(x), -5.0 * x[:, :1] / LONG * np.sign(x) * [0.0, 0.0, 1.0])
+    begun, inner = body.energy, np.isclose(np.abs(x[:, 2]), OPEN / 2) & (x[:, 0] > LONG / 5)
+    lower, upper = (np.flatnonzero(inner & (x[:, 2] * side > 0)) for side in (-1, 1))
+    lower, upper = (nodes[np.lexsort(x[nodes].T[:2])] for nodes in (lower, upper))
+    for _ in range(12):
+        body.step()
+        z = (x + body.displacement())[:, 2]
+        assert (z[upper] - z[lower]).min() > -1e-3  # 5e-4, as the prongs turn within a step
+        assert abs(body.energy - begun + body.ledger.dissipated) < CLOSES_TO * begun
+        assert body.ledger.dissipated > -CLOSES_TO * begun
+    assert sum(TOLD in text for text in body.warnings) == 1
 
 
 def test_full_order_does_as_the_body_reduced_in_all_modes(folder):

@@ -1,10 +1,14 @@
-"""Rigid bodies that go by more than they are thick in a step do not pass one another; steps that are cut are told."""
+"""Bodies that go by more than they are thick in a step do not pass one another; steps that are cut are told."""
 
 import numpy as np
 import pytest
+from bodies import box_arrays, scene_text, write_arrays
+from forks import CLAMPED, GAP, LONG, cleft, fork_scene
 
 import fenics_rom as fr
-from fenics_rom.mechanics.frame_motion import quaternion_of_vector
+from fenics_rom.compilation import numpy_alone
+from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix
+from fenics_rom.scene.file import parse_scene
 from fenics_rom.world import fast_motion
 from fenics_rom.world.shapes import Box, Capsule, HalfSpace, Sphere
 
@@ -12,6 +16,7 @@ DT, SPEED, PLATE = 1e-2, 50.0, (0.4, 0.4, 1e-3)  # s, m/s, m: half a metre in a 
 CLOSES_TO = 1e-12
 SHAPES = {"ball": Sphere(0.01), "box": Box((0.02, 0.02, 0.02)), "rod": Capsule(0.01, 0.02)}
 CUT = "steps were cut"
+SKIPPED = {"up": 1, "low": -1}  # sides of soft bodies that face away from the other one
 
 
 def resting(position=(0.0, 0.0, 0.0)):
@@ -109,3 +114,93 @@ def test_many_steps_in_a_call_are_those_one_by_one():
         for one, other in zip(worlds[0].pose(name), worlds[1].pose(name), strict=True):
             np.testing.assert_array_equal(one, other)
     assert worlds[0].warnings == worlds[1].warnings
+
+
+@pytest.fixture(scope="module")
+def soft(tmp_path_factory):
+    """A cube of 10 mm, and a sheet of 1 mm, that are free."""
+    folder, roms = tmp_path_factory.mktemp("soft"), {}
+    parts = {
+        "supports": None,
+        "damping": "alpha = 0.0, beta = 1e-4",
+        "material": "young = 1e6\npoisson = 0.3\ndensity = 1000.0",
+        "contacts": "[contacts.skin]\nnear = { point = [0, 0, 0], radius = 1.0 }",
+        "effects.contact": 'obstacles.far = { shape = "half-space", point = [0, 0, -9], normal = [0, 0, 1] }',
+    }
+    for name, lengths, bricks in (("cube", (0.01, 0.01, 0.01), (2, 2, 2)), ("sheet", (0.04, 0.04, 1e-3), (4, 4, 1))):
+        points, cells = box_arrays(lengths, bricks)
+        mesh = write_arrays(folder / f"{name}.msh", points - np.array(lengths) / 2, cells)
+        system = fr.assemble(parse_scene('frame = "moving"\n' + scene_text(mesh, **parts)))
+        roms[name] = fr.reduce(system, order=8)
+    return roms
+
+
+def flung(soft, low, speed=10.0):
+    """A soft body above another one, or a plate, that come together by 40 mm in a step of 2 ms."""
+    bodies = {
+        "plate": lambda: fr.RigidBody(Box((0.1, 0.1, 1e-3)), mass=1.0, velocity=(0.0, 0.0, speed)),
+        "still": lambda: fr.RigidBody(Box((0.1, 0.1, 1e-3)), motion=resting()),
+        "sheet": lambda: fr.SoftBody(soft["sheet"], velocity=(0.0, 0.0, speed)),
+    }
+    up = "sheet" if low == "sheet" else "cube"
+    above = fr.SoftBody(soft[up], position=(0.003, 0.002, 0.012), velocity=(0.0, 0.0, -speed))
+    with numpy_alone():
+        return fr.World({"low": bodies[low](), "up": above}, dt=2e-3, friction=0.3)
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+@pytest.mark.parametrize("low", ["plate", "still", "sheet"])
+def test_a_soft_body_that_is_flung_at_what_is_thin_does_not_pass_it(soft, low):
+    """Two sheets had gone through one another by 28 mm in the first step, and the cube half into the plate."""
+    world = flung(soft, low)
+    begun = world.energy
+    momentum = 0.0 if low == "still" else _momentum(world)
+    for _ in range(2):
+        world.step()
+        turned = rotation_matrix(world.pose("low").rotation)  # also as sheets lean
+        up, below = (_places(world, name).dot(turned) for name in ("up", "low"))
+        apart = up[:, 2] - (below[:, 2] if low == "sheet" else below[:, 2].max())
+        assert apart.min() > (-1e-3 if low == "sheet" else -5e-5)  # of sheets 3.6 mm aside, as these bend
+        assert up[:, 2].mean() - below[:, 2].mean() > 1e-3
+        assert abs(world.energy - begun + world.ledger.dissipated) < CLOSES_TO * begun
+        assert world.ledger.dissipated > -CLOSES_TO * begun
+        if low != "still":
+            np.testing.assert_allclose(_momentum(world), momentum, rtol=0, atol=1e-12)
+    assert sum(CUT in text for text in world.warnings) == 1
+
+
+def _places(world, name):
+    """Of what of a body is seen, (any, 3), m."""
+    if isinstance(world.bodies[name], fr.SoftBody):
+        return world.simulator(name).node_places()[np.sign(world.bodies[name].rom.nodes[:, 2]) != SKIPPED[name]]
+    return world.pose(name).position + np.array([[0.0, 0.0, z] for z in (-5e-4, 5e-4)])
+
+
+def _momentum(world):
+    """Of both bodies, kg m/s."""
+    whole = np.zeros(3)
+    for name, body in world.bodies.items():
+        mass = 1.0 if isinstance(body, fr.RigidBody) else body.rom.moving_frame.mass
+        whole += mass * world.pose(name).velocity
+    return whole
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_prongs_that_are_flung_at_one_another_stay_apart(tmp_path):
+    """Of one body, by up to 100 mm in a step: they had gone through one another by 88 mm, and came back."""
+    system = fr.assemble(fork_scene(tmp_path, cleft((6, 1, 3), 1), **CLAMPED))
+    rom = fr.reduce(system, order=12)
+    x, ball = rom.nodes, fr.RigidBody(Sphere(0.01), position=(0.0, 0.0, 1.0))
+    with numpy_alone():
+        world = fr.World({"fork": fr.SoftBody(rom), "ball": ball}, 1e-2, friction=0.4)
+    fork, to_tip = world.simulator("fork"), x[:, :1] / LONG
+    fork.set_shape(np.zeros_like(x), -5.0 * to_tip * np.sign(x) * [0.0, 0.0, 1.0])
+    begun, inner = world.energy, np.isclose(np.abs(x[:, 2]), GAP / 2) & (x[:, 0] > LONG / 5)
+    lower, upper = (np.flatnonzero(inner & (x[:, 2] * side > 0)) for side in (-1, 1))
+    lower, upper = (nodes[np.lexsort(x[nodes].T[:2])] for nodes in (lower, upper))
+    for _ in range(6):
+        world.step()
+        z = (x + fork.displacement())[:, 2]
+        assert (z[upper] - z[lower]).min() > -1e-3 * GAP
+        assert abs(world.energy - begun + world.ledger.dissipated) < CLOSES_TO * begun
+    assert sum(CUT in text for text in world.warnings) == 1

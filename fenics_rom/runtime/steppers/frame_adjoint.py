@@ -156,15 +156,18 @@ class FramePart(NamedTuple):
         P, turned, (start_ω, mean_ω) = len(touched.places), step.turn.middle, (touched.start_spin, step.spin)
         mean = points.joined(points.velocity(mean_ω, touched.inside), (start.v + end.v) / 2, is_mean=True)
         kept = points.joined(points.velocity(start_ω, touched.start), start.v, is_mean=False)
+        moving = [mean, kept]
+        if touched.contact.found.rows is not None:  # of a body that touches itself
+            moving.append(points.middle())
         push, seen = points.push(touched.forces), points.seen(touched.forces)
-        pushed, by_forces, motions = push.slopes, push.by_forces, [mean.slopes, kept.slopes]
-        by_yielding = [np.zeros((3 * P, 3 * P))] * 2
+        pushed, by_forces, motions = push.slopes, push.by_forces, [each.slopes for each in moving]
+        by_yielding = [np.zeros((3 * P, 3 * P))] * len(moving)
         if residual is not None:
             C = residual.delassus
             through = push.by_mean @ C
             pushed, by_forces = _also(pushed, through, seen), by_forces + of_world(through, turned)
-            for number, by_û in enumerate((mean.by_mean, kept.by_mean)):
-                through = (by_û @ C.reshape(P, 3, -1)).reshape(3 * P, -1)
+            for number, each in enumerate(moving):
+                through = (each.by_mean @ C.reshape(P, 3, -1)).reshape(3 * P, -1)
                 motions[number] = _also(motions[number], through, seen)
                 by_yielding[number] = of_world(through, turned)
         return Touch(
@@ -174,9 +177,9 @@ class FramePart(NamedTuple):
             step.turn.start,
             points.displacement(),
             by_forces,
-            (motions[0], motions[1]),
-            (by_yielding[0], by_yielding[1]),
-            ((mean.by_place, mean.by_mean, mean.by_start), (kept.by_place, kept.by_mean, kept.by_start)),
+            tuple(motions),
+            tuple(by_yielding),
+            tuple((each.by_place, each.by_mean, each.by_start) for each in moving),
             pushed,
             (push.by_place, push.by_mean),
             seen,

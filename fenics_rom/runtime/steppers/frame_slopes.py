@@ -198,7 +198,17 @@ class PointsMoved(NamedTuple):
         own[:, :3] += np.tile(along, (len(self.start), 1))
         own[:, SPIN] += by_ω.reshape(-1, 3)
         own[:, 6:] += self._shaped(by_u)
-        return PointSlopes(slopes, by_y, by_û + by_u if is_mean else by_û, by_u)
+        return PointSlopes(slopes, by_y, by_û + by_u, 0 * by_u) if is_mean else PointSlopes(slopes, by_y, by_û, by_u)
+
+    def middle(self) -> "PointSlopes":
+        """Slopes (3P, k) of where the points are in the middle of the step, from the origin."""
+        by_start, by_end, by_y = self._of_arms()
+        by_û = self.step.h / 2 * self.step.turn.end
+        start, end = self._columns(by_start, np.broadcast_to(by_y, by_start.shape)), self._columns(by_end)
+        slopes = self.step.slopes(start, end, np.zeros((len(start), 3)))
+        slopes.x[:, 6:] += self._shaped(np.broadcast_to(by_û, by_start.shape))
+        every = [np.broadcast_to(each, by_start.shape) for each in (by_y, by_û, np.zeros((3, 3)))]
+        return PointSlopes(slopes, *every)
 
     def displacement(self) -> Array:
         """Slopes (3P, k) of the points' displacement at the start with the place."""

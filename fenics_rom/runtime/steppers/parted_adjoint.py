@@ -328,7 +328,7 @@ def _through_contact(
     forces_: Array,
 ) -> tuple[Array, Array, Array, Array, Array]:
     """What is owed to place, velocities at the start, x (k,), the residual's rows (n, 3P) and a base, by contact."""
-    (mean, kept), own, (x_, z_) = touch.motions, part.own, owed
+    own, (x_, z_) = part.own, owed
     place_, further = np.zeros((2, len(x_)))
     end_ = np.zeros(own.start)
     forces, φ = touch.by_forces[own], np.zeros(touch.by_forces.shape[1])
@@ -339,15 +339,23 @@ def _through_contact(
         φ = φ + forces_
     all_spread = _solved(*whole, np.vstack([forces, np.zeros((len(z_), forces.shape[1]))]))
     spread = all_spread[: len(forces)]
-    W, by_start = (
+    by_forces = [
         motion.x[:, own] @ spread + by_force
-        for motion, by_force in zip((mean, kept), touch.by_yielding, strict=True)
-    )  # fmt: skip
+        for motion, by_force in zip(touch.motions, touch.by_yielding, strict=True)
+    ]  # fmt: skip
     φ = φ + np.concatenate([(x_ + further)[own], z_]) @ all_spread
-    d_, κ_, ŝ_ = (moved.ravel() for moved in touch.contact.through(W, by_start).pull_back(φ.reshape(-1, 3))[:3])
-    place_ = place_ + d_ @ touch.place + ŝ_ @ mean.place + κ_ @ kept.place
-    velocity_ = ŝ_ @ mean.velocity + κ_ @ kept.velocity
-    rows_ = touch.rows_back(d_, ŝ_, κ_) if part.residual is not None else NONE
-    if own.start:
-        end_ = end_ + ŝ_ @ mean.end + κ_ @ kept.end
-    return place_, velocity_, further + ŝ_ @ mean.x + κ_ @ kept.x, rows_, end_
+    points_ = touch.contact.through(*by_forces).pull_back(φ.reshape(-1, 3))
+    d_, motions_ = points_.displacement.ravel(), [points_.free_velocity.ravel(), points_.velocity.ravel()]
+    if points_.middle is not None:
+        motions_.append(points_.middle.ravel())
+    place_, velocity_, x_ = place_ + d_ @ touch.place, np.zeros(len(x_)), further
+    for motion, owed_ in zip(touch.motions, motions_, strict=True):
+        place_, velocity_, x_ = (
+            place_ + owed_ @ motion.place,
+            velocity_ + owed_ @ motion.velocity,
+            x_ + owed_ @ motion.x,
+        )
+        if own.start:
+            end_ = end_ + owed_ @ motion.end
+    rows_ = touch.rows_back(d_, motions_) if part.residual is not None else NONE
+    return place_, velocity_, x_, rows_, end_

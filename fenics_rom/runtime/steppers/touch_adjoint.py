@@ -24,9 +24,11 @@ class Touch(NamedTuple):
     start: Array  # R
     place: Array  # of the displacement d (3P, k)
     by_forces: Array  # ∂(Sᵀ f)/∂f (k, 3P)
-    motions: tuple[Slopes, Slopes]  # of the velocities ŝ in the step, and κ, told as those at its start, (3P, k)
-    by_yielding: tuple[Array, Array]  # of these with f (3P, 3P)
-    blocks: tuple[Blocks, Blocks]  # of these with y, û and u, (P, 3, 3)
+    # Of the velocities ŝ in the step, and κ, told as those at its start, (3P, k); of what may touch itself in a moving
+    # frame also of places in the middle.
+    motions: tuple[Slopes, ...]
+    by_yielding: tuple[Array, ...]  # of these with f (3P, 3P)
+    blocks: tuple[Blocks, ...]  # of these with y, û and u, (P, 3, 3)
     push: Slopes | None = None  # of Sᵀ f where f stays; None: it stays, too
     push_rows: tuple[Array, Array] | None = None  # of Sᵀ f with y and û, (k, 3P)
     seen: Slopes | None = None  # of R*ᵀ f where f stays (3P, k)
@@ -39,13 +41,16 @@ class Touch(NamedTuple):
             of_end = seen_ @ self.seen.end if len(self.seen.end) else 0.0
         return of_place, of_x, seen_.reshape(-1, 3).dot(self.turned.T).ravel(), of_end
 
-    def rows_back(self, d_: Array, ŝ_: Array, κ_: Array) -> Array:
-        """What is owed to the residual's rows (n, 3P), by what points do (3P,)."""
+    def rows_back(self, d_: Array, motions_: list[Array]) -> Array:
+        """What is owed to the residual's rows (n, 3P), by displacements and motions (3P,) of the points."""
         assert self.residual is not None
-        (of_y, of_û, _), (kept_y, kept_û, kept_u) = self.blocks
-        rows_ = np.multiply.outer(self.residual.yielding, _back(of_û, ŝ_) + _back(kept_û, κ_))
-        rows_[1] += d_.reshape(-1, 3).dot(self.start).ravel() + _back(of_y, ŝ_) + _back(kept_y, κ_)
-        rows_[3] += _back(kept_u, κ_)
+        of_y, of_û, of_u = (
+            sum(_back(each, owed) for each, owed in zip(blocks, motions_, strict=True))
+            for blocks in zip(*self.blocks, strict=True)
+        )
+        rows_ = np.multiply.outer(self.residual.yielding, of_û)
+        rows_[1] += d_.reshape(-1, 3).dot(self.start).ravel() + of_y
+        rows_[3] += of_u
         return rows_
 
     def rows_of_push(self, y: Array) -> Array | float:
