@@ -3,6 +3,7 @@
 A pair has a point and the corners of the triangle that it touches, and one that is opposite to another one these of
 both. The place on the triangle stays within it, on an edge or at a corner. What is asked for is a derivative along one
 coordinate of these points at a time: by a step along i, which leaves it exact to round-off (Squire & Trapp 1998).
+In a moving frame places on triangles are those of the start of a step, and their turn is that of its middle.
 """
 
 from typing import NamedTuple
