@@ -47,8 +47,8 @@ HUNG = 300  # s; a fault that makes a loop endless is found, too
 
 MUTATIONS = [
     ("runtime/steppers/held_part.py", "self.h * place_ + 2 * velocity_", "self.h * place_ + velocity_"),
-    ("runtime/steppers/parted_adjoint.py", "further + ŝ_ @ mean.x", "further + 0 * ŝ_ @ mean.x"),
-    ("runtime/steppers/parted_adjoint.py", "touch.contact.through(W, by_start)", "touch.contact"),
+    ("runtime/steppers/parted_adjoint.py", "x_ + owed_ @ motion.x", "x_ + 0 * owed_ @ motion.x"),
+    ("runtime/steppers/parted_adjoint.py", "touch.contact.through(*by_forces)", "touch.contact"),
     ("runtime/steppers/parted_adjoint.py", "-= η @ found.by_shape", "+= η @ found.by_shape"),
     ("runtime/steppers/parted_adjoint.py", "(1 - share) * by_goal", "share * by_goal"),
     ("runtime/steppers/frame_slopes.py", "sign / h * spin - spun", "sign / h * spin + spun"),
