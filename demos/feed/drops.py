@@ -1,11 +1,13 @@
 """Soft bodies fall on rough meshes that turn and shake: none ends inside, and none gains energy but by their work.
 
     python demos/feed/drops.py --drops 10000 --processes 2   # hours; started again, it goes on
-    python demos/feed/drops.py                               # a hundred, two minutes
+    python demos/feed/drops.py --first 2700 --drops 100      # from this drop on
+    python demos/feed/drops.py                               # a hundred, a minute
 
 Each drop has a mesh, a block, a place, an attitude, spins, a friction and a step of 1 to 10 ms by chance. One in four
 is thrown at a sheet, so fast that in a step it goes by up to ten times its thickness. Each drop is written to a table
-as it ends, and those that are there already are not run again. The checks at the end fail if a claim does not hold.
+as it ends, and those that are there already are not run again. At the end a table by mesh and step is printed, and the
+checks fail if a claim does not hold.
 """
 
 import argparse
@@ -16,7 +18,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from itertools import groupby
+from itertools import groupby, product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +28,7 @@ from numpy import ndarray as Array
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.io.markdown import markdown
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.mechanics.obstacle_poses import seen
 from fenics_rom.mechanics.obstacles import Mesh
@@ -75,6 +78,7 @@ def main() -> None:
     """Runs the drops; exits with 1 where one ends inside or gains energy."""
     parser = argparse.ArgumentParser(description="Drops on rough meshes that turn.")
     parser.add_argument("--drops", type=int, default=100, help="how many")
+    parser.add_argument("--first", type=int, default=0, help="which is the first of them")
     parser.add_argument("--seed", type=int, default=0, help="of what is left to chance")
     parser.add_argument("--processes", type=int, default=1, help="at once")
     parser.add_argument("--quick", action="store_true", help="four drops")
@@ -82,14 +86,17 @@ def main() -> None:
     table, drops = HERE / "out" / f"drops_{given.seed}.csv", 4 if given.quick else given.drops
     table.parent.mkdir(parents=True, exist_ok=True)
     known = {} if given.quick else {each.number: each for each in read(table)}
-    groups = [list(some) for _, some in groupby(range(drops), lambda number: number // TOGETHER)]
+    numbers = range(given.first, given.first + drops)
+    groups = [list(some) for _, some in groupby(numbers, lambda number: number // TOGETHER)]
     groups = [left for some in groups if (left := [number for number in some if number not in known])]
     with table.open("w" if given.quick else "a", newline="") as file:
         for each in run(groups, given.seed, given.processes):
             known[each.number] = each
             csv.writer(file).writerow(each)
             file.flush()
-    sys.exit(0 if report([each for number, each in known.items() if number < drops]) else 1)
+    asked = [each for number, each in known.items() if number in numbers]
+    print(by_kind(asked))
+    sys.exit(0 if report(asked) else 1)
 
 
 def read(table: Path) -> Iterator[Drop]:
@@ -115,6 +122,20 @@ def run(groups: list[list[int]], seed: int, processes: int) -> Iterator[Drop]:
 def listed(numbers: list[int], seed: int) -> list[Drop]:
     """Drops of a group, all at once."""
     return list(drops_of(numbers, seed))
+
+
+def by_kind(drops: list[Drop]) -> str:
+    """A table of what came of them, by mesh and step."""
+    rows = []
+    for is_fast, (low, high) in product((False, True), ((1, 2), (2, 5), (5, 10))):
+        some = [each for each in drops if each.is_fast is is_fast and low <= 1e3 * each.dt < high]
+        if some:
+            name, worst = "a sheet, thrown" if is_fast else "a slab", max(some, key=lambda each: each.depth)
+            counts = len(some), sum(each.touched for each in some)
+            largest = f"{worst.depth:.1e} m", sum(each.passed for each in some), f"{max(e.gain for e in some):.1e}"
+            rows.append((name, f"{low} to {high} ms", *counts, *largest, sum(bool(each.refused) for each in some)))
+    heading = "on", "steps of", "drops", "steps that touched", "deepest", "passed", "gained", "refused a step"
+    return markdown(heading, rows)
 
 
 def report(drops: list[Drop]) -> bool:
