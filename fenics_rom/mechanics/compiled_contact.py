@@ -210,7 +210,9 @@ class CompiledContact(ContactSolver):
             gaps, beside = np.empty(len(start)), Beside(obstacles.velocities(dt), obstacles.velocities_before, _NOWHERE)
             measure(self.shapes, obstacles.start, self.points + points.displacement, gaps, pairs.axes[:, 0])
         outwards = _NO_OUTWARDS if settled is None else np.ascontiguousarray(settled.outwards(_NO_OUTWARDS))
-        ask(law, gaps, free, velocity, beside, begun.forces, outwards, pairs, np.inf)
+        known = begun.known_to_push
+        before = begun.forces if known is None else np.repeat(known[:, None].astype(float), 3, axis=1)
+        ask(law, gaps, free, velocity, beside, before, outwards, pairs, np.inf)
         swung, decided = begun.swung, None if settled is None else settled.decided()
         if decided is not None:
             np.logical_or(pairs.chosen, decided.chosen, pairs.chosen)
@@ -219,8 +221,8 @@ class CompiledContact(ContactSolver):
                 if decided.braking.helped is not None:
                     pairs.helped[:] = decided.braking.helped
                     pairs.target[:, 1:] *= 2 * decided.braking.slopes[:, None]
-        before = self._nothing_swung if swung is None else swung
-        found = find_forces(law, np.ascontiguousarray(delassus), _UNKNOWN, P, before, pairs)
+        swings = self._nothing_swung if swung is None else swung
+        found = find_forces(law, np.ascontiguousarray(delassus), _UNKNOWN, P, swings, pairs)
         if found.status == OTHERWISE:
             return None
         forces = pairs.forces if len(self.shapes) == 1 else pairs.forces.reshape(-1, P, 3).sum(axis=0)

@@ -188,7 +188,13 @@ def touch(
     def solved(free: Array, operator: Array) -> ContactSolution | None:
         # What touched in the step before is what obstacles push that accelerate.
         told = search_before.residual, search_before.held
-        solver.search = solver.search._replace(residual=told[0], held=told[1]) if steady else search_before
+        if steady:
+            solver.search = solver.search._replace(residual=told[0], held=told[1])
+        elif sweep < PATIENCE:
+            solver.search = search_before
+        else:  # two sets of forces may take turns for ever, where each is found from those of the step before
+            last, pushed = solver.search.forces, search_before.pushed
+            solver.search = search_before._replace(forces=last, known_to_push=pushed)
         motion = PointMotion(displacement, velocity, free, arms)
         return interface.solve(motion, operator, h, obstacles, settled=settled)
 
@@ -238,6 +244,8 @@ def touch(
             if left and contact is not None:
                 solver.search = solver.search._replace(residual=search_before.residual.with_step(left))
                 contact = _passive(contact, moving)
+            if solver.search.known_to_push is not None:
+                solver.search = solver.search._replace(known_to_push=None)
             return x, contact
         is_slow = size > size_before / 2 > 0
         if not found_all and sweep >= (PATIENCE if is_slow else 2 * PATIENCE) and size <= LARGEST_RESIDUAL * scale:
@@ -246,6 +254,7 @@ def touch(
         if sweep >= FEW_SWEEPS and size > SLOW * size_before:
             body.renew(x)
         size_before = size
+    solver.search = search_before
     raise StepError(
         f"contact of a turning body: after {MOST_SWEEPS} sweeps forces still change by {size / scale:.1e} of the "
         "velocities; a smaller dt is the cure"
