@@ -44,10 +44,10 @@ class Batch(BatchedBodies):
     the rigid law of contact with residual compliance or without contact; held bodies of large deformation, and bodies
     that a base carries, without contact. All others are stepped one after another, each at the rate of a simulator,
     with the same results to the bit: without inertia, with strokes, friction of tendons, a material that relaxes,
-    springs in place of the rigid law, errors that are kept, free bodies in moving frames, and what else `stepping`
-    tells. Where numba is installed, held bodies of small strains among obstacles, those of large deformation, also with
-    strokes, and bodies in moving frames step compiled on several threads, by any law of contact, if a single one does,
-    and each as that to the bit.
+    springs in place of the rigid law, errors that are kept, touch, free bodies in moving frames, and what else
+    `stepping` tells. Where numba is installed, held bodies of small strains among obstacles, those of large
+    deformation, also with strokes, and bodies in moving frames step compiled on several threads, by any law of contact,
+    if a single one does, and each as that to the bit. Of these that have a sense of touch the first alone do.
 
     `bodies` in the methods are None (all), a mask (size,) or distinct indices; arrays are in the order 0 .. size - 1.
 
@@ -113,12 +113,12 @@ class Batch(BatchedBodies):
             or error_tolerance is not None
             or (errors is None and rom.error_model is not None)
         )
-        feels = any(reading.quantity == "touch" for reading in rom.readings.values())
-        keeps = "errors" if told else "a sense of touch" * feels
+        self._feels = any(reading.quantity == "touch" for reading in rom.readings.values())
+        keeps = "errors" if told else "a sense of touch" * self._feels
         self.size, self.dtype, self._why = int(size), np.dtype(dtype), keeps or _why_one_by_one(rom)
         self._given, self._ledger, self._signals, self._detail = rom, ledger, signals, detail
         h = checked_dt(dt)
-        self._bodies = (None if keeps else self._compiled(h)) or (
+        self._bodies = (None if told else self._compiled(h)) or (
             self._one_by_one(h) if self._why else self._together(h)
         )
         self.rom = self._bodies.rom
@@ -134,6 +134,8 @@ class Batch(BatchedBodies):
 
         others, held = (self._ledger, self._signals, self._detail), CompiledBending if bends else CompiledBodies
         form = CompiledFrames if acting.is_moving else held
+        if self._feels and form is not CompiledBodies:
+            return None
         bodies = form.made(self._given, self.size, dt, *others)
         self._why = self._why if bodies is None else ""
         return bodies

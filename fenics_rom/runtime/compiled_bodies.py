@@ -53,7 +53,14 @@ class CompiledBodies(CompiledState):
             return None
         single = Simulator(rom, dt, signals=signals, detail=detail)
         is_compiled = getattr(single.integrator.kernel, "compiled_step", None) is not None
-        return cls(single, size, ledger) if is_compiled else None
+        if not is_compiled or (single.sensed is not None and acting.turns_obstacles):
+            return None
+        bodies = cls(single, size, ledger)
+        if single.sensed is not None:
+            from fenics_rom.runtime.batch_touch import BatchTouch  # here, as few bodies have a sense of touch
+
+            bodies._touch = BatchTouch(bodies.rom, size, len(bodies._shapes), bodies._felt)
+        return bodies
 
     def _rub(self, friction: float) -> None:
         """Has the simulator have this μ."""
@@ -179,6 +186,8 @@ class CompiledBodies(CompiledState):
             self._searches.pop(body, None)
         if self._skin is not None:
             self._skin.begin(bodies)
+        if self._touch is not None:
+            self._touch.begin(bodies)
 
     def _begin(self, bodies: Array, frozen: Array) -> None:
         """Bodies are where they were put, and nothing touches; some of them are inside an obstacle."""
@@ -297,11 +306,15 @@ class CompiledBodies(CompiledState):
         for now, before in zip((*self._begun, *self._told), (*self._after, *self._new), strict=True):
             now[stays] = before[stays]
         obstacles.end[stays] = obstacles.start[stays]
+        if self._touch is not None:
+            self._touch.take(taken, obstacles, self._mode, self._dt)
         velocities = mean_velocities(obstacles.start, obstacles.end, self._dt)
         velocities[stays] = self._velocities[stays]
         self._offsets, self._velocities = obstacles.end, velocities
         self._taken[taken] += 1
         self.steps += 1
+        if self._touch is not None:
+            self._touch.look(taken, self.time)
         if self.ledger:
             supplied, dissipated, by_obstacles, contact, friction = np.where(taken, self._told.works.T, 0.0)
             self._account[0] += supplied + by_obstacles

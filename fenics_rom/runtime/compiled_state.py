@@ -30,6 +30,8 @@ from fenics_rom.runtime.tension_watch import pulled_columns
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.compiled_contact import CompiledContact
+    from fenics_rom.mechanics.rubbing import Rubbing
+    from fenics_rom.runtime.batch_touch import BatchTouch
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
 
 NO_SHAPES, NO_POINTS = np.zeros((0, 17)), np.zeros((0, 3))
@@ -92,6 +94,7 @@ class CompiledState:
         self._pulled = pulled_columns(self.rom, max(self._widths.values()))
         self._least_tensions = np.zeros((len(self._pulled), size))
         self._make_modes()
+        self._touch: BatchTouch | None = None  # None where there is no sense of touch
         self._skin = None
         if self._interface is not None and self._interface.skin is not None:
             self._skin = BatchSkin(self, self._interface.skin, self._environment.obstacles, are_quick=True)
@@ -352,13 +355,32 @@ class CompiledState:
 
     def reading(self, name: str) -> Array:
         """(size, ...)."""
-        from fenics_rom.runtime.readings import named_reading, readable  # here, as few bodies have readings
+        from fenics_rom.runtime.readings import named_reading  # here, as few bodies have readings
 
-        reading, read, points = named_reading(self.rom, name), [], self._interface and self._interface.points
-        for body, (contact, q) in enumerate(zip(self.contact, self.state(np.arange(self.size))[0], strict=True)):
-            own = q[: self.rom.contact_models[contact].order], self.shape_coordinates(body)
-            read.append(reading.read(readable(self.rom, contact, *own, points, self._told.pressing[body])))
-        return np.array(read)
+        named_reading(self.rom, name)
+        if self._touch is not None:
+            return self._touch.shown(name, self.time)
+        return np.array([self._felt(body, name) for body in range(self.size)])
+
+    def _felt(self, body: int, name: str) -> Array:
+        """A reading of a body, without what a sensor adds."""
+        from fenics_rom.runtime.readings import readable
+
+        model, points = self._models[self._mode[body]], self._interface and self._interface.points
+        contact, pressing, touched = self._modes[self._mode[body]].name, self._told.pressing[body], dict[str, Any]()
+        own = self.state(np.array([body]))[0][0, : model.order], self.shape_coordinates(body)
+        if self._touch is not None:
+            touched = {"rubbing": lambda: self._rubbing(body), "places": lambda: self.rom.nodes + self.shape(body)}
+            touched["forces"] = self._told.forces[body]
+        return self.rom.readings[name].read(readable(self.rom, contact, *own, points, pressing, **touched))
+
+    def _rubbing(self, body: int) -> "Rubbing":
+        """What friction did in its last step."""
+        assert self._touch is not None
+        mode = self._modes[self._touch.mode[body]]
+        states = State(*(part[body] for part in mode.states))
+        given = mode.touch, mode.body.inverse_ω, states, self._shapes, self._begun.forces[body]
+        return self._touch.rubbing(body, *given, float(self._friction[body]))
 
     def whereabouts(self, bodies: Array) -> tuple[Array, Array, Array, Array]:
         """q (m, B) of bodies (B,), numbers of the contact modes (B,), and rows of the obstacles (O, any, B).
