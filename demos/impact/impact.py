@@ -59,8 +59,10 @@ def main() -> None:
     claims = []
     for name, certificate in certificates.items():
         certified = np.array([each.certified for each in certificate.findings.values()])
-        shares = (strikes[name] / certified).max(axis=0)
-        print(f"{name}: {count} random runs at full order have at most {shares.round(3).tolist()} of what is certified")
+        shares = strikes[name] / certified
+        print(f"{name}: {count} random runs at full order; share of the certified force, pressure and energy")
+        for told, part in (("half of them at most", 0.5), ("95 % at most", 0.95), ("all at most", 1.0)):
+            print(f"  {told} {np.quantile(shares, part, axis=0).round(3).tolist()}")
         claims.append((f"{name} link: no random run is above its certificate", bool((shares < 1).all())))
         claims.append((f"{name} link: limits of hands and fingers are kept", certificate.is_kept is True))
     force = [certificate.findings["force"].certified for certificate in certificates.values()]
