@@ -11,6 +11,7 @@ have. So what the law wants of points is said with the S of the step, too: where
 body's velocities at the start, and not by half of what they do then, which no v̂ might fulfil; and W is of every sweep.
 """
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
@@ -255,10 +256,7 @@ def touch(
             body.renew(x)
         size_before = size
     solver.search = search_before
-    raise StepError(
-        f"contact of a turning body: after {MOST_SWEEPS} sweeps forces still change by {size / scale:.1e} of the "
-        "velocities; a smaller dt is the cure"
-    )
+    raise StepError(f"contact of a turning body: {_left('forces', size / scale)}")
 
 
 def hold(
@@ -285,10 +283,13 @@ def hold(
         if sweep >= FEW_SWEEPS and size > SLOW * size_before:
             body.renew(x)
         size_before = size
-    raise StepError(
-        f"forces of actuators of a turning body: after {MOST_SWEEPS} sweeps velocities still change by "
-        f"{size / scale:.1e}; a smaller dt is the cure"
-    )
+    raise StepError(f"forces of actuators of a turning body: {_left('velocities', size / scale)}")
+
+
+def _left(what: str, share: float) -> str:
+    """What sweeps that did not end leave, as a share of the velocities, and what to do."""
+    found = f"after {MOST_SWEEPS} sweeps {what} still change by {share:.1e} of the velocities"
+    return f"{found if math.isfinite(share) else 'sweeps diverge'}; a smaller dt, or less force, is the cure"
 
 
 class Held(NamedTuple):

@@ -250,6 +250,13 @@ def test_what_compiled_steps_do_not_take_numpy_refuses(pulled, carried):
         assert body.steps == 0
 
 
+def test_forces_that_turn_a_body_beyond_all_numbers_are_refused():
+    for body in both(random_body(3, carried=False)):
+        with pytest.raises(fr.StepError, match="iterations diverge; a smaller dt, or less force, is the cure"):
+            body.step(np.full(body.inputs, 1e60))
+        np.testing.assert_array_equal(body.pose.rotation, [1.0, 0.0, 0.0, 0.0])
+
+
 def test_what_is_bent_too_far_is_told_as_numpy_does(carried):
     bodies = both(carried)
     for body in bodies:

@@ -93,7 +93,7 @@ class CarriedBalance(DifferentiableFrame):
             rest = f"after {MOST_ITERATIONS} iterations {left:.1e} of the velocities is left"
             raise StepError(
                 f"no step of {self.h:g} s was found that bends the body as it does: "
-                f"{rest if math.isfinite(left) else 'iterations diverge'}; a smaller dt is the cure"
+                f"{rest if math.isfinite(left) else 'iterations diverge'}; a smaller dt, or less force, is the cure"
             )
         return v
 

@@ -199,7 +199,8 @@ class FreeBalance(DifferentiableFrame):
         rest = f"after {MOST_ITERATIONS} iterations {left:.1e} of the velocities is left"
         return StepError(
             f"no step of {self.h:g} s was found that turns the body by {self.h * math.hypot(*self._now.ω):.2g} rad and "
-            f"bends it as it does: {rest if math.isfinite(left) else 'iterations diverge'}; a smaller dt is the cure"
+            f"bends it as it does: {rest if math.isfinite(left) else 'iterations diverge'}; a smaller dt, or less "
+            "force, is the cure"
         )
 
     def _torque(self, r̂: Array) -> Vector:

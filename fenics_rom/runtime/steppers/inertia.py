@@ -102,6 +102,8 @@ def turn_of_top(
         change = _solved(slopes, lack)
         ω̂, size = added(ω̂, -1.0, change), length(change)
         scale, ratio = max(known, length(ω̂)), size / before
+        if not math.isfinite(size):
+            return ω̂, math.inf
         if size <= ROUND_OFF * scale or (0 < ratio < 1 and size * ratio <= TOLERANCE * scale):
             return ω̂, 0.0
         if ratio > SLOW:
