@@ -1,6 +1,6 @@
 """Soft bodies fall on rough meshes that turn and shake: none ends inside, and none gains energy but by their work.
 
-    python demos/feed/drops.py --drops 10000 --processes 2   # hours; started again, it goes on
+    python demos/feed/drops.py --drops 10000 --processes 2   # 45 minutes; started again, it goes on
     python demos/feed/drops.py --first 2700 --drops 100      # from this drop on
     python demos/feed/drops.py                               # a hundred, a minute
 
