@@ -34,9 +34,7 @@ class Body(NamedTuple):
     dead: Array  # forces of inputs whose direction stays (m, p)
     loads: Following
     law: Law
-    sampled: (
-        Sampled | None
-    )  # of Newton's steps, of which `law` has what is not of points; None: strains are carried along
+    sampled: Sampled | None  # of Newton's steps, where `law` has what is not of points; None: strains are carried
 
 
 class Motion(NamedTuple):
