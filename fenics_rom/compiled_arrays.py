@@ -26,6 +26,7 @@ floats: Any = None  # and what makes an address a pointer to floats,
 integers: Any = None  # and to whole numbers,
 flags: Any = None  # and to booleans,
 address_of: Any = None  # and where the numbers of an array begin
+float_of: Any = None  # and the number whose bits these are
 
 if can_compile():
     import numba
@@ -50,7 +51,14 @@ if can_compile():
 
         return types.int64(array), generate
 
-    carray, address_of = numba.carray, _address_of
+    @intrinsic
+    def _float_of(context: Any, bits: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+            return builder.bitcast(given[0], context.get_value_type(types.float64))
+
+        return types.float64(types.int64), generate
+
+    carray, address_of, float_of = numba.carray, _address_of, _float_of
     floats, integers, flags = map(_pointer_to, (types.float64, types.int64, types.boolean))
 
     @intrinsic

@@ -225,7 +225,12 @@ class Skin:
         if np.isfinite(radius):
             tried = _LATTICE @ corners
             there = intruder.distance(tried.reshape(-1, 3))[0].reshape(tried.shape[:2])
-            tried = tried[np.arange(len(rows)), there.argmin(axis=1)]
+            # No point is farther from a tried one than a quarter of how far some are from the corners.
+            may = there.min(axis=1) < STRETCH * self.spacing[rows] / 4 - allowed[rows]
+            if not may.any():
+                return {}
+            rows, deepest, at, corners = rows[may], deepest[may], at[may], corners[may]
+            tried = tried[may, there[may].argmin(axis=1)]
             for _ in range(_SEARCHES):
                 there, normals = intruder.distance(tried)
                 deeper = there < deepest

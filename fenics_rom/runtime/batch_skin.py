@@ -30,7 +30,8 @@ class BatchSkin:
         batch: whose bodies they are.
         watch: of a skin.
         obstacles: by name.
-        are_quick: whether its steps are compiled: then it is asked more rarely who moved far, by QUICK.
+        are_quick: whether its steps are compiled: then looks in turn, and who moved far, are asked for more rarely, by
+            QUICK.
 
     Attributes:
         depth: (size,) how deep an obstacle was in each body since its last reset, m; 0 where none was seen in it.
@@ -38,12 +39,13 @@ class BatchSkin:
 
     def __init__(self, batch: Batch, watch: SkinWatch, obstacles: "Mapping[str, Obstacle]", are_quick: bool = False):
         self._batch, self._watch, self._obstacles = batch, watch, obstacles
-        self._check = (QUICK if are_quick else 1) * CHECK_INTERVAL
+        rarely = QUICK if are_quick else 1
+        self._check = rarely * CHECK_INTERVAL
         skin, rom = watch.skin, batch.rom
         self._nodes = skin.nodes[skin.few_rows]
         self._rows = rom.rows_of(self._nodes).reshape(3 * len(self._nodes), -1)
         self.depth = np.zeros(batch.size)
-        self._every = max(FEWEST_STEPS, BODY_STEPS // batch.size)
+        self._every = max(FEWEST_STEPS, rarely * BODY_STEPS // batch.size)
         blocks = [
             self._rows.dot(model.coordinates).reshape(len(self._nodes), 3, -1) for model in rom.contact_models.values()
         ]

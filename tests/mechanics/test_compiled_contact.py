@@ -29,16 +29,17 @@ SHAPES = (
     Box([0.1, 0.2, -0.1], [0.6, 0.9, 1.2], [0.5, -0.4, 0.8]),
 )
 H, EPS = 1e-3, float(np.finfo(float).eps)
-find_by_newton, find_by_sweeps, find_by_steps, look_at = map(
-    jit, (newton.find_by_newton, sweeps.find_by_sweeps, linearised.find_by_steps, coulomb.look_at)
+find_by_newton, find_by_sweeps, find_by_steps = map(
+    jit, (newton.find_by_newton, sweeps.find_by_sweeps, linearised.find_by_steps)
 )
+look_at, look_among = map(jit, (coulomb.look_at, coulomb.look_among))
 solve = jit(elimination.solve)
 seeds = st.integers(0, 2**32 - 1)
 
 
 def test_numbers_of_the_law_are_those_of_numpy():
     """They stand twice, as compiled functions are kept by what their own folder says."""
-    assert (coulomb.SOLVED, contact_law.STAGNATION) == (solution.CONVERGENCE_TOLERANCE, solution.STAGNATION_RESIDUAL)
+    assert (coulomb.SOLVED, coulomb.STAGNATION) == (solution.CONVERGENCE_TOLERANCE, solution.STAGNATION_RESIDUAL)
     assert (coulomb.REGULAR_SHARE, contact_law.BACK) == (solution.REGULAR_SHARE, contact_pairs.BACK)
     assert contact_law.WORK_ROUND_OFF == braking.WORK_ROUND_OFF
     assert shapes.SHORTEST_DIRECTION == obstacles.SHORTEST_DIRECTION
@@ -171,7 +172,8 @@ def test_all_searches_find_the_same_forces(seed):
         coulomb.frame_along(frame)
     q, μ = random.normal(size=(C, 3)) - [1.0, 0, 0], random.uniform(0.1, 1.0, C)
     given, found, speed = (W, points, axes, q, μ, 0.0), [], np.abs(q).max()
-    yielding = np.array([coulomb.yielding_of(W, p, 0.0) for p in points])
+    yielding, among = np.array([coulomb.yielding_of(W, p, 0.0) for p in points]), linearised.room_among(C)
+    coulomb.operator_among(W, points, axes, 0.0, among.V)
     for search in (find_by_newton, find_by_sweeps, find_by_steps):
         f, u, moved = random.uniform(0, 1, (C, 3)), np.empty((C, 3)), np.empty(3 * P)
         error, space = look_at(*given, yielding, f, u, moved), np.ones(2000)
@@ -182,11 +184,11 @@ def test_all_searches_find_the_same_forces(seed):
             assert is_found
             assert solves <= 10
         elif search is find_by_sweeps:
-            find_by_sweeps(*given, f, moved, MOST_SWEEPS, space)
+            find_by_sweeps(among.V, q, μ, f, MOST_SWEEPS, space)
         else:  # goes on from where a few sweeps led to
-            find_by_sweeps(*given, f, moved, 5, space)
-            error = look_at(*given, yielding, f, u, moved)
-            steps, is_found = find_by_steps(*given, yielding, f, u, moved, error, space)
+            find_by_sweeps(among.V, q, μ, f, 5, space)
+            error = look_among(among.V, q, μ, yielding, f, u)
+            steps, is_found = find_by_steps(among, q, μ, yielding, f, u, error, space)
             assert is_found
             assert steps <= 8
         assert look_at(*given, yielding, f, u, moved) <= 1e-11 * speed

@@ -14,27 +14,41 @@ from fenics_rom.compilation import jit, jit_apart, jit_part
 from fenics_rom.compiled_arrays import unowned
 from fenics_rom.mechanics.braking import MOST_LOOKS, NEARLY_NONE
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
-from fenics_rom.mechanics.compiled.coulomb import ACCURATE, add_motion, frame_along, look_at, yielding_of
-from fenics_rom.mechanics.compiled.linearised import find_by_steps
+from fenics_rom.mechanics.compiled.coulomb import (
+    ACCURATE,
+    STAGNATION,
+    add_motion,
+    frame_along,
+    look_at,
+    operator_among,
+    yielding_of,
+)
+from fenics_rom.mechanics.compiled.linearised import Among, room_among
 from fenics_rom.mechanics.compiled.newton import Inverse, find_with_operator
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside, row_of
-from fenics_rom.mechanics.compiled.sweeps import MOST_SWEEPS, find_by_sweeps
+from fenics_rom.mechanics.compiled.searches import find_among
 from fenics_rom.mechanics.compiled.swinging import next_share, share_of
-from fenics_rom.mechanics.compiled.work_space import release, take, take_frames, take_integers, take_rows, work_space
+from fenics_rom.mechanics.compiled.work_space import (
+    release,
+    take,
+    take_frames,
+    take_integers,
+    take_rows,
+    taken,
+    work_space,
+)
 from fenics_rom.mechanics.contact_search import PUSHING
 
 NOTHING, FOUND, OTHERWISE = 0, 1, 2  # what came of it: nothing touches; forces; that it is to be found otherwise
-STAGNATION = 1e-9 / 100  # of the velocities that forces stop: see `complementarity.solution`
+MISSED = 3  # that more pairs take part
 WORK_ROUND_OFF, BACK = 1e-12, 1 + 1e-9  # see `mechanics.braking` and `mechanics.contact_pairs`
 # Of the velocities that forces stop; and unknown velocities, as a share of unknown forces: with more of them, forces as
-# near to the law take fewer sweeps than solves.
+# near to the law take less by forces.
 NEAR, FEW = 1e-3, 2 / 3
-CLOSE = 0.1  # of them: from there steps of Newton's method are tried at once
-FEW_SWEEPS = 8  # before steps of Newton's method are tried
 MOST_ROUNDS = 60  # of forces for a set of pairs, and what it asks of them
-# Numbers of the work space for each pair: 22, and of what swings 21 and the 45 of `add_change`, more than methods take
-# that find forces. For each point: 9, and the 35 of `find_by_newton`.
-OF_A_PAIR, OF_A_POINT = 88, 44
+# Numbers of the work space for each pair: 22, and of what swings 18 and the 30 of `add_change`, more than methods take
+# that find forces. For each point: 4, and the 35 of `find_by_newton`.
+OF_A_PAIR, OF_A_POINT = 72, 42
 
 
 class Law(NamedTuple):
@@ -108,7 +122,9 @@ def ask(
     """
     (w, w_before, first), P, turns = beside, len(free), len(beside.first) > 0
     slides = law.friction > 0 and not law.is_at_rest
-    gap = gaps.min()
+    gap = math.inf
+    for c in range(len(gaps)):
+        gap = gaps[c] if gaps[c] < gap else gap
     least = PUSHING * largest_of(before)
     for c in range(len(gaps)):
         if gaps[c] > farthest:
@@ -176,63 +192,69 @@ def find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pair
 @jit_part
 def _find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pairs: Pairs, space: Array) -> Found:
     """The same, with a work space."""
-    N, sweeps, any_helped = len(pairs.level), 0, False
+    sweeps = 0
+    for _ in range(MOST_ROUNDS):
+        release(space, 1.0)
+        active = _chosen_among(pairs, space)
+        if len(active) == 0:
+            return Found(NOTHING, 0, 0.0)
+        found = _find_of(law, W, inverse, P, swung, pairs, active, room_among(len(active)), space)
+        sweeps += found.sweeps
+        if found.status != MISSED:
+            return Found(found.status, sweeps, found.normal_power)
+    return Found(OTHERWISE, sweeps, 0.0)
+
+
+@jit_part
+def _find_of(
+    law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pairs: Pairs, active: Array, room: Among, space: Array
+) -> Found:
+    """The same where some pairs (C,) take part; the status is MISSED where others are to, which are chosen then."""
+    N, C, sweeps, any_helped, among = len(pairs.level), len(active), 0, False, unowned(room)
     for c in range(N):
         any_helped = any_helped or pairs.helped[c]
     slides = law.friction > 0 and not law.is_at_rest
     share = share_of(pairs.helped, pairs.relative, pairs.target)
     below, above, looks = 0.0, 1.0, MOST_LOOKS  # bounds of the share, σ of `mechanics.braking`
-    has_newton = len(inverse.whole) > 0 and slides and law.compliance == 0
+    points, axes, yielding, friction = take_integers(space, C), take_frames(space, C), take(space, C), take(space, C)
+    q, f, u = take_rows(space, C, 3), take_rows(space, C, 3), take_rows(space, C, 3)
+    for i in range(C):
+        c = active[i]
+        points[i], friction[i] = c % P, pairs.friction[c]
+        copy(pairs.axes[c], axes[i])
+        yielding[i] = yielding_of(W, points[i], law.compliance)
+        for k in range(3):
+            f[i, k] = 0.0
+            for j in range(3):
+                f[i, k] += axes[i, k, j] * pairs.forces[c, j]
+    has_newton = len(inverse.whole) > 0 and slides and law.compliance == 0 and _are_apart(points, P, space)
+    are_known, begun = 2 * C <= P, taken(space)  # where more take part, one look at all may do
+    if are_known:
+        operator_among(W, points, axes, law.compliance, among.V)
     for _ in range(MOST_ROUNDS):
-        release(space, 1.0)
-        active = _chosen_among(pairs, space)
-        C = len(active)
-        if C == 0:
-            return Found(NOTHING, 0, 0.0)
-        among, part, few = take_integers(space, P), W, _touched_among(active, P, space)
-        is_part = 2 * len(few) <= P
-        if is_part:
-            part = part_of(W, few)
-        for i in range(len(few)):
-            among[few[i]] = i if is_part else few[i]
-        points, axes, yielding = take_integers(space, C), take_frames(space, C), take(space, C)
-        q, f, u = take_rows(space, C, 3), take_rows(space, C, 3), take_rows(space, C, 3)
-        friction, moved, speed = take(space, C), take(space, len(part)), 0.0
+        release(space, begun)
+        speed = 0.0
         for i in range(C):
-            c = active[i]
-            if pairs.target[c, 0] == -math.inf:
+            if pairs.target[active[i], 0] == -math.inf:
                 return Found(OTHERWISE, sweeps, 0.0)
-            points[i], friction[i] = among[c % P], pairs.friction[c]
-            copy(pairs.axes[c], axes[i])
-            yielding[i] = yielding_of(part, points[i], law.compliance)
             for k in range(3):
-                q[i, k] = pairs.free[c, k] - pairs.target[c, k]
-                f[i, k] = 0.0
-                for j in range(3):
-                    f[i, k] += axes[i, k, j] * pairs.forces[c, j]
+                q[i, k] = pairs.free[active[i], k] - pairs.target[active[i], k]
                 speed = max(speed, abs(q[i, k]))
-        given = part, points, axes, q, friction, law.compliance
-        error = look_at(*given, yielding, f, u, moved)
-        if not error <= ACCURATE * speed:
-            is_found = False
-            is_fit, most = has_newton and not is_part and len(few) == C, 1.0 if error > NEAR * speed else FEW
-            if is_fit and _velocities(P, friction, yielding, f, u) <= most:
-                count, is_found, error = find_with_operator(inverse, *given, yielding, f, u, moved, error, space)
+        error, is_found, given = math.inf, False, (q, friction, yielding, f, u)
+        if not are_known:
+            at, moved = (W, points, axes, q, friction, law.compliance, yielding, f, u), take(space, len(W))
+            error = look_at(*at, moved)
+            is_found = error <= ACCURATE * speed
+            most = 1.0 if error > NEAR * speed else FEW
+            if not is_found and has_newton and _velocities(P, friction, yielding, f, u) <= most:
+                count, is_found, error = find_with_operator(inverse, *at, moved, error, space)
                 sweeps += count
-            if not is_found and (is_part or error <= CLOSE * speed):
-                count, is_found = find_by_steps(*given, yielding, f, u, moved, error, space)
-                sweeps += count
-                error = look_at(*given, yielding, f, u, moved)
-            if not (is_found and error <= STAGNATION * speed):
-                sweeps += find_by_sweeps(*given, f, moved, FEW_SWEEPS, space)
-                error = look_at(*given, yielding, f, u, moved)
-            if not error <= STAGNATION * speed:
-                count, is_found = find_by_steps(*given, yielding, f, u, moved, error, space)
-                sweeps += count
-                error = look_at(*given, yielding, f, u, moved)
-                if not is_found:
-                    sweeps += find_by_sweeps(*given, f, moved, MOST_SWEEPS - FEW_SWEEPS, space)
-                    error = look_at(*given, yielding, f, u, moved)
+        if not (is_found and error <= STAGNATION * speed):
+            if not are_known:
+                operator_among(W, points, axes, law.compliance, among.V)
+                are_known = True
+            count, error = find_among(among, *given, speed, space)
+            sweeps += count
         if not error <= STAGNATION * speed:
             return Found(OTHERWISE, sweeps, 0.0)
         fill(pairs.forces, 0.0)
@@ -241,26 +263,11 @@ def _find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pai
             for j in range(3):
                 pairs.forces[active[i], j] = axes[i, 0, j] * f[i, 0] + axes[i, 1, j] * f[i, 1] + axes[i, 2, j] * f[i, 2]
                 largest = max(largest, abs(f[i, j]))
-        missed = False
-        if C < N:
-            if is_part:
-                moved = take(space, len(W))
-                fill(moved, 0.0)
-                for i in range(C):
-                    c = active[i]
-                    add_motion(W, c % P, pairs.forces[c, 0], pairs.forces[c, 1], pairs.forces[c, 2], moved)
-            for c in range(N):
-                if not pairs.chosen[c]:
-                    n, at = pairs.axes[c, 0], 3 * (c % P)
-                    outwards = n[0] * moved[at] + n[1] * moved[at + 1] + n[2] * moved[at + 2] + pairs.free[c, 0]
-                    if outwards < pairs.level[c]:
-                        pairs.chosen[c] = missed = True
-        if missed:  # the power of friction is that of all pairs: what it is not to stop is decided anew
-            any_helped, share, below, above, looks = False, 1.0, 0.0, 1.0, MOST_LOOKS
-            for c in range(N if slides else 0):
+        if C < N and _choose_missed(W, pairs, points, active, space):
+            for c in range(N if slides else 0):  # the power of friction is that of all pairs
                 pairs.helped[c] = False
                 pairs.target[c, 1], pairs.target[c, 2] = pairs.relative[c, 1] / 2, pairs.relative[c, 2] / 2
-            continue
+            return Found(MISSED, sweeps, 0.0)
         repeat, negligible, asked, power = False, WORK_ROUND_OFF * largest * speed, 0.0, 0.0
         if slides:
             for i in range(C):
@@ -299,8 +306,11 @@ def _find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pai
                     ahead = below if below < share else 0.0
                 elif not stays:
                     looks -= 1
-                    of_law = part, points, axes, whole, friction, law.compliance, yielding
-                    ahead = next_share(*of_law, f, u, moves, share, below, above, negligible, enough, space)
+                    if not are_known:
+                        operator_among(W, points, axes, law.compliance, among.V)
+                        are_known = True
+                    of_law = among, whole, friction, yielding, f, u
+                    ahead = next_share(*of_law, moves, share, below, above, negligible, enough, space)
                 repeat = ahead != share
                 for i in range(C if repeat else 0):
                     c = active[i]
@@ -317,6 +327,24 @@ def _find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pai
 
 
 @jit_part
+def _choose_missed(W: Array, pairs: Pairs, points: Array, active: Array, space: Array) -> bool:
+    """Whether forces of some pairs (C,) have others take part, which are chosen."""
+    moved, missed = take(space, len(W)), False
+    fill(moved, 0.0)
+    for i in range(len(active)):
+        x, y, z = pairs.forces[active[i]]
+        if x != 0.0 or y != 0.0 or z != 0.0:
+            add_motion(W, points[i], x, y, z, moved)
+    for c in range(len(pairs.level)):
+        if not pairs.chosen[c] and pairs.level[c] > -math.inf:
+            n, at = pairs.axes[c, 0], 3 * (c % (len(W) // 3))
+            outwards = n[0] * moved[at] + n[1] * moved[at + 1] + n[2] * moved[at + 2] + pairs.free[c, 0]
+            if outwards < pairs.level[c]:
+                pairs.chosen[c] = missed = True
+    return missed
+
+
+@jit_part
 def _chosen_among(pairs: Pairs, space: Array) -> Array:
     """Which pairs (C,) take part, in order."""
     active, C = take_integers(space, len(pairs.chosen)), 0
@@ -328,18 +356,15 @@ def _chosen_among(pairs: Pairs, space: Array) -> Array:
 
 
 @jit_part
-def _touched_among(active: Array, P: int, space: Array) -> Array:
-    """At which of P points (s,) these pairs are, in order."""
-    touched, few, s = take_integers(space, P), take_integers(space, P), 0
+def _are_apart(points: Array, P: int, space: Array) -> bool:
+    """Whether pairs are at points, of P, that are all different."""
+    touched, are_apart = take_integers(space, P), True
     for p in range(P):
         touched[p] = 0
-    for i in range(len(active)):
-        touched[active[i] % P] = 1
-    for p in range(P):
-        if touched[p]:
-            few[s] = p
-            s += 1
-    return few[:s]
+    for p in points:
+        are_apart = are_apart and touched[p] == 0
+        touched[p] = 1
+    return are_apart
 
 
 @jit_part
@@ -355,16 +380,3 @@ def _velocities(P: int, friction: Array, yielding: Array, f: Array, u: Array) ->
         else:
             forces += 3
     return velocities / forces if forces else np.inf
-
-
-@jit_part
-def part_of(W: Array, few: Array) -> Array:
-    """What is of some points (s,) in an operator (3P, 3P), (3s, 3s)."""
-    part = np.empty((3 * len(few), 3 * len(few)))
-    for i in range(len(few)):
-        for k in range(3):
-            row = W[3 * few[i] + k]
-            for j in range(len(few)):
-                for m in range(3):
-                    part[3 * i + k, 3 * j + m] = row[3 * few[j] + m]
-    return part

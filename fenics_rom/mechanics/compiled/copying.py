@@ -3,7 +3,9 @@
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.compiled_arrays import flat
+from fenics_rom.compiled_arrays import address_of, carray, flat, float_of, integers
+
+MAGNITUDE = 2**63 - 1  # the bits of a number but for its sign
 
 
 @jit_part
@@ -43,16 +45,25 @@ def add_rows(rows: Array, shares: Array, to: Array) -> None:
 
 
 @jit_part
+def add_rows_at(rows: Array, shares: Array, first: int, to: Array) -> None:
+    """The same of three numbers from the first on, to the bit."""
+    fours = len(shares) // 4
+    for i in range(0, 4 * fours, 4):
+        a, b, c, d = shares[i], shares[i + 1], shares[i + 2], shares[i + 3]
+        for k in range(first, first + 3):
+            to[k] += a * rows[i, k] + b * rows[i + 1, k] + c * rows[i + 2, k] + d * rows[i + 3, k]
+    for i in range(4 * fours, len(shares)):
+        for k in range(first, first + 3):
+            to[k] += shares[i] * rows[i, k]
+
+
+@jit_part
 def largest_of(array: Array) -> float:
-    """Of numbers in one piece, without their signs."""
-    numbers, a, b, c, d = flat(array), 0.0, 0.0, 0.0, 0.0
-    fours = len(numbers) // 4
-    for k in range(fours):  # four chains, as each comparison waits for the one before
-        a, b = max(a, abs(numbers[4 * k])), max(b, abs(numbers[4 * k + 1]))
-        c, d = max(c, abs(numbers[4 * k + 2])), max(d, abs(numbers[4 * k + 3]))
-    for k in range(4 * fours, len(numbers)):
-        a = max(a, abs(numbers[k]))
-    return max(max(a, b), max(c, d))
+    """Of numbers in one piece, without their signs; not a number if one of them is none."""
+    bits, most = carray(integers(address_of(array)), (array.size,)), 0
+    for k in range(len(bits)):  # by their bits, which vectors compare without a thought of what is no number
+        most = max(most, bits[k] & MAGNITUDE)
+    return float_of(most)
 
 
 @jit_part

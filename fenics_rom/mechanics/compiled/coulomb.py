@@ -1,7 +1,7 @@
-"""Coulomb's law of many pairs, as the methods that find forces ask it, along the axes of space.
+"""Coulomb's law of many pairs, as the methods that find forces ask it.
 
 Pair c of a point and an obstacle has the frame [n, t1, t2], the force f = λ n + f_t, and u = q + [n, t1, t2]ᵀ (W f), as
-in `mechanics.complementarity`. What W f of all points is, is kept along.
+in `mechanics.complementarity`. Methods that take many products have the operator of the pairs alone, in their frames.
 """
 
 import math
@@ -9,10 +9,12 @@ import math
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.compiled.copying import fill
+from fenics_rom.compiled_arrays import flat
+from fenics_rom.mechanics.compiled.copying import copy, fill
 
 # Of the velocities that forces stop: how far they may be from the law where they are looked for further, and at all.
 ACCURATE, SOLVED = 1e-14, 1e-12
+STAGNATION = 1e-9 / 100  # and at most: see `complementarity.solution`
 REGULAR_SHARE = 0.4  # see `complementarity.solution`
 
 
@@ -64,11 +66,20 @@ def look_at(
     u: Array,
     moved: Array,
 ) -> float:
-    """How far C forces are from the law, the largest |f - P(f - ρ u)|/ρ, m/s; arguments as of `find_by_sweeps`.
+    """How far C forces are from the law, the largest |f - P(f - ρ u)|/ρ, m/s.
 
-    Sets u (C, 3) and moved (3P,).
+    Args:
+        W: (3P, 3P), m/s/N; where it is not symmetric, its transpose.
+        points: (C,) that of each pair.
+        axes: (C, 3, 3) frames, rows n, t1 and t2.
+        q: (C, 3) free velocities less targets, in these, m/s.
+        friction: μ (C,).
+        compliance: of each pair along its normal, m/s/N.
+        yielding: (C,) 1/ρ of each pair, m/s/N.
+        f: (C, 3) in the frames, N.
+        u: (C, 3) W f + q; set.
+        moved: (3P,) W f of all points, along the axes of space; set.
     """
-    worst = 0.0
     fill(moved, 0.0)
     for c in range(len(points)):
         push(W, points[c], axes[c], f[c, 0], f[c, 1], f[c, 2], moved)
@@ -77,6 +88,21 @@ def look_at(
         for k in range(3):
             u[c, k] = q[c, k] + frame[k, 0] * moved[at] + frame[k, 1] * moved[at + 1] + frame[k, 2] * moved[at + 2]
         u[c, 0] += compliance * f[c, 0]
+    return _missed_by(friction, yielding, f, u)
+
+
+@jit_part
+def look_among(V: Array, q: Array, friction: Array, yielding: Array, f: Array, u: Array) -> float:
+    """The same by the operator of the pairs alone, see `operator_among`; sets u (C, 3)."""
+    copy(q, u)
+    add_motion_among(V, f, flat(u))
+    return _missed_by(friction, yielding, f, u)
+
+
+@jit_part
+def _missed_by(friction: Array, yielding: Array, f: Array, u: Array) -> float:
+    worst = 0.0
+    for c in range(len(f)):
         n = f[c, 0] - u[c, 0] / yielding[c]
         first, second = f[c, 1] - u[c, 1] / yielding[c], f[c, 2] - u[c, 2] / yielding[c]
         length, cone = math.sqrt(first * first + second * second), friction[c] * max(n, 0.0)
@@ -85,3 +111,39 @@ def look_at(
         off = max(abs(f[c, 0] - max(n, 0.0)), abs(f[c, 1] - first), abs(f[c, 2] - second))
         worst = max(worst, off * yielding[c])
     return worst
+
+
+@jit_part
+def operator_among(W: Array, points: Array, axes: Array, compliance: float, V: Array) -> None:
+    """Sets V (3C, 3C): what a force of one of C pairs, a row, does to the velocities of all, in their frames.
+
+    Other arguments as of `look_at`. What a pair yields along its normal is on the diagonal.
+    """
+    for i in range(len(points)):
+        p, frame = 3 * points[i], axes[i]
+        for a in range(3):
+            x, y, z, row = frame[a, 0], frame[a, 1], frame[a, 2], V[3 * i + a]
+            for j in range(len(points)):
+                q, other = 3 * points[j], axes[j]
+                u = x * W[p, q] + y * W[p + 1, q] + z * W[p + 2, q]
+                v = x * W[p, q + 1] + y * W[p + 1, q + 1] + z * W[p + 2, q + 1]
+                w = x * W[p, q + 2] + y * W[p + 1, q + 2] + z * W[p + 2, q + 2]
+                for b in range(3):
+                    row[3 * j + b] = other[b, 0] * u + other[b, 1] * v + other[b, 2] * w
+        V[3 * i, 3 * i] += compliance
+
+
+@jit_part
+def add_motion_among(V: Array, f: Array, moved: Array) -> None:
+    """Adds what forces of pairs (C, 3) do to their velocities, (3C,)."""
+    for c in range(len(f)):
+        if f[c, 0] != 0.0 or f[c, 1] != 0.0 or f[c, 2] != 0.0:
+            add_pushes(V, c, f[c, 0], f[c, 1], f[c, 2], moved)
+
+
+@jit_part
+def add_pushes(V: Array, c: int, n: float, a: float, b: float, moved: Array) -> None:
+    """The same of one pair's force."""
+    first, second, third = V[3 * c], V[3 * c + 1], V[3 * c + 2]
+    for k in range(len(moved)):
+        moved[k] += n * first[k] + a * second[k] + b * third[k]

@@ -5,46 +5,48 @@ slowly; and what forces change by, where all pairs do what they do, follows from
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of, put
-from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, look_at
+from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, add_pushes, look_among
 from fenics_rom.mechanics.compiled.elimination import matrix_in, numbers_for, solve
 from fenics_rom.mechanics.compiled.work_space import release, take, take_integers, take_rows, taken
 
 MOST_STEPS = 8  # of Newton's method: where they suffice they are rarely more than four
 
 
+class Among(NamedTuple):
+    """The pairs' own operator, and room for equations of them."""
+
+    V: Array  # (3C, 3C), of `coulomb.operator_among`
+    numbers: Array  # of `elimination.numbers_for`
+
+
 @jit_part
-def add_change(
-    W: Array,
-    points: Array,
-    axes: Array,
-    friction: Array,
-    compliance: float,
-    yielding: Array,
-    z: Array,
-    v: Array,
-    f: Array,
-    space: Array,
-) -> bool:
+def room_among(C: int) -> Among:
+    """For C pairs."""
+    return Among(np.empty((3 * C, 3 * C)), numbers_for(3 * C))
+
+
+@jit_part
+def add_change(among: Among, friction: Array, yielding: Array, z: Array, v: Array, f: Array, space: Array) -> bool:
     """Adds to forces (C, 3) what velocities v (C, 3) ask for, as `Linearisation.change`; False where that is not known.
 
     Args:
-        W, points, axes, friction, compliance: as of `find_by_sweeps`.
-        yielding: (C,) 1/ρ of each pair, m/s/N.
+        among: the pairs.
+        friction, yielding: as of `look_among`.
         z: f - ρ u (C, 3), which says what pairs do.
         v: in the frames, m/s.
         f: in the frames, N.
-        space: with room for 45 numbers of each pair, 3 of each point and 3 more.
+        space: with room for 30 numbers of each pair, and 3 more.
     """
-    C, P, n, begun = len(points), len(W) // 3, 0, taken(space)
+    (V, numbers), C, n, begun = among, len(f), 0, taken(space)
     owner, row, column = take_integers(space, 3 * C), take_rows(space, 3 * C, 3), take_rows(space, 3 * C, 3)
-    asked, pushed, moved = take_rows(space, 3 * C, 3), take_rows(space, 3 * C, 3), take(space, 3 * P)
-    right, slack = take(space, 3 * C + 3), take(space, 3 * C)  # slack: on the diagonal
+    right, slack, moved = take(space, 3 * C + 3), take(space, 3 * C), take(space, 3 * C)  # slack: on the diagonal
     fill(slack, 0.0)
     for c in range(C):
         length, cone = math.sqrt(z[c, 1] ** 2 + z[c, 2] ** 2), friction[c] * z[c, 0]
@@ -68,21 +70,13 @@ def add_change(
                 put(column[n], 0.0, 2.0 - k, k - 1.0)
                 owner[n], right[n] = c, -v[c, k]
         n += 1
-    numbers = numbers_for(n)
     matrix = matrix_in(numbers, n)
-    for i in range(n):  # rows and columns in space
-        _in_space(axes[owner[i]], row[i], asked[i])
-        _in_space(axes[owner[i]], column[i], pushed[i])
     for j in range(n):
-        a, b, c, at = pushed[j, 0], pushed[j, 1], pushed[j, 2], 3 * points[owner[j]]
-        first, second, third = W[at], W[at + 1], W[at + 2]
-        for k in range(3 * P):
-            moved[k] = a * first[k] + b * second[k] + c * third[k]
+        fill(moved, 0.0)
+        add_pushes(V, owner[j], column[j, 0], column[j, 1], column[j, 2], moved)
         for i in range(n):
-            to = 3 * points[owner[i]]
-            matrix[i, j] = asked[i, 0] * moved[to] + asked[i, 1] * moved[to + 1] + asked[i, 2] * moved[to + 2]
-            if owner[i] == owner[j]:
-                matrix[i, j] += compliance * row[i, 0] * column[j, 0]
+            to = 3 * owner[i]
+            matrix[i, j] = row[i, 0] * moved[to] + row[i, 1] * moved[to + 1] + row[i, 2] * moved[to + 2]
         matrix[j, j] += slack[j]
     is_known = solve(matrix, right, n)
     for j in range(n if is_known else 0):
@@ -93,39 +87,21 @@ def add_change(
 
 
 @jit_part
-def _in_space(frame: Array, a: Array, turned: Array) -> None:
-    """Sets a vector (3,) that is a (3,) in a frame."""
-    for k in range(3):
-        turned[k] = frame[0, k] * a[0] + frame[1, k] * a[1] + frame[2, k] * a[2]
-
-
-@jit_part
 def find_by_steps(
-    W: Array,
-    points: Array,
-    axes: Array,
-    q: Array,
-    friction: Array,
-    compliance: float,
-    yielding: Array,
-    f: Array,
-    u: Array,
-    moved: Array,
-    error: float,
-    space: Array,
+    among: Among, q: Array, friction: Array, yielding: Array, f: Array, u: Array, error: float, space: Array
 ) -> tuple[int, bool]:
     """Forces of C pairs by Newton's method: how many steps it took, and whether they are found.
 
-    Arguments as of `look_at`, which was asked of f (C, 3), and gave this error; f is changed only if they are found;
-    space: with room for 51 numbers of each pair, 3 of each point and 3 more.
+    Arguments as of `look_among`, which was asked of f (C, 3), and gave this error; f is changed only if they are found;
+    space: with room for 36 numbers of each pair, and 3 more.
     """
-    begun, C, speed, before = taken(space), len(points), largest_of(q), np.inf
+    begun, C, speed, before = taken(space), len(f), largest_of(q), np.inf
     now, z, steps, is_found = take_rows(space, C, 3), take_rows(space, C, 3), 0, False
     copy(f, now)
     for count in range(MOST_STEPS + 1):
         steps = count
         if count > 0:
-            error = look_at(W, points, axes, q, friction, compliance, yielding, now, u, moved)
+            error = look_among(among.V, q, friction, yielding, now, u)
         is_found = error <= ACCURATE * speed or (error <= SOLVED * speed and error >= before / 2)
         before = error
         for c in range(C):
@@ -139,7 +115,7 @@ def find_by_steps(
                 f[c, 0], f[c, 1], f[c, 2] = n, share * first, share * second
             break
         fill(now, 0.0)  # all forces at once: a change would take a look at those that z is nearest to
-        if not add_change(W, points, axes, friction, compliance, yielding, z, q, now, space):
+        if not add_change(among, friction, yielding, z, q, now, space):
             break
     release(space, begun)
     return steps, is_found

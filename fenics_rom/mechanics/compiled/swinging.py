@@ -3,11 +3,13 @@
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part, jit_shared
+from fenics_rom.compiled_arrays import flat
 from fenics_rom.mechanics import braking
 from fenics_rom.mechanics.braking import AIMED, LEAST_SHARE
-from fenics_rom.mechanics.compiled.coulomb import look_at
-from fenics_rom.mechanics.compiled.linearised import add_change
-from fenics_rom.mechanics.compiled.work_space import take, take_rows
+from fenics_rom.mechanics.compiled.copying import fill
+from fenics_rom.mechanics.compiled.coulomb import add_motion_among
+from fenics_rom.mechanics.compiled.linearised import Among, add_change
+from fenics_rom.mechanics.compiled.work_space import take_rows
 
 root_of = jit_shared(braking.root_of)
 
@@ -27,12 +29,9 @@ def share_of(helped: Array, relative: Array, target: Array) -> float:
 
 @jit_part
 def next_share(
-    W: Array,
-    points: Array,
-    axes: Array,
+    among: Among,
     whole: Array,
     friction: Array,
-    compliance: float,
     yielding: Array,
     f: Array,
     u: Array,
@@ -46,19 +45,21 @@ def next_share(
 ) -> float:
     """The share that is to be looked at next, between two that are known to be too little and too much.
 
-    Arguments as of `look_at`, but for whole (C, 3), c_t of what swings at σ = 1, and moves (C, 3), u + c_t, m/s.
+    Arguments as of `add_change`, but for whole (C, 3), c_t of what swings at σ = 1, and moves (C, 3), u + c_t, m/s.
     """
-    C, moved = len(points), take(space, len(W))
-    z, by_f, by_moves = take_rows(space, C, 3), take_rows(space, C, 3), take_rows(space, C, 3)
-    less, none = take_rows(space, C, 3), take_rows(space, C, 3)
+    C = len(f)
+    z, less = take_rows(space, C, 3), take_rows(space, C, 3)
+    by_f, by_moves = take_rows(space, C, 3), take_rows(space, C, 3)
     for c in range(C):
         for k in range(3):
-            z[c, k], less[c, k], by_f[c, k], none[c, k] = f[c, k] - u[c, k] / yielding[c], -whole[c, k], 0.0, 0.0
-    if not add_change(W, points, axes, friction, compliance, yielding, z, less, by_f, space):
+            z[c, k], less[c, k] = f[c, k] - u[c, k] / yielding[c], -whole[c, k]
+    fill(by_f, 0.0)
+    fill(by_moves, 0.0)
+    if not add_change(among, friction, yielding, z, less, by_f, space):
         return (below + above) / 2
-    look_at(W, points, axes, none, friction, compliance, yielding, by_f, by_moves, moved)
+    add_motion_among(among.V, by_f, flat(by_moves))
     square = slope = power = 0.0
-    for c in range(len(points)):
+    for c in range(C):
         for k in range(1, 3):
             square += by_f[c, k] * by_moves[c, k]
             slope += by_f[c, k] * moves[c, k] + f[c, k] * by_moves[c, k]

@@ -13,9 +13,11 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.compiled_arrays import flat
 from fenics_rom.mechanics.compiled.copying import copy_rows
+from fenics_rom.mechanics.compiled.work_space import work_space
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.runtime.compiled.frames import added, combine, cross, mean, put, rotated, seen, vector
-from fenics_rom.runtime.compiled.touching import FORGOTTEN, step_beyond
+from fenics_rom.runtime.compiled.touching import FORGOTTEN
+from fenics_rom.runtime.compiled.yielding import step_beyond
 
 INERTIA, WHOLE, LOST, TAU = range(4)  # in `Points.times`, s: 2τ²/h, a, β + (θ - ½) h and τ
 
@@ -178,7 +180,7 @@ def end_points(points: Points, h: float, pull: Array) -> tuple[float, float]:
     copy_rows(points.beyond, points.beyond_before)
     times, f = points.times, points.seen.reshape(n)
     yielding = Beyond(points.R, times[INERTIA], times[WHOLE], times[LOST], times[TAU])
-    lost, _, stored = step_beyond(yielding, h, points.beyond, pull, f, np.empty(n))
+    lost, _, stored = step_beyond(yielding, h, points.beyond, pull, f, np.empty(n), work_space(n))
     if not points.pushed.any() and stored < 2 * FORGOTTEN and not len(pull):
         points.beyond[:] = 0.0
         return 0.0, 0.0

@@ -38,7 +38,8 @@ from fenics_rom.runtime.compiled.newton_step import find_by_newton
 from fenics_rom.runtime.compiled.sampled_points import InStep, Sampled, close_points
 from fenics_rom.runtime.compiled.small_matrices import dot, factor, multiply, solve
 from fenics_rom.runtime.compiled.strokes import Pull, add_pull, aim, end_pull, find_pull
-from fenics_rom.runtime.compiled.touching import FORGOTTEN, LOST, add_up_forces, step_beyond
+from fenics_rom.runtime.compiled.touching import FORGOTTEN, LOST, add_up_forces
+from fenics_rom.runtime.compiled.yielding import step_beyond
 from fenics_rom.runtime.steppers.elastic.carried_strains import TANGENT_RENEWAL
 
 
@@ -142,7 +143,8 @@ def _end_touched(
     by_obstacles, power, stored, yields = add_up_forces(contact, beside.w, found), dot(pushed, v), 0.0, len(touch.R) > 0
     dissipated = step.dissipated
     if yields:
-        lost, power_beyond, stored = step_beyond(touch, h, among.beyond, among.pull, forces, found.motion[3])
+        given = among.beyond, among.pull, forces, found.motion[3], work_space(len(forces))
+        lost, power_beyond, stored = step_beyond(touch, h, *given)
         if len(among.pull) > 0:
             lost += step_branches(branches, among.relaxed, among.pull[0], among.pull[1])
             stored += 2 * stored_in(branches, among.relaxed)

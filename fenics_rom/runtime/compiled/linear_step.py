@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_apart, jit_part
+from fenics_rom.compilation import jit_apart, jit_part, jit_sums
+from fenics_rom.compiled_arrays import unowned
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, Law, find_forces
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import in_one_piece
@@ -40,8 +41,8 @@ from fenics_rom.runtime.compiled.touching import (
     is_settled,
     look_near,
     reach_of,
-    step_beyond,
 )
+from fenics_rom.runtime.compiled.yielding import step_beyond
 
 
 class Body(NamedTuple):
@@ -104,7 +105,7 @@ NOT_TAKEN = Step(OTHERWISE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 def room_for(body: Body, moving: Moving) -> int:
     """Numbers of the work space that a step among such obstacles takes."""
     P = len(body.places)
-    return 8 * len(body.ω) + 9 * P + room_beside(moving, len(moving.start) * P)
+    return 8 * len(body.ω) + 12 * P + room_beside(moving, len(moving.start) * P)
 
 
 @jit_apart
@@ -133,6 +134,24 @@ def step_in(
         found: set, but for what pairs would be asked where obstacles are known to be out of reach.
         clearance: what is known of that; changed.
     """
+    of_all = unowned(space), unowned(body), law, unowned(shapes), unowned(u), unowned(moving)
+    return _step_in(*of_all, unowned(begun), unowned(state), unowned(found), unowned(clearance))
+
+
+@jit_part
+def _step_in(
+    space: Array,
+    body: Body,
+    law: Law,
+    shapes: Array,
+    u: Array,
+    moving: Moving,
+    begun: Begun,
+    state: State,
+    found: StepContact,
+    clearance: Clearance,
+) -> Step:
+    """The same."""
     pairs, _, motion, forces = found
     h, m, P = law.h, len(body.ω), len(body.places)
     e, r, ρ = state.halves[0], state.halves[1], len(state.rigid)
@@ -168,7 +187,7 @@ def step_in(
         release(space, begun_with)
         if turn(moving):  # as velocities of pairs are known then
             reach = reach_of(clearance, body.inertia, body.whole, h, *going)
-        clearance.gap[0] = found.gaps.min() if is_rigid else 0.0
+        clearance.gap[0] = _smallest_of(found.gaps) if is_rigid else 0.0
         is_clear = _is_beyond(clearance, reach)
         if is_clear and farthest == math.inf:
             break
@@ -209,7 +228,7 @@ def step_in(
     if yields and is_still:
         fill(motion[3], 0.0)
     elif yields:
-        lost, power_beyond, stored = step_beyond(body, h, state.beyond, pull, forces, motion[3])
+        lost, power_beyond, stored = step_beyond(body, h, state.beyond, pull, forces, motion[3], space)
         dissipated, power = dissipated + lost, power + power_beyond
         if relaxes:
             dissipated += step_branches(body.branches, state.relaxed_beyond, pull[0], pull[1])
@@ -256,6 +275,14 @@ def _push(inputs: Array, u: Array, into: Array) -> None:
         if u[k] != 0.0:
             for i in range(len(into)):
                 into[i] += inputs[i, k] * u[k]
+
+
+@jit_sums
+def _smallest_of(numbers: Array) -> float:
+    smallest = math.inf
+    for k in range(len(numbers)):
+        smallest = numbers[k] if numbers[k] < smallest else smallest
+    return smallest
 
 
 @jit_part

@@ -1,4 +1,4 @@
-"""Where a body can be touched, compiled: what its points do, the forces there, and what they yield beyond the basis.
+"""Where a body can be touched, compiled: what its points do, and the forces there.
 
 A `Touched` body is one that has these parts, as `linear_step.Body` has them.
 """
@@ -10,39 +10,17 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part, jit_sums
 from fenics_rom.mechanics.compiled.contact_law import FOUND, Found, Law, Pairs, ask
-from fenics_rom.mechanics.compiled.copying import add_row, add_rows, copy, fill, largest_of
+from fenics_rom.mechanics.compiled.copying import add_row, add_rows, add_rows_at, copy, fill, largest_of
 from fenics_rom.mechanics.compiled.coulomb import add_motion
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving, look, row_of, turn
 from fenics_rom.mechanics.compiled.shapes import distance
 from fenics_rom.mechanics.compiled.work_space import rows_of, take, take_rows
+from fenics_rom.runtime.compiled.yielding import Yielding
 
 DIAGONAL = 3**0.5  # the longest vector in space whose components are 1 at most
 FORGOTTEN, NEGLIGIBLE = 1e-200, 1e-30  # J, and of the energy of the basis: see `steppers.residual_motion`
+FEW_POINTS = 4  # part of all, up to which they are placed one by one
 LOST = 3  # status of a step whose state would not be finite; see `contact_law`
-
-
-class Yielding(Protocol):
-    """What P contact points do beyond the basis."""
-
-    @property
-    def R(self) -> Array:
-        """Residual compliance (3P, 3P), m/N; (0, 0) where there is none."""
-
-    @property
-    def inertia(self) -> float:
-        """2τ²/h, s, of what carries a force beyond the basis."""
-
-    @property
-    def whole(self) -> float:
-        """a, s."""
-
-    @property
-    def lost(self) -> float:
-        """β + (θ - ½) h, s."""
-
-    @property
-    def τ(self) -> float:
-        """s."""
 
 
 class Touched(Yielding, Protocol):
@@ -153,25 +131,43 @@ def look_near(
     Arguments as of `look_around`; the clearance is changed. Where it keeps nothing of pairs, or obstacles turn,
     all are measured.
     """
-    places, P, gone, kept = take_rows(space, len(body.places), 3), len(body.places), clearance.gone, clearance.pairs
-    _place_points(body, q, beyond, found.motion[0], places)
+    P, gone, kept, gaps = len(body.places), clearance.gone, clearance.pairs, found.gaps
+    places, moved, axes = take_rows(space, P, 3), found.motion[0], found.pairs.axes
     keeps, start = len(kept) > 0, moving.start
+    is_known = keeps and clearance.gap[0] != 0.0 and not turn(moving)
+    for c in range(len(gaps) if is_known else 0):
+        gaps[c] = kept[c] - gone[0]
+    are_few = is_known and FEW_POINTS * _count_near(gaps, farthest) <= P
+    if not are_few:
+        _place_points(body, q, beyond, moved, places)
     if turn(moving):
-        look(shapes, moving, h, places, found.gaps, found.pairs.axes[:, 0], beside)
+        look(shapes, moving, h, places, gaps, axes[:, 0], beside)
         return
-    is_known = keeps and clearance.gap[0] != 0.0
     if not is_known:
         gone[0] = 0.0
     for o in range(len(shapes)):
         for p in range(P):
             c = o * P + p
-            if is_known:
-                found.gaps[c] = kept[c] - gone[0]
-            if not (is_known and found.gaps[c] > farthest):
-                x, y, z = places[p, 0] - start[o, 0], places[p, 1] - start[o, 1], places[p, 2] - start[o, 2]
-                found.gaps[c] = distance(shapes[o], x, y, z, found.pairs.axes[c, 0])
-                if keeps:
-                    kept[c] = found.gaps[c] + gone[0]
+            if is_known and gaps[c] > farthest:
+                continue
+            if are_few:
+                _place_point(body, p, q, beyond, moved, places[p])
+            x, y, z = places[p, 0] - start[o, 0], places[p, 1] - start[o, 1], places[p, 2] - start[o, 2]
+            gaps[c] = distance(shapes[o], x, y, z, axes[c, 0])
+            if keeps:
+                kept[c] = gaps[c] + gone[0]
+
+
+@jit_part
+def _place_point(body: Touched, p: int, q: Array, beyond: Array, moved: Array, place: Array) -> None:
+    """`_place_points` of one of them, to the bit."""
+    for k in range(3):
+        moved[3 * p + k] = 0.0
+    add_rows_at(body.points, q, 3 * p, moved)
+    for k in range(3):
+        if len(body.R) > 0:
+            moved[3 * p + k] += beyond[1, 3 * p + k]
+        place[k] = body.places[p, k] + moved[3 * p + k]
 
 
 @jit_part
@@ -201,18 +197,42 @@ def ask_points(
         farthest: as of `contact_law.ask`.
         space: not used up.
     """
-    velocity, free = found.motion[1], found.motion[2]
-    fill(velocity, 0.0)
-    fill(free, 0.0)
-    add_rows(body.points, r, velocity)
-    add_rows(body.points, v, free)
-    if len(body.R) > 0:
-        y, rate = beyond[1], beyond[3]
-        for k in range(len(rate)):
-            velocity[k] += rate[k]
-            free[k] += (body.inertia * rate[k] - y[k] - (pull[1, k] if len(pull) > 0 else 0.0)) / body.whole
-    at = rows_of(free, 3), rows_of(velocity, 3)
-    ask(law, found.gaps, *at, beside, before, take(space, 0), found.pairs, farthest)
+    velocity, free, P = found.motion[1], found.motion[2], len(body.places)
+    if FEW_POINTS * _count_near(found.gaps, farthest) > P:
+        fill(velocity, 0.0)
+        fill(free, 0.0)
+        add_rows(body.points, r, velocity)
+        add_rows(body.points, v, free)
+        _add_beyond(body, beyond, pull, 0, 3 * P, velocity, free)
+    else:
+        for c in range(len(found.gaps)):
+            if found.gaps[c] <= farthest:
+                at = 3 * (c % P)
+                for k in range(at, at + 3):
+                    velocity[k] = free[k] = 0.0
+                add_rows_at(body.points, r, at, velocity)
+                add_rows_at(body.points, v, at, free)
+                _add_beyond(body, beyond, pull, at, at + 3, velocity, free)
+    of_points = rows_of(free, 3), rows_of(velocity, 3)
+    ask(law, found.gaps, *of_points, beside, before, take(space, 0), found.pairs, farthest)
+
+
+@jit_part
+def _add_beyond(body: Touched, beyond: Array, pull: Array, first: int, end: int, velocity: Array, free: Array) -> None:
+    """Adds to some velocities at the start and in the middle of a step what points do beyond the basis."""
+    for k in range(first, end if len(body.R) > 0 else first):
+        y, rate = beyond[1, k], beyond[3, k]
+        velocity[k] += rate
+        free[k] += (body.inertia * rate - y - (pull[1, k] if len(pull) > 0 else 0.0)) / body.whole
+
+
+@jit_part
+def _count_near(gaps: Array, farthest: float) -> int:
+    """How many of the gaps are no larger than some."""
+    near = 0
+    for c in range(len(gaps)):
+        near += gaps[c] <= farthest
+    return near
 
 
 @jit_sums
@@ -331,37 +351,6 @@ def add_up_forces(contact: Found, w: Array, found: StepContact) -> float:
                         forces[3 * p + k] += pairs.forces[c, k]
                         power += pairs.forces[c, k] * w[row_of(w, c, len(pairs.forces), P), k]
     return power
-
-
-@jit_sums
-def step_beyond(
-    body: Yielding, h: float, beyond: Array, pull: Array, f: Array, rates: Array
-) -> tuple[float, float, float]:
-    """Takes the step of what points do beyond the basis: what it loses, J, the power of f there, W, twice its energy.
-
-    Sets the rates (3P,) of y in it; and those of g and y in `pull`, of `ask_points`, where there are branches.
-    """
-    g, y, g_rate, y_rate = beyond[0], beyond[1], beyond[2], beyond[3]
-    lost = power = stored = 0.0
-    fill(rates, 0.0)
-    for k in range(len(f)):
-        if f[k] != 0.0:
-            force = f[k]
-            for j in range(len(f)):
-                rates[j] += body.R[k, j] * force
-    for k in range(len(f)):
-        less, less_y = (pull[0, k], pull[1, k]) if len(pull) > 0 else (0.0, 0.0)
-        g_mid = (body.inertia * g_rate[k] - g[k] + f[k] - less) / body.whole
-        y_mid = (body.inertia * y_rate[k] - y[k] + rates[k] - less_y) / body.whole
-        rates[k] = y_mid
-        if len(pull) > 0:
-            pull[0, k], pull[1, k] = g_mid, y_mid
-        g[k], y[k] = g[k] + h * g_mid, y[k] + h * y_mid
-        g_rate[k], y_rate[k] = 2 * g_mid - g_rate[k], 2 * y_mid - y_rate[k]
-        lost += g_mid * y_mid
-        power += f[k] * y_mid
-        stored += g[k] * y[k] + body.τ**2 * g_rate[k] * y_rate[k]
-    return h * body.lost * lost, power, stored
 
 
 @jit_part
