@@ -210,9 +210,7 @@ class CompiledContact(ContactSolver):
             gaps, beside = np.empty(len(start)), Beside(obstacles.velocities(dt), obstacles.velocities_before, _NOWHERE)
             measure(self.shapes, obstacles.start, self.points + points.displacement, gaps, pairs.axes[:, 0])
         outwards = _NO_OUTWARDS if settled is None else np.ascontiguousarray(settled.outwards(_NO_OUTWARDS))
-        known = begun.known_to_push
-        before = begun.forces if known is None else np.repeat(known[:, None].astype(float), 3, axis=1)
-        ask(law, gaps, free, velocity, beside, before, outwards, pairs, np.inf)
+        ask(law, gaps, free, velocity, beside, begun.forces_before, outwards, pairs, np.inf)
         swung, decided = begun.swung, None if settled is None else settled.decided()
         if decided is not None:
             np.logical_or(pairs.chosen, decided.chosen, pairs.chosen)

@@ -4,7 +4,7 @@ Pairs that are near are handed to the loops as points of their own, with their r
 """
 
 from copy import copy
-from typing import TypeVar, cast
+from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy import ndarray as Array
@@ -12,18 +12,19 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import in_plain, jit, or_numpy
 from fenics_rom.mechanics import braking
 from fenics_rom.mechanics.compiled import contact_law
-from fenics_rom.mechanics.compiled.contact_law import NOTHING, OTHERWISE, Law, pairs_from
+from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, Law, pairs_from
+from fenics_rom.mechanics.compiled.contact_law import Pairs as NearPairs
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.own_pairs import set_operator
 from fenics_rom.mechanics.complementarity.delassus import axes_along
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
-from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs
+from fenics_rom.mechanics.contact_look import Look
+from fenics_rom.mechanics.contact_pairs import Decided, Pairs, Settled, SolvedPairs
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.mesh_contact import MeshContact
 
-_UNKNOWN, _ONES = in_one_piece(np.empty((0, 0))), np.ones(3)
+_UNKNOWN, _ONES, _NO_OUTWARDS = in_one_piece(np.empty((0, 0))), np.ones(3), np.empty(0)
 _Contact = TypeVar("_Contact", bound=MeshContact)
-_Found = tuple[ContactSolution | None, ContactSearch]
 find_forces = jit(contact_law.find_forces)
 
 
@@ -32,7 +33,97 @@ def by_loops(kind: type[_Contact]) -> type[_Contact]:
     return cast(type[_Contact], type(f"Compiled{kind.__name__}", (CompiledPairs, kind), {}))
 
 
-class CompiledPairs(MeshContact):
+def among(count: int, pairs: Array, values: Array) -> Array:
+    """Values of some pairs (n, ...) among those of so many, the others 0."""
+    every = np.zeros((count, *values.shape[1:]), values.dtype)
+    every[pairs] = values
+    return every
+
+
+class Near(NamedTuple):
+    """Pairs that are near in a step."""
+
+    look: Look  # at all pairs (N,)
+    are: Array  # which of these are near (N,)
+    at: Array  # their numbers (n,)
+    pairs: NearPairs  # with forces to begin with
+    outwards: Array  # of all pairs, as sweeps before have decided, m/s; (0,) where these have not
+    decided: Decided | None
+    swung: Array  # in how many steps in a row friction did not stop them (n,)
+
+
+class FoundNear(NamedTuple):
+    """What loops found of pairs that are near."""
+
+    found: Found
+    forces: Array  # on the points (P, 3), N
+    outwards: Array  # normal velocities without contact of all pairs (N,), m/s
+
+
+class NearContact(MeshContact):
+    """Contact whose near pairs loops are handed. Arguments and attributes as in MeshContact."""
+
+    @or_numpy
+    def _find(
+        self,
+        points: PointMotion,
+        delassus: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool,
+        start: ContactSearch,
+        settled: Settled | None,
+    ) -> tuple[ContactSolution | None, ContactSearch] | None:
+        """Contact of a step, and what the next search begins with; None where loops did not find forces."""
+        look, outwards, decided = self._looked_at(points.displacement, obstacles, dt), _NO_OUTWARDS, None
+        if settled is not None:
+            outwards, decided = settled.outwards(_NO_OUTWARDS), settled.decided()
+        are_near, N = look.gaps <= max(self._due(points, obstacles, dt), self.reach), len(look.gaps)
+        if decided is not None:
+            are_near |= decided.chosen
+        at, swung, nothing = are_near.nonzero()[0], self._begun[1].swung, (None, start._replace(swung=None))
+        if not len(at):
+            self.clear = look.gap
+            return nothing
+        if decided is not None and decided.braking is not None:
+            swung = decided.braking.swung_before
+        pairs = pairs_from(start.forces[at], float(self.law.friction))
+        swings = np.zeros(len(at), dtype=np.int64) if swung is None else swung[at].astype(np.int64)
+        near = Near(look, are_near, at, pairs, outwards, decided, swings)
+        told = self._found_near(near, points, delassus, dt, obstacles, quasi_static)
+        if told is None:
+            return None
+        found, forces, outwards = told
+        stopping = None
+        if self.law.friction and not quasi_static and (settled is not None or pairs.helped.any()):
+            stopping = braking.Braking(among(N, at, pairs.target[:, 1:]).T.copy(), swung)
+            if pairs.helped.any():
+                stopping.know(among(N, at, pairs.helped), among(N, at, pairs.relative[:, 1:]).T / 2)
+        if settled is not None:
+            settled.keep(among(N, at, pairs.chosen), outwards, stopping)
+        if found.status != FOUND:
+            return nothing
+        active, w = at[pairs.chosen], obstacles.velocities(dt)[:, :3]
+        power = found.normal_power if self.law.friction else None
+        known = forces, found.sweeps, active, look.normals[active], pairs.forces[pairs.chosen], w, power
+        contact = ContactSolution(*known, surface_velocities=look.surface(active))
+        kept = ContactSearch(among(N, at, pairs.forces), start.residual, held=start.held, slots=start.slots)
+        return contact, kept._replace(swung=None if stopping is None else stopping.swung)
+
+    def _found_near(
+        self, near: Near, points: PointMotion, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool
+    ) -> FoundNear | None:
+        """Asks the law of pairs, which are set, and finds forces; None where loops did not."""
+        raise NotImplementedError
+
+    def _between(self, delassus: Array, pairs: Array) -> Array:
+        """As in MeshContact."""
+        (nodes, maps), between = map(in_plain, self._moved_by(pairs)), np.empty((3 * len(pairs),) * 2)
+        set_operator(in_plain(delassus), nodes, maps, between)
+        return between
+
+
+class CompiledPairs(NearContact):
     """Arguments and attributes as in MeshContact."""
 
     def _forces(
@@ -60,84 +151,33 @@ class CompiledPairs(MeshContact):
         self._touches, self._told = contact is not None, known
         return contact
 
-    @or_numpy
-    def _find(
-        self,
-        points: PointMotion,
-        delassus: Array,
-        dt: float,
-        obstacles: ObstacleMotion,
-        quasi_static: bool,
-        begun: ContactSearch,
-        settled: Settled | None,
-    ) -> _Found | None:
-        """Contact of a step, and what the next search begins with; None where loops did not find forces."""
-        look, decided = self._looked_at(points.displacement, obstacles, dt), None
-        is_near = look.gaps <= max(self._due(points, obstacles, dt), self.reach)
-        if settled is not None and (decided := settled.decided()) is not None:
-            is_near |= decided.chosen
-        near, N = is_near.nonzero()[0], len(is_near)
-        nothing = None, begun._replace(swung=None)
-        if not len(near):
-            self.clear = look.gap
-            return nothing
-        normals, μ = look.normals, float(self.law.friction)
-        slides, swung = μ > 0 and not quasi_static, begun.swung
-        free, relative = self._relative(points, obstacles, look)
+    def _found_near(
+        self, near: Near, points: PointMotion, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool
+    ) -> FoundNear | None:
+        """As in NearContact."""
+        (look, are_near, at, pairs, known, decided, swung), μ = near, float(self.law.friction)
+        normals, (free, relative) = look.normals, self._relative(points, obstacles, look)
         approach, outwards = ((normals * each).dot(_ONES) for each in (relative, free))
-        leaving = outwards if settled is None else settled.outwards(outwards)
-        asked = self._asked(look, obstacles, dt, quasi_static)(approach, leaving)
-        pairs = pairs_from(begun.forces[near], μ)
-        pairs.axes[:] = axes_along(normals[near]).transpose(0, 2, 1)
-        pairs.free[:], pairs.relative[:] = (
-            np.einsum("cij,cj->ci", pairs.axes, each[near]) for each in (free, relative)
-        )
-        pairs.level[:], pairs.target[:, 0] = asked.level[near], asked.target[near]
-        pairs.target[:, 1:] = pairs.relative[:, 1:] / 2 if slides else 0.0
+        asked = self._asked(look, obstacles, dt, quasi_static)(approach, known if len(known) else outwards)
+        pairs.axes[:] = axes_along(normals[at]).transpose(0, 2, 1)
+        pairs.free[:], pairs.relative[:] = (np.einsum("cij,cj->ci", pairs.axes, each[at]) for each in (free, relative))
+        pairs.level[:], pairs.target[:, 0] = asked.level[at], asked.target[at]
+        pairs.target[:, 1:] = pairs.relative[:, 1:] / 2 if μ > 0 and not quasi_static else 0.0
         pairs.chosen[:], pairs.helped[:] = pairs.free[:, 0] < pairs.level, False
         if decided is not None:
-            pairs.chosen[:] |= decided.chosen[near]
-            if decided.braking is not None:
-                swung = decided.braking.swung_before
-                if decided.braking.helped is not None:
-                    pairs.helped[:] = decided.braking.helped[near]
-                    pairs.target[:, 1:] *= 2 * decided.braking.slopes[near, None]
+            pairs.chosen[:] |= decided.chosen[at]
+            if decided.braking is not None and decided.braking.helped is not None:
+                pairs.helped[:] = decided.braking.helped[at]
+                pairs.target[:, 1:] *= 2 * decided.braking.slopes[at, None]
         if not pairs.chosen.any():
-            return nothing
+            return FoundNear(Found(NOTHING, 0, 0.0), np.zeros((len(self.points), 3)), outwards)
         far = self.rule(dt, quasi_static).too_far
-        if far is not None and (far[near] > 1)[pairs.chosen].any():
+        if far is not None and (far[at] > 1)[pairs.chosen].any():
             return None  # NumPy's step tells of it
-        before = np.zeros(len(near), dtype=np.int64) if swung is None else swung[near].astype(np.int64)
         given = *self.law.in_steps(dt), quasi_static, braking.SWINGS, np.inf
         numbers = Law(dt, float(self.law.restitution), μ, *given)
-        _, operator = self.operator_of(delassus, is_near, is_near.tobytes())
-        found = find_forces(numbers, in_plain(operator.matrix), _UNKNOWN, len(near), before, pairs)
+        _, operator = self.operator_of(delassus, are_near, are_near.tobytes())
+        found = find_forces(numbers, in_plain(operator.matrix), _UNKNOWN, len(at), swung, pairs)
         if found.status == OTHERWISE:
             return None
-
-        def of_all(values: Array) -> Array:
-            whole = np.zeros((N, *values.shape[1:]), dtype=values.dtype)
-            whole[near] = values
-            return whole
-
-        stopping = None
-        if slides:
-            stopping = braking.Braking(of_all(pairs.target[:, 1:]).T, swung)
-            if pairs.helped.any():
-                stopping.know(of_all(pairs.helped), of_all(pairs.relative[:, 1:]).T / 2)
-        if settled is not None:
-            settled.keep(of_all(pairs.chosen), outwards, stopping)
-        if found.status == NOTHING:
-            return nothing
-        forces, active = of_all(pairs.forces), near[pairs.chosen]
-        told = self._at_points(forces), found.sweeps, active, normals[active], forces[active]
-        power, w = found.normal_power if μ else None, obstacles.velocities(dt)[:, :3]
-        contact = ContactSolution(*told, w, power, surface_velocities=look.surface(active))
-        kept = ContactSearch(forces, begun.residual, held=begun.held, slots=begun.slots)
-        return contact, kept._replace(swung=None if stopping is None else stopping.swung)
-
-    def _between(self, delassus: Array, pairs: Array) -> Array:
-        """As in MeshContact."""
-        (nodes, maps), between = map(in_plain, self._moved_by(pairs)), np.empty((3 * len(pairs),) * 2)
-        set_operator(in_plain(delassus), nodes, maps, between)
-        return between
+        return FoundNear(found, self._at_points(among(len(normals), at, pairs.forces)), outwards)

@@ -58,6 +58,12 @@ class ContactSearch(NamedTuple):
         return pushing(np.abs(self.forces).max(axis=1)) if self.known_to_push is None else self.known_to_push
 
     @property
+    def forces_before(self) -> Array:
+        """Forces (O P, 3) of the last step, N; where these do not tell who pushed, 1 N of those that did."""
+        known = self.known_to_push
+        return self.forces if known is None else np.repeat(known[:, None].astype(float), 3, axis=1)
+
+    @property
     def messages(self) -> tuple[str, ...]:
         """What the user should know of the run so far; empty ones say nothing."""
         return self.residual.message, self.held.message
