@@ -139,12 +139,12 @@ def _alone(rom: Rom) -> Any:
 
 
 def _in_mode(body: Simulator, state: SimulatorState) -> Simulator:
-    """A twin of a body that keeps its contact mode."""
-    revived, (rom, scene, *others, _) = body.__reduce__()
+    """A twin of a body that keeps its contact mode, and no errors."""
+    revived, (rom, acts, _, signals, _) = body.__reduce__()
     acting = None if body.environment is None else body.environment.environment
     if acting is not None and acting.is_of_scene:
-        scene = replace(acting, contact_switching="scene")
-    twin: Simulator = revived(rom, scene, *others, state)
+        acts = acts | {"scene": replace(acting, contact_switching="scene")}
+    twin: Simulator = revived(rom, acts, {"errors": False}, signals, state)
     return twin
 
 
