@@ -196,7 +196,7 @@ class CutWorld(ReadWorld):
         steps, smallest = self._cut
         if not steps:
             return super().warnings
-        why = "as bodies would have gone through others"
+        why = "as bodies would have gone through others, or themselves"
         return *super().warnings, f"{steps} steps were cut, {why}: the smallest part took {smallest:.2g} s"
 
 

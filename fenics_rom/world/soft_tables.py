@@ -95,9 +95,7 @@ class SoftTable(NamedTuple):
 
     kernel: CarriedFrame | FreeFrame | ContactMidpoint | HeldBody
     frame: CompiledFrame
-    beside: (
-        CompilableFrame | HeldBent | HeldRelaxing | None
-    )  # what is told when compiled steps begin and end, if anything is
+    beside: CompilableFrame | HeldBent | HeldRelaxing | None  # what is told when compiled steps begin and end
     points: Points
     step: Step
     arrays: list[Array]  # all of them, which the table has the addresses of
