@@ -320,11 +320,9 @@ class Contact:
     method: Annotated[
         str,
         Text(choices=("complementarity", "penalty")),
-        '"complementarity" (rigid obstacles) or "penalty" (springs at all points, which need a stiffness)',
+        '"complementarity" (rigid obstacles) or "penalty" (springs at all places, which need a stiffness)',
     ] = "complementarity"
-    stiffness: Annotated[
-        float | None, Number(above=0.0, unit="N/m"), "of the penalty's spring at every point, or place on a face"
-    ] = None
+    stiffness: Annotated[float | None, Number(above=0.0, unit="N/m"), "of the penalty's spring at every place"] = None
     damping: Annotated[float | None, Number(at_least=0.0, unit="N s/m"), "of a dashpot beside each spring"] = None
     switching: Annotated[
         str,
