@@ -183,7 +183,7 @@ class Soft(Simulator, Body):
             return
         assert self._source is not None
         if self.carrier is not None:
-            self._base = mounted(self.carrier.end, self._held_at)
+            self.next_base = mounted(self.carrier.end, self._held_at)
         u = self._by_name((), self._given)
         self.tensions.note(u)
         inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
