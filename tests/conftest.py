@@ -84,3 +84,13 @@ def box_system(box_file):
     """The box, n = 108, with an actuator."""
     text = scene_text(box_file, **{"actuators.pull": 'surface = "back"\nforce = "normal"'})
     return fr.assemble(parse_scene(text))
+
+
+@pytest.fixture(scope="module")
+def viser_server():
+    """What pages of the live view draw on."""
+    from fenics_rom.visualization.viewer.server import Server  # here, as few tests draw
+
+    server = Server(0)
+    yield server.viser
+    server.stop()

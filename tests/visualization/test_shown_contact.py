@@ -12,7 +12,6 @@ from fenics_rom.visualization.viewer.live_body import LiveBody
 from fenics_rom.visualization.viewer.live_page import LivePage
 from fenics_rom.visualization.viewer.live_world import LiveWorld
 from fenics_rom.visualization.viewer.run_page import RunPage
-from fenics_rom.visualization.viewer.server import Server
 from fenics_rom.visualization.viewer.surface import Surface
 from fenics_rom.visualization.viewer.world_page import WorldPage
 from fenics_rom.world.shapes import HalfSpace
@@ -34,13 +33,6 @@ def rom(tmp_path_factory):
     file = write_arrays(tmp_path_factory.mktemp("block") / "block.msh", *box_arrays((SIDE,) * 3, (3, 3, 3)))
     material = "young = 1e5\npoisson = 0.3\ndensity = 1000.0"
     return fr.reduce(fr.assemble(parse_scene(scene_text(file, material=material, **PRESSED))), order=8)
-
-
-@pytest.fixture(scope="module")
-def viser_server():
-    server = Server(0)
-    yield server.viser
-    server.stop()
 
 
 def shown(page, server, prefix):

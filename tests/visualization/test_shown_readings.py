@@ -20,7 +20,6 @@ from fenics_rom.visualization.viewer.colours import with_unit
 from fenics_rom.visualization.viewer.live_body import LiveBody
 from fenics_rom.visualization.viewer.live_page import LivePage
 from fenics_rom.visualization.viewer.run_page import RunPage
-from fenics_rom.visualization.viewer.server import Server
 from fenics_rom.visualization.viewer.surface import Surface, reading_fields
 
 EFFECTS = """
@@ -57,13 +56,6 @@ def rom(box_file):
 @pytest.fixture(scope="module")
 def run(rom):
     return fr.simulate(rom)
-
-
-@pytest.fixture(scope="module")
-def viser_server():
-    server = Server(0)
-    yield server.viser
-    server.stop()
 
 
 def lines(panel):

@@ -1,8 +1,6 @@
 """A sense of touch of bodies of a world: what a rigid body does to them is what an obstacle of a scene does."""
 
 import warnings
-from types import SimpleNamespace
-from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -10,9 +8,9 @@ from pads import RUBS, UP, L, pad_scene
 
 import fenics_rom as fr
 from fenics_rom.mechanics.touch import TOUCH
-from fenics_rom.visualization.viewer.coloured_body import NextPicture
+from fenics_rom.visualization import optional_dependencies
 from fenics_rom.visualization.viewer.live_world import LiveWorld
-from fenics_rom.visualization.viewer.world_page import _SoftBody
+from fenics_rom.visualization.viewer.world_page import WorldPage
 from fenics_rom.world.recorder import WorldRecorder
 from fenics_rom.world.shapes import Sphere
 
@@ -92,13 +90,13 @@ def test_sensors_look_after_each_of_many_steps(rom):
     np.testing.assert_array_equal(*shown)
 
 
-def test_a_live_world_has_the_colours_of_taxels(rom):
+def test_a_live_world_has_the_colours_of_taxels(rom, viser_server):
     """Those of several bodies by one name at once, also beside a body that has none of that name."""
     pads = {name: fr.SoftBody(rom, position=place) for name, place in {"pad": np.zeros(3), "far": (1.0, 0, 0)}.items()}
     live = LiveWorld(fr.World({**pads, "ball": fr.RigidBody(Sphere(RADIUS), motion=moved)}, DT))
     live.world.step(count=10)
-    page = SimpleNamespace(live=live, next_picture=NextPicture(), scale=1.0, let_drag=lambda *_: None)
-    one, other = (_SoftBody(page, MagicMock(), name, rom) for name in pads)
+    page = WorldPage(optional_dependencies.viser_package(), viser_server, live, "world")
+    one, other = (page._soft[name] for name in pads)
     assert list(one.readings) == ["reading pad (Pa)", "reading late (Pa)"]
     shown, taxels = one.field("reading pad (Pa)"), live.world.simulator("pad").touch("pad").pressures
     on_top = one._surface.places[one._surface.node_of][:, 2] > 0.999 * one._surface.places[:, 2].max()
