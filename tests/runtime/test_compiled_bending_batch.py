@@ -94,7 +94,7 @@ def test_bodies_are_single_ones_to_the_bit(law, contact):
         if step == 110:
             bodies.dt = dt / 2 if dt == DT else 0.9 * dt
         held = bodies.step(u, on_error="hold")
-        pulled = pulled or by_stroke and bodies.reactions["cable"].any()
+        pulled = pulled or (by_stroke and bodies.reactions["cable"].any())
         assert held.tolist() == ([1] if step == 60 else [])
         for k, body in enumerate(singles):
             body.dt = bodies.dt

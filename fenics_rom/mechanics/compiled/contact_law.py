@@ -45,6 +45,7 @@ WORK_ROUND_OFF, BACK = 1e-12, 1 + 1e-9  # see `mechanics.braking` and `mechanics
 # Of the velocities that forces stop; and unknown velocities, as a share of unknown forces: with more of them, forces as
 # near to the law take less by forces.
 NEAR, FEW = 1e-3, 2 / 3
+EPS = float(np.finfo(float).eps)
 MOST_ROUNDS = 60  # of forces for a set of pairs, and what it asks of them
 # Numbers of the work space for each pair: 22, and of what swings 18 and the 30 of `add_change`, more than methods take
 # that find forces. For each point: 4, and the 35 of `find_by_newton`.
@@ -263,6 +264,8 @@ def _find_of(
             for j in range(3):
                 pairs.forces[active[i], j] = axes[i, 0, j] * f[i, 0] + axes[i, 1, j] * f[i, 1] + axes[i, 2, j] * f[i, 2]
                 largest = max(largest, abs(f[i, j]))
+        if EPS * largest * largest_of(yielding) > STAGNATION * speed:  # what they do is round-off, as of none there are
+            return Found(OTHERWISE, sweeps, 0.0)
         if C < N and _choose_missed(W, pairs, points, active, space):
             for c in range(N if slides else 0):  # the power of friction is that of all pairs
                 pairs.helped[c] = False
