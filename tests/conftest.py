@@ -7,11 +7,14 @@ from collections import Counter
 import pytest
 import stand_ins
 from bodies import PLATE, scene_text, write_box
+from hypothesis import HealthCheck, settings
 
 import fenics_rom as fr
 from fenics_rom import compilation
 from fenics_rom.scene.file import parse_scene
 
+settings.register_profile("any machine", suppress_health_check=[HealthCheck.too_slow])  # one that is busy, too
+settings.load_profile("any machine")
 pytest.MonkeyPatch.setattr = stand_ins.watch(pytest.MonkeyPatch.setattr)
 
 
