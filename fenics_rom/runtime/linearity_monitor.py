@@ -26,7 +26,7 @@ class LinearityMonitor:
     """
 
     def __init__(self, rom: Rom, rigid: Callable[[], Array] = lambda: np.empty(0)):
-        self._rom, self._rigid, self._gauges = rom, rigid, dict[str, tuple[ContactModel, ReducedGauges]]()
+        self._rigid, self._gauges = rigid, dict[str, tuple[ContactModel, ReducedGauges]]()
         # A body that deforms largely has no linear limit to look out for.
         self._rows = gauge_basis(rom) if rom.deformation is None else np.empty((0, rom.basis.shape[1]))
         self.begin(SurfaceStrainPeak())

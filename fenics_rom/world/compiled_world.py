@@ -66,7 +66,6 @@ class CompiledWorld:
         h: float,
     ):
         self._names, self._bodies, self._meetings = list(bodies), list(bodies.values()), meetings
-        self._number_of = {name: number for number, name in enumerate(bodies)}
         self._tables, self._pairs, self._met, self._h = tables, pairs, met, h
         self.is_ahead, self.sweeps, self._count, self._row = False, 0, 0, 0
         self._pause = self._waits = self.misfits = 0

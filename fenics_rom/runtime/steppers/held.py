@@ -72,7 +72,7 @@ class HeldBody(HeldByLoops):
         super().__init__(rom.contact_models[contact], ledger, interface, residual, parts)
         self._rom, self._body, self._has_loops = rom, rom.deformation, compiled()
         self._actuators = None if self._found is None else self._found.actuators
-        self._unit, self._nothing = np.eye(self._model.order), np.zeros(self._model.order)
+        self._unit = np.eye(self._model.order)
         self._is_polynomial = (
             isinstance(self.elastic, StrainsCarried) and self.elastic.points is None and self._found is None
         )
