@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.compiled_arrays import flat
 from fenics_rom.mechanics.compiled.copying import copy, fill
+from fenics_rom.mechanics.frame_motion import Vector
 
 # Of the velocities that forces stop: how far they may be from the law where they are looked for further, and at all.
 ACCURATE, SOLVED = 1e-14, 1e-12
@@ -31,6 +32,16 @@ def frame_along(axes: Array) -> None:
 
 
 @jit_part
+def in_space(frame: Array, n: float, a: float, b: float) -> Vector:
+    """A vector in a frame (3, 3), along the axes of space."""
+    return (
+        frame[0, 0] * n + frame[1, 0] * a + frame[2, 0] * b,
+        frame[0, 1] * n + frame[1, 1] * a + frame[2, 1] * b,
+        frame[0, 2] * n + frame[1, 2] * a + frame[2, 2] * b,
+    )
+
+
+@jit_part
 def add_motion(W: Array, p: int, fx: float, fy: float, fz: float, moved: Array) -> None:
     """Adds what a force on point p does to the velocities of all points, (3P,), by rows of W: the columns of Wᵀ."""
     x, y, z = 3 * p, 3 * p + 1, 3 * p + 2
@@ -41,9 +52,7 @@ def add_motion(W: Array, p: int, fx: float, fy: float, fz: float, moved: Array) 
 @jit_part
 def push(W: Array, p: int, frame: Array, a: float, b: float, c: float, moved: Array) -> None:
     """`add_motion` of a force in a frame."""
-    x = frame[0, 0] * a + frame[1, 0] * b + frame[2, 0] * c
-    y = frame[0, 1] * a + frame[1, 1] * b + frame[2, 1] * c
-    z = frame[0, 2] * a + frame[1, 2] * b + frame[2, 2] * c
+    x, y, z = in_space(frame, a, b, c)
     add_motion(W, p, x, y, z, moved)
 
 

@@ -20,17 +20,15 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.copying import add_row, copy, fill, largest_of
-from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, look_at
+from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, in_space, look_at
 from fenics_rom.mechanics.compiled.elimination import matrix_in, numbers_for, solve
 from fenics_rom.mechanics.compiled.work_space import release, take, take_frames, take_integers, take_rows, taken
+from fenics_rom.mechanics.frame_motion import Vector
 
 OPEN, SLIPS, STICKS, NO_PAIR = range(4)
 MOST_SEARCHES = 6  # where W is not quite what the inverse is of
 MOST_SOLVES = 12  # where they suffice they are rarely more than six
 SURE_SOLVES = 5  # before all is given up at the first one that does not halve what is missed
-
-
-Vector = tuple[float, float, float]
 
 
 class Inverse(NamedTuple):
@@ -208,9 +206,7 @@ def _answer(inverse: Inverse, frames: Array, x: Array, y: Array, moved: Array) -
         frame, a, b, c = frames[p], x[p, 0], x[p, 1], x[p, 2]
         if a == 0.0 and b == 0.0 and c == 0.0:
             continue
-        fx = frame[0, 0] * a + frame[1, 0] * b + frame[2, 0] * c
-        fy = frame[0, 1] * a + frame[1, 1] * b + frame[2, 1] * c
-        fz = frame[0, 2] * a + frame[1, 2] * b + frame[2, 2] * c
+        fx, fy, fz = in_space(frame, a, b, c)
         first, second, third = operator[3 * p], operator[3 * p + 1], operator[3 * p + 2]
         for k in range(len(moved)):
             moved[k] += first[k] * fx + second[k] * fy + third[k] * fz
@@ -266,16 +262,6 @@ def _put(row: Vector, frame: Array, slips: bool, to: Array, m: int) -> None:
 
 
 @jit_part
-def _along(frame: Array, n: float, first: float, second: float) -> Vector:
-    """A vector in a frame, along the axes of space."""
-    return (
-        frame[0, 0] * n + frame[1, 0] * first + frame[2, 0] * second,
-        frame[0, 1] * n + frame[1, 1] * first + frame[2, 1] * second,
-        frame[0, 2] * n + frame[1, 2] * first + frame[2, 2] * second,
-    )
-
-
-@jit_part
 def _sum_of(shares: Vector, rows: tuple[Vector, Vector, Vector]) -> Vector:
     (a, b, c), (one, two, three) = shares, rows
     return (
@@ -307,7 +293,7 @@ def _set_up(
         p, k = places[i], begins[i]
         frame, (n, x, y) = frames[p], stuck[p]
         if kinds[p] != SLIPS:
-            right[k], right[k + 1], right[k + 2] = _along(frame, -n, -x, -y)
+            right[k], right[k + 1], right[k + 2] = in_space(frame, -n, -x, -y)
             for j in range(len(places)):
                 q, m, rows = places[j], begins[j], _between(inverse, p, places[j])
                 _put(rows[0], frames[q], kinds[q] == SLIPS, matrix[k], m)
@@ -318,7 +304,7 @@ def _set_up(
         first, second, share = z[p, 1] / length, z[p, 2] / length, μ[p] * z[p, 0] / length
         B11, B12, B22 = share * second * second, -share * first * second, share * first * first
         C11, C22, n1, n2 = 1 - B11, 1 - B22, μ[p] * first, μ[p] * second
-        one, other = _along(frame, -n1, C11, -B12), _along(frame, -n2, -B12, C22)
+        one, other = in_space(frame, -n1, C11, -B12), in_space(frame, -n2, -B12, C22)
         for j in range(len(places)):
             q, m, rows = places[j], begins[j], _between(inverse, p, places[j])
             _put(_sum_of(one, rows), frames[q], kinds[q] == SLIPS, matrix[k], m)
