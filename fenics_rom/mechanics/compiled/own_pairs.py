@@ -126,23 +126,13 @@ def find_pair_forces(
         pairs: with normals, and forces to begin with; set.
         forces: set, on the points (P, 3), N.
     """
-    C, own = len(gaps), len(gaps) - obstacles
-    free, velocity, first = np.empty((C, 3)), np.empty((C, 3)), outwards[:0]
+    C, n, still = len(gaps), obstacles, np.zeros((1, 3))
+    free, velocity, rests = np.empty((C, 3)), np.empty((C, 3)), Beside(still, still, still[:0])
     _set_moved(nodes, maps, motion[0], free)
     _set_moved(nodes, maps, motion[1], velocity)
-    if obstacles:
-        if len(outwards):
-            first = outwards[:obstacles]
-        given = gaps[:obstacles], free[:obstacles], velocity[:obstacles], beside, before[:obstacles], first
-        ask(law, given[0], given[1], given[2], given[3], given[4], given[5], _some(pairs, 0, obstacles), np.inf)
-    if own:
-        still = np.zeros((1, 3))
-        rests = Beside(still, still, still[:0])
-        if len(outwards):
-            first = outwards[obstacles:]
-        within = free[obstacles:], velocity[obstacles:]
-        asked = _some(pairs, obstacles, C)
-        ask(own_law, gaps[obstacles:], within[0], within[1], rests, before[obstacles:], first, asked, np.inf)
+    near, own = _some(pairs, 0, n), _some(pairs, n, C)
+    ask(law, gaps[:n], free[:n], velocity[:n], beside, before[:n], outwards[:n], near, np.inf)
+    ask(own_law, gaps[n:], free[n:], velocity[n:], rests, before[n:], outwards[n:], own, np.inf)
     chosen, helped, shares = settled
     for c in range(len(chosen)):
         pairs.chosen[c] = pairs.chosen[c] or chosen[c]
