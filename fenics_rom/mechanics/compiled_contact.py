@@ -16,17 +16,26 @@ from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.complementarity import Frames
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_look import Look, look_at
+from fenics_rom.mechanics.contact_pairs import Decided, Settled, SolvedPairs
 from fenics_rom.mechanics.contact_pairs import Pairs as AskedPairs
-from fenics_rom.mechanics.contact_pairs import Settled, SolvedPairs
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Obstacle
 
 Known = Callable[[], tuple[AskedPairs | None, SolvedPairs | None]]
-_UNKNOWN = in_one_piece(np.empty((0, 0)))  # inverse of an operator
+UNKNOWN = in_one_piece(np.empty((0, 0)))  # inverse of an operator
 _SWUNG = ContactSearch._fields.index("swung")
-_NO_OUTWARDS, _NOWHERE = np.empty(0), np.empty((0, 3))
+NO_OUTWARDS, _NOWHERE = np.empty(0), np.empty((0, 3))
 find_forces = jit(contact_law.find_forces)
+
+
+def keep_decided(pairs: Pairs, decided: Decided, some: Array | slice) -> None:
+    """Has the law ask of pairs (n,), some of all, what sweeps before have decided."""
+    pairs.chosen[:] |= decided.chosen[some]
+    braked = decided.braking
+    if braked is not None and braked.helped is not None:
+        pairs.helped[:] = braked.helped[some]
+        pairs.target[:, 1:] *= 2 * braked.slopes[some, None]
 
 
 class Told(NamedTuple):
@@ -123,12 +132,10 @@ class CompiledContact(ContactSolver):
 
     def law_in_steps(self, dt: float, quasi_static: bool = False) -> Law:
         """The law in steps of dt, s, as numbers."""
-        law, asked = self.law, (self.law, dt, quasi_static)
+        asked = self.law, dt, quasi_static
         if self._in_steps is None or self._in_steps[0] != asked:
-            restitution, friction = float(law.restitution), float(law.friction)  # whole ones would be compiled anew
-            radius = min((float(obstacle.core[0]) for obstacle in self.obstacles), default=np.inf)
-            numbers = Law(dt, restitution, friction, *law.in_steps(dt), quasi_static, braking.SWINGS, radius)
-            self._in_steps = asked, numbers
+            radius = min((obstacle.core[0] for obstacle in self.obstacles), default=np.inf)
+            self._in_steps = asked, Law.of(*asked, radius)
         return self._in_steps[1]
 
     def swung(self, search: ContactSearch) -> Array:
@@ -209,18 +216,15 @@ class CompiledContact(ContactSolver):
         else:
             gaps, beside = np.empty(len(start)), Beside(obstacles.velocities(dt), obstacles.velocities_before, _NOWHERE)
             measure(self.shapes, obstacles.start, self.points + points.displacement, gaps, pairs.axes[:, 0])
-        outwards = _NO_OUTWARDS if settled is None else np.ascontiguousarray(settled.outwards(_NO_OUTWARDS))
+        outwards = NO_OUTWARDS if settled is None else np.ascontiguousarray(settled.outwards(NO_OUTWARDS))
         ask(law, gaps, free, velocity, beside, begun.forces_before, outwards, pairs, np.inf)
         swung, decided = begun.swung, None if settled is None else settled.decided()
         if decided is not None:
-            np.logical_or(pairs.chosen, decided.chosen, pairs.chosen)
+            keep_decided(pairs, decided, slice(None))
             if decided.braking is not None:
                 swung = decided.braking.swung_before
-                if decided.braking.helped is not None:
-                    pairs.helped[:] = decided.braking.helped
-                    pairs.target[:, 1:] *= 2 * decided.braking.slopes[:, None]
         swings = self._nothing_swung if swung is None else swung
-        found = find_forces(law, np.ascontiguousarray(delassus), _UNKNOWN, P, swings, pairs)
+        found = find_forces(law, np.ascontiguousarray(delassus), UNKNOWN, P, swings, pairs)
         if found.status == OTHERWISE:
             return None
         forces = pairs.forces if len(self.shapes) == 1 else pairs.forces.reshape(-1, P, 3).sum(axis=0)

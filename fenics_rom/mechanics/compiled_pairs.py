@@ -9,13 +9,12 @@ from typing import NamedTuple, TypeVar, cast
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import in_plain, jit, or_numpy
+from fenics_rom.compilation import in_plain, or_numpy
 from fenics_rom.mechanics import braking
-from fenics_rom.mechanics.compiled import contact_law
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, Law, pairs_from
 from fenics_rom.mechanics.compiled.contact_law import Pairs as NearPairs
-from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.own_pairs import set_operator
+from fenics_rom.mechanics.compiled_contact import NO_OUTWARDS, UNKNOWN, find_forces, keep_decided
 from fenics_rom.mechanics.complementarity.delassus import axes_along
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_look import Look
@@ -23,9 +22,8 @@ from fenics_rom.mechanics.contact_pairs import Decided, Pairs, Settled, SolvedPa
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.mesh_contact import MeshContact
 
-_UNKNOWN, _ONES, _NO_OUTWARDS = in_one_piece(np.empty((0, 0))), np.ones(3), np.empty(0)
+_ONES = np.ones(3)
 _Contact = TypeVar("_Contact", bound=MeshContact)
-find_forces = jit(contact_law.find_forces)
 
 
 def by_loops(kind: type[_Contact]) -> type[_Contact]:
@@ -71,13 +69,13 @@ class NearContact(MeshContact):
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool,
-        start: ContactSearch,
         settled: Settled | None,
     ) -> tuple[ContactSolution | None, ContactSearch] | None:
         """Contact of a step, and what the next search begins with; None where loops did not find forces."""
-        look, outwards, decided = self._looked_at(points.displacement, obstacles, dt), _NO_OUTWARDS, None
+        start, outwards, decided = self._begin(points), NO_OUTWARDS, None
+        look = self._looked_at(points.displacement, obstacles, dt)
         if settled is not None:
-            outwards, decided = settled.outwards(_NO_OUTWARDS), settled.decided()
+            outwards, decided = settled.outwards(NO_OUTWARDS), settled.decided()
         are_near, N = look.gaps <= max(self._due(points, obstacles, dt), self.reach), len(look.gaps)
         if decided is not None:
             are_near |= decided.chosen
@@ -137,9 +135,8 @@ class CompiledPairs(NearContact):
         is_patient: bool,
     ) -> ContactSolution | None:
         """As in MeshContact."""
-        begun, decided = self._begin(points), copy(settled)
-        again, step = copy(self), (points, delassus, dt, obstacles, quasi_static)
-        found = self._find(points, delassus, dt, obstacles, quasi_static, begun, settled)
+        again, decided, step = copy(self), copy(settled), (points, delassus, dt, obstacles, quasi_static)
+        found = self._find(*step, settled)
         if found is None:
             return super()._forces(*step, settled, is_patient)
 
@@ -165,19 +162,15 @@ class CompiledPairs(NearContact):
         pairs.target[:, 1:] = pairs.relative[:, 1:] / 2 if μ > 0 and not quasi_static else 0.0
         pairs.chosen[:], pairs.helped[:] = pairs.free[:, 0] < pairs.level, False
         if decided is not None:
-            pairs.chosen[:] |= decided.chosen[at]
-            if decided.braking is not None and decided.braking.helped is not None:
-                pairs.helped[:] = decided.braking.helped[at]
-                pairs.target[:, 1:] *= 2 * decided.braking.slopes[at, None]
+            keep_decided(pairs, decided, at)
         if not pairs.chosen.any():
             return FoundNear(Found(NOTHING, 0, 0.0), np.zeros((len(self.points), 3)), outwards)
         far = self.rule(dt, quasi_static).too_far
         if far is not None and (far[at] > 1)[pairs.chosen].any():
             return None  # NumPy's step tells of it
-        given = *self.law.in_steps(dt), quasi_static, braking.SWINGS, np.inf
-        numbers = Law(dt, float(self.law.restitution), μ, *given)
         _, operator = self.operator_of(delassus, are_near, are_near.tobytes())
-        found = find_forces(numbers, in_plain(operator.matrix), _UNKNOWN, len(at), swung, pairs)
+        given = in_plain(operator.matrix), UNKNOWN, len(at), swung, pairs
+        found = find_forces(Law.of(self.law, dt, quasi_static), *given)
         if found.status == OTHERWISE:
             return None
         return FoundNear(found, self._at_points(among(len(normals), at, pairs.forces)), outwards)

@@ -7,17 +7,17 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain
-from fenics_rom.mechanics.braking import SWINGS
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside
 from fenics_rom.mechanics.compiled.own_pairs import find_pair_forces, set_corner_maps
+from fenics_rom.mechanics.compiled_contact import NO_OUTWARDS
 from fenics_rom.mechanics.compiled_pairs import FoundNear, Near, NearContact, among
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, Opposite, PointMotion
 from fenics_rom.mechanics.contact_look import Look
 from fenics_rom.mechanics.contact_pairs import Decided, Settled
 from fenics_rom.mechanics.self_contact import SelfContact, beside
 
-_NO_OUTWARDS, _NOBODY = np.empty(0), np.empty(0, dtype=bool)
+_NOBODY = np.empty(0, dtype=bool)
 
 
 class CompiledSelfContact(NearContact, SelfContact):
@@ -35,9 +35,8 @@ class CompiledSelfContact(NearContact, SelfContact):
     ) -> ContactSolution | None:
         """As in ContactSolver."""
         self._last = self.search, self._begun, (points, delassus, dt, obstacles, quasi_static)
-        start = self._begin(points)
         self._look_around(points, dt, settled)
-        found = self._find(points, delassus, dt, beside(obstacles), quasi_static, start, settled)
+        found = self._find(points, delassus, dt, beside(obstacles), quasi_static, settled)
         if found is None:
             return super().solve(points, delassus, dt, obstacles, quasi_static, settled, is_patient)
         self._settled = settled
@@ -65,9 +64,9 @@ class CompiledSelfContact(NearContact, SelfContact):
 
     def _laws(self, dt: float, quasi_static: bool) -> tuple[Law, Law]:
         """That of pairs with obstacles, and of those of the body with itself."""
-        radii = [float(obstacle.core[0]) for obstacle in self.obstacles[: self._O]]
-        given = float(self.law.restitution), float(self.law.friction), *self.law.in_steps(dt), quasi_static, SWINGS
-        return Law(dt, *given, min(radii, default=np.inf)), Law(dt, *given, self._itself.core[0])
+        radius = min((obstacle.core[0] for obstacle in self.obstacles[: self._O]), default=np.inf)
+        given = self.law, dt, quasi_static
+        return Law.of(*given, radius), Law.of(*given, self._itself.core[0])
 
     def _corner_maps(self, opposite: Opposite) -> Array:
         """As in SelfContact."""
@@ -87,8 +86,8 @@ def _moving_beside(pairs: Array, look: Look, obstacles: ObstacleMotion, points: 
 def _decided_before(decided: Decided | None, pairs: Array) -> tuple[Array, Array, Array]:
     """What sweeps before have decided of pairs (n,), as of `find_pair_forces`."""
     if decided is None:
-        return _NOBODY, _NOBODY, _NO_OUTWARDS
+        return _NOBODY, _NOBODY, NO_OUTWARDS
     braked = decided.braking
     if braked is None or braked.helped is None:
-        return decided.chosen[pairs], _NOBODY, _NO_OUTWARDS
+        return decided.chosen[pairs], _NOBODY, NO_OUTWARDS
     return decided.chosen[pairs], braked.helped[pairs], 2 * braked.slopes[pairs]

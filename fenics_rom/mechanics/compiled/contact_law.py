@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_apart, jit_part
 from fenics_rom.compiled_arrays import unowned
+from fenics_rom.mechanics import braking
 from fenics_rom.mechanics.braking import MOST_LOOKS, NEARLY_NONE
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.coulomb import (
@@ -37,6 +38,7 @@ from fenics_rom.mechanics.compiled.work_space import (
     taken,
     work_space,
 )
+from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.contact_search import PUSHING
 
 NOTHING, FOUND, OTHERWISE = 0, 1, 2  # what came of it: nothing touches; forces; that it is to be found otherwise
@@ -63,6 +65,12 @@ class Law(NamedTuple):
     is_at_rest: bool  # without inertia
     swings: int  # steps in a row after which what friction did not stop is asked for a share: see `mechanics.braking`
     radius: float  # m, of the largest ball that each obstacle holds, at least: what would end deeper inside is NumPy's
+
+    @staticmethod
+    def of(law: ContactLaw, dt: float, quasi_static: bool, radius: float = math.inf) -> "Law":
+        """The same as NumPy's, in steps of dt, s; radius as above."""
+        given = float(law.restitution), float(law.friction)  # of whole ones loops would be compiled anew
+        return Law(dt, *given, *law.in_steps(dt), quasi_static, braking.SWINGS, float(radius))
 
 
 class Pairs(NamedTuple):
