@@ -52,7 +52,6 @@ class _Going(NamedTuple):
     velocity: Array  # of its middle (3,), m/s
     beside: float  # how much faster a point of it is, m/s, at most
     turning: float  # rad/s, of a rigid one
-    points: Array  # (P, 3) of a soft one, m; (0, 3)
 
 
 def fast_pairs(bodies: Sequence[AnyBody], meetings: Sequence[Meeting]) -> list[FastPair]:
@@ -216,10 +215,10 @@ def _going(body: AnyBody, h: float) -> _Going:
     """How a body goes in a step of h s."""
     if not isinstance(body, Soft):
         v, turning = _rates(body, h)
-        return _Going(v, turning * body.size if turning else 0.0, turning, np.empty((0, 3)))
+        return _Going(v, turning * body.size if turning else 0.0, turning)
     velocities = body.point_velocities()
     mean = velocities.mean(axis=0)
-    return _Going(mean, float(np.sqrt(np.square(velocities - mean).sum(axis=1).max())), 0.0, body.places())
+    return _Going(mean, float(np.sqrt(np.square(velocities - mean).sum(axis=1).max())), 0.0)
 
 
 def _acceleration(body: AnyBody) -> float:
@@ -236,14 +235,13 @@ def _gap(first: AnyBody, second: AnyBody, one: _Going, other: _Going) -> float:
     if isinstance(first, Soft) and isinstance(second, Soft):
         way = other.velocity - one.velocity
         axes = np.concatenate([np.eye(3), [way / max(float(np.linalg.norm(way)), 1e-300)]])
-        here, there = one.points.dot(axes.T), other.points.dot(axes.T)
+        here, there = first.places().dot(axes.T), second.places().dot(axes.T)
         return float(max((there.min(axis=0) - here.max(axis=0)).max(), (here.min(axis=0) - there.max(axis=0)).max()))
     gaps = [0.0]
-    for body, other_body, points in ((first, second, one.points), (second, first, other.points)):
+    for body, other_body in ((first, second), (second, first)):
         if not isinstance(other_body, Soft):
             assert other_body.shape is not None
+            seen, radius = (body.places(), 0.0) if isinstance(body, Soft) else (body.pose.position[None], body.size)
             R = rotation_matrix(other_body.pose.rotation)
-            seen = points if len(points) else body.pose.position[None]
-            gap = other_body.shape.distance((seen - other_body.pose.position) @ R)[0].min()
-            gaps.append(float(gap) - (0.0 if len(points) else body.size))
+            gaps.append(float(other_body.shape.distance((seen - other_body.pose.position) @ R)[0].min()) - radius)
     return max(gaps)

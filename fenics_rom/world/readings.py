@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -177,7 +177,7 @@ class ReadWorld:
             return [self._loops.pushes(number)]
         return pushes_of(number, self._meetings, self._step_pairs.contacts, self._found)
 
-    @property
+    @cached_property
     def _remembers_touch(self) -> bool:
         """Whether a sensor has to look after every step."""
         return any(isinstance(body, Soft) and body.remembers_touch for body in self._bodies.values())
