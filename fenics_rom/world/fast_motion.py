@@ -53,6 +53,15 @@ class _Going(NamedTuple):
     beside: float  # how much faster a point of it is, m/s, at most
     turning: float  # rad/s, of a rigid one
 
+    @property
+    def speed(self) -> float:
+        """Of its fastest point, m/s, at most."""
+        return float(np.linalg.norm(self.velocity)) + self.beside
+
+    def relative_to(self, other: "_Going") -> float:
+        """How fast points of both go relative to one another, m/s, at most."""
+        return math.dist(self.velocity, other.velocity) + self.beside + other.beside
+
 
 def fast_pairs(bodies: Sequence[AnyBody], meetings: Sequence[Meeting]) -> list[FastPair]:
     """Those of the meetings of bodies; of what is infinitely thick there is none."""
@@ -139,13 +148,14 @@ class CutWorld(ReadWorld):
         return taken
 
     def _steps_to_wait(self) -> int:
-        """Steps in which nothing is fast, even if all speed up twofold by then."""
-        h, thinnest = self._dt, min(pair.thick for pair in self._fast)
+        """Steps in which no two bodies are fast, even if both speed up twofold by then, in any direction."""
+        h, goings = self._dt, self._goings(self._dt)
         wait = float(LONGEST_SOFT_WAIT if self._soft else LONGEST_WAIT)
-        slow = SHARE * thinnest / (4 * h)  # two bodies, each twice as fast
-        for body, going in self._goings(h).items():
-            speed, gained = float(np.linalg.norm(going.velocity)) + going.beside, h * _acceleration(body)
-            wait = min(wait, slow / max(speed, 1e-300), (slow - speed) / max(gained, 1e-300))
+        for _, first, second, thick in self._fast:
+            one, other, fast = goings[first], goings[second], SHARE * thick / h
+            sped = one.relative_to(other) + one.speed + other.speed
+            gained = 2 * h * (_acceleration(first) + _acceleration(second))
+            wait = min(wait, fast / max(sped, 1e-300), (fast - sped) / max(gained, 1e-300))
         return int(max(wait, 0.0))
 
     def _goings(self, h: float) -> dict[AnyBody, _Going]:
@@ -160,7 +170,7 @@ class CutWorld(ReadWorld):
             if not meeting.is_on:
                 continue
             one, other = goings[first], goings[second]
-            goes = h * (math.dist(one.velocity, other.velocity) + one.beside + other.beside)
+            goes = h * one.relative_to(other)
             turns = max(turns, h * one.turning, h * other.turning)
             if goes > SHARE * thick:
                 parts = max(parts, goes / (SHARE * max(thick, _gap(first, second, one, other))))
