@@ -134,24 +134,9 @@ def step_in(
         found: set, but for what pairs would be asked where obstacles are known to be out of reach.
         clearance: what is known of that; changed.
     """
-    of_all = unowned(space), unowned(body), law, unowned(shapes), unowned(u), unowned(moving)
-    return _step_in(*of_all, unowned(begun), unowned(state), unowned(found), unowned(clearance))
-
-
-@jit_part
-def _step_in(
-    space: Array,
-    body: Body,
-    law: Law,
-    shapes: Array,
-    u: Array,
-    moving: Moving,
-    begun: Begun,
-    state: State,
-    found: StepContact,
-    clearance: Clearance,
-) -> Step:
-    """The same."""
+    space, body, shapes, u = unowned(space), unowned(body), unowned(shapes), unowned(u)
+    moving, begun, state = unowned(moving), unowned(begun), unowned(state)
+    found, clearance = unowned(found), unowned(clearance)
     pairs, _, motion, forces = found
     h, m, P = law.h, len(body.ω), len(body.places)
     e, r, ρ = state.halves[0], state.halves[1], len(state.rigid)
