@@ -47,6 +47,13 @@ def faces_of(points, cells):
     }
 
 
+def facing(nodes):
+    """Rows of the nodes (N, 3) of the lower prong and of the upper one that face each other, in the same order."""
+    inner = np.isclose(np.abs(nodes[:, 2]), GAP / 2) & (nodes[:, 0] > LONG / 5)
+    sides = (np.flatnonzero(inner & (nodes[:, 2] * side > 0)) for side in (-1, 1))
+    return [rows[np.lexsort(nodes[rows].T[:2])] for rows in sides]
+
+
 LEVEL, THICK = 8e-3, 2e-3  # m, of an oval ring: how high its inside is above the middle, and how thick it is
 
 

@@ -53,14 +53,8 @@ class CompiledBodies(CompiledState):
             return None
         single = Simulator(rom, dt, signals=signals, detail=detail)
         is_compiled = getattr(single.integrator.kernel, "compiled_step", None) is not None
-        if not is_compiled or (single.sensed is not None and acting.turns_obstacles):
-            return None
-        bodies = cls(single, size, ledger)
-        if single.sensed is not None:
-            from fenics_rom.runtime.batch_touch import BatchTouch  # here, as few bodies have a sense of touch
-
-            bodies._touch = BatchTouch(bodies.rom, size, len(bodies._shapes), bodies._felt)
-        return bodies
+        feels_turning = single.sensed is not None and acting.turns_obstacles
+        return cls(single, size, ledger) if is_compiled and not feels_turning else None
 
     def _rub(self, friction: float) -> None:
         """Has the simulator have this μ."""

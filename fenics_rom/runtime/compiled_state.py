@@ -68,6 +68,7 @@ class CompiledState:
     """
 
     input_limit, dtype, is_compiled = 1e75, np.dtype(float), True
+    _touch: "BatchTouch | None" = None  # None where there is no sense of touch
 
     def __init__(self, single: Simulator, size: int, ledger: bool):
         self._single, self._dt, self.size, self.ledger = single, single.dt, size, ledger
@@ -94,7 +95,10 @@ class CompiledState:
         self._pulled = pulled_columns(self.rom, max(self._widths.values()))
         self._least_tensions = np.zeros((len(self._pulled), size))
         self._make_modes()
-        self._touch: BatchTouch | None = None  # None where there is no sense of touch
+        if single.sensed is not None:
+            from fenics_rom.runtime.batch_touch import BatchTouch  # here, as few bodies have one
+
+            self._touch = BatchTouch(self.rom, size, obstacles, self._felt)
         self._skin = None
         if self._interface is not None and self._interface.skin is not None:
             self._skin = BatchSkin(self, self._interface.skin, self._environment.obstacles, are_quick=True)

@@ -50,6 +50,7 @@ class StatedError:
         shape: in the mass norm, √(xᵀMx) of the error of displacements, kg^1/2 m; of a batch (size,). None of a bound,
             or where it is not known.
         sensed: readings that it is told of.
+        read: tells that of one of these; None where no finer ROM is beside.
     """
 
     kind: str

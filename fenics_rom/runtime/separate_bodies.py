@@ -129,7 +129,7 @@ class SeparateBodies:
     def friction(self, μ: Array) -> None:
         self._friction = np.array(μ, dtype=float)
         beside = [body.beside.finer for body in self.bodies if body.beside is not None]
-        for body, own in zip([*self.bodies, *beside], [*μ.tolist()] * 2, strict=False):
+        for body, own in zip([*self.bodies, *beside], self._friction.tolist() * 2, strict=False):
             if body.integrator.interface is None or body.integrator.interface.solver.law.friction == own:
                 continue
             solver = body.integrator.interface.solver

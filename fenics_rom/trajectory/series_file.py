@@ -81,9 +81,8 @@ def put_misread(group: h5py.Group, misread: Mapping[str, ReadingSeries], sizes: 
     """Writes errors of readings into a group `readings`, if there are some."""
     if misread:
         part = group.create_group("readings", track_order=True)
-        tables = {name: _reading_table(of.quantity)["values"] for name, of in misread.items()}
         for name, of in misread.items():
-            put_arrays(part, {name: tables[name]}, {"S": sizes["S"]}, {name: of.values})
+            put_arrays(part, {name: _reading_table(of.quantity)["values"]}, {"S": sizes["S"]}, {name: of.values})
 
 
 def take_misread(group: h5py.Group, readings: Mapping[str, ReadingSeries], sizes: Sizes) -> dict[str, ReadingSeries]:

@@ -13,6 +13,7 @@ ones are apart by what is between their points along the axes, and along the way
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,14 +66,14 @@ class _Going(NamedTuple):
 
 def fast_pairs(bodies: Sequence[AnyBody], meetings: Sequence[Meeting]) -> list[FastPair]:
     """Those of the meetings of bodies; of what is infinitely thick there is none."""
-    pairs, walls = [], {id(body): _wall(body) for body in bodies if isinstance(body, Soft) and len(bodies) > 1}
+    pairs, wall = [], cache(_wall)
     for meeting in meetings:
         first, second = bodies[meeting.first], bodies[meeting.second]
         cores = [body.shape.core[0] for body in (first, second) if not isinstance(body, Soft) and body.shape]
         if meeting.own is not None:
             thick = meeting.own.deepest / 2
         else:
-            thick = sum(cores) if cores else min(walls[id(body)] for body in (first, second)) / 2
+            thick = sum(cores) if cores else min(wall(body) for body in (first, second) if isinstance(body, Soft)) / 2
         if math.isfinite(thick):
             pairs.append(FastPair(meeting, first, second, thick))
     return pairs
@@ -83,16 +84,13 @@ def _wall(body: Soft) -> float:
 
     Not more than what points may be inside, to be found there.
     """
-    points, inwards = (
-        body.surface.points[body.contact_triangles],
-        -unit_normals(body.surface.points[body.contact_triangles]),
-    )
+    points = body.surface.points[body.contact_triangles]
     if not len(points):
         return math.inf
     some = np.unique(np.linspace(0, len(points) - 1, MOST_RAYS).astype(int))
     a, b, c = np.moveaxis(body.rom.nodes[body.rom.triangles], 1, 0)
     wall = DEEPEST * Boxes.about(points.transpose(1, 0, 2)).size
-    for start, n in zip(points[some].mean(axis=1), inwards[some], strict=True):
+    for start, n in zip(points[some].mean(axis=1), -unit_normals(points[some]), strict=True):
         # start + t n = a + v (b - a) + w (c - a)
         p = np.cross(n, c - a)
         det = np.einsum("ij,ij->i", b - a, p)
@@ -160,8 +158,8 @@ class CutWorld(ReadWorld):
 
     def _goings(self, h: float) -> dict[AnyBody, _Going]:
         """How the bodies go in a step of h s that may pass through others."""
-        bodies = {id(body): body for pair in self._fast for body in (pair.first, pair.second)}
-        return {body: _going(body, h) for body in bodies.values()}
+        bodies = dict.fromkeys(body for pair in self._fast for body in (pair.first, pair.second))
+        return {body: _going(body, h) for body in bodies}
 
     def _parts(self, h: float) -> int:
         """Of h s, in which nothing goes too far; a power of 2."""

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from bodies import box_arrays, write_arrays
-from forks import CLAMPED, LONG, cleft, fork_scene
-from forks import GAP as OPEN
+from forks import CLAMPED, LONG, cleft, facing, fork_scene
 from triangle_meshes import prism, write_stl
 
 import fenics_rom as fr
@@ -123,9 +122,7 @@ def test_prongs_of_a_body_that_are_flung_at_one_another_do_not_pass(tmp_path, wa
             body = fr.Simulator(rom, DT)
     x = rom.nodes
     body.set_shape(np.zeros_like(x), -5.0 * x[:, :1] / LONG * np.sign(x) * [0.0, 0.0, 1.0])
-    begun, inner = body.energy, np.isclose(np.abs(x[:, 2]), OPEN / 2) & (x[:, 0] > LONG / 5)
-    lower, upper = (np.flatnonzero(inner & (x[:, 2] * side > 0)) for side in (-1, 1))
-    lower, upper = (nodes[np.lexsort(x[nodes].T[:2])] for nodes in (lower, upper))
+    begun, (lower, upper) = body.energy, facing(x)
     for _ in range(12):
         body.step()
         z = (x + body.displacement())[:, 2]

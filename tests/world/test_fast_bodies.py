@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from bodies import box_arrays, scene_text, write_arrays
-from forks import CLAMPED, GAP, LONG, cleft, fork_scene
+from forks import CLAMPED, GAP, LONG, cleft, facing, fork_scene
 
 import fenics_rom as fr
 from fenics_rom.compilation import numpy_alone
@@ -195,9 +195,7 @@ def test_prongs_that_are_flung_at_one_another_stay_apart(tmp_path):
         world = fr.World({"fork": fr.SoftBody(rom), "ball": ball}, 1e-2, friction=0.4)
     fork, to_tip = world.simulator("fork"), x[:, :1] / LONG
     fork.set_shape(np.zeros_like(x), -5.0 * to_tip * np.sign(x) * [0.0, 0.0, 1.0])
-    begun, inner = world.energy, np.isclose(np.abs(x[:, 2]), GAP / 2) & (x[:, 0] > LONG / 5)
-    lower, upper = (np.flatnonzero(inner & (x[:, 2] * side > 0)) for side in (-1, 1))
-    lower, upper = (nodes[np.lexsort(x[nodes].T[:2])] for nodes in (lower, upper))
+    begun, (lower, upper) = world.energy, facing(x)
     for _ in range(6):
         world.step()
         z = (x + fork.displacement())[:, 2]

@@ -63,12 +63,11 @@ class HeldAdjoint(PartedKernel):
 
     def adjoint(self, u: Array) -> PartedAdjoint:
         """As in Kernel."""
-        if self._compiled is None or self._expectation is not None or self.taken:
-            pass
-        elif self.elastic is not None and not self.elastic.is_exact:
-            self.taken = (self._whole_step(),)
-        else:
-            self._expectation = self._compiled.expectation(self._reactions_before, self._contact_before is not None)
+        if self._compiled is not None and self._expectation is None and not self.taken:
+            if self.elastic is not None and not self.elastic.is_exact:
+                self.taken = (self._whole_step(),)
+            else:
+                self._expectation = self._compiled.expectation(self._reactions_before, self._contact_before is not None)
         forces = self.loads.without_found(u)
         return self._adjoint_at_once(u, forces) if self._expectation else self._adjoint_of_parts(u, forces)
 
