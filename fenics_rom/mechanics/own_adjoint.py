@@ -76,11 +76,15 @@ class OwnPairs(NamedTuple):
     twins: Met  # of the pairs that are opposite to another one, what that meets
     twinned: Array  # which these are (t,)
     places: Array  # of all points of the body (P, 3), m
-    middle: Array | None  # of them in the middle of the step, as of `PointMotion`
+    there: Array  # points and corners (k, 4, 3) in the middle of the step, m
+    maps_by_middle: Array  # what maps of corners (k, 3, 3, 3) change by with these, (k, 3, 3, 3, 4, 3)
 
     @staticmethod
     def of(surface: OwnSurface, some: Array, places: Array, middle: Array | None) -> "OwnPairs":
-        """Some (k,) of those that a surface found last, where points are at places (P, 3), m, and in the middle."""
+        """Some (k,) of those that a surface found last, where points are at places (P, 3), m.
+
+        `middle`: of them in the middle of the step, as of `PointMotion`.
+        """
         found, plain, twin, kept = surface.last
         pairs = kept[some]
         twinned = (twin[pairs] >= 0).nonzero()[0]
@@ -88,35 +92,24 @@ class OwnPairs(NamedTuple):
             Met.of(found.row[at], found.nodes[at], found.weights[at], plain[at], places)
             for at in (pairs, twin[pairs[twinned]])
         )
-        return OwnPairs(met, twins, twinned, places, middle)
-
-    @property
-    def maps_by_middle(self) -> Array:
-        """Maps of corners (k, 3, 3, 3) by where points and they are in the middle of the step, (k, 3, 3, 3, 4, 3)."""
-        x = self._in_middle.astype(complex)
-        slopes = np.empty((len(x), 3, 3, 3, 4, 3))
+        there = (places if middle is None else middle)[met.points]
+        x, slopes = there.astype(complex), np.empty((len(there), 3, 3, 3, 4, 3))
         for corner in range(4):
             for axis in range(3):
                 x[:, corner, axis] += 1j * _STEP
-                slopes[..., corner, axis] = corner_maps(x[:, 0], x[:, 1:], self.met.weights).imag / _STEP
+                slopes[..., corner, axis] = corner_maps(x[:, 0], x[:, 1:], met.weights).imag / _STEP
                 x[:, corner, axis] -= 1j * _STEP
-        return slopes
-
-    @property
-    def _in_middle(self) -> Array:
-        """Points and corners (k, 4, 3), m."""
-        places: Array = (self.places if self.middle is None else self.middle)[self.met.points]
-        return places
+        return OwnPairs(met, twins, twinned, places, there, slopes)
 
     def pull_back(self, gap_: Array, normal_: Array, maps_: Array) -> Array:
         """What is owed to places of all points (P, 3), m, when the step begins.
 
         By gaps (k,), normals (k, 3) and, as the places that are met move, maps of corners (k, 3, 3, 3).
         """
-        own, there = self.met.points, self._in_middle
+        own, there = self.met.points, self.there
         x, owed = self.places[own].astype(complex), np.zeros(self.places.shape)
         twin, all_twins = self.twins.points, self.places[self.twins.points].astype(complex)
-        _, others, _ = self.twins.seen_at(all_twins)
+        (_, plain, _), (_, others, _) = self.met.seen_at(x), self.twins.seen_at(all_twins)
         for corner in range(4):
             for axis in range(3):
                 x[:, corner, axis] += 1j * _STEP
@@ -129,7 +122,6 @@ class OwnPairs(NamedTuple):
                 if len(twin):
                     moved = all_twins.copy()
                     moved[:, corner, axis] += 1j * _STEP
-                    _, plain, _ = self.met.seen_at(x)
                     slopes = _dot(normal_, self._merged(plain, self.twins.seen_at(moved)[1]).imag)[self.twinned]
                     np.add.at(owed[:, axis], twin[:, corner], slopes / _STEP)
         return owed
