@@ -32,28 +32,18 @@ def add_row(row: Array, share: float, to: Array) -> None:
 
 
 @jit_part
-def add_rows(rows: Array, shares: Array, to: Array) -> None:
-    """Adds a share of each row (m, n) to (n,): four rows at once, so that what they are added to is read less often."""
+def add_rows(rows: Array, shares: Array, first: int, end: int, to: Array) -> None:
+    """Adds a share of each row (m, n) to (n,), from a first number to an end: each to the bit as among all.
+
+    Four rows at once, so that what they are added to is read less often.
+    """
     fours = len(shares) // 4
     for i in range(0, 4 * fours, 4):
         a, b, c, d = shares[i], shares[i + 1], shares[i + 2], shares[i + 3]
-        for k in range(len(to)):
+        for k in range(first, end):
             to[k] += a * rows[i, k] + b * rows[i + 1, k] + c * rows[i + 2, k] + d * rows[i + 3, k]
     for i in range(4 * fours, len(shares)):
-        for k in range(len(to)):
-            to[k] += shares[i] * rows[i, k]
-
-
-@jit_part
-def add_rows_at(rows: Array, shares: Array, first: int, to: Array) -> None:
-    """The same of three numbers from the first on, to the bit."""
-    fours = len(shares) // 4
-    for i in range(0, 4 * fours, 4):
-        a, b, c, d = shares[i], shares[i + 1], shares[i + 2], shares[i + 3]
-        for k in range(first, first + 3):
-            to[k] += a * rows[i, k] + b * rows[i + 1, k] + c * rows[i + 2, k] + d * rows[i + 3, k]
-    for i in range(4 * fours, len(shares)):
-        for k in range(first, first + 3):
+        for k in range(first, end):
             to[k] += shares[i] * rows[i, k]
 
 

@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part, jit_sums
 from fenics_rom.mechanics.compiled.contact_law import FOUND, Found, Law, Pairs, ask
-from fenics_rom.mechanics.compiled.copying import add_row, add_rows, add_rows_at, copy, fill, largest_of
+from fenics_rom.mechanics.compiled.copying import add_row, add_rows, copy, fill, largest_of
 from fenics_rom.mechanics.compiled.coulomb import add_motion
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving, look, row_of, turn
 from fenics_rom.mechanics.compiled.shapes import distance
@@ -104,7 +104,7 @@ def look_around(
 def _place_points(body: Touched, q: Array, beyond: Array, moved: Array, places: Array) -> None:
     """Sets displacements (3P,) of the points, and where they are, (P, 3), m."""
     fill(moved, 0.0)
-    add_rows(body.points, q, moved)
+    add_rows(body.points, q, 0, len(moved), moved)
     if len(body.R) > 0:
         add_row(beyond[1], 1.0, moved)
     for p in range(len(places)):
@@ -163,7 +163,7 @@ def _place_point(body: Touched, p: int, q: Array, beyond: Array, moved: Array, p
     """`_place_points` of one of them, to the bit."""
     for k in range(3):
         moved[3 * p + k] = 0.0
-    add_rows_at(body.points, q, 3 * p, moved)
+    add_rows(body.points, q, 3 * p, 3 * p + 3, moved)
     for k in range(3):
         if len(body.R) > 0:
             moved[3 * p + k] += beyond[1, 3 * p + k]
@@ -201,8 +201,8 @@ def ask_points(
     if FEW_POINTS * _count_near(found.gaps, farthest) > P:
         fill(velocity, 0.0)
         fill(free, 0.0)
-        add_rows(body.points, r, velocity)
-        add_rows(body.points, v, free)
+        add_rows(body.points, r, 0, 3 * P, velocity)
+        add_rows(body.points, v, 0, 3 * P, free)
         _add_beyond(body, beyond, pull, 0, 3 * P, velocity, free)
     else:
         for c in range(len(found.gaps)):
@@ -210,8 +210,8 @@ def ask_points(
                 at = 3 * (c % P)
                 for k in range(at, at + 3):
                     velocity[k] = free[k] = 0.0
-                add_rows_at(body.points, r, at, velocity)
-                add_rows_at(body.points, v, at, free)
+                add_rows(body.points, r, at, at + 3, velocity)
+                add_rows(body.points, v, at, at + 3, free)
                 _add_beyond(body, beyond, pull, at, at + 3, velocity, free)
     of_points = rows_of(free, 3), rows_of(velocity, 3)
     ask(law, found.gaps, *of_points, beside, before, take(space, 0), found.pairs, farthest)
