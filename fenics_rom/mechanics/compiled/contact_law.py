@@ -182,6 +182,13 @@ def ask(
         pairs.chosen[c], pairs.helped[c] = pairs.free[c, 0] < level, False
 
 
+@jit_part
+def rubbed(law: Law, friction: float) -> Law:
+    """The same law with another coefficient of friction."""
+    numbers = law.rate, law.compliance, law.is_at_rest, law.swings, law.radius
+    return Law(law.h, law.restitution, friction, *numbers)
+
+
 @jit_apart
 def find_forces(law: Law, W: Array, inverse: Inverse, P: int, swung: Array, pairs: Pairs) -> Found:
     """Contact forces of a step of which `ask`, or who knows it, has said what the law asks.

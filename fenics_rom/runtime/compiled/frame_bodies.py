@@ -11,7 +11,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
-from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law
+from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, rubbed
 from fenics_rom.mechanics.compiled.copying import copy, fill
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.runtime.compiled.bent_frame import restore_shape
@@ -20,8 +20,7 @@ from fenics_rom.runtime.compiled.contact_points import Points
 from fenics_rom.runtime.compiled.frame_tables import bent_at, state_at
 from fenics_rom.runtime.compiled.frames import TAKEN, Step, restore
 from fenics_rom.runtime.compiled.free_step import take_bent_free_step, take_free_step
-from fenics_rom.runtime.compiled.held_bodies import tell_contact
-from fenics_rom.runtime.compiled.linear_bodies import Told, contact_of
+from fenics_rom.runtime.compiled.linear_bodies import Told, contact_of, tell_contact
 from fenics_rom.runtime.compiled.touched_carried import take_touched_bent_carried_step, take_touched_carried_step
 from fenics_rom.runtime.compiled.touched_frame import Among, Touched
 from fenics_rom.runtime.compiled.touched_free import take_touched_bent_free_step, take_touched_free_step
@@ -95,16 +94,14 @@ def _give_room(table: Array, room: Room) -> None:
 @jit_part
 def _among_of(near: Near, space: _StepSpace, b: int) -> Among:
     """What the step of a body is told of obstacles."""
-    of, found, law = near.points, space.found, near.law
+    of, found = near.points, space.found
     copy(near.begun.forces[b], found.pairs.forces)
     fill(found.pairs.friction, near.friction[b])
-    numbers = law.rate, law.compliance, law.is_at_rest, law.swings, law.radius
-    own = Law(law.h, law.restitution, near.friction[b], *numbers)
-    moved, beyond = space.points, (near.beyond[b], near.beyond_before[b])
+    own, moved, beyond = rubbed(near.law, near.friction[b]), space.points, (near.beyond[b], near.beyond_before[b])
     of_step = moved[0], moved[1], moved[2], moved[3], moved[4], space.pushed[0], space.spread, space.pushed[1]
-    points, moving = Points(of.rest, of.rows, of.R, of.times, *beyond, *of_step), near.obstacles
-    past, own_motion = Begun(near.begun.forces[b], near.begun.swung[b]), moving_in(moving, b)
-    return Among(own, near.shapes, own_motion, past, points, near.at_rest, found, space.W)
+    points, moving = Points(of.rest, of.rows, of.R, of.times, *beyond, *of_step), moving_in(near.obstacles, b)
+    past = Begun(near.begun.forces[b], near.begun.swung[b])
+    return Among(own, near.shapes, moving, past, points, near.at_rest, found, space.W)
 
 
 @jit_part

@@ -6,16 +6,16 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
-from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law
-from fenics_rom.mechanics.compiled.copying import copy
-from fenics_rom.mechanics.compiled.obstacle_motion import Moving
+from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, rubbed
+from fenics_rom.mechanics.compiled.copying import copy, fill
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, IS_AHEAD, IS_CARRIED, VELOCITY, Memory
 from fenics_rom.runtime.compiled.held_step import Step, take_step
 from fenics_rom.runtime.compiled.held_touch import Among, Body, Motion, Touch, motion_in
-from fenics_rom.runtime.compiled.linear_bodies import Told, contact_of
+from fenics_rom.runtime.compiled.linear_bodies import Told, contact_of, tell_contact
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.strokes import Pull, own_pull
-from fenics_rom.runtime.compiled.touching import Begun, StepContact, hand_on
+from fenics_rom.runtime.compiled.touching import Begun
 
 
 class Carried(NamedTuple):
@@ -85,11 +85,9 @@ def step_bodies(
             step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, None, pulled)
         else:
             copy(begun.forces[b], found.pairs.forces)
-            found.pairs.friction[:] = friction[b]
-            numbers = law.rate, law.compliance, law.is_at_rest, law.swings, law.radius
-            own = Law(law.h, law.restitution, friction[b], *numbers)
+            fill(found.pairs.friction, friction[b])
+            own, moving = rubbed(law, friction[b]), moving_in(obstacles, b)
             past, beyond = Begun(begun.forces[b], begun.swung[b]), (states.beyond[b], states.beyond_before[b])
-            moving = Moving(obstacles.start[b], obstacles.end[b], obstacles.before[b])
             relaxed = states.relaxed_beyond[b], states.relaxed_beyond_before[b]
             among = Among(touch, own, shapes, moving, past, *beyond, *relaxed, by_branches, found, spread, W)
             step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, among, pulled)
@@ -162,20 +160,3 @@ def _end(body: Body, b: int, step: Step, motion: Motion, states: State, carried:
     noted[0], noted[1], noted[2] = 2 * carried.numbers[b, AHEAD], carried.numbers[b, GAP], 0.0
     for i in range(len(motion.e)):
         noted[2] += (motion.e[i] * body.inverse_ω[i]) ** 2
-
-
-@jit_part
-def tell_contact(law: Law, touches: bool, found: StepContact, past: Begun, after: Begun, told: Told, b: int) -> None:
-    """Tells what a body found of contact, and what its next step begins with."""
-    pairs, (P, resultants, pressing) = found.pairs, (told.forces.shape[1], told.resultants[b], told.pressing[b])
-    copy(found.forces.reshape(P, 3), told.forces[b])
-    hand_on(law, past, touches, pairs, after)
-    for o in range(len(resultants)):
-        for k in range(3):
-            resultants[o, k] = 0.0
-    for p in range(P):
-        pressing[p] = 0.0
-    for c in range(len(pairs.forces) if touches else 0):
-        for k in range(3):
-            resultants[c // P, k] += pairs.forces[c, k]
-            pressing[c % P] += pairs.forces[c, k] * pairs.axes[c, 0, k]

@@ -10,9 +10,9 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.compiled_arrays import unowned
-from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs
+from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs, rubbed
 from fenics_rom.mechanics.compiled.copying import copy, fill
-from fenics_rom.mechanics.compiled.obstacle_motion import Moving
+from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.compiled.work_space import release, taken, work_space
 from fenics_rom.runtime.compiled.linear_step import Body, State, restore, room_for, step_in
@@ -58,8 +58,7 @@ def step_bodies(
         told: set.
     """
     P, N = len(body.places), begun.forces.shape[1]
-    one = Moving(obstacles.start[0], obstacles.end[0], obstacles.before[0])
-    found, space = contact_of(N, P), work_space(room_for(body, one))
+    found, space = contact_of(N, P), work_space(room_for(body, moving_in(obstacles, 0)))
     given = unowned(body), law, unowned(friction), unowned(shapes), unowned(bodies), unowned(inputs)
     known = unowned(obstacles), unowned(begun), unowned(after), unowned(states), unowned(clearance), unowned(told)
     _step_bodies(*given, *known, found, space)
@@ -91,20 +90,16 @@ def _step_bodies(
     space: Array,
 ) -> None:
     """The same; kept: for what the step of a body finds."""
-    P, found, begin = len(body.places), unowned(kept), taken(space)
-    sought = found.pairs
-    forces, axes = sought.forces, sought.axes
+    found, begin = unowned(kept), taken(space)
     for i in range(len(bodies)):
         b = bodies[i]
         release(space, begin)
-        fill(sought.friction, friction[b])
-        numbers = law.rate, law.compliance, law.is_at_rest, law.swings, law.radius
-        own = Law(law.h, law.restitution, friction[b], *numbers)
+        fill(found.pairs.friction, friction[b])
+        own, moving = rubbed(law, friction[b]), moving_in(obstacles, b)
         now = states.halves[b], states.rigid[b], states.beyond[b], states.relaxed[b], states.relaxed_beyond[b]
         before = states.halves_before[b], states.rigid_before[b], states.beyond_before[b]
         state = State(*now, *before, states.relaxed_before[b], states.relaxed_beyond_before[b])
         past = Begun(begun.forces[b], begun.swung[b])
-        moving = Moving(obstacles.start[b], obstacles.end[b], obstacles.before[b])
         own_numbers = clearance.gap[b : b + 1], clearance.untouched[b : b + 1], clearance.still[b : b + 1]
         near = Clearance(*own_numbers, clearance.stretch, clearance.gone[b : b + 1], clearance.pairs[b])
         step = step_in(space, body, own, shapes, inputs[b], moving, past, state, found, near)
@@ -121,17 +116,24 @@ def _step_bodies(
         if not touched and is_settled(near.untouched):
             continue
         near.untouched[0] = 0.0 if touched else near.untouched[0] + 1
-        fill(told.resultants[b], 0.0)
-        fill(told.pressing[b], 0.0)
-        copy(found.forces, told.forces[b])
-        hand_on(law, past, touched, sought, Begun(after.forces[b], after.swung[b]))
-        for o in range(len(shapes) if touched else 0):
-            for p in range(P):
-                c = o * P + p
-                if sought.chosen[c]:
-                    for k in range(3):
-                        told.resultants[b, o, k] += forces[c, k]
-                        told.pressing[b, p] += forces[c, k] * axes[c, 0, k]
+        tell_contact(law, touched, found, past, Begun(after.forces[b], after.swung[b]), told, b)
+
+
+@jit_part
+def tell_contact(law: Law, touches: bool, found: StepContact, past: Begun, after: Begun, told: Told, b: int) -> None:
+    """Tells what a body found of contact, and what its next step begins with."""
+    pairs, resultants, pressing, P = found.pairs, told.resultants[b], told.pressing[b], told.forces.shape[1]
+    fill(resultants, 0.0)
+    fill(pressing, 0.0)
+    copy(found.forces, told.forces[b])
+    hand_on(law, past, touches, pairs, after)
+    for o in range(len(resultants) if touches else 0):
+        for p in range(P):
+            c = o * P + p
+            if pairs.chosen[c]:
+                for k in range(3):
+                    resultants[o, k] += pairs.forces[c, k]
+                    pressing[p] += pairs.forces[c, k] * pairs.axes[c, 0, k]
 
 
 @jit
