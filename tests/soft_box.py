@@ -10,15 +10,9 @@ from bodies import box_arrays, box_surfaces
 
 import fenics_rom as fr
 from fenics_rom.errors import SolverError
-from fenics_rom.mechanics.hyperelastic import (
-    VOIGT_INDEX,
-    discrete_gradient_stress,
-    linear_stress,
-    moduli,
-    strain,
-    stress,
-)
+from fenics_rom.mechanics.hyperelastic import discrete_gradient_stress, linear_stress, moduli, strain, stress
 from fenics_rom.mechanics.step import StepInput
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.system.body import Body, Unknowns
 

@@ -27,8 +27,8 @@ from fenics_rom.fem.nodal_motion import Motion, Rate
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
 from fenics_rom.mechanics.frame_motion import ZERO, Rotation, Vector, cayley, cross_matrix, rotation_matrix
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS
 from fenics_rom.mechanics.largest_turn import check_turn
+from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS
 
 TOLERANCE = 1e-15  # of the velocities: what is left of a step's corrections
 NO_PROGRESS = 1e-12  # of them: where corrections that shrink no more are round-off

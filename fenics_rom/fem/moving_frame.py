@@ -13,7 +13,8 @@ from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.loads import contact_columns
 from fenics_rom.fem.nodes import Nodes
 from fenics_rom.fem.outputs import output_rows
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, linear_stress, small_strain
+from fenics_rom.mechanics.hyperelastic import linear_stress, small_strain
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
 from fenics_rom.system.moving_frame import FullOrderFrame, NodeMatrix

@@ -24,8 +24,8 @@ from fenics_rom.fem.nodal_motion import Motion, Rate
 from fenics_rom.fem.petsc_matrix import ExtendedMatrix, PetscMatrix, combination
 from fenics_rom.fem.springs import of_components, with_attached
 from fenics_rom.mechanics.frame_geometry import TOO_FAR
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches, PronySeries
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.system.system import System
 
 

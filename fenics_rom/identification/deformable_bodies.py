@@ -14,14 +14,8 @@ from numpy import ndarray as Array
 from fenics_rom.errors import SolverError
 from fenics_rom.identification.affine import AffineDecomposition, lame_parameters
 from fenics_rom.identification.parameters import BETA
-from fenics_rom.mechanics.hyperelastic import (
-    VOIGT_INDEX,
-    discrete_gradient_stress,
-    linear_stress,
-    moduli,
-    strain,
-    stress,
-)
+from fenics_rom.mechanics.hyperelastic import discrete_gradient_stress, linear_stress, moduli, strain, stress
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.runtime.steppers.held import FAST_CONTRACTION, MAX_ITERATIONS, is_solved
 

@@ -3,38 +3,33 @@
     st_venant_kirchhoff    W = λ/2 (tr E)² + μ E:E
     neo_hookean            W = μ (tr E - ln J) + λ/2 ln²J,  ln J = ½ ln det C,  C = I + 2E
 
-and, as laws with constants are printed, of the shape without the change of volume, C̄ = C/J^⅔, with κ = λ + ⅔ μ
-
-    mooney_rivlin C10 C01      W = C10 (tr C̄ - 3) + C01 (tr C̄⁻¹ - 3) + U,   U = κ/4 (J² - 1 - 2 ln J)
-    yeoh C10 C20 C30           W = Σ Cn0 (tr C̄ - 3)ⁿ + U
-    ogden μ1 α1 μ2 α2 ...      W = Σ μn/αn (tr C̄^(αn/2) - 3) + U
-
-whose constants count by their ratios, so in any unit of stress: their size is that of μ. A law is a text, of its name
-and its constants.
+and, of the shape without the change of volume, laws with constants (`isochoric.py`), to which they add
+U = κ/4 (J² - 1 - 2 ln J) with κ = λ + ⅔ μ.
 
 All have the linear material of Lamé's λ and μ as their limit of small strain. As functions of E they do not see a
 rotation, and stay finite where a point is turned inside out.
 
-A strain is kept as its six components (xx, yy, zz, yz, xz, xy), the shears twice: then S:E is a plain product, with the
-stress in the same order. Arrays have the components first, (6, P) of P points, Lamé's moduli are (P,) each, Pa.
+Strains and stresses are six components (`voigt.py`): arrays have them first, (6, P) of P points, Lamé's moduli are
+(P,) each, Pa.
 """
 
 import math
 from collections.abc import Iterator
-from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
-LAWS = ("st_venant_kirchhoff", "neo_hookean")
-LAWS_WITH_CONSTANTS = ("mooney_rivlin", "yeoh", "ogden")
-VOIGT_PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # of the six components
-VOIGT_INDEX = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # which component each entry of a symmetric matrix is
-VOIGT_SHEAR = np.array([1.0, 1, 1, 2, 2, 2])[:, None]  # how often each counts in S:E
+from fenics_rom.mechanics.isochoric import (
+    isochoric_terms,
+    metric_products,
+    power_trace,
+    power_trace_curvature,
+    power_trace_slope,
+)
+from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
+
 _ONE, _OTHER = VOIGT_PAIRS[3:].T  # of the shears
 _NEXT, _LAST = np.array([1, 2, 0, 4, 5, 3]), np.array([2, 0, 1, 5, 3, 4])  # of x, y, z, and of the shears
-UNIT = np.array([1.0, 1, 1, 0, 0, 0])[:, None]  # the unit matrix
 # Of matrices as nine rows: whose products less whose products are the cofactors, the transposed, and sums of entries.
 _COFACTORS = np.array(
     [np.roll(np.arange(9).reshape(3, 3), t, (0, 1)).ravel() for t in ((2, 2), (1, 1), (2, 1), (1, 2))]
@@ -42,46 +37,6 @@ _COFACTORS = np.array(
 _TRANSPOSED = np.arange(9).reshape(3, 3).T.ravel()
 _DIAGONAL, _THIRDS, _HALVES = np.eye(3).ravel(), np.full(9, 1 / 3), np.full(9, 0.5)
 ROUND_OFF_STRAIN = 1e-7  # change of strain below which W(E⁺) - W(E) is round-off
-SAME_STRETCH = 1e-5  # difference of the eigenvalues of C below which a difference quotient is a derivative
-
-
-class IsochoricTerm(NamedTuple):
-    """k μ (tr C̄^β - 3)ⁿ of an energy density."""
-
-    k: float
-    β: float
-    n: int
-
-
-@cache
-def isochoric_terms(law: str) -> tuple[IsochoricTerm, ...]:
-    """Of a law with constants; none of the others.
-
-    Raises:
-        ValueError: what is wrong with its name or its constants, and what is allowed.
-    """
-    name, *texts = law.split(" ")
-    constants = [float(text) for text in texts]
-    count = len(constants)
-    if name in LAWS and not count:
-        return ()
-    allowed = {
-        "mooney_rivlin": (count == 2, "two, C10 and C01"),
-        "yeoh": (1 <= count <= 3, "one to three, C10, C20 and C30"),
-        "ogden": (count > 0 and count % 2 == 0 and all(constants[1::2]), "pairs of μ and of α, which is not 0"),
-    }.get(name, (False, "none"))
-    if not allowed[0]:
-        raise ValueError(f"{name} has the constants {constants}: allowed are {allowed[1]}")
-    if name == "ogden":
-        terms = [IsochoricTerm(μ / α, α / 2, 1) for μ, α in zip(constants[::2], constants[1::2], strict=True)]
-    elif name == "yeoh":
-        terms = [IsochoricTerm(constant, 1.0, n) for n, constant in enumerate(constants, start=1)]
-    else:
-        terms = [IsochoricTerm(constants[0], 1.0, 1), IsochoricTerm(constants[1], -1.0, 1)]
-    shear = sum(2 * k * β**2 for k, β, n in terms if n == 1)
-    if not shear > 0:
-        raise ValueError(f"{name} has the constants {constants}, and {shear:g} as its shear modulus: allowed is > 0")
-    return tuple(IsochoricTerm(k / shear, β, n) for k, β, n in terms)
 
 
 def strain(H: Array) -> Array:
@@ -124,8 +79,8 @@ def energy_density(law: str, E: Array, λ: Array, μ: Array) -> Array:
     if law == "neo_hookean":
         return μ * (trace - lnJ) + λ / 2 * lnJ**2
     W = (λ + 2 / 3 * μ) / 4 * (change - 2 * lnJ)
-    for k, β, n in isochoric_terms(law):
-        W += k * μ * _power_trace(E, β, lnJ) ** n
+    for term in isochoric_terms(law):
+        W += term.k * μ * term.energy(power_trace(E, term.β, lnJ))
     return W
 
 
@@ -137,8 +92,9 @@ def stress(law: str, E: Array, λ: Array, μ: Array) -> Array:
         return _neo_hookean_stress(E, λ, μ)
     inverse, lnJ = _inverse_metric(E)
     S = (λ + 2 / 3 * μ) / 2 * np.expm1(2 * lnJ) * inverse
-    for k, β, n in isochoric_terms(law):
-        S += k * μ * n * _power_trace(E, β, lnJ) ** (n - 1) * _power_trace_slope(E, β, inverse, lnJ)
+    for term in isochoric_terms(law):
+        slope = term.slope(power_trace(E, term.β, lnJ))
+        S += term.k * μ * slope * power_trace_slope(E, term.β, inverse, lnJ)
     return S
 
 
@@ -299,82 +255,15 @@ def moduli(law: str, E: Array, λ: Array, μ: Array) -> Array:
         D[np.arange(6), np.arange(6)] += 2 * μ / VOIGT_SHEAR
         return D
     c, lnJ = _inverse_metric(E)
-    turned = _metric_products(c)
+    turned = metric_products(c)
     if law == "neo_hookean":
         return λ * c[:, None] * c[None, :] + 2 * (μ - λ * lnJ) * turned
     κ, change = λ + 2 / 3 * μ, np.expm1(2 * lnJ)
     D = κ * ((1 + change) * c[:, None] * c[None, :] - change * turned)
-    for k, β, n in isochoric_terms(law):
-        x, slope = _power_trace(E, β, lnJ), _power_trace_slope(E, β, c, lnJ)
-        D += k * μ * n * x ** (n - 1) * _power_trace_curvature(E, β, c, lnJ)
-        if n > 1:
-            D += k * μ * n * (n - 1) * x ** (n - 2) * slope[:, None] * slope[None, :]
+    for term in isochoric_terms(law):
+        x = power_trace(E, term.β, lnJ)
+        D += term.k * μ * term.slope(x) * power_trace_curvature(E, term.β, c, lnJ)
+        if term.bends:
+            along = power_trace_slope(E, term.β, c, lnJ)
+            D += term.k * μ * term.curvature(x) * along[:, None] * along[None, :]
     return D
-
-
-def _metric_products(c: Array) -> Array:
-    """-∂C⁻¹/∂C (6, 6, P) of the inverse metric (6, P)."""
-    C = c[VOIGT_INDEX]  # as matrices (3, 3, P)
-    (i, j), (k, m) = VOIGT_PAIRS.T[:, :, None], VOIGT_PAIRS.T[:, None, :]
-    products: Array = (C[i, k] * C[j, m] + C[i, m] * C[j, k]) / 2
-    return products
-
-
-# --- x = tr C̄^β - 3 and its derivatives by E ------------------------------------------------------------------------
-
-
-def _principal(E: Array) -> tuple[Array, Array]:
-    """Principal strains (P, 3) and their directions (P, 3, 3), in columns."""
-    values, directions = np.linalg.eigh((E / VOIGT_SHEAR)[VOIGT_INDEX].transpose(2, 0, 1))
-    return values, directions
-
-
-def _power_trace(E: Array, β: float, lnJ: Array) -> Array:
-    """x (P,), without the cancellation of 3."""
-    if β == 1:
-        return 3 * np.expm1(-2 / 3 * lnJ) + 2 * np.exp(-2 / 3 * lnJ) * E[:3].sum(axis=0)
-    x: Array = np.expm1(β * (np.log1p(2 * _principal(E)[0]) - 2 / 3 * lnJ[:, None])).sum(axis=1)
-    return x
-
-
-def _metric_power(E: Array, exponent: float) -> Array:
-    """C^exponent (6, P)."""
-    if exponent == 0:
-        return np.repeat(UNIT, E.shape[1], axis=1)
-    values, n = _principal(E)
-    i, j = VOIGT_PAIRS.T
-    return np.einsum("pa,pca,pca->cp", (1 + 2 * values) ** exponent, n[:, i], n[:, j])
-
-
-def _power_trace_slope(E: Array, β: float, inverse: Array, lnJ: Array) -> Array:
-    """∂x/∂E (6, P) = 2β J^(-2β/3) (C^(β-1) - ⅓ tr C^β C⁻¹), with C⁻¹ (6, P)."""
-    scale = np.exp(-2 * β / 3 * lnJ)
-    power_trace = (_power_trace(E, β, lnJ) + 3) / scale
-    return 2 * β * scale * (_metric_power(E, β - 1) - power_trace / 3 * inverse)
-
-
-def _power_trace_curvature(E: Array, β: float, inverse: Array, lnJ: Array) -> Array:
-    """∂²x/∂E² (6, 6, P), with C⁻¹ (6, P)."""
-    scale, power = np.exp(-2 * β / 3 * lnJ), _metric_power(E, β - 1)
-    third = (_power_trace(E, β, lnJ) + 3) / scale / 3
-    mixed = power[:, None] * inverse[None, :]
-    D = -β / 3 * (mixed + mixed.transpose(1, 0, 2)) + β / 3 * third * inverse[:, None] * inverse[None, :]
-    D += third * _metric_products(inverse)
-    if β != 1:
-        D += _metric_power_slope(E, β - 1)
-    return 4 * β * scale * D
-
-
-def _metric_power_slope(E: Array, exponent: float) -> Array:
-    """∂C^exponent/∂C (6, 6, P), by its difference quotients in principal directions (Daleckii & Krein, 1965)."""
-    values, n = _principal(E)
-    c = 1 + 2 * values
-    difference, mean = c[:, :, None] - c[:, None, :], (c[:, :, None] + c[:, None, :]) / 2
-    apart = np.abs(difference) > SAME_STRETCH * mean
-    powers = c**exponent
-    quotients = exponent * mean ** (exponent - 1)
-    np.divide(powers[:, :, None] - powers[:, None, :], difference, out=quotients, where=apart)
-    i, j = VOIGT_PAIRS.T
-    pairs = n[:, i, :, None] * n[:, j, None, :]  # n_a n_bᵀ in components (P, 6, 3, 3)
-    pairs = (pairs + pairs.swapaxes(2, 3)) / 2
-    return np.einsum("pab,pcab,pdab->cdp", quotients, pairs, pairs)

@@ -19,18 +19,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import (
-    VOIGT_INDEX,
-    VOIGT_PAIRS,
-    VOIGT_SHEAR,
-    linear_stress,
-    small_strain,
-    strain,
-    stress,
-)
+from fenics_rom.mechanics.hyperelastic import linear_stress, small_strain, strain, stress
 from fenics_rom.mechanics.nodal_contact import FacetShares
 from fenics_rom.mechanics.readable_body import ReadableBody
 from fenics_rom.mechanics.touch import TOUCH, TouchReading
+from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
 
 READING_UNITS = {
     "length": "m",

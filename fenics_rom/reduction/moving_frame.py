@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import VOIGT_PAIRS
+from fenics_rom.mechanics.voigt import VOIGT_PAIRS
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.rom import Rom

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR, linear_stress
+from fenics_rom.mechanics.hyperelastic import linear_stress
+from fenics_rom.mechanics.voigt import VOIGT_SHEAR
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.rom.strain_tables import StrainTables

@@ -14,16 +14,10 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
-from fenics_rom.mechanics.hyperelastic import (
-    VOIGT_INDEX,
-    VOIGT_PAIRS,
-    energy_density,
-    isochoric_terms,
-    moduli,
-    strain,
-    stress,
-)
+from fenics_rom.mechanics.hyperelastic import energy_density, moduli, strain, stress
+from fenics_rom.mechanics.isochoric import isochoric_terms
 from fenics_rom.mechanics.tendon import cable_length, measure_segments, turning_angles, turning_slopes
+from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS
 from fenics_rom.rom.content import ByContent
 
 _UNIT = np.eye(3)

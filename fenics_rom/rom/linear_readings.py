@@ -7,7 +7,7 @@ from typing import NamedTuple
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR, small_strain
+from fenics_rom.mechanics.hyperelastic import small_strain
 from fenics_rom.mechanics.readings import (
     READING_UNITS,
     READING_WORDS,
@@ -17,6 +17,7 @@ from fenics_rom.mechanics.readings import (
     StrokeReading,
     SurfaceReading,
 )
+from fenics_rom.mechanics.voigt import VOIGT_SHEAR
 from fenics_rom.rom.contact_model import ContactModel
 
 

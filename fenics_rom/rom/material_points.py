@@ -6,7 +6,8 @@ Of one shape q (m,) arrays are (..., P), of B of them (m, B) they are (..., P B)
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, energy_and_piola, stress
+from fenics_rom.mechanics.hyperelastic import energy_and_piola, stress
+from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS
 from fenics_rom.rom.deformation import ReducedDeformation
 
 _I, _J = VOIGT_PAIRS.T

@@ -23,7 +23,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.rom.content import ByContent
 
 ROUND_OFF = 1e-12  # of the largest eigenvalue of sums that are positive semi-definite, or below 0 by this

@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR
+from fenics_rom.mechanics.voigt import VOIGT_SHEAR
 from fenics_rom.rom.deformation import ReducedDeformation
 
 

@@ -11,8 +11,8 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_motion import rotation_of
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.mechanics.largest_turn import LARGEST_TURN
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_ties import BatchTieForces, BatchTies

@@ -6,8 +6,8 @@ from typing import Any
 
 from fenics_rom.errors import SceneError, check_known, exactly, unknown
 from fenics_rom.mechanics.environment import FACES, AppliedLoad
-from fenics_rom.mechanics.hyperelastic import isochoric_terms
 from fenics_rom.mechanics.initial_state import SMALL_ROTATION, ZERO
+from fenics_rom.mechanics.isochoric import isochoric_terms
 from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import Contact, Effects, ObstacleMotion, RigidBase, Viscoelasticity

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from fenics_rom.mechanics.hyperelastic import LAWS, LAWS_WITH_CONSTANTS
+from fenics_rom.mechanics.isochoric import LAWS, LAWS_WITH_CONSTANTS
 from fenics_rom.scene.law import Law
 from fenics_rom.scene.values import Items, Number, Text
 

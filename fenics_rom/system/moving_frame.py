@@ -15,7 +15,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
-from fenics_rom.mechanics.hyperelastic import VOIGT_PAIRS
+from fenics_rom.mechanics.voigt import VOIGT_PAIRS
 from fenics_rom.system.body import Unknowns
 from fenics_rom.system.protocols import Algebra, Operator
 

@@ -8,7 +8,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.mechanics.readings import (
     READING_UNITS,
     READING_WORDS,
@@ -20,6 +19,7 @@ from fenics_rom.mechanics.readings import (
     principal_size,
 )
 from fenics_rom.mechanics.touch import TOUCH, TaxelMap, TouchReading, TouchState, unpacked
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from fenics_rom.fem.finite_strain.residuals import QuasiStaticResidual
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.hyperelastic import LAWS
+from fenics_rom.mechanics.isochoric import LAWS
 from fenics_rom.mechanics.step import StepInput
 
 MAX_ITERATIONS = 25

@@ -24,7 +24,8 @@ from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStatic
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.hyperelastic import LAWS, strain
+from fenics_rom.mechanics.hyperelastic import strain
+from fenics_rom.mechanics.isochoric import LAWS
 from fenics_rom.mechanics.step import StepInput
 
 RIGHT = '[contacts.right]\nsurface = "right"'

@@ -7,7 +7,7 @@ from bodies import assembled, box_arrays, dense, scene_text, sparse, write_array
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, StructureError
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.reduction.moving_frame import inertia_constants
 from fenics_rom.scene.file import parse_scene
 

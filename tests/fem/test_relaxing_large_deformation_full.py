@@ -12,7 +12,7 @@ from fenics_rom.fem.finite_strain.model import ExternalForce
 from fenics_rom.fem.finite_strain.residuals import MidpointResidual, StepStart
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.hyperelastic import LAWS
+from fenics_rom.mechanics.isochoric import LAWS
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches, PronySeries
 from fenics_rom.reduction.hyperreduction import training

@@ -4,12 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fenics_rom.mechanics.hyperelastic import (
-    LAWS,
-    VOIGT_INDEX,
     discrete_gradient_stress,
     energy_and_piola,
     energy_density,
-    isochoric_terms,
     linear_stress,
     moduli,
     strain,
@@ -17,10 +14,12 @@ from fenics_rom.mechanics.hyperelastic import (
     strain_rate,
     stress,
 )
+from fenics_rom.mechanics.isochoric import LAWS, isochoric_terms
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.rom.deformation import ReducedDeformation
 
 P = 40
-RUBBER = ("mooney_rivlin 2 1", "yeoh 1 0.3 -0.01", "ogden 1 4 -0.2 -3")
+RUBBER = ("mooney_rivlin 2 1", "yeoh 1 0.3 -0.01", "ogden 1 4 -0.2 -3", "gent 30", "arruda_boyce 2.5")
 ALL_LAWS = (*LAWS, *RUBBER)
 λ, μ = np.full(P, 2.0), np.full(P, 1.0)  # Pa
 

@@ -12,7 +12,8 @@ from soft_box import SoftStepper, soft_box
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, FileError, SceneError, SolverError, StepError
 from fenics_rom.io.stages import Stages
-from fenics_rom.mechanics.hyperelastic import LAWS, linear_stress
+from fenics_rom.mechanics.hyperelastic import linear_stress
+from fenics_rom.mechanics.isochoric import LAWS
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.common_basis import CommonBasis
 from fenics_rom.reduction.hyperreduction.cubature import STIFFNESS_SHARE, fit_cubature, sparse_weights, spread_states

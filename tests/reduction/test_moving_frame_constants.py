@@ -7,7 +7,7 @@ import pytest
 import scipy.linalg
 
 from fenics_rom.errors import StructureError
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.reduction.moving_frame import inertia_constants
 from fenics_rom.rom.moving_frame import check_moving_frame
 

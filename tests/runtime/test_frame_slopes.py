@@ -8,7 +8,7 @@ import pytest
 
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along
 from fenics_rom.mechanics.frame_motion import cayley, quaternion_of_vector, rotation_matrix
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.frame_slopes import InertiaSlopes, Moving, PointsMoved, Slopes, StepTurn
 from fenics_rom.runtime.steppers.ground_ties import GroundTies

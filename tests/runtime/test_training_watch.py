@@ -11,8 +11,8 @@ from soft_rom import soft_rom
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.environment import AppliedLoad
-from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR
 from fenics_rom.mechanics.signals import Signal
+from fenics_rom.mechanics.voigt import VOIGT_SHEAR
 from fenics_rom.rom.deformation import TrainingRange
 from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.runtime.steppers.training_watch import LOCAL_STRAIN, TRUSTED_LOAD, TRUSTED_STRAIN, TrainingWatch

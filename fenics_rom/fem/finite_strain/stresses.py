@@ -16,7 +16,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.hyperelastic import (
-    VOIGT_INDEX,
     discrete_gradient_slopes,
     discrete_gradient_stress,
     energy_density,
@@ -27,6 +26,7 @@ from fenics_rom.mechanics.hyperelastic import (
     stress,
 )
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 
 IDENTITY = np.eye(3)[:, :, None]
 

@@ -23,7 +23,7 @@ from petsc4py import PETSc
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, EquilibriumStresses, HyperelasticMaterial, Stresses
 from fenics_rom.fem.petsc_matrix import PetscMatrix, combination, from_local_rows
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
+from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
 from fenics_rom.system.body import Unknowns
 
 CELLS_PER_BATCH = 4096

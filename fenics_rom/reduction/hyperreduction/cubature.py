@@ -13,7 +13,8 @@ import scipy.linalg
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, linear_stress, small_strain, strain, stress
+from fenics_rom.mechanics.hyperelastic import linear_stress, small_strain, strain, stress
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.system.protocols import Algebra, Deformation
 
 POINTS_AT_ONCE = 4096  # whose contributions are worked on together

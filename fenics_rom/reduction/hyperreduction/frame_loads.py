@@ -17,8 +17,8 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_motion import rotation_matrix
-from fenics_rom.mechanics.hyperelastic import VOIGT_PAIRS
 from fenics_rom.mechanics.initial_state import InitialState
+from fenics_rom.mechanics.voigt import VOIGT_PAIRS
 from fenics_rom.reduction.problem import ReductionProblem, scale_inputs
 from fenics_rom.system.system import System
 

@@ -8,8 +8,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR
 from fenics_rom.mechanics.step import StepInput
+from fenics_rom.mechanics.voigt import VOIGT_SHEAR
 from fenics_rom.reduction.balancing import choose_order
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.common_basis import significant_eigenpairs

@@ -21,7 +21,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.frame_geometry import Geometry, crossed, vector
 from fenics_rom.mechanics.frame_motion import cross_matrix
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.inertia import contraction, pairs

@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.frame_geometry import TOO_FAR
 from fenics_rom.mechanics.frame_motion import Vector, added, cross, dot, length
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
+from fenics_rom.mechanics.voigt import VOIGT_INDEX
 
 TOLERANCE = 1e-15  # of the velocities: what the next correction may be
 ROUND_OFF = 4e-15  # of the velocities: a correction that is none
