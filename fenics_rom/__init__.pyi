@@ -28,6 +28,10 @@ from fenics_rom.first_steps import compile_steps as compile_steps
 from fenics_rom.identification.identify import identify as identify
 from fenics_rom.identification.marker_data import read_markers as read_markers
 from fenics_rom.identification.result import Identification as Identification
+from fenics_rom.identification.rubber import RubberFit as RubberFit
+from fenics_rom.identification.rubber import fit_rubber as fit_rubber
+from fenics_rom.identification.rubber import read_rubber_data as read_rubber_data
+from fenics_rom.identification.rubber_report import write_rubber_fit as write_rubber_fit
 from fenics_rom.identification.scene_gradient import SceneGradient as SceneGradient
 from fenics_rom.identification.scene_gradient import differentiate_scene as differentiate_scene
 from fenics_rom.identification.write import write_identification as write_identification

@@ -25,6 +25,10 @@ def folder(tmp_path_factory, plate_system, plate_rom):
     mesh = PLATE.parents[2] / "meshes" / "plate.msh"
     shutil.copy(mesh, place)
     (place / "plate.toml").write_text(PLATE.read_text().replace("../../meshes/", ""))
+    large = '\n[effects.large_deformation]\nmaterial = "yeoh"\nconstants = [1.0]\n'
+    (place / "rubber.toml").write_text((place / "plate.toml").read_text() + large)
+    rows = [f"{x},{0.4 * (x - x**-2)},{0.4 * (x - x**-3)}" for x in (1.2, 1.5, 2.0)]
+    (place / "rubber.csv").write_text("\n".join(["stretch,uniaxial (MPa),planar (MPa)", *rows]) + "\n")
     shutil.copy(WORLD_EXAMPLE, place / "stack.toml")
     fr.write_rom(place / "plate.h5", plate_rom)
     fr.write_trajectory(place / "run.h5", fr.simulate(plate_rom, dt=0.01))

@@ -6,19 +6,24 @@ from pathlib import Path
 import fenics_rom as fr
 from fenics_rom.cli.display import print_lines, print_table, progress
 from fenics_rom.cli.output import add_output
+from fenics_rom.errors import SceneError
 from fenics_rom.io.atomic_write import check_folder
 from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.io.overwriting import check_outputs_in
 from fenics_rom.visualization.figure import figure_class
 
-SUMMARY = "find material and damping from marker data; runs under mpirun"
+SUMMARY = "find material and damping from marker data, or a law of rubber from tests; runs under mpirun"
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
     command.add_argument("scene", metavar="SCENE", help="scene file (TOML); its values are the start")
     command.add_argument(
-        "--data", action="append", required=True, metavar="FILE.csv", help="measured displacements; once for each file"
+        "--data",
+        action="append",
+        required=True,
+        metavar="FILE.csv",
+        help="measured displacements, or tests of rubber; once for each",
     )
     command.add_argument(
         "--also",
@@ -40,11 +45,15 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(choice: argparse.Namespace) -> None:
     """Identifies, and writes what was found."""
-    from fenics_rom.identification.write import FILES  # needs SciPy, which a run of a ROM does not
+    from fenics_rom.identification.rubber import is_rubber_data  # needs SciPy, which a run of a ROM does not
+    from fenics_rom.identification.write import FILES
 
     figure_class()
     check_folder(choice.output)
     scene = fr.read_scene(choice.scene)
+    if all(map(is_rubber_data, choice.data)):
+        _fit_rubber(scene, choice)
+        return
     with progress() as report:
         also = [fr.read_markers(file, fr.read_scene(other)) for other, file in choice.also]
         data = [*choice.data, *also]
@@ -54,6 +63,20 @@ def run(choice: argparse.Namespace) -> None:
     fr.write_identification(choice.output, result, force=choice.force)
     if is_root_process():
         _print_identification(result, choice.output)
+
+
+def _fit_rubber(scene: "fr.Scene", choice: argparse.Namespace) -> None:
+    """Fits tests of rubber, and writes what was found."""
+    from fenics_rom.identification.rubber_report import HEADING, law_rows, test_rows
+
+    for option in ("also", "parameters"):
+        if getattr(choice, option):
+            raise SceneError(f"--{option}: is of marker data; tests of rubber are fitted without")
+    fit = fr.fit_rubber(scene, choice.data)
+    fr.write_rubber_fit(choice.output, fit, force=choice.force)
+    if is_root_process():
+        print_table(f"rubber of {scene.name}: {choice.output}", HEADING, test_rows(fit))
+        print_lines(law_rows(fit), fit.warnings)
 
 
 def _print_identification(result: "fr.Identification", folder: Path) -> None:

@@ -19,6 +19,7 @@ from fenics_rom.io.atomic_write import make_folder, write_whole
 from fenics_rom.io.markdown import markdown
 from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.io.overwriting import check_outputs_in
+from fenics_rom.scene.scene import Scene
 
 Keys = tuple[str | int, ...]
 
@@ -62,21 +63,26 @@ def write_identification(folder: str | Path, result: Identification, *, force: b
 
 def identified_text(result: Identification, folder: Path) -> str:
     """The scene file with the values that were found, for a file in `folder`: paths in it are relative to that."""
-    document = tomlkit.parse(result.scene.text)
-    for estimate in result.found:
-        if estimate.parameter.path:
-            replace_value(document, estimate.parameter.path, tomlkit.value(f"{estimate.value:.8g}"))
+    found: dict[Keys, str] = {each.parameter.path: f"{each.value:.8g}" for each in result.found if each.parameter.path}
     gravity = result.scene.effects.gravity
     if gravity is not None and is_tilting([estimate.parameter for estimate in result.found]):
         numbers = ", ".join(f"{component:.8g}" for component in gravity.acceleration)
-        replace_value(document, ("effects", "gravity", "acceleration"), tomlkit.value(f"[{numbers}]"))
-    for path, file in ((("mesh", "file"), document["mesh"]["file"]), *_tables(document)):
-        if not Path(file).is_absolute():
-            moved = os.path.relpath(Path(result.scene.source).parent / file, folder)
-            replace_value(document, path, Path(moved).as_posix())
+        found["effects", "gravity", "acceleration"] = f"[{numbers}]"
     held = ", ".join(estimate.parameter.name for estimate in result.estimates if estimate.held)
     said = f"# The data do not determine {held}: left at the start value.\n" if held else ""
-    return said + tomlkit.dumps(document)
+    return said + scene_text(result.scene, found, folder)
+
+
+def scene_text(scene: Scene, found: Mapping[Keys, str], folder: Path) -> str:
+    """The scene file with other values, as TOML has them, for a file in `folder`."""
+    document = tomlkit.parse(scene.text)
+    for path, text in found.items():
+        replace_value(document, path, tomlkit.value(text))
+    for path, file in ((("mesh", "file"), document["mesh"]["file"]), *_tables(document)):
+        if not Path(file).is_absolute():
+            moved = os.path.relpath(Path(scene.source).parent / file, folder)
+            replace_value(document, path, Path(moved).as_posix())
+    return tomlkit.dumps(document)
 
 
 def replace_value(document: Any, path: Keys, value: Any) -> None:

@@ -25,6 +25,7 @@ from fenics_rom.mechanics.isochoric import (
     power_trace,
     power_trace_curvature,
     power_trace_slope,
+    principal_strains,
 )
 from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
 
@@ -67,6 +68,12 @@ def strain_rate(F: Array, dH: Array) -> Array:
     rates = FᵀdH[i, j]
     rates[shear] += FᵀdH[j[shear], i[shear]]
     return rates
+
+
+def principal_stretches(E: Array) -> Array:
+    """(P, 3) of strains (6, P)."""
+    stretches: Array = np.sqrt(1 + 2 * principal_strains(E)[0])
+    return stretches
 
 
 def energy_density(law: str, E: Array, λ: Array, μ: Array) -> Array:

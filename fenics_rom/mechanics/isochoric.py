@@ -14,7 +14,7 @@ goes on as a parabola, so that an iteration that goes astray has numbers.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -61,7 +61,7 @@ class IsochoricTerm(NamedTuple):
     def curvature(self, x: Array) -> Array:
         """Second derivative."""
         if self.largest == math.inf:
-            return self.n * (self.n - 1) * x ** (self.n - 2)
+            return self.n * (self.n - 1) * x ** max(self.n - 2, 0)
         return 1 / (self.largest * (1 - self._parted(x)[0]) ** 2)
 
     def _parted(self, x: Array) -> tuple[Array, Array]:
@@ -138,10 +138,15 @@ def isochoric_terms(law: str) -> tuple[IsochoricTerm, ...]:
     if not kind.allowed(constants):
         raise ValueError(f"{name} has the constants {constants}: allowed are {kind.says}")
     terms = kind.terms(constants)
-    shear = sum(2 * term.k * term.β**2 for term in terms if term.n == 1)
+    shear = shear_modulus(terms)
     if not shear > 0:
         raise ValueError(f"{name} has the constants {constants}, and {shear:g} as its shear modulus: allowed is > 0")
     return tuple(term._replace(k=term.k / shear) for term in terms)
+
+
+def shear_modulus(terms: Iterable[IsochoricTerm]) -> float:
+    """At rest, over μ."""
+    return sum(2 * term.k * term.β**2 for term in terms if term.n == 1)
 
 
 def metric_products(c: Array) -> Array:
@@ -155,7 +160,7 @@ def metric_products(c: Array) -> Array:
 # --- x and its derivatives by E -------------------------------------------------------------------------------------
 
 
-def _principal(E: Array) -> tuple[Array, Array]:
+def principal_strains(E: Array) -> tuple[Array, Array]:
     """Principal strains (P, 3) and their directions (P, 3, 3), in columns."""
     values, directions = np.linalg.eigh((E / VOIGT_SHEAR)[VOIGT_INDEX].transpose(2, 0, 1))
     return values, directions
@@ -165,7 +170,7 @@ def power_trace(E: Array, β: float, lnJ: Array) -> Array:
     """x (P,), without the cancellation of 3."""
     if β == 1:
         return 3 * np.expm1(-2 / 3 * lnJ) + 2 * np.exp(-2 / 3 * lnJ) * E[:3].sum(axis=0)
-    x: Array = np.expm1(β * (np.log1p(2 * _principal(E)[0]) - 2 / 3 * lnJ[:, None])).sum(axis=1)
+    x: Array = np.expm1(β * (np.log1p(2 * principal_strains(E)[0]) - 2 / 3 * lnJ[:, None])).sum(axis=1)
     return x
 
 
@@ -173,7 +178,7 @@ def _metric_power(E: Array, exponent: float) -> Array:
     """C^exponent (6, P)."""
     if exponent == 0:
         return np.repeat(UNIT, E.shape[1], axis=1)
-    values, n = _principal(E)
+    values, n = principal_strains(E)
     i, j = VOIGT_PAIRS.T
     return np.einsum("pa,pca,pca->cp", (1 + 2 * values) ** exponent, n[:, i], n[:, j])
 
@@ -199,7 +204,7 @@ def power_trace_curvature(E: Array, β: float, inverse: Array, lnJ: Array) -> Ar
 
 def _metric_power_slope(E: Array, exponent: float) -> Array:
     """∂C^exponent/∂C (6, 6, P), by its difference quotients in principal directions (Daleckii & Krein, 1965)."""
-    values, n = _principal(E)
+    values, n = principal_strains(E)
     c = 1 + 2 * values
     difference, mean = c[:, :, None] - c[:, None, :], (c[:, :, None] + c[:, None, :]) / 2
     apart = np.abs(difference) > SAME_STRETCH * mean

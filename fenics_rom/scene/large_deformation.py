@@ -11,6 +11,14 @@ Acceleration = Annotated[float, Number(at_least=0.0, unit="m/s2")]
 AngularAcceleration = Annotated[float, Number(at_least=0.0, unit="rad/s2")]
 Spin = Annotated[float, Number(at_least=0.0, unit="rad/s")]
 
+NO_LAWS = (
+    (
+        "mullins",
+        "the softening of rubber in its first pulls (Mullins) is not modelled: fit a law to tests of rubber that was "
+        "pulled as far some times before",
+    ),
+)
+
 
 @dataclass(frozen=True)
 class FrameTraining:
@@ -44,14 +52,15 @@ class LargeDeformation:
     )
     material: Annotated[
         str,
-        Text(choices=(*LAWS, *LAWS_WITH_CONSTANTS)),
+        Text(choices=(*LAWS, *LAWS_WITH_CONSTANTS), missing=NO_LAWS),
         '"st_venant_kirchhoff" (moderate strains), "neo_hookean" (large ones), or a law with constants for rubber',
     ] = "st_venant_kirchhoff"
     constants: Annotated[
         tuple[Annotated[float, Number()], ...],
         Items(),
         "of rubber as they are printed: C10, C01 of mooney_rivlin; C10, C20, C30 of yeoh; μ1, α1, μ2, α2, ... of ogden "
-        "(Σ μ/α (λ1^α + λ2^α + λ3^α - 3)); their ratios count, in any unit; the size is that of young and poisson",
+        "(Σ μ/α (λ1^α + λ2^α + λ3^α - 3)), whose ratios count, in any unit; Jm of gent, the largest I1 - 3; λm of "
+        "arruda_boyce, the stretch at which chains lock; the size is that of young and poisson",
     ] = ()
     training: Annotated[
         FrameTraining | None,

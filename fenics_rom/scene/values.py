@@ -90,9 +90,10 @@ class Number(Value):
 
 @dataclass(frozen=True)
 class Text(Value):
-    """A non-empty string; one of `choices` where there are any."""
+    """A non-empty string; one of `choices` where there are any, else why a `missing` one is none of them."""
 
     choices: tuple[str, ...] = ()
+    missing: tuple[tuple[str, str], ...] = ()  # names and reasons
     allowed = "a non-empty string"
 
     def checked(self, value: Any) -> str:
@@ -100,6 +101,8 @@ class Text(Value):
         if not isinstance(value, str) or not value:
             raise refused(value, self.allowed)
         if self.choices and value not in self.choices:
+            if (reason := dict(self.missing).get(value)) is not None:
+                raise refused(value, f"one of {', '.join(self.choices)}; {reason}")
             raise Refused(f": {unknown('choice', value, self.choices)}")
         return value
 

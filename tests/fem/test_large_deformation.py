@@ -90,6 +90,7 @@ RUBBER = {  # in principal stretches, as UFL writes them without eigenvalues
     "mooney_rivlin": lambda C: 2 / 3 * (ufl.tr(C) - 3) + 1 / 3 * (ufl.tr(ufl.inv(C)) - 3),
     "yeoh": lambda C: (ufl.tr(C) - 3) + 0.3 * (ufl.tr(C) - 3) ** 2 - 0.01 * (ufl.tr(C) - 3) ** 3,
     "ogden": lambda C: (ufl.tr(C * C) - 3) / 4 + 0.1 * (ufl.tr(ufl.inv(C)) - 3),
+    "gent": lambda C: -15 * ufl.ln(1 - (ufl.tr(C) - 3) / 30),
 }
 
 
@@ -102,6 +103,7 @@ RUBBER = {  # in principal stretches, as UFL writes them without eigenvalues
         ("mooney_rivlin 2 1", 2, "full"),
         ("yeoh 1 0.3 -0.01", 2, "selective"),
         ("ogden 1 4 -0.2 -2", 2, "full"),
+        ("gent 30", 1, "full"),
     ],
 )
 def test_elastic_force_is_what_dolfinx_makes_of_the_energy(beam, law, degree, integration):
@@ -126,7 +128,9 @@ def test_elastic_force_is_what_dolfinx_makes_of_the_energy(beam, law, degree, in
     potential = W * dx
     if material in RUBBER:
         isochoric, κ = RUBBER[material](C * ufl.exp(-2 / 3 * lnJ)), λ + 2 / 3 * μ
-        scale = {"mooney_rivlin": 2, "yeoh": 2, "ogden": 2.2}[material]  # the shear modulus of these constants
+        scale = {"mooney_rivlin": 2, "yeoh": 2, "ogden": 2.2, "gent": 1}[
+            material
+        ]  # the shear modulus of these constants
         U = (ufl.det(C) - 1 - 2 * lnJ) / 4
         potential = (μ / scale * isochoric + κ * U) * dx
         if integration == "selective":

@@ -8,6 +8,7 @@ import pytest
 import scipy.optimize
 from bodies import assembled, box_arrays, write_arrays
 from soft_box import SoftStepper, soft_box
+from soft_rom import soft_rom
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, FileError, SceneError, SolverError, StepError
@@ -18,7 +19,7 @@ from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.common_basis import CommonBasis
 from fenics_rom.reduction.hyperreduction.cubature import STIFFNESS_SHARE, fit_cubature, sparse_weights, spread_states
 from fenics_rom.reduction.hyperreduction.modal_derivatives import second_order, static_derivatives
-from fenics_rom.reduction.hyperreduction.reduce import validation_error
+from fenics_rom.reduction.hyperreduction.reduce import check_law, validation_error
 from fenics_rom.reduction.hyperreduction.training import plan_runs
 from fenics_rom.reduction.hyperreduction.training_loads import load_extremes, slowest_period, training_targets
 from fenics_rom.reduction.problem import ReductionProblem
@@ -456,3 +457,17 @@ def test_a_scene_must_say_how_far_to_train():
     system = box()
     with pytest.raises(SceneError, match=r"has no \[run\]"):
         fr.reduce(replace(system, scene=replace(system.scene, run=None)), order=8)
+
+
+@pytest.mark.parametrize(("law", "gives_way"), [("yeoh 1.0 -0.05", True), ("yeoh 1.0 0.05", False), (LAWS[1], False)])
+def test_a_law_that_gives_way_at_stretches_of_the_training_is_refused(law, gives_way):
+    rom = soft_rom("neo_hookean")
+    body = replace(rom.deformation, law=law)
+    q = np.random.default_rng(0).standard_normal((body.order, 3))
+    scale = np.sqrt(np.max([np.square(body.displacement_gradients(each)).max() for each in q.T]))
+    check_law(body, 0.1 / scale * q)
+    if not gives_way:
+        check_law(body, 4 / scale * q)
+        return
+    with pytest.raises(SceneError, match=r"constants: yeoh 1.0 -0.05 in a uniaxial test it is not stable beyond"):
+        check_law(body, 4 / scale * q)

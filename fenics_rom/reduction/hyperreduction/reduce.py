@@ -8,6 +8,9 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.hyperelastic import principal_stretches
+from fenics_rom.mechanics.isochoric import isochoric_terms
+from fenics_rom.mechanics.rubber_tests import check_stable
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.mechanics.voigt import VOIGT_SHEAR
 from fenics_rom.reduction.balancing import choose_order
@@ -68,6 +71,7 @@ def hyperreduce(problem: ReductionProblem, whole: System, method: str, tolerance
         for shapes in (training.shapes, *(shapes for _, shapes in training.held_out))
     )
     body = _deformation(problem, W, rom.stiffness, states, tolerance)
+    check_law(body, np.hstack([states, *held_out]))
     rom = replace(rom, deformation=body)
     if training.held_out:
         with problem.stages("validation"):
@@ -92,6 +96,22 @@ def _with_inputs(rom: Rom, system: System) -> Rom:
         name: replace(model, inputs=inner(W, system.input_matrix(name))) for name, model in rom.contact_models.items()
     }
     return replace(rom, contact_models=models, loads={name: B.shape[1] for name, B in system.loads.items()})
+
+
+def check_law(body: ReducedDeformation, states: Array) -> None:
+    """Refuses a law that gives way at stretches that the kept points have in states q (m, s), without change of volume.
+
+    Raises:
+        SceneError: with the stretch.
+    """
+    if not isochoric_terms(body.law):
+        return
+    stretches = np.concatenate([principal_stretches(body.strains(q)) for q in states.T])
+    shapes = stretches / np.cbrt(np.prod(stretches, axis=1))[:, None]
+    try:
+        check_stable(body.law, min(float(shapes.min()), 1.0), max(float(shapes.max()), 1.0))
+    except ValueError as error:
+        raise SceneError(f"effects.large_deformation.constants: {body.law} {error}") from None
 
 
 def _training_range(body: ReducedDeformation, training: TrainingData, states: Array) -> TrainingRange:
