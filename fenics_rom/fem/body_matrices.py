@@ -27,7 +27,7 @@ from fenics_rom.fem.nodes import CELL_EDGES, Nodes
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
 from fenics_rom.fem.places import picked_cells
 from fenics_rom.fem.restriction import restrict_matrices
-from fenics_rom.fem.springs import dashpots_of, of_components, springs_of, with_attached
+from fenics_rom.fem.springs import dashpots_of, of_components, sliding_springs_of, springs_of, summed, with_attached
 from fenics_rom.scene.places import given_piece
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
@@ -90,7 +90,7 @@ def body_matrices(
         frame_masses = _frame_masses(scene, nodes, full["mass"], translated, fixed, dolfinx_number)
     reduced = restrict_matrices(full, unknowns, dolfinx_number, nodes.coordinates)
     reduced["mass"] = with_attached(reduced["mass"], fixed, unknowns)
-    springs, dashpots = of_components(springs), of_components(dashpots)
+    springs, dashpots = summed([of_components(springs), sliding_springs_of(scene, nodes)]), of_components(dashpots)
     on_body = None if scene.environment.is_moving else springs
     reduced["stiffness"] = with_attached(reduced["stiffness"], on_body, unknowns)
     damping, external = _dampings(scene, reduced, springs, dashpots, unknowns)

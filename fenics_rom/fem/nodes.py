@@ -119,9 +119,10 @@ def mean_over(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
     return mean / mean.sum()
 
 
-def surface_mass(nodes: Nodes, triangles: np.ndarray) -> scipy.sparse.csr_matrix:
-    """∫ φ_i φ_j over flat triangles, as a share of their area, (N, N)."""
+def surface_mass(nodes: Nodes, triangles: np.ndarray, weights: np.ndarray | None = None) -> scipy.sparse.csr_matrix:
+    """∫ w φ_i φ_j over flat triangles, as a share of their area, (N, N); w (F,) is 1 unless given."""
     area = triangle_areas(nodes, triangles)
+    share = area / area.sum() * (1.0 if weights is None else weights)
     if len(nodes.edges):
         opposite = -4 * np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])
         element = np.block([[7 * np.eye(3) - 1, opposite], [opposite.T, 16 * (np.eye(3) + 1)]]) / 180
@@ -129,7 +130,7 @@ def surface_mass(nodes: Nodes, triangles: np.ndarray) -> scipy.sparse.csr_matrix
         element = (np.eye(3) + 1) / 12
     ends = nodes.triangle_nodes(triangles)
     rows, columns = (np.repeat(ends, len(element), axis=1), np.tile(ends, len(element)))
-    values = (area / area.sum())[:, None] * element.ravel()
+    values = share[:, None] * element.ravel()
     entries = values.ravel(), (rows.ravel(), columns.ravel())
     return scipy.sparse.csr_matrix(entries, shape=2 * (len(nodes.coordinates),))
 

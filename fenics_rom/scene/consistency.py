@@ -231,6 +231,9 @@ def _check_frame(file: SceneFile) -> None:
         )
     if effects.base_motion and not carried:
         raise SceneError("effects.base_motion: shakes what is clamped, and nothing is; name supports, or leave it out")
+    for name, spring in effects.springs.items():
+        if spring.sliding:
+            raise SceneError(f"effects.springs.{name}.sliding: allowed is with frame = 'fixed'")
     for name, fixed in effects.point_masses.items():
         if fixed.direction is not None:
             raise SceneError(

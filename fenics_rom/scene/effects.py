@@ -87,12 +87,24 @@ class Viscoelasticity:
 
 @dataclass(frozen=True, kw_only=True)
 class Spring(Place):
-    """A spring to ground, spread evenly over a surface; in a moving frame it pulls to where nodes are at rest."""
+    """A spring to ground, or an elastic foundation, spread evenly over a surface.
+
+    In a moving frame it pulls to where nodes are at rest.
+    """
 
     LAW: ClassVar = Law(
         force="K_s x, a spring to ground spread evenly over a surface", stores="½ xᵀ K_s x", online=False
     )
-    stiffness: Annotated[float, Number(above=0.0, unit="N/m"), "force per displacement of the whole surface"]
+    ONE_OF = (PIECES, ("stiffness", "foundation"))
+    stiffness: Annotated[
+        float | None, Number(above=0.0, unit="N/m"), "force per displacement of the whole surface; this or foundation"
+    ] = None
+    foundation: Annotated[
+        float | None, Number(above=0.0, unit="N/m3"), "of an elastic foundation (Winkler): pressure per displacement"
+    ] = None
+    sliding: Annotated[
+        bool, Flag(), "whether it resists along the surface's normals alone; where the frame does not move"
+    ] = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import acted_on, box_arrays, box_surfaces, dense, write_arrays
+from bodies import acted_on, box_arrays, box_surfaces, dense, scene_text, write_arrays
 from scipy.spatial.transform import Rotation
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.fem.simulator import FullOrderSimulator
+from fenics_rom.scene.file import parse_scene
 from fenics_rom.world.shapes import HalfSpace
 
 EXACT = 1e-10  # degree 2 holds the exact solution: what is left is the round-off of solves
@@ -417,6 +418,25 @@ def test_springs_and_dashpots_add_up(bar):
         assert np.linalg.eigvalsh((matrix + matrix.T) / 2)[0] >= -1e-9 * np.abs(matrix).max()
     assert with_them.rigid.shape[1] == 0
     assert without.rigid.shape[1] == 6
+
+
+def test_foundations_resist_by_area_and_along_normals_where_they_slide(bar):
+    """Along any translation: k A of all faces, or of those at right angles to it; a flat one lets it slide."""
+    bed = '[effects.springs.bed]\nany = ["left", "right", "front", "back", "bottom", "top"]\nfoundation = 100.0\n'
+    without = fr.assemble(beam(bar, "inertia = {}", **FREE))
+    n, (x, y, z) = without.size, (LENGTH, WIDTH, HEIGHT)
+    shift, faces = np.kron(np.ones((n // 3, 1)), np.eye(3)), 200.0 * np.array([y * z, x * z, x * y])
+    for slides, expected in (("", faces.sum() * np.eye(3)), ("sliding = true", np.diag(faces))):
+        system = fr.assemble(beam(bar, f"inertia = {{}}\n{bed}{slides}", **FREE))
+        added = dense(system.stiffness, n) - dense(without.stiffness, n)
+        np.testing.assert_allclose(shift.T @ added @ shift, expected, atol=1e-12 * np.abs(added).max() * n)
+        assert np.linalg.eigvalsh((added + added.T) / 2)[0] >= -1e-12 * np.abs(added).max()
+    flat = bed.replace('any = ["left", "right", "front", "back", "bottom", "top"]', 'surface = "bottom"')
+    assert fr.assemble(beam(bar, f"{flat}sliding = true", **FREE)).rigid.shape[1] == 3  # two ways, and about the normal
+    with pytest.raises(SceneError, match=r"springs\.bed\.sliding: allowed is with frame"):
+        parse_scene('frame = "moving"\n' + scene_text(bar, effects=f"inertia = {{}}\n{flat}sliding = true"))
+    with pytest.raises(SceneError, match="foundation"):
+        beam(bar, flat.replace("foundation = 100.0", ""), **FREE)
 
 
 @BOTH
