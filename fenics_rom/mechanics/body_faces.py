@@ -20,6 +20,7 @@ from fenics_rom.mechanics.obstacle_outline import Outline
 from fenics_rom.mechanics.surface_pairs import Boxes, near_boxes, unit_normals
 from fenics_rom.mechanics.triangle_surface import edges_of
 from fenics_rom.mechanics.triangles import covering_radius, weights_in_planes
+from fenics_rom.mechanics.walls import thinnest_wall
 
 DEEPEST = 0.05  # of the longest side of a triangle's box: what is deeper inside is behind another part of the body
 STRETCH = 1.5  # by so much triangles may be longer than at rest
@@ -66,6 +67,7 @@ class BodyFaces:
     Attributes:
         parts: how many triangles and edges there are.
         size: longest side of a triangle's box at rest, m.
+        wall: how thick the body is behind them at rest, as far as they are on its other side, too, m; `size` at most.
         reach: how far a place may be from the nearest corner of its triangle, m.
         edges: (E, 2) rows of points.
         sharp: which of these bend at rest, or are on a border, (E,).
@@ -87,6 +89,7 @@ class BodyFaces:
         self.parts, self.size = len(triangles) + len(self.edges), Boxes.about(points[triangles.T]).size
         beside = unit_normals(points[triangles])[self._beside]
         self.sharp = (_dot(beside[:, 0], beside[:, 1]) < _SHARP) | (self._beside[:, 1] < 0)
+        self.wall = thinnest_wall(points[triangles], points[triangles], self.size)
         self.reach = STRETCH * float(covering_radius(points[triangles]).max())
 
     def near(self, points: Array, distances: Array, outline: Outline, margin: float, depth: float) -> Places:

@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, or_numpy
 from fenics_rom.mechanics import braking
-from fenics_rom.mechanics.compiled import contact_law
+from fenics_rom.mechanics.compiled import contact_law, springs
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, Pairs, ask, pairs_from
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside
@@ -26,7 +26,7 @@ Known = Callable[[], tuple[AskedPairs | None, SolvedPairs | None]]
 UNKNOWN = in_one_piece(np.empty((0, 0)))  # inverse of an operator
 _SWUNG = ContactSearch._fields.index("swung")
 NO_OUTWARDS, _NOWHERE = np.empty(0), np.empty((0, 3))
-find_forces = jit(contact_law.find_forces)
+find_forces, ask_springs = jit(contact_law.find_forces), jit(springs.ask_springs)
 
 
 def keep_decided(pairs: Pairs, decided: Decided, some: Array | slice) -> None:
@@ -206,6 +206,8 @@ class CompiledContact(ContactSolver):
         settled: Settled | None,
     ) -> Told | None:
         """Forces of a step; None where loops did not find them. start: (N, 3) to begin with, N."""
+        if self.keeps_out:
+            return None
         law, pairs, begun = self.law_in_steps(dt, quasi_static), pairs_from(start, self.law.friction), self._begun[1]
         P, free, velocity = len(self.points), *map(np.ascontiguousarray, (points.free_velocity, points.velocity))
         self._seen = None
@@ -218,6 +220,8 @@ class CompiledContact(ContactSolver):
             measure(self.shapes, obstacles.start, self.points + points.displacement, gaps, pairs.axes[:, 0])
         outwards = NO_OUTWARDS if settled is None else np.ascontiguousarray(settled.outwards(NO_OUTWARDS))
         ask(law, gaps, free, velocity, beside, begun.forces_before, outwards, pairs, np.inf)
+        if law.compliance:
+            ask_springs(law, gaps, np.inf, pairs)
         swung, decided = begun.swung, None if settled is None else settled.decided()
         if decided is not None:
             keep_decided(pairs, decided, slice(None))

@@ -37,7 +37,7 @@ class CompiledSelfContact(NearContact, SelfContact):
         self._last = self.search, self._begun, (points, delassus, dt, obstacles, quasi_static)
         self._look_around(points, dt, settled)
         found = self._find(points, delassus, dt, beside(obstacles), quasi_static, settled)
-        if found is None:
+        if found is None or self._add_crossings(points, delassus, dt, found[0]):
             return super().solve(points, delassus, dt, obstacles, quasi_static, settled, is_patient)
         self._settled = settled
         contact, self.search = found
@@ -48,6 +48,8 @@ class CompiledSelfContact(NearContact, SelfContact):
         self, near: Near, points: PointMotion, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool
     ) -> FoundNear | None:
         """As in NearContact."""
+        if self.keeps_out or self._itself.crossing is not None:
+            return None
         look, _, at, pairs, known, decided, swung = near
         n, before = int(np.searchsorted(at, self._own.start)), self._begun[1].forces_before[at]
         pairs.axes[:, 0] = look.normals[at]

@@ -82,7 +82,8 @@ class ContactLaw:
         restitution: e, in [0, 1]: the part of the approaching speed that an impact gives back.
         friction: Coulomb's coefficient μ >= 0.
         stiffness: k, N/m, of a spring at every point in place of the rigid law, which then knows no restitution:
-            λ = max(0, -k g - (k h/2 + d) s). None: rigid.
+            λ = max(0, -k g - (k h/2 + d) s); where nothing presses it yet, λ = max(0, -(k h/2 + d) (g/h + s)). So it
+            takes no less than it stores, whatever the step. None: rigid.
         damping: d, N s/m, of a dashpot beside each spring.
 
     Raises:
@@ -114,6 +115,11 @@ class ContactLaw:
             return -1 / dt, 0.0
         damper = self.stiffness * dt / 2 + self.damping
         return -self.stiffness / damper, 1 / damper
+
+
+def rigid_law(law: ContactLaw) -> ContactLaw:
+    """That of obstacles without springs, beside the same friction."""
+    return law if law.stiffness is None else ContactLaw(friction=law.friction)
 
 
 class ContactWork(NamedTuple):
@@ -300,10 +306,18 @@ class HeldBack(NamedTuple):
 
     steps: int = 0  # how many
     dt: float = math.inf  # s, in which none would have gone so far, about
+    springs: int = 0  # in how many of them springs would have let points through
+    depth: float = 0.0  # as deep, m, or as far of what went through a mesh
 
     @property
     def message(self) -> str:
         """What to say of a run; empty where there was no such step."""
+        if self.springs:
+            return (
+                f"in {self.springs} steps springs of contact would have let points through an obstacle, or the body "
+                f"itself, by up to {self.depth:.2g} m: they were held as the rigid law does; stiffer springs, or a "
+                "smaller dt, would do"
+            )
         if not self.steps:
             return ""
         return (
@@ -314,7 +328,11 @@ class HeldBack(NamedTuple):
 
     def with_step(self, dt: float) -> "HeldBack":
         """With one more step, for which this dt would have done, s."""
-        return HeldBack(self.steps + 1, min(self.dt, dt))
+        return self._replace(steps=self.steps + 1, dt=min(self.dt, dt))
+
+    def with_springs(self, depth: float) -> "HeldBack":
+        """With one more step in which springs would have let points go so far, m."""
+        return self._replace(steps=self.steps + 1, springs=self.springs + 1, depth=max(self.depth, depth))
 
 
 class ContactResidual(NamedTuple):

@@ -22,7 +22,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Delassus
 from fenics_rom.mechanics.complementarity.linearised import Linearisation, least_solution
-from fenics_rom.mechanics.contact import ContactLaw, PointMotion
+from fenics_rom.mechanics.contact import ContactLaw, PointMotion, rigid_law
 from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs, target_slopes
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacle_poses import curvature_from
@@ -96,7 +96,8 @@ class ContactAdjoint(NamedTuple):
             turning = TurningPairs.of(*of_step)
             curvature = turning.curvature
         moved, bends = _of_pairs(found, found.operator), curvature if curvature.any() else None
-        return ContactAdjoint(solver.law, found, bends, turning, found.operator, moved, Delassus(moved))
+        law = solver.law if found.pairs.compliance else rigid_law(solver.law)  # of springs that were held, too
+        return ContactAdjoint(law, found, bends, turning, found.operator, moved, Delassus(moved))
 
     def through(
         self, operator: Array, by_start: Array | None = None, by_middle: Array | None = None

@@ -202,6 +202,7 @@ class NormalRule:
         self._thinnest = min(radii, default=np.inf) / dt  # as a velocity
         self._thin = np.repeat(radii, pairs // max(len(radii), 1)) / dt
         self._spring, self._quasi_static = law.stiffness is not None, quasi_static
+        self._enters = -1 / dt  # by which a gap is closed before springs act
         e, (rate, self._compliance) = law.restitution, law.in_steps(dt)
         self.is_elastic, self._bounces = e == 1.0, e > 0.0
         self._rate, self._half, self._share, self._pressed = (
@@ -225,6 +226,7 @@ class NormalRule:
         """
         closing = gaps * self._rate
         if self._spring:
+            closing = np.where(gaps > 0, gaps * self._enters, closing)
             return NormalLaw(closing, closing, self._compliance)
         if self._quasi_static:
             level = np.minimum(closing, self._zeros)
@@ -255,7 +257,7 @@ class NormalRule:
         return NormalLaw(level, target)
 
 
-def kept_out(asked: Asked, gaps: Array, dt: float, but: slice, approach: Array, outwards: Array) -> NormalLaw:
+def kept_out(asked: Asked, gaps: Array, dt: float, but: "slice | Array", approach: Array, outwards: Array) -> NormalLaw:
     """What the law asks in a step of dt, s, of pairs with gaps (O P,), m, that do not go farther; but of some."""
     law, surface = asked(approach, outwards), np.minimum(-gaps / dt, 0.0)
     surface[but] = -np.inf
@@ -267,7 +269,7 @@ def target_slopes(
 ) -> tuple[Array, Array]:
     """∂c/∂g, 1/s, and ∂c/∂a of pairs whose gaps, c and a are these, (C,) each; see `NormalRule`."""
     if law.stiffness is not None:
-        return np.full(len(target), law.in_steps(dt)[0]), np.zeros(len(target))
+        return np.where(gaps > 0, -1 / dt, law.in_steps(dt)[0]), np.zeros(len(target))
     if quasi_static:
         return np.where(target < 0, -1 / dt, 0.0), np.zeros(len(target))
     half, bounced, held = approach / 2, (1 - law.restitution) / 2 * approach, -gaps / dt

@@ -47,6 +47,7 @@ from fenics_rom.mechanics.reach import reach_of
 
 _ONES = np.ones(3)
 PENETRATION_TOLERANCE = 1e-9  # of the size of the body: as deep in an obstacle as round-off may have put a point
+LastStep = Callable[[], tuple[Pairs | None, SolvedPairs | None]]  # see `ContactSolver.last_step`
 _MOST_KEPT = 4  # operators of pairs, of those that were active last
 
 
@@ -78,7 +79,7 @@ class ContactSolver:
         self._delassus, self._operators = np.empty((0, 0)), dict[bytes, tuple[Array, Delassus]]()
         self._rule: NormalRule | None = None
         self._offsets, self._placed = np.empty((0, 3)), list[Array]()  # the points at rest, less these
-        self._told: Callable[[], tuple[Pairs | None, SolvedPairs | None]] | None = None  # of it, if it took no search
+        self._told: LastStep | None = None  # of it, if it took no search
         self.follows, self.clear = False, 0.0
         self._begun = b"", self.search  # velocities at its start, and what was kept of the past then
 
@@ -107,11 +108,13 @@ class ContactSolver:
                 f"{names[obstacle]!r} is the point at {(self.points[point] + displacement[point]).tolist()}"
             )
 
+    def depth_inside(self, points: PointMotion, velocity: Array, dt: float, obstacles: ObstacleMotion) -> float:
+        """How deep, m, what points that go with (P, 3) have to do with goes through the body itself; 0: none does."""
+        return 0.0
+
     def within_reach(self, points: PointMotion, dt: float, obstacles: ObstacleMotion) -> Array:
         """Points that may need contact forces in a step as of `solve`, or twice as fast; none where no point does."""
         gaps = self.gaps(points.displacement, obstacles.start)
-        if self.law.stiffness is not None:
-            return np.arange(len(gaps))
         reach = self._reach(points, obstacles, dt)
         return np.flatnonzero(gaps <= 2 * reach) if gaps.min() <= reach else np.empty(0, dtype=int)
 
@@ -161,8 +164,7 @@ class ContactSolver:
                     self.search, step = beside, (delassus, dt, obstacles, quasi_static, look)
                     return self.keep_followed(followed, motion.frames, lambda: (points, *known), *step)
                 chosen, beside = chosen | followed.missed, beside.beside(law.key, followed.solution.kept)
-        is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
-        if not is_near and look.gap > self._reach(points, obstacles, dt):
+        if not self._touches and look.gap > self._reach(points, obstacles, dt):  # else it hardly pays to ask
             self.pass_by()
             self.clear = look.gap
             return None
@@ -303,7 +305,7 @@ class ContactSolver:
         return ContactSolution(self._at_points(forces), 0, active, normals, among, w, power, None, surface)
 
     @property
-    def last_step(self) -> Callable[[], tuple[Pairs | None, SolvedPairs | None]]:
+    def last_step(self) -> LastStep:
         """Tells, also when other steps followed, what the law asked, where a pair could be due, and what was found."""
         if self._told is not None:
             return self._told

@@ -78,6 +78,7 @@ class FaceContact(MeshContact):
     ):
         self._faces, self._solids, P = faces, len(obstacles), len(points)
         self._met = [MetFaces(P) for _ in obstacles]
+        self._are_soft = law.stiffness is not None  # also in a step that is taken without springs
         super().__init__(points, (*obstacles, *self._met), law, *own)
         self._at_faces = slice(self._solids * P, 2 * self._solids * P)
         self.keeps_out = True  # no gap of a face ends below 0, whatever it turned by
@@ -182,6 +183,17 @@ class FaceContact(MeshContact):
             carriers=Carriers(nodes, weights),
         )
 
+    def depth_inside(self, points: PointMotion, velocity: Array, dt: float, obstacles: ObstacleMotion) -> float:
+        """As in ContactSolver."""
+        deepest, found = super().depth_inside(points, velocity, dt, obstacles), self._last_found
+        assert found is not None
+        for k, ends in enumerate(self._seen(points.displacement + dt * velocity, obstacles.end)):
+            before = found[k]
+            gaps = self._faces.at(ends, self._given[k].outline, before.keys).gaps
+            through = -gaps[(gaps < before.gaps) & (gaps < -self._faces.wall / 2)]
+            deepest = max(deepest, float(through.max(initial=0.0)))
+        return deepest
+
     def _looked_at(self, displacement: Array, obstacles: ObstacleMotion, dt: float) -> Look:
         """As in ContactSolver; places at faces go beside what of obstacles is there."""
         look, between = super()._looked_at(displacement, obstacles, dt), self._reached
@@ -206,7 +218,7 @@ class FaceContact(MeshContact):
     def _places(self, seen: list[Array], margin: float) -> list[Places]:
         """Of each obstacle those near faces of points that it sees there, (P, 3), m, lowest gaps first."""
         depth, found, self._nearest = max(DEEPEST * self._faces.size, margin), list[Places](), np.inf
-        deepest = 0.0 if self.law.stiffness is None else self._faces.size
+        deepest = self._faces.size if self._are_soft else 0.0
         for obstacle, points in zip(self._given[: self._solids], seen, strict=True):
             gaps = obstacle.distance(points)[0]
             self._nearest = min(self._nearest, float(gaps.min()))

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.own_surface import OwnSurface
 
 _Mesh = TypeVar("_Mesh", bound="MeshContact")
+_Contact = TypeVar("_Contact", bound=ContactSolver)
 
 
 def make_contact_solver(
@@ -33,33 +34,44 @@ def make_contact_solver(
     if faces is not None:
         from fenics_rom.mechanics.face_contact import FaceAndSelfContact, FaceContact  # here, as few scenes have these
 
-        return _kind(FaceContact)(*given, faces) if own is None else _kind(FaceAndSelfContact)(*given, faces, own)
+        if own is None:
+            return _kind(FaceContact, law)(*given, faces)
+        return _kind(FaceAndSelfContact, law)(*given, faces, own)
     if own is not None:
         if compiled() and all(each.is_convex for each in obstacles):
             from fenics_rom.mechanics.compiled_self_contact import CompiledSelfContact  # here, as below
 
-            return CompiledSelfContact(*given, own)
+            return _held(CompiledSelfContact, law)(*given, own)
         from fenics_rom.mechanics.self_contact import SelfContact  # here, as few bodies touch themselves
 
-        return _kind(SelfContact)(*given, own)
+        return _kind(SelfContact, law)(*given, own)
     if not all(each.is_convex for each in obstacles):
         from fenics_rom.mechanics.mesh_contact import MeshContact  # here, as few scenes have meshes
 
-        return _kind(MeshContact)(*given)
+        return _kind(MeshContact, law)(*given)
     if compiled():
         from fenics_rom.mechanics.compiled.shapes import shape_rows  # here, as numba takes time to import
         from fenics_rom.mechanics.compiled_contact import CompiledContact
 
         shapes = shape_rows(obstacles)
         if shapes is not None:
-            return CompiledContact(*given, shapes)
-    return ContactSolver(*given)
+            return _held(CompiledContact, law)(*given, shapes)
+    return _held(ContactSolver, law)(*given)
 
 
-def _kind(numpy: "type[_Mesh]") -> "type[_Mesh]":
+def _held(kind: type[_Contact], law: ContactLaw) -> type[_Contact]:
+    """The same, whose springs let nothing through, if the law has any."""
+    if law.stiffness is None:
+        return kind
+    from fenics_rom.mechanics.held_springs import with_springs  # here, as few laws have springs
+
+    return with_springs(kind)
+
+
+def _kind(numpy: "type[_Mesh]", law: ContactLaw) -> "type[_Mesh]":
     """The same, whose forces compiled loops find where there are any."""
     if not compiled():
-        return numpy
+        return _held(numpy, law)
     from fenics_rom.mechanics.compiled_pairs import by_loops  # here, as numba takes time to import
 
-    return by_loops(numpy)
+    return _held(by_loops(numpy), law)

@@ -141,8 +141,8 @@ class MeshContact(ContactSolver):
         return pairs[:, None] % len(self.points), np.tile(np.eye(3), (len(pairs), 1, 1, 1))
 
     def _due(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
-        """The largest gap, m, with which points and obstacles may be due; also of springs."""
-        return reach_of(points, self.points, obstacles, dt) * max(1.0, -1 / (self.law.in_steps(dt)[0] * dt))
+        """The largest gap, m, with which points and obstacles may be due."""
+        return reach_of(points, self.points, obstacles, dt)
 
     def _between(self, delassus: Array, pairs: Array) -> Array:
         """Relative velocities of pairs (C,) per force of each, (3C, 3C)."""

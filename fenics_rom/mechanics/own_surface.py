@@ -13,6 +13,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled, in_plain
 from fenics_rom.mechanics.frame_geometry import crossed
+from fenics_rom.mechanics.own_crossings import Crossings, find_crossings
 from fenics_rom.mechanics.surface_pairs import (
     DEEPEST,
     OPPOSITE,
@@ -117,6 +118,10 @@ class OwnSurface:
         kept = ((twin < 0) | (np.arange(len(twin)) < twin)).nonzero()[0]
         self.last = Facing(found, plain, twin, kept)
         return OnSurface(*(part[kept] for part in found))
+
+    def crossings(self, points: Array, ways: Array) -> Crossings:
+        """Where points, of all at (n, 3) that go (n, 3), m, first go through triangles that they can touch."""
+        return find_crossings(points, ways, self._touching, self.triangles, self._left_out)
 
     def _find(self, points: Array, margin: float) -> tuple[OnSurface, Array, Array]:
         """As of `Facing`."""

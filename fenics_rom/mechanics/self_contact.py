@@ -13,23 +13,61 @@ A body in a frame says where its points are in the middle of the step: so its mo
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from typing import Any, ClassVar
+from functools import partial
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity.delassus import Delassus
-from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, Opposite, PointMotion
-from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs
+from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, Opposite, PointMotion, moved_by
+from fenics_rom.mechanics.contact_look import SAME_SIDE, Look
+from fenics_rom.mechanics.contact_pairs import Asked, Pairs, Settled, SolvedPairs, kept_out
 from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE
 from fenics_rom.mechanics.mesh_contact import MeshContact
 from fenics_rom.mechanics.obstacle_outline import FLAT
 from fenics_rom.mechanics.obstacle_poses import NO_TURN, distance_from
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.own_surface import OwnSurface, corner_maps
+from fenics_rom.mechanics.surface_pairs import OnSurface, unit_normals
 
+NO_DERIVATIVE = (
+    "effects.contact.self_contact: a step in which points were held where they would go through the body has no "
+    "derivative: allowed are those in which they go by less than a quarter of its wall; a smaller dt is the cure"
+)
+MOST_CROSSINGS = 12  # times that ways of points are looked at in a step, or a sweep of one
 _ONES = np.ones(3)
+
+
+class _Crossing(NamedTuple):
+    """What points (k,) meet that would go through a triangle in the step."""
+
+    row: Array  # (k,) of the points
+    nodes: Array  # (k, 3) corners of the triangles
+    weights: Array  # (k, 3) of these
+    normals: Array  # (k, 3) of the triangles there and then
+    gaps: Array  # (k,) m, of what goes on as fast as they would
+
+    def beside(self, found: OnSurface) -> OnSurface:
+        """With what other points face."""
+        others = ~np.isin(found.row, self.row)
+        parts = zip(found, (self.row, self.nodes, self.weights, found.places[:0], self.normals, self.gaps), strict=True)
+        return OnSurface(*(np.concatenate([one[others], other]) for one, other in parts))
+
+    def anew(self, other: "_Crossing", ends: Array) -> "_Crossing":
+        """With others, where points are at ends (n, 3), m.
+
+        What met a triangle, and now goes through one beside it, is kept away from the first by as much more.
+        """
+        _, mine, its = np.intersect1d(self.row, other.row, return_indices=True)
+        alike = (self.normals[mine] * other.normals[its]).dot(_ONES) > SAME_SIDE
+        corners, gaps = ends[other.nodes[its]], self.gaps.copy()
+        depth = ((corners[:, 0] - ends[other.row[its]]) * unit_normals(corners)).dot(_ONES)
+        gaps[mine[alike]] -= np.maximum(depth, 0.0)[alike]
+        own, others = np.delete(np.arange(len(gaps)), mine[~alike]), np.delete(np.arange(len(other.row)), its[alike])
+        both = zip(self._replace(gaps=gaps), other, strict=True)
+        return _Crossing(*(np.concatenate([one[own], of[others]]) for one, of in both))
 
 
 class _Itself:
@@ -41,20 +79,24 @@ class _Itself:
 
     Attributes:
         margin: from how near on they meet, m.
+        crossing: points that are to meet the triangles that they would go through; None: there are none.
         row: of the points that do, (k,).
         opposite: what each of these meets.
     """
 
     is_convex: ClassVar = True
     outline: ClassVar = FLAT
+    crossing: "_Crossing | None"
 
     def __init__(self, surface: OwnSurface, points: int):
-        self.surface, self.margin = surface, 0.0
+        self.surface, self.margin, self.crossing = surface, 0.0, None
         self._gaps, self._normals = np.full(points, np.inf), np.tile([1.0, 0.0, 0.0], (points, 1))
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Gaps (P,), m, infinite of points that meet nothing, and normals (P, 3), where the points are at (P, 3), m."""
         found = self.surface.near(points, self.margin)
+        if self.crossing is not None:
+            found = self.crossing.beside(found)
         self.row, self.opposite = found.row, Opposite(found.nodes, found.weights)
         gaps, normals = self._gaps.copy(), self._normals.copy()
         gaps[found.row], normals[found.row] = found.gaps, found.normals
@@ -122,6 +164,7 @@ class SelfContact(MeshContact):
     def within_reach(self, points: PointMotion, dt: float, obstacles: ObstacleMotion) -> Array:
         """As in ContactSolver, with what these points may touch of the body."""
         self._look(points, dt)
+        self._itself.crossing = None
         near = super().within_reach(points, dt, obstacles) if self._O else np.empty(0, dtype=int)
         gaps, _ = self._itself.distance(self.points + points.displacement)
         carriers = self._itself.opposite.nodes.ravel()
@@ -146,8 +189,41 @@ class SelfContact(MeshContact):
             self._renew(self._own, *self._itself.distance(self.points + points.displacement))
         self.search = self.search._replace(laws=())  # no step is followed, as S is another in each
         of_step = beside(obstacles), quasi_static, settled, is_patient
+        begun = self.search
         contact = super().solve(points, delassus, dt, *of_step)
+        for _ in range(MOST_CROSSINGS):
+            if not self._add_crossings(points, delassus, dt, contact):
+                break
+            self._renew(self._own, *self._itself.distance(self.points + points.displacement))
+            self.search = begun
+            contact = super().solve(points, delassus, dt, *of_step)
+        if self._itself.crossing is not None and self.search.held.steps == begun.held.steps:
+            share = self._itself.core[0] / self._goes(points.free_velocity, dt)
+            self.search = self.search._replace(held=begun.held.with_step(min(share, 1.0) * dt))
         return self._told_of(contact)
+
+    @staticmethod
+    def _goes(velocity: Array, dt: float) -> float:
+        """How far points with velocities (P, 3), m/s, go relative to one another in a step at most, m."""
+        return 2 * dt * _fastest(velocity - velocity.mean(axis=0))
+
+    def _add_crossings(self, points: PointMotion, delassus: Array, dt: float, contact: ContactSolution | None) -> bool:
+        """Has points that would go through triangles under such forces meet these; whether there are any."""
+        velocity = points.free_velocity
+        if contact is not None:
+            velocity = velocity + moved_by(delassus, contact.forces).reshape(velocity.shape)
+        if self._goes(velocity, dt) <= self._itself.core[0]:
+            return False  # what turns so little meets what it faces
+        found = self.surface.crossings(self.points + points.displacement, dt * velocity)
+        nodes = self.surface.triangles[found.triangle]
+        relative = velocity[found.row] - (found.weights[:, :, None] * velocity[nodes]).sum(axis=1)
+        gaps = -found.times * dt * (relative * found.normals).dot(_ONES)
+        crossing, known = _Crossing(found.row, nodes, found.weights, found.normals, gaps), self._itself.crossing
+        if known is not None:
+            ends = self.points + points.displacement + dt * velocity
+            crossing = known.anew(crossing, ends)
+        self._itself.crossing = crossing
+        return len(found.row) > 0
 
     def _told_of(self, contact: ContactSolution | None) -> ContactSolution | None:
         """Contact of a step, as it is told."""
@@ -173,6 +249,8 @@ class SelfContact(MeshContact):
             again = copy(self)
             again.search, again._begun = search, begun
             SelfContact.solve(again, *given)
+            if again._itself.crossing is not None:
+                raise StepError(NO_DERIVATIVE)
             pairs, solved = super(SelfContact, again).last_step()
             if solved is None:
                 return pairs, None
@@ -183,20 +261,38 @@ class SelfContact(MeshContact):
 
         return known
 
+    def _asked(self, look: Look, obstacles: ObstacleMotion, dt: float, quasi_static: bool) -> Asked:
+        """As in ContactSolver; what would go through a triangle does not go farther."""
+        asked, crossing = super()._asked(look, obstacles, dt, quasi_static), self._itself.crossing
+        if crossing is None or self.law.stiffness is not None:
+            return asked
+        others = np.ones(len(look.gaps), dtype=bool)
+        others[self._own.start + crossing.row] = False
+        return partial(kept_out, asked, look.gaps, dt, others)
+
+    def depth_inside(self, points: PointMotion, velocity: Array, dt: float, obstacles: ObstacleMotion) -> float:
+        """As in ContactSolver."""
+        gaps, normals = self._itself.distance(self.points + points.displacement)
+        goes = dt * (normals * self._of_pairs(velocity)[self._own]).dot(_ONES)
+        depth = -(gaps + goes)
+        deepest = float(depth[(goes < 0) & (depth > self._itself.core[0])].max(initial=0.0))
+        return max(deepest, super().depth_inside(points, velocity, dt, obstacles))
+
     def _look_around(self, points: PointMotion, dt: float, settled: Settled | None) -> None:
         """Begins a step, or a sweep: where pairs are looked for, and where points are in its middle."""
         margin = self._itself.margin
         self._look(points, dt)
         if settled is not None and settled is self._settled:  # what takes part stays so
             self._itself.margin = max(self._itself.margin, margin)
+        else:
+            self._itself.crossing = None
         self._planes = None
         self._middle = self.points + points.displacement if points.middle is None else points.middle
 
     def _look(self, points: PointMotion, dt: float) -> None:
         """Pairs are looked for as far as points can come near one another in a step of dt, s, twice as fast."""
         free, velocity = (_fastest(part - part.mean(axis=0)) for part in (points.free_velocity, points.velocity))
-        longest = max(dt, -1 / self.law.in_steps(dt)[0])  # in which springs with dashpots begin to act
-        self.reach = longest * (4 * free + velocity)
+        self.reach = dt * (4 * free + velocity)
         self._itself.margin = 2 * self.reach
 
     def _reach(self, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
@@ -216,6 +312,9 @@ class SelfContact(MeshContact):
         if self._mapped is None or self._mapped[0] is not opposite or self._mapped[1] is not self._middle:
             self._mapped = opposite, self._middle
             self._maps = self._corner_maps(opposite)
+            if self._itself.crossing is not None:  # as they are where they go through
+                crosses = np.isin(self._itself.row, self._itself.crossing.row)
+                self._maps[crosses] = opposite.weights[crosses, :, None, None] * np.eye(3)
         return self._maps
 
     def _corner_maps(self, opposite: Opposite) -> Array:

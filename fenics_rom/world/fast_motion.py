@@ -20,7 +20,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.frame_motion import rotation_matrix
-from fenics_rom.mechanics.surface_pairs import DEEPEST, Boxes, unit_normals
+from fenics_rom.mechanics.surface_pairs import DEEPEST, Boxes
+from fenics_rom.mechanics.walls import thinnest_wall
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.make_bodies import AnyBody
 from fenics_rom.world.meetings import Meeting
@@ -34,8 +35,6 @@ MOST_PARTS = 4096  # of a step
 MOST_TURNED = 1.0  # rad, in a part
 LONGEST_WAIT = 256  # steps, until it is looked again how fast bodies are
 LONGEST_SOFT_WAIT = 64  # the same where one is soft: what it stores may make it faster
-MOST_RAYS = 500  # that look how thick walls are
-NOTHING_BEHIND = 1e-6  # of them: so near a ray meets where it begins
 
 
 class FastPair(NamedTuple):
@@ -87,20 +86,8 @@ def _wall(body: Soft) -> float:
     points = body.surface.points[body.contact_triangles]
     if not len(points):
         return math.inf
-    some = np.unique(np.linspace(0, len(points) - 1, MOST_RAYS).astype(int))
-    a, b, c = np.moveaxis(body.rom.nodes[body.rom.triangles], 1, 0)
-    wall = DEEPEST * Boxes.about(points.transpose(1, 0, 2)).size
-    for start, n in zip(points[some].mean(axis=1), -unit_normals(points[some]), strict=True):
-        # start + t n = a + v (b - a) + w (c - a)
-        p = np.cross(n, c - a)
-        det = np.einsum("ij,ij->i", b - a, p)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            s = start - a
-            v, q = np.einsum("ij,ij->i", s, p) / det, np.cross(s, b - a)
-            w, t = q.dot(n) / det, np.einsum("ij,ij->i", c - a, q) / det
-            hit = (v >= 0) & (w >= 0) & (v + w <= 1) & (t > wall * NOTHING_BEHIND)
-        wall = min(wall, float(t[hit].min(initial=math.inf)))
-    return wall
+    most = DEEPEST * Boxes.about(points.transpose(1, 0, 2)).size
+    return thinnest_wall(points, body.rom.nodes[body.rom.triangles], most)
 
 
 class CutWorld(ReadWorld):

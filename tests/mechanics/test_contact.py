@@ -498,6 +498,36 @@ def test_penalty_keeps_its_springs_energy_in_the_account():
     assert body.energy == pytest.approx(body.work - body.sums()[1], rel=1e-12)
 
 
+def test_springs_take_no_less_than_they_store():
+    """Of balls that are thrown at a floor from anywhere, with any springs, dashpots and steps: what they have stays."""
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        h, k, d = 10 ** rng.uniform(-4, -1), 10 ** rng.uniform(1, 7), rng.choice([0.0, 10 ** rng.uniform(0, 3)])
+        ball = Points([0, 0, rng.uniform(0, 0.3)], [FLOOR], ContactLaw(stiffness=k, damping=d), h, v=(0.2, 0, -2.0))
+        whole = ball.energy
+        for _ in range(30):
+            ball.step()
+            stored = k / 2 * min(ball.position[0, 2], 0.0) ** 2
+            assert ball.energy + stored <= whole * (1 + 1e-12)  # 36 times as much, where steps were long
+            whole = ball.energy + stored
+
+
+def test_springs_hold_what_would_go_through_an_obstacle():
+    """In no step does a ball get deeper into a plate than half of its thickness, however soft springs are."""
+    plate, rng, held = Box((0.0, 0.0, 0.0), (9.0, 9.0, 0.02)), np.random.default_rng(1), 0
+    for _ in range(60):
+        h, k, side = 10 ** rng.uniform(-4, -1), 10 ** rng.uniform(1, 7), rng.choice([-1, 1])
+        law, begun = ContactLaw(stiffness=k), [0, 0, side * rng.uniform(0.01, 0.3)]
+        ball = Points(begun, [plate], law, h, v=(0.0, 0.0, -2.0 * side), force=(0.0, 0.0, -G * side))
+        for _ in range(40):
+            ball.step()
+            assert side * ball.position[0, 2] >= -1e-15
+        is_held = ball.contact.search.held.springs > 0
+        assert is_held == ("springs of contact would have let" in ball.contact.search.messages[1])
+        held += is_held
+    assert 10 < held < 50
+
+
 def test_check_start_tells_where_and_how_deep():
     contact = ContactSolver([[0, 0, 1.0], [0, 0, 0.2]], [FLOOR, Sphere((0, 0, 0), 0.5)], ContactLaw())
     offsets, names = np.zeros((2, 3)), ["floor", "ball"]

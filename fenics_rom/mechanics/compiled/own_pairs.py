@@ -12,6 +12,7 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, Found, Law, Pairs, 
 from fenics_rom.mechanics.compiled.copying import add_row, fill, put
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside
+from fenics_rom.mechanics.compiled.springs import ask_springs
 
 
 @jit
@@ -133,6 +134,7 @@ def find_pair_forces(
     near, own = _some(pairs, 0, n), _some(pairs, n, C)
     ask(law, gaps[:n], free[:n], velocity[:n], beside, before[:n], outwards[:n], near, np.inf)
     ask(own_law, gaps[n:], free[n:], velocity[n:], rests, before[n:], outwards[n:], own, np.inf)
+    ask_springs(law, gaps, np.inf, pairs)
     chosen, helped, shares = settled
     for c in range(len(chosen)):
         pairs.chosen[c] = pairs.chosen[c] or chosen[c]

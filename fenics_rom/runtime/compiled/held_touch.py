@@ -17,6 +17,7 @@ from fenics_rom.mechanics.compiled.contact_law import Law as ContactLaw
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving
+from fenics_rom.mechanics.compiled.springs import held_by
 from fenics_rom.mechanics.compiled.work_space import work_space
 from fenics_rom.runtime.compiled.carried_strains import Law
 from fenics_rom.runtime.compiled.following import Following
@@ -149,6 +150,7 @@ def _find_contact(r: Array, motion: Motion, among: Among, beside: Beside, pull: 
             hold_back(pull, touch.points, among.W)
     unknown, P = in_one_piece(np.empty((0, 0))), len(touch.places)
     contact = find_forces(among.law, among.W, unknown, P, among.begun.swung, found.pairs)
+    contact = held_by(among.law, found.gaps, found.pairs, contact)
     add_up_forces(contact, beside.w, found)
     for i in range(len(motion.pushed)):
         motion.pushed[i] = dot(touch.points[i], found.forces) if contact.status == FOUND else 0.0

@@ -17,6 +17,7 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE,
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, begin_beside, room_beside, turn, turn_too_far
+from fenics_rom.mechanics.compiled.springs import held_by
 from fenics_rom.mechanics.compiled.work_space import release, take, take_rows, taken
 from fenics_rom.runtime.compiled.branches import (
     add_pull,
@@ -160,19 +161,19 @@ def step_in(
             add_row_of_pull(body.branches, state.relaxed_beyond, row, pull[row])
     multiply(body.A, right, v)
     contact, going = Found(NOTHING, 0, 0.0), (r, v, state.beyond, pull, beside)
-    reach, is_rigid = reach_of(clearance, body.inertia, body.whole, h, *going), law.compliance == 0.0
+    reach = reach_of(clearance, body.inertia, body.whole, h, *going)
     by_obstacles = power = 0.0
     is_clear, farthest, begun_with = not turn(moving) and _is_beyond(clearance, reach), math.inf, taken(space)
     if not is_clear and turn_too_far(moving):
         return NOT_TAKEN
-    if is_rigid and len(clearance.pairs) > 0 and not turn(moving):  # springs reach as far as they are soft
+    if len(clearance.pairs) > 0 and not turn(moving):
         farthest = 2 * reach
     for _ in range(0 if is_clear else 2):
         look_near(body, shapes, moving, h, beside, q, state.beyond, clearance, farthest, found, space)
         release(space, begun_with)
         if turn(moving):  # as velocities of pairs are known then
             reach = reach_of(clearance, body.inertia, body.whole, h, *going)
-        clearance.gap[0] = _smallest_of(found.gaps) if is_rigid else 0.0
+        clearance.gap[0] = _smallest_of(found.gaps)
         is_clear = _is_beyond(clearance, reach)
         if is_clear and farthest == math.inf:
             break
@@ -182,6 +183,7 @@ def step_in(
         copy(begun.forces, pairs.forces)
         ask_points(body, law, beside, pairs.forces, r, v, state.beyond, pull, found, farthest, space)
         contact = find_forces(law, body.W, in_one_piece(body.inverse), P, begun.swung, pairs)
+        contact = held_by(law, found.gaps, pairs, contact)
         by_obstacles = add_up_forces(contact, beside.w, found)
         if contact.status != FOUND or are_left_out(body.W, h, reach, farthest, found, space):
             break

@@ -17,6 +17,7 @@ from fenics_rom.mechanics.compiled.contact_law import OTHERWISE as UNKNOWN
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving, begin_beside, look, moving_in, room_beside
+from fenics_rom.mechanics.compiled.springs import ask_springs, held_by
 from fenics_rom.mechanics.compiled.work_space import work_space
 from fenics_rom.mechanics.contact_pairs import FIRST
 from fenics_rom.mechanics.frame_contact import PATIENCE, ROUND_OFF, TOLERANCE
@@ -205,6 +206,7 @@ def ask_in_sweep(among: Among, sweep: Sweep, count: int) -> None:
     free, velocity = motion[FREE].reshape(-1, 3), motion[VELOCITY].reshape(-1, 3)
     outwards = sweep.settled[OUTWARDS, : len(gaps) if count else 0]
     ask(among.law, gaps, free, velocity, sweep.beside, among.begun.forces, outwards, pairs, math.inf)
+    ask_springs(among.law, gaps, math.inf, pairs)
 
 
 @jit_part
@@ -231,6 +233,7 @@ def find_in_sweep(among: Among, sweep: Sweep, count: int) -> Found:
             pairs.target[c, 2] *= settled[SHARES, c]
     unknown = in_one_piece(np.empty((0, 0)))
     found = find_forces(among.law, among.W, unknown, P, among.begun.swung, pairs)
+    found = held_by(among.law, among.found.gaps, pairs, found)
     if found.status == UNKNOWN:
         return found
     for c in range(len(pairs.chosen)):
@@ -265,7 +268,7 @@ def note_near(among: Among, sweep: Sweep) -> None:
     w = max(largest_of(sweep.beside.w), largest_of(sweep.beside.before))
     reach = 2 * law.h * math.sqrt(3.0) * (fastest + 3 * w)
     for c in range(len(gaps)):
-        if law.compliance > 0 or gaps[c] <= reach:
+        if gaps[c] <= reach:
             sweep.is_near[c % P] = True
 
 

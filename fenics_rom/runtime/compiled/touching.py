@@ -14,6 +14,7 @@ from fenics_rom.mechanics.compiled.copying import add_row, add_rows, copy, fill,
 from fenics_rom.mechanics.compiled.coulomb import add_motion
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving, look, row_of, turn
 from fenics_rom.mechanics.compiled.shapes import distance
+from fenics_rom.mechanics.compiled.springs import ask_springs
 from fenics_rom.mechanics.compiled.work_space import rows_of, take, take_rows
 from fenics_rom.runtime.compiled.yielding import Yielding
 
@@ -215,6 +216,7 @@ def ask_points(
                 _add_beyond(body, beyond, pull, at, at + 3, velocity, free)
     of_points = rows_of(free, 3), rows_of(velocity, 3)
     ask(law, found.gaps, *of_points, beside, before, take(space, 0), found.pairs, farthest)
+    ask_springs(law, found.gaps, farthest, found.pairs)
 
 
 @jit_part
