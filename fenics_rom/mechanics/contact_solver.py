@@ -74,13 +74,11 @@ class ContactSolver:
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
         self.points, self.obstacles, self.law = np.array(points, dtype=float), tuple(obstacles), law
-        self.search = self.first_search
-        self._touches = True
+        self.search, self._touches, self.follows, self.clear = self.first_search, True, False, 0.0
         self._delassus, self._operators = np.empty((0, 0)), dict[bytes, tuple[Array, Delassus]]()
         self._rule: NormalRule | None = None
         self._offsets, self._placed = np.empty((0, 3)), list[Array]()  # the points at rest, less these
         self._told: LastStep | None = None  # of it, if it took no search
-        self.follows, self.clear = False, 0.0
         self._begun = b"", self.search  # velocities at its start, and what was kept of the past then
 
     @property

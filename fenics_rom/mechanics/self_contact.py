@@ -133,7 +133,7 @@ class SelfContact(MeshContact):
         self.surface, self._itself, self._O, P = surface, _Itself(surface, len(points)), len(obstacles), len(points)
         super().__init__(points, (*obstacles, self._itself), law)
         self._own = slice(self._O * P, (self._O + 1) * P)
-        self._has_touched = False
+        self._has_touched, self._is_held = False, True
         self._middle, self._maps = np.empty((0, 3)), np.empty((0, 3, 3, 3))
         self._mapped: tuple[Opposite, Array] | None = None  # of which these maps are
         self._pairs_operator: tuple[Array, Array, bytes, tuple[Array, Delassus]] | None = None
@@ -216,7 +216,8 @@ class SelfContact(MeshContact):
             return False  # what turns so little meets what it faces
         found = self.surface.crossings(self.points + points.displacement, dt * velocity)
         nodes = self.surface.triangles[found.triangle]
-        relative = velocity[found.row] - (found.weights[:, :, None] * velocity[nodes]).sum(axis=1)
+        maps = self._maps_of_crossing(found.row, nodes, found.weights)
+        relative = velocity[found.row] - np.einsum("kcij,kcj->ki", maps, velocity[nodes])
         gaps = -found.times * dt * (relative * found.normals).dot(_ONES)
         crossing, known = _Crossing(found.row, nodes, found.weights, found.normals, gaps), self._itself.crossing
         if known is not None:
@@ -287,6 +288,7 @@ class SelfContact(MeshContact):
         else:
             self._itself.crossing = None
         self._planes = None
+        self._is_held = points.middle is None
         self._middle = self.points + points.displacement if points.middle is None else points.middle
 
     def _look(self, points: PointMotion, dt: float) -> None:
@@ -312,10 +314,20 @@ class SelfContact(MeshContact):
         if self._mapped is None or self._mapped[0] is not opposite or self._mapped[1] is not self._middle:
             self._mapped = opposite, self._middle
             self._maps = self._corner_maps(opposite)
-            if self._itself.crossing is not None:  # as they are where they go through
-                crosses = np.isin(self._itself.row, self._itself.crossing.row)
-                self._maps[crosses] = opposite.weights[crosses, :, None, None] * np.eye(3)
+            if self._itself.crossing is not None:
+                crosses = np.isin(self._itself.row, self._itself.crossing.row).nonzero()[0]
+                of_these = self._itself.row[crosses], opposite.nodes[crosses], opposite.weights[crosses]
+                self._maps[crosses] = self._maps_of_crossing(*of_these)
         return self._maps
+
+    def _maps_of_crossing(self, row: Array, nodes: Array, weights: Array) -> Array:
+        """The same of points (k,) with places on triangles (k, 3) that they go through.
+
+        Where these are in the middle of the step matters to momenta alone, which supports take.
+        """
+        if self._is_held:
+            return np.asarray(weights[:, :, None, None] * np.eye(3))
+        return corner_maps(self._middle[row], self._middle[nodes], weights)
 
     def _corner_maps(self, opposite: Opposite) -> Array:
         """The same of what points meet."""

@@ -162,7 +162,7 @@ def test_springs_push_by_their_depth_and_give_back_what_they_took(tmp_path, kind
             assert pressure == pytest.approx(-10.0 * places.gaps.sum(), rel=2e-3)
             assert places.gaps.min() < -0.19 * L
     assert taken > 1e-5
-    assert abs(body.ledger.contact) <= 1e-4 * taken  # springs begin and end to push within a step
+    assert abs(body.ledger.contact) <= 2e-4 * taken  # springs begin and end to push within a step
     assert left <= 1e-13 * scale
 
 
