@@ -32,6 +32,7 @@ SHARED = tuple(  # what else than their own folders compiled functions use
         "mechanics/base_fit",
         "mechanics/base_path",
         "mechanics/braking",
+        "mechanics/complementarity/pivoting",
         "mechanics/contact_look",
         "mechanics/contact_pairs",
         "mechanics/contact_search",

@@ -68,6 +68,7 @@ class ActuatorForces:
         chains: of each tendon with guides: which stroke it is (or none), its column, and its guides from where it is
             pulled.
         friction: μ at guides (n,), 0 of strokes.
+        pulls: (n,) whether forces are bounded: of cables, and at guides.
         share: (n,) of what is missing of a stroke, that a step makes up for; of the speed of a guide, that it stops.
     """
 
@@ -81,6 +82,7 @@ class ActuatorForces:
         pulling = np.array([controls[name] == "length" for name in self.names], dtype=bool)
         self._least = np.concatenate([np.where(pulling, 0.0, -unbounded), np.zeros(len(guides))])
         self._most = np.concatenate([unbounded, np.zeros(len(guides))])
+        self.pulls = np.isfinite(self._least)
         self.friction = np.array([*(0.0 for _ in self.names), *(guide.friction for guide in guides.values())])
         self._angles = np.array([*(0.0 for _ in self.names), *(guide.angle for guide in guides.values())])
         tendons = [guide.tendon for guide in guides.values()]

@@ -126,7 +126,8 @@ class Batch(BatchedBodies):
 
     def _compiled(self, dt: float) -> "CompiledBodies | None":
         bends, acting = self._given.deformation is not None, self._given.environment
-        if not compiled() or not (bends or acting.contact_law or acting.is_moving):  # others start sooner
+        in_steps = acting.contact_law or acting.is_moving or acting.finds_forces or acting.viscoelasticity
+        if not compiled() or not (bends or in_steps):  # others start sooner
             return None
         from fenics_rom.runtime.compiled_bending import CompiledBending
         from fenics_rom.runtime.compiled_bodies import CompiledBodies

@@ -3,7 +3,6 @@
 Each is as it is by itself, to the bit. A contact mode changes inputs only, so that all have one state.
 """
 
-import math
 from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
@@ -12,7 +11,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled, or_numpy
-from fenics_rom.mechanics.compiled.contact_law import Law
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.step import StepperState
 from fenics_rom.rom.rom import Rom
@@ -30,6 +28,7 @@ from fenics_rom.runtime.compiled.held_bodies import Carried, restore_bodies, ste
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.strain_tables import padded
 from fenics_rom.runtime.compiled.strokes import Pull
+from fenics_rom.runtime.compiled.touching import NO_LAW
 from fenics_rom.runtime.compiled_bodies import CompiledBodies
 from fenics_rom.runtime.compiled_state import Mode
 from fenics_rom.runtime.simulator import Simulator
@@ -46,8 +45,6 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import SignalLike
     from fenics_rom.runtime.steppers.held import HeldBody
     from fenics_rom.runtime.steppers.stepper import ReducedStepper
-
-NO_LAW = Law(1.0, 0.0, 0.0, 0.0, 0.0, False, 0, math.inf)  # of bodies that nothing can touch
 
 
 class CompiledBending(CompiledBodies):
@@ -81,7 +78,7 @@ class CompiledBending(CompiledBodies):
             loops = self._kernel.loops
             if states is None:
                 k = 0 if loops.touch is None else len(loops.touch.R)
-                sizes = (2, m), (0,), (4, k), (0, 2, 0), (loops.body.law.branches.shape[1] if k else 0, 2, k)
+                sizes = (2, m), (0,), (4, k), (0, 2, 0), (loops.body.law.branches.shape[1] if k else 0, 2, k), (0,)
                 states = State(*(np.zeros((size, *shape)) for shape in sizes * 2))
             self._modes.append(Mode(name, loops.body, loops.touch, states))
             self._pulls[name] = loops.pull
@@ -206,10 +203,8 @@ class CompiledBending(CompiledBodies):
         np.maximum(distance, np.sqrt(square), out=distance, where=taken)
 
     @property
-    def reactions(self) -> dict[str, Array]:
-        """(size,) of each, by name."""
-        names = () if self._single.environment is None else self._single.environment.stroke_names(self.rom.actuators)
-        return dict(zip(names, self._carried.reactions.T.copy(), strict=False))
+    def _found(self) -> Array:
+        return self._carried.reactions.copy()
 
     @property
     def energy(self) -> Array:

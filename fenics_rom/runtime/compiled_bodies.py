@@ -25,7 +25,7 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import distinct, stacked_state
 from fenics_rom.runtime.compiled.linear_bodies import look_at_bodies, step_bodies
 from fenics_rom.runtime.compiled.linear_step import PARTS, State
-from fenics_rom.runtime.compiled.touching import LOST, Clearance
+from fenics_rom.runtime.compiled.touching import LOST, NO_LAW, Clearance
 from fenics_rom.runtime.compiled_state import LOST_IN_SWITCHING, CompiledState, Mode
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.threads import deal_out
@@ -49,12 +49,27 @@ class CompiledBodies(CompiledState):
     ) -> "CompiledBodies | None":
         """Of a ROM; None where its steps are not compiled."""
         acting = rom.environment
-        if not compiled() or acting.contact_law is None or acting.is_moving or rom.deformation is not None:
+        is_plain = not (acting.contact_law or acting.finds_forces or acting.viscoelasticity)
+        if not compiled() or is_plain or acting.is_moving or rom.deformation is not None:
             return None
         single = Simulator(rom, dt, signals=signals, detail=detail)
         is_compiled = getattr(single.integrator.kernel, "compiled_step", None) is not None
         feels_turning = single.sensed is not None and acting.turns_obstacles
         return cls(single, size, ledger) if is_compiled and not feels_turning else None
+
+    @property
+    def reactions(self) -> dict[str, Array]:
+        """(size,) of each, by name."""
+        names = () if self._single.environment is None else self._single.environment.stroke_names(self.rom.actuators)
+        return dict(zip(names, self._found.T, strict=False))
+
+    @property
+    def _found(self) -> Array:
+        """Forces (size, n) that were found in the last step."""
+        found = np.zeros((self.size, self._strokes))
+        for bodies, mode in self._by_mode():
+            found[bodies] = mode.states.reactions[bodies]
+        return found
 
     def _rub(self, friction: float) -> None:
         """Has the simulator have this μ."""
@@ -75,6 +90,7 @@ class CompiledBodies(CompiledState):
         states.rigid[body] = now.rigid_displacement
         ends = np.cumsum([states.beyond[body].size, states.relaxed_beyond[body].size])
         beyond, relaxed_beyond, relaxed = np.split(now.auxiliary, ends)
+        states.reactions[body] = stepper.reactions
         states.beyond[body] = beyond.reshape(states.beyond[body].shape)
         states.relaxed_beyond[body] = relaxed_beyond.reshape(states.relaxed_beyond[body].shape)
         share, (strains, forces) = self._modes[self._mode[body]].body.share, states.relaxed[body].transpose(1, 0, 2)
@@ -288,7 +304,8 @@ class CompiledBodies(CompiledState):
 
     def _step_together(self, mode: Mode, own: Array, inputs: Array, obstacles: Moving) -> None:
         """Takes the steps of bodies that are in a contact mode, in threads."""
-        given = mode.body, self._solver.law_in_steps(self._dt), self._friction, self._shapes
+        law = NO_LAW._replace(h=self._dt) if self._interface is None else self._solver.law_in_steps(self._dt)
+        given = mode.body, law, self._friction, self._shapes
         gap, untouched, still, gone = self._clearance
         clearance = Clearance(gap, untouched, still, mode.stretch, gone, self._apart)
         between = inputs, obstacles, self._begun, self._after, mode.states, clearance, self._new

@@ -105,8 +105,8 @@ class CompiledState:
 
     def _nothing(self, count: int) -> tuple[Array, Array, Array]:
         """Contact of bodies that nothing touches, as in `Told`."""
-        obstacles, P = len(self._shapes), len(self._points)
-        return np.zeros((count, P, 3)), np.zeros((count, obstacles, 3)), np.zeros((count, P))
+        P = len(self._points)
+        return np.zeros((count, P, 3)), np.zeros((count, len(self._shapes), 3)), np.zeros((count, P))
 
     def _make_modes(self) -> None:
         """What depends on the time step; states stay."""
@@ -116,7 +116,7 @@ class CompiledState:
             stepper.restore(name, self._at_rest(name), self._dt)
             body = stepper.kernel.compiled_step.body  # type: ignore[attr-defined]
             n, m, k = body.branches.shape[1], model.order, len(body.R)
-            sizes = (2, m), (self.rom.rigid,), (4, k), (n, 2, m), (n, 2, k)
+            sizes = (2, m), (self.rom.rigid,), (4, k), (n, 2, m), (n, 2, k), (self._strokes,)
             states = known.get(name) or State(*(np.zeros((self.size, *shape)) for shape in sizes * 2))
             self._modes.append(Mode(name, body, body, states, stretch_of(body.points)))
 
@@ -169,7 +169,7 @@ class CompiledState:
         relaxed = states.relaxed_beyond[body], states.relaxed[body, :, 0]
         auxiliary = np.concatenate([part.ravel() for part in (states.beyond[body], *relaxed)])
         now = states.halves[body].ravel(), states.rigid[body], auxiliary
-        stepper.restore(mode.name, StepperState(*now, None, search, {}, np.empty(0)), self._dt)
+        stepper.restore(mode.name, StepperState(*now, None, search, {}, states.reactions[body].copy()), self._dt)
         return stepper
 
     def _search_of(self, body: int) -> ContactSearch | None:
@@ -278,11 +278,6 @@ class CompiledState:
     def mismatch(self) -> Array:
         """(size,): of no linear body."""
         return np.zeros(self.size)
-
-    @property
-    def reactions(self) -> dict[str, Array]:
-        """None: forces of actuators are given."""
-        return {}
 
     def contact_force(self, obstacle: str) -> Array:
         """(size, 3), N."""

@@ -115,7 +115,7 @@ class FramesState(CompiledBodies):
             else:
                 own = {row: np.zeros((self.size, *loops.arrays[row].shape)) for row in rows}
                 width = 0 if residual is None else residual.states[0].shape[1]
-                sizes = (0, 0), (0,), (4, width), (0, 2, 0), (0, 2, 0)
+                sizes = (0, 0), (0,), (4, width), (0, 2, 0), (0, 2, 0), (0,)
                 states = State(*(np.zeros((self.size, *shape)) for shape in sizes * 2))
                 states = states._replace(halves=own[HALVES], halves_before=own[HALVES + 1])
             tables = np.tile(table_of(loops.arrays), (self.size, 1, 1))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
+from fenics_rom.mechanics.actuator_forces import MAX_ROUNDS, ActuatorForces, PointsHeldBack
+from fenics_rom.mechanics.compiled import actuator_forces as loops
 from fenics_rom.mechanics.complementarity.pivoting import solve_by_pivots
 from fenics_rom.mechanics.environment import Guide
 
@@ -107,6 +108,64 @@ def test_guides_obey_the_capstan_beside_a_contact(guides, control):
         assert cable.missed(z, cable.rates + cable.W @ z + X[0] * force) <= 1e-6
         touched += force > 0
     assert 3 < touched < 15
+
+
+@pytest.fixture
+def in_python(monkeypatch):
+    """Compiled functions of forces that are found, as Python takes them."""
+
+    def take(space, n):
+        first = int(space[0])
+        space[0] += n
+        return space[first : first + n]
+
+    def solve(A, x, n):
+        x[:n] = np.linalg.solve(A, x[:n])
+        return True
+
+    monkeypatch.setattr(loops, "take", take)
+    monkeypatch.setattr(loops, "take_rows", lambda space, n, width: take(space, n * width).reshape(n, width))
+    monkeypatch.setattr(loops, "matrix_in", lambda numbers, n: np.zeros((n, n)))
+    monkeypatch.setattr(loops, "solve", solve)
+
+
+def by_loops(cable, before, touch):
+    """Forces by the rounds of compiled steps."""
+    n, given = len(cable.W), loops.Actuators.of(cable.actuators, len(cable.u))
+    search = loops.search_in(np.zeros(loops.room_for_search(n)), n)
+    search.targets[:], search.rates[:] = cable.targets, cable.rates
+    known = given, cable.actuators.bends(cable.angles), cable.W, cable.u
+    loops.begin_search(*known, before, search)
+    for count in range(MAX_ROUNDS):
+        if touch is not None:
+            assert loops.hold(cable.W, search)
+            _, search.added[:] = touch(search.z, search.holds != 0)
+        outcome = loops.look(*known, count, touch is not None, search)
+        if outcome != loops.GOES_ON:
+            break
+    assert outcome == loops.ARE_FOUND
+    return search.z
+
+
+@BOTH
+@pytest.mark.parametrize("guides", [1, 3, 13])
+def test_compiled_rounds_find_what_numpy_finds(guides, control, in_python):
+    """Alone and beside a contact, from wherever the search begins; of many guides by pivots."""
+    for seed in range(40 // guides):
+        cable = Cable(guides, control, seed)
+        X, asked = cable.point @ cable.columns, -0.1
+        held = PointsHeldBack(np.array([[cable.point @ cable.point]]), X[None], cable.W)
+
+        def touch(z, holding, cable=cable, X=X, held=held, asked=asked):
+            short = asked - cable.point @ cable.free - X @ z
+            force = short / held.delassus(holding)[0, 0]
+            return (force, X * force) if short > 0 else (None, 0 * z)
+
+        for before in (np.zeros(len(X)), np.random.default_rng(seed).standard_normal(len(X))):
+            for beside in (None, touch):
+                z, _ = cable.solve(before, beside)
+                found = by_loops(cable, before, beside)
+                np.testing.assert_allclose(found, z, rtol=0, atol=1e-9 * np.abs(z).max())
 
 
 def test_pivots_solve_complementarity_problems_that_are_degenerate():

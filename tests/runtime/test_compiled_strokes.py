@@ -2,17 +2,15 @@
 
 import pickle
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from soft_rom import soft_rom
+from soft_rom import linear, soft_rom
 
 import fenics_rom as fr
 from fenics_rom.compilation import compiled, numpy_alone
+from fenics_rom.mechanics.environment import NOTHING, Guide, Load
 from fenics_rom.rom.deformation import ReducedTendon
-from fenics_rom.runtime.compiled import held_touch
-from fenics_rom.runtime.compiled.strokes import Pull, end_pull, find_held
 
 pytestmark = [
     pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off"),
@@ -182,30 +180,6 @@ def test_two_cables_pull_and_one_of_them_or_both_are_slack(contact, monkeypatch)
     assert_account_closes(one)
 
 
-def test_cables_that_hold_and_slack_ones_fulfil_all_conditions():
-    """In Python, of random cables of which several may be let go at once, and some of them hold again."""
-    rng, found, again, n, m = np.random.default_rng(0), 0, 0, 4, 6
-    for _ in range(200):
-        lines, targets, v = (rng.standard_normal(shape) for shape in ((n, m), n, m))
-        none, z, W = np.empty((0, 3, m)), np.zeros(n), np.zeros((n, n))
-        fixed = np.arange(n), np.full(n, -1), np.zeros(n + 1, int), none[:, :, 0], none, np.zeros(n), none, np.empty(0)
-        pull = Pull(*fixed, np.zeros(n), targets, z, lines, lines.copy(), W, np.ones(n))
-        assert find_held(pull, v)
-        first, motion = z >= 0, SimpleNamespace(velocity=v.copy(), force=np.zeros(m))
-        if not held_touch.pull_alone(pull, motion.velocity):
-            continue
-        end_pull(pull, motion.force)
-        found, again = found + 1, again + ((z > 0) & ~first).any()
-        longer = lines @ motion.velocity - targets
-        scale = np.abs(targets).max() + np.abs(lines).max() * np.abs(motion.velocity).max()
-        assert z.min() >= 0
-        assert longer.min() >= -1e-11 * scale
-        assert np.abs(z * longer).max() <= 1e-11 * scale * max(1.0, z.max())
-        np.testing.assert_allclose(motion.force, z @ lines, rtol=0, atol=1e-13 * max(1.0, z.max()))
-    assert found > 150
-    assert again > 10
-
-
 @pytest.mark.parametrize("law", LAWS)
 def test_rollouts_are_steps_and_a_restored_state_goes_on_to_the_bit(law):
     rom = pulled(soft_rom(law, order=8), "cable")
@@ -255,3 +229,89 @@ def test_volumes_are_those_of_numpy(names, contact):
     assert min(pressures) < 0 < max(pressures)
     assert (touched > STEPS // 10) == contact
     assert_account_closes(one)
+
+
+# --- guides that rub, and bodies of small strains --------------------------------------------------------------------
+
+
+def rubbing(rom):
+    """With a cable that winds up and down the box, and rubs where it turns."""
+    nodes, rows = rom.nodes, np.zeros((rom.nodes.size, rom.basis.shape[1]))
+    rows[rom.free] = rom.basis
+    low, high = (np.flatnonzero((nodes[:, 1] < 1e-6) & (np.abs(nodes[:, 2] - z) < 1e-6)) for z in (0.0, 0.02))
+    low, high = (edge[nodes[edge, 0].argsort()] for edge in (low, high))
+    way = np.where(np.arange(len(low)) % 2, high, low)
+    cable = ReducedTendon(nodes[way], rows.reshape(len(nodes), 3, -1)[way].reshape(3 * len(way), -1))
+    angles = cable.angles(np.zeros(rom.basis.shape[1]))
+    guides = {f"cable-guide-{k}": Guide("cable", 0.3, float(angle)) for k, angle in enumerate(angles, start=1)}
+    deformation = replace(rom.deformation, tendons={"cable": cable})
+    lines = [cable.up_to(k).force(np.zeros(len(rom.stiffness))) for k in range(1, len(guides) + 1)]
+    models = {}
+    for name, model in rom.contact_models.items():
+        inputs = model.inputs.copy()
+        inputs[:, -1] = cable.force(np.zeros(model.order))
+        models[name] = replace(model, inputs=np.hstack([inputs, np.array(lines).T]))
+    loads = {name: Load(1, NOTHING) for name in guides}
+    environment = replace(rom.environment, guides=guides, loads=loads)
+    changed = {"contact_models": models, "loads": dict.fromkeys(guides, 1), "deformation": deformation}
+    return replace(rom, environment=environment, **changed)
+
+
+def found_in_steps(part, contact):
+    """A body in whose steps forces of this part are found, and inputs."""
+    rom, t = soft_rom(order=8, contact=contact), DT * np.arange(STEPS)
+    if "guides" in part:
+        rom = rubbing(rom)
+    controls = {"strokes": {"cable": "length"}, "guides": {}, "strokes at guides": {"cable": "length"}}
+    both = {"air": "volume", "cable": "length"}
+    rom = replace(rom, environment=replace(rom.environment, controls=controls.get(part, both)))
+    if contact:
+        rom = replace(rom, contact_models={"tip": rom.contact_models["tip"]})  # so that obstacles ask for no other
+    width = sum(rom.actuators.values())
+    inputs = np.zeros((STEPS, next(iter(rom.contacts.values())) + width))
+    inputs[:, 2] = 0.05 * np.sin(30 * t) - (2.0 if part == "volumes" else 0.1) * contact
+    inputs[:, -1] = 1.0 + np.sin(45 * t) if part == "guides" else 2e-3 * np.sin(35 * t)
+    inputs[:, -2] = 2e-8 * np.sin(40 * t) if part == "volumes" else 0.0
+    return rom, inputs
+
+
+PARTS = ("strokes", "guides", "strokes at guides", "volumes")
+
+
+@pytest.mark.parametrize("contact", [False, True])
+@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("strains", ["small", "large"])
+def test_forces_found_in_steps_are_those_of_numpy(strains, part, contact):
+    """From the same state every eighth step on; rollouts and bodies of batches are single steps, to the bit."""
+    rom, inputs = found_in_steps(part, contact)
+    rom, given = (linear(rom), {}) if strains == "small" else (rom, {"stepper": "linearly-implicit"})
+    one, alone, rolled = (fr.Simulator(rom, DT, **given) for _ in range(3))
+    many = fr.Batch(rom, 2, DT, ledger=True)
+    with numpy_alone():
+        other = fr.Simulator(rom, DT, **given)
+    assert one.integrator.kernel.is_compiled
+    assert many.stepping == "compiled"
+    touched, largest, moved, forces = 0, 0.0, 0.0, []
+    for k, u in enumerate(inputs):
+        if k % 8 == 0:
+            other.restore(one.save())
+        for body in (one, other, alone):
+            body.step(u)
+        many.step(np.tile(u, (2, 1)))
+        found, expected = (body.integrator.reactions for body in (one, other))
+        largest = max(largest, np.abs(expected).max())
+        forces.append(np.abs(found - expected).max())
+        states = [np.concatenate(body.state) for body in (one, other)]
+        moved = max(moved, np.abs(states[1]).max())
+        np.testing.assert_allclose(*states, atol=1e-9 * moved, rtol=0)
+        touched += contact and one.contact_forces().any()
+    assert max(forces) <= 1e-8 * largest
+    assert (touched > STEPS // 10) == contact
+    assert_account_closes(one)
+    rolled.rollout(inputs)
+    for body in (rolled.state, [each[1] for each in many.state()]):
+        np.testing.assert_array_equal(np.concatenate(body), np.concatenate(alone.state))
+    assert rolled.reactions == alone.reactions
+    assert {name: each[1] for name, each in many.reactions.items()} == alone.reactions
+    np.testing.assert_allclose(many.supplied[0], alone.ledger.supplied, rtol=1e-10)
+    np.testing.assert_allclose(many.dissipated[0], alone.ledger.dissipated, rtol=1e-10)

@@ -22,28 +22,30 @@ def solve_by_pivots(M: Array, q: Array) -> Array | None:
     n = len(q)
     if (q >= 0).all():
         return np.zeros(n)
-    table = np.hstack([np.eye(n), -M, -np.ones((n, 1)), q[:, None]])
-    basic, artificial = np.arange(n), 2 * n
+    table, basic, artificial = np.zeros((n, 2 * n + 2)), np.arange(n), 2 * n
+    table[:, n:artificial], table[:, artificial], table[:, artificial + 1] = -M, -1.0, q
+    for i in range(n):
+        table[i, i] = 1.0
     row, enters = int(q.argmin()), artificial
     for _ in range(MOST_PIVOTS * n):
         leaves, basic[row] = basic[row], enters
         table[row] /= table[row, enters]
         column = table[:, enters].copy()
         column[row] = 0.0
-        table -= np.multiply.outer(column, table[row])
+        table -= column.reshape(n, 1) * table[row]
         if leaves == artificial:
             z = np.zeros(2 * n)
-            z[basic] = table[:, -1]
+            z[basic] = table[:, artificial + 1]
             return z[n:]
         enters = leaves + n if leaves < n else leaves - n
-        column = table[:, enters]
+        column = table[:, enters].copy()
         falls = np.flatnonzero(column > SMALLEST_PIVOT * np.abs(column).max())
-        if not len(falls):
+        if len(falls) == 0:
             return None
         for key in range(-1, n):  # of those that get to 0 together the one that is first if q grows by powers of ε
             shares = table[falls, key] / column[falls]
             falls = falls[shares <= shares.min() + TOGETHER]
-            if len(falls) == 1 or artificial in basic[falls]:
+            if len(falls) == 1 or (basic[falls] == artificial).any():
                 break
         row = int(falls[(basic[falls] == artificial).argmax()])
     return None

@@ -37,7 +37,7 @@ from fenics_rom.runtime.compiled.held_touch import Among, Body, Motion, find_tou
 from fenics_rom.runtime.compiled.newton_step import find_by_newton
 from fenics_rom.runtime.compiled.sampled_points import InStep, Sampled, close_points
 from fenics_rom.runtime.compiled.small_matrices import dot, factor, multiply, solve
-from fenics_rom.runtime.compiled.strokes import Pull, add_pull, aim, end_pull, find_pull
+from fenics_rom.runtime.compiled.strokes import Pull, add_pull, aim, end_pull, set_pull
 from fenics_rom.runtime.compiled.touching import FORGOTTEN, LOST, add_up_forces
 from fenics_rom.runtime.compiled.yielding import step_beyond
 from fenics_rom.runtime.steppers.elastic.carried_strains import TANGENT_RENEWAL
@@ -65,9 +65,9 @@ NOT_TAKEN = Step(OTHERWISE, 0, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 def free_step(
     body: Body, u: Array, r: Array, pushed: Array, strains: Strains, motion: Motion, pull: Pull | None
 ) -> bool:
-    """Sets v̂ of a step under u (p,) from q and r (m,) without contact and cables; whether there is one.
+    """Sets v̂ of a step under u (p,) from q and r (m,) without what is found of contact and cables; if there is one.
 
-    Forces of cables are found that give their strokes where nothing touches. `pushed` are generalized forces (m,) of
+    `pushed` are generalized forces (m,) of
     contact in the step before.
     """
     law, numbers, v, m = body.law, strains.numbers, strains.velocity, len(r)
@@ -99,14 +99,22 @@ def free_step(
     for i in range(m):
         velocity[i] = 2 / law.h * r[i] - strains.pull[i] + force[i]
     solve(motion.factor, velocity)
-    return pull is None or find_pull(pull, strains.at, motion.factor, velocity)
+    if pull is not None:
+        set_pull(pull, strains.at, motion.factor)
+    return True
 
 
 @jit_part
 def _end_step(
-    body: Body, r: Array, strains: Strains, motion: Motion, sampled: Sampled | None, in_step: InStep | None
+    body: Body,
+    r: Array,
+    strains: Strains,
+    motion: Motion,
+    sampled: Sampled | None,
+    in_step: InStep | None,
+    rubbed: float,
 ) -> Step:
-    """Ends a step with v̂ of the motion, from r (m,); `in_step` is of Newton's method."""
+    """Ends a step with v̂ of the motion, from r (m,); `in_step`: of Newton's method, `rubbed`: power of guides, W."""
     law, v, after, missed, square = body.law, motion.velocity, strains.pull, 0.0, 0.0
     numbers, went_as_expected = strains.numbers, True
     for i in range(len(v)):
@@ -121,6 +129,7 @@ def _end_step(
         numbers[ENERGY], heat = close_points(sampled, law, in_step, strains.relaxed, v)
     for i in range(len(v)):
         square += after[i] * dot(law.springs[i], after)
+    heat -= law.h * rubbed
     within = numbers[ENERGY] + numbers[LEFT] + stored_in(law.branches, strains.relaxed)
     square += dot(motion.r, motion.r) + 2 * within
     supplied, status = law.h * dot(motion.force, v), NOTHING if math.isfinite(square) else LOST
@@ -189,14 +198,15 @@ def _take(
     if sampled is None:
         if not free_step(body, u, r, pushed, strains, motion, pull):
             return NOT_TAKEN
-        in_step, contact = None, find_touching(r, motion, among, beside, pull)
+        in_step, contact = None, find_touching(u, r, motion, among, beside, pull)
     else:
         contact, in_step = find_by_newton(body, sampled, u, r, strains, motion, among, beside, pull)
     if contact.status == OTHERWISE:
         return NOT_TAKEN
+    rubbed = 0.0
     if pull is not None:
-        end_pull(pull, motion.force)
-    step = _end_step(body, r, strains, motion, sampled, in_step)
+        rubbed = end_pull(pull, motion.velocity, motion.force)
+    step = _end_step(body, r, strains, motion, sampled, in_step, rubbed)
     if among is None or beside is None:
         return step
     return _end_touched(step, contact, body.law.branches, pushed, motion, among, beside)

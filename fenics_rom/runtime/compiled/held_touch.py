@@ -1,4 +1,4 @@
-"""What touches a held body that deforms largely, and what pulls it by strokes, in a step whose velocity follows forces.
+"""What touches a held body that deforms largely, and what is found of cables, in a step whose velocity follows forces.
 
 Where nothing can touch the body `among` is None, and numba makes the same functions without contact; where no stroke is
 given `pull` is.
@@ -11,19 +11,21 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.actuator_forces import TOGETHER
+from fenics_rom.mechanics.actuator_forces import MAX_ROUNDS
+from fenics_rom.mechanics.compiled.actuator_forces import ARE_FOUND, GOES_ON, begin_search, hold, look, search_in
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, find_forces
 from fenics_rom.mechanics.compiled.contact_law import Law as ContactLaw
-from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.copying import add_row, add_rows, copy
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving
 from fenics_rom.mechanics.compiled.springs import held_by
 from fenics_rom.mechanics.compiled.work_space import work_space
 from fenics_rom.runtime.compiled.carried_strains import Law
 from fenics_rom.runtime.compiled.following import Following
+from fenics_rom.runtime.compiled.held_back import hold_back
 from fenics_rom.runtime.compiled.sampled_points import Sampled
 from fenics_rom.runtime.compiled.small_matrices import dot, solve, solve_rows, squares
-from fenics_rom.runtime.compiled.strokes import Pull, find_held, hold, hold_back, is_settled, move_by
+from fenics_rom.runtime.compiled.strokes import Pull
 from fenics_rom.runtime.compiled.touching import Begun, StepContact, add_up_forces, ask_points, look_around
 
 
@@ -101,55 +103,93 @@ NOT_FOUND = Found(OTHERWISE, 0, 0.0)
 
 
 @jit_part
-def find_touching(r: Array, motion: Motion, among: Among | None, beside: Beside | None, pull: Pull | None) -> Found:
+def find_touching(
+    u: Array, r: Array, motion: Motion, among: Among | None, beside: Beside | None, pull: Pull | None
+) -> Found:
     """Finds forces of contact and cables at v̂ of the motion, and has v̂ follow them; sets what contact does (m,).
 
-    Cables hold their strokes under contact forces, too, or are slack.
+    Cables hold their strokes under contact forces, too, or are slack, and rub under the tensions in u (p,).
     """
     v = motion.velocity
+    if pull is not None:
+        return _find_all(u, r, motion, among, beside, pull)
     if among is None or beside is None:
-        if pull is None:
-            return Found(NOTHING, 0, 0.0)
-        return Found(NOTHING if pull_alone(pull, v) else OTHERWISE, 0, 0.0)
-    answer = motion.pushed.copy()
-    for count in range(TOGETHER if pull is not None else 1):
-        if pull is not None:
-            if count > 0 and not find_held(pull, v):
-                return NOT_FOUND
-            move_by(pull, 1.0, v)
-        contact = _find_contact(r, motion, among, beside, pull)
-        if contact.status == OTHERWISE:
-            return NOT_FOUND
-        if pull is not None:
-            hold(pull, motion.pushed, v)
-        copy(motion.pushed, answer)
-        solve(motion.factor, answer)
-        for i in range(len(v)):
-            v[i] += answer[i]
-        if pull is None:
-            return contact
-        if is_settled(pull, v):
-            return contact
-        for i in range(len(v)):
-            v[i] -= answer[i]
-        move_by(pull, -1.0, v)
-    return NOT_FOUND
+        return Found(NOTHING, 0, 0.0)
+    contact = _find_contact(r, motion, among, beside, among.W, True)
+    if contact.status == OTHERWISE:
+        return NOT_FOUND
+    _answer(motion, v)
+    return contact
 
 
 @jit_part
-def _find_contact(r: Array, motion: Motion, among: Among, beside: Beside, pull: Pull | None) -> Found:
-    """Finds contact forces at v̂ of the motion, and sets what they do (m,)."""
+def _answer(motion: Motion, v: Array) -> None:
+    """Adds to v̂ (m,) what contact does."""
+    answer = motion.pushed.copy()
+    solve(motion.factor, answer)
+    for i in range(len(v)):
+        v[i] += answer[i]
+
+
+@jit_part
+def _find_all(u: Array, r: Array, motion: Motion, among: Among | None, beside: Beside | None, pull: Pull) -> Found:
+    """The same where something pulls."""
+    given, n, v = pull.actuators, len(pull.forces), motion.velocity
+    search, free, contact, outcome = search_in(pull.search, n), v.copy(), Found(NOTHING, 0, 0.0), GOES_ON
+    for k in range(n):
+        search.targets[k], search.rates[k] = pull.targets[k], dot(pull.lines[k], free)
+    begin_search(given, pull.bends, pull.W, u, pull.found, search)
+    if among is not None:
+        held, X = np.empty_like(among.W), np.zeros((n, len(among.W)))
+        for k in range(n):
+            add_rows(among.touch.points, pull.spread[k], 0, len(among.W), X[k])
+        _set_delassus(among.touch, motion.factor, among.spread, among.W)
+    for count in range(MAX_ROUNDS):
+        if among is not None and beside is not None:
+            if not (hold(pull.W, search) and hold_back(among.W, X, pull.W, search.holds, held)):
+                return NOT_FOUND
+            _move(pull, search.z, free, v)
+            contact = _find_contact(r, motion, among, beside, held, False)
+            if contact.status == OTHERWISE:
+                return NOT_FOUND
+            for k in range(n):
+                search.added[k] = dot(pull.spread[k], motion.pushed)
+        outcome = look(given, pull.bends, pull.W, u, count, among is not None, search)
+        if outcome != GOES_ON:
+            break
+    if outcome != ARE_FOUND:
+        return NOT_FOUND
+    copy(search.z, pull.found)
+    _move(pull, search.z, free, v)
+    if among is not None:
+        copy(held, among.W)  # with which contact was found
+        _answer(motion, v)
+    return contact
+
+
+@jit_part
+def _move(pull: Pull, z: Array, free: Array, v: Array) -> None:
+    """Sets v̂ under forces z (n,)."""
+    copy(free, v)
+    for k in range(len(z)):
+        add_row(pull.spread[k], z[k], v)
+
+
+@jit_part
+def _find_contact(r: Array, motion: Motion, among: Among, beside: Beside, W: Array, is_free: bool) -> Found:
+    """Finds contact forces at v̂ of the motion, and sets what they do (m,).
+
+    W (3P, 3P) is that of the points, which is set where they are free.
+    """
     touch, found = among.touch, among.found
     space = work_space(3 * len(touch.places))
     look_around(touch, among.shapes, among.moving, among.law.h, beside, motion.q, among.beyond, found, space)
     given = beside, among.begun.forces, r, motion.velocity, among.beyond, among.pull
     ask_points(touch, among.law, *given, found, math.inf, space)
-    if found.pairs.chosen.any():
-        _set_delassus(touch, motion.factor, among.spread, among.W)
-        if pull is not None:
-            hold_back(pull, touch.points, among.W)
+    if is_free and found.pairs.chosen.any():
+        _set_delassus(touch, motion.factor, among.spread, W)
     unknown, P = in_one_piece(np.empty((0, 0))), len(touch.places)
-    contact = find_forces(among.law, among.W, unknown, P, among.begun.swung, found.pairs)
+    contact = find_forces(among.law, W, unknown, P, among.begun.swung, found.pairs)
     contact = held_by(among.law, found.gaps, found.pairs, contact)
     add_up_forces(contact, beside.w, found)
     for i in range(len(motion.pushed)):
@@ -167,16 +207,3 @@ def _set_delassus(touch: Touch, factor: Array, spread: Array, W: Array) -> None:
         for i in range(len(W)):
             for j in range(len(W)):
                 W[i, j] += touch.R[i, j] / touch.whole
-
-
-@jit_part
-def pull_alone(pull: Pull, v: Array) -> bool:
-    """Has cables go as they are to, or be slack, where nothing touches, and v̂ (m,) follow; whether forces are found."""
-    for count in range(TOGETHER):
-        if count > 0 and not find_held(pull, v):
-            return False
-        move_by(pull, 1.0, v)
-        if is_settled(pull, v):
-            return True
-        move_by(pull, -1.0, v)
-    return False

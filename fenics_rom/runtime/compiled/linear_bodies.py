@@ -96,9 +96,7 @@ def _step_bodies(
         release(space, begin)
         fill(found.pairs.friction, friction[b])
         own, moving = rubbed(law, friction[b]), moving_in(obstacles, b)
-        now = states.halves[b], states.rigid[b], states.beyond[b], states.relaxed[b], states.relaxed_beyond[b]
-        before = states.halves_before[b], states.rigid_before[b], states.beyond_before[b]
-        state = State(*now, *before, states.relaxed_before[b], states.relaxed_beyond_before[b])
+        state = _of_one(states, b)
         past = Begun(begun.forces[b], begun.swung[b])
         own_numbers = clearance.gap[b : b + 1], clearance.untouched[b : b + 1], clearance.still[b : b + 1]
         near = Clearance(*own_numbers, clearance.stretch, clearance.gone[b : b + 1], clearance.pairs[b])
@@ -117,6 +115,15 @@ def _step_bodies(
             continue
         near.untouched[0] = 0.0 if touched else near.untouched[0] + 1
         tell_contact(law, touched, found, past, Begun(after.forces[b], after.swung[b]), told, b)
+
+
+@jit_part
+def _of_one(states: State, b: int) -> State:
+    """That of a body."""
+    now = states.halves[b], states.rigid[b], states.beyond[b], states.relaxed[b], states.relaxed_beyond[b]
+    before = states.halves_before[b], states.rigid_before[b], states.beyond_before[b]
+    relaxed = states.relaxed_before[b], states.relaxed_beyond_before[b]
+    return State(*now, states.reactions[b], *before, *relaxed, states.reactions_before[b])
 
 
 @jit_part

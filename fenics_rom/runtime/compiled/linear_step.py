@@ -13,6 +13,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_apart, jit_part, jit_sums
 from fenics_rom.compiled_arrays import unowned
+from fenics_rom.mechanics.compiled.actuator_forces import room_for_search
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, Law, find_forces
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import in_one_piece
@@ -27,6 +28,7 @@ from fenics_rom.runtime.compiled.branches import (
     step_branches,
     stored_in,
 )
+from fenics_rom.runtime.compiled.linear_actuators import Pulled, end_pull, pull_alone, pull_among, set_given
 from fenics_rom.runtime.compiled.small_matrices import dot, multiply
 from fenics_rom.runtime.compiled.touching import (
     FORGOTTEN,
@@ -65,9 +67,10 @@ class Body(NamedTuple):
     whole: float  # a, s
     lost: float  # β + (θ - ½) h, s
     τ: float  # s
+    pulled: Pulled  # by what is found: strokes, and guides that rub
 
 
-PARTS = 5  # of a State, before those that note them
+PARTS = 6  # of a State, before those that note them
 
 
 class State(NamedTuple):
@@ -78,11 +81,13 @@ class State(NamedTuple):
     beyond: Array  # g, y and their rates, (4, 3P)
     relaxed: Array  # strains of branches in energy coordinates, and their forces, (N, 2, m)
     relaxed_beyond: Array  # those beyond the basis, (N, 2, 3P)
+    reactions: Array  # forces that were found (n,)
     halves_before: Array  # the same before the step
     rigid_before: Array
     beyond_before: Array
     relaxed_before: Array
     relaxed_beyond_before: Array
+    reactions_before: Array
 
 
 class Step(NamedTuple):
@@ -97,16 +102,18 @@ class Step(NamedTuple):
     contact: float  # dissipated in impacts, J
     friction: float  # dissipated, J
     normal_power: float  # Σ λ s of the pairs, W
+    holding: float  # Σ 2^k of strokes and guides k that held points back as contact was found
 
 
-NOT_TAKEN = Step(OTHERWISE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NOT_TAKEN = Step(OTHERWISE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @jit_part
 def room_for(body: Body, moving: Moving) -> int:
     """Numbers of the work space that a step among such obstacles takes."""
-    P = len(body.places)
-    return 8 * len(body.ω) + 12 * P + room_beside(moving, len(moving.start) * P)
+    P, n = len(body.places), len(body.pulled.W)
+    of_found = room_for_search(n) + len(body.ω) + body.inputs.shape[1] + n + 8 if n > 0 else 0
+    return 8 * len(body.ω) + 12 * P + room_beside(moving, len(moving.start) * P) + of_found
 
 
 @jit_apart
@@ -146,7 +153,11 @@ def step_in(
     by_contact, heat, beside = take(space, m), take(space, m), begin_beside(moving, h, len(pairs.forces), space)
     rate, stress = take(space, m), take(space, m)
     pull = take_rows(space, 2 if relaxes and yields else 0, 3 * P)
-    _push(body.inputs, u, pushed)
+    pulled, n = body.pulled, len(state.reactions)
+    given = take(space, len(u)) if n > 0 else u
+    if n > 0:
+        set_given(pulled, u, given)
+    _push(body.inputs, given, pushed)
     for i in range(m):
         right[i] = pushed[i] + 2 / h * r[i] - body.ω[i] * e[i]
         q[i] = state.rigid[i] if i < ρ else e[i] * body.inverse_ω[i]
@@ -160,13 +171,20 @@ def step_in(
             fill(pull[row], 0.0)
             add_row_of_pull(body.branches, state.relaxed_beyond, row, pull[row])
     multiply(body.A, right, v)
+    numbers, free, z = take(space, room_for_search(n) if n > 0 else 0), take(space, m * (n > 0)), take(space, n)
+    rubbed, told = rate, take(space, 4 * (n > 0))
+    if n > 0:
+        copy(v, free)
+        if not pull_alone(pulled, h, u, q, r, free, state.reactions, numbers, z, v):
+            return NOT_TAKEN
+        fill(told, 0.0)
     contact, going = Found(NOTHING, 0, 0.0), (r, v, state.beyond, pull, beside)
     reach = reach_of(clearance, body.inertia, body.whole, h, *going)
     by_obstacles = power = 0.0
     is_clear, farthest, begun_with = not turn(moving) and _is_beyond(clearance, reach), math.inf, taken(space)
     if not is_clear and turn_too_far(moving):
         return NOT_TAKEN
-    if len(clearance.pairs) > 0 and not turn(moving):
+    if n == 0 and len(clearance.pairs) > 0 and not turn(moving):
         farthest = 2 * reach
     for _ in range(0 if is_clear else 2):
         look_near(body, shapes, moving, h, beside, q, state.beyond, clearance, farthest, found, space)
@@ -181,8 +199,14 @@ def step_in(
             farthest = math.inf
             continue
         copy(begun.forces, pairs.forces)
-        ask_points(body, law, beside, pairs.forces, r, v, state.beyond, pull, found, farthest, space)
-        contact = find_forces(law, body.W, in_one_piece(body.inverse), P, begun.swung, pairs)
+        if n > 0:
+            acting, at_points = (u, r, free, state.reactions), (beside, begun, state.beyond, pull)
+            if not pull_among(pulled, body, law, *acting, *at_points, numbers, space, z, v, found, told):
+                return NOT_TAKEN
+            contact = Found(int(told[0]), int(told[1]), told[2])
+        else:
+            ask_points(body, law, beside, pairs.forces, r, v, state.beyond, pull, found, farthest, space)
+            contact = find_forces(law, body.W, in_one_piece(body.inverse), P, begun.swung, pairs)
         contact = held_by(law, found.gaps, pairs, contact)
         by_obstacles = add_up_forces(contact, beside.w, found)
         if contact.status != FOUND or are_left_out(body.W, h, reach, farthest, found, space):
@@ -194,14 +218,20 @@ def step_in(
     if contact.status == OTHERWISE:
         return NOT_TAKEN
     _remember(state, is_settled(clearance.still))
+    if n > 0:
+        copy(z, state.reactions)
+        end_pull(pulled, state.reactions, pushed, right, rubbed)
     if contact.status == FOUND:
         multiply(body.points, forces, by_contact)
         for i in range(m):
             right[i] += by_contact[i]
+    if contact.status == FOUND or n > 0:
         multiply(body.A, right, v)
-        power = dot(by_contact, v)
+        power = dot(by_contact, v) if contact.status == FOUND else 0.0
     multiply(body.heat, right, heat)
     supplied, dissipated = h * dot(pushed, v), h * dot(heat, heat)
+    if n > 0:
+        dissipated -= h * dot(rubbed, v)
     stored = in_branches = 0.0
     if relaxes:
         for i in range(m):
@@ -245,6 +275,7 @@ def step_in(
         -h * normal,
         h * (normal - whole),
         contact.normal_power,
+        told[3] if n > 0 else 0.0,
     )
 
 
@@ -290,6 +321,7 @@ def _remember(state: State, is_still: bool) -> None:
     copy(state.halves, state.halves_before)
     copy(state.rigid, state.rigid_before)
     copy(state.relaxed, state.relaxed_before)
+    copy(state.reactions, state.reactions_before)
     if not is_still:
         copy(state.beyond, state.beyond_before)
         copy(state.relaxed_beyond, state.relaxed_beyond_before)
@@ -303,3 +335,4 @@ def restore(state: State) -> None:
     copy(state.beyond_before, state.beyond)
     copy(state.relaxed_before, state.relaxed)
     copy(state.relaxed_beyond_before, state.relaxed_beyond)
+    copy(state.reactions_before, state.reactions)

@@ -10,17 +10,19 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.compiled_arrays import unowned
+from fenics_rom.mechanics.compiled.actuator_forces import Actuators
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs
 from fenics_rom.mechanics.compiled.copying import are_equal, copy
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.mechanics.compiled.work_space import take, take_flags, take_frames, take_integers, take_rows, work_space
-from fenics_rom.runtime.compiled.arrays_at import cube_at, matrix_at, vector_at
+from fenics_rom.runtime.compiled.arrays_at import cube_at, integer_rows_at, integers_at, matrix_at, vector_at
+from fenics_rom.runtime.compiled.linear_actuators import Pulled
 from fenics_rom.runtime.compiled.linear_step import Body, State, Step, restore, room_for, step_in
 from fenics_rom.runtime.compiled.touching import Begun, Clearance, StepContact, hand_on
 from fenics_rom.runtime.steppers.clearance import stretch_of
 
-OF_A_STEP = 10  # numbers that a record begins with: a `Step`, and how many pairs friction was not asked to stop
-_STATE, _OTHERS = 12, 22  # where a table has these after the body
+OF_A_STEP = 11  # numbers that a record begins with: a `Step`, and how many pairs friction was not asked to stop
+_STATE, _OTHERS, _PULLED = 12, 24, 29  # where a table has these after the body
 
 
 class Taken(NamedTuple):
@@ -34,7 +36,7 @@ class Taken(NamedTuple):
 class Record(NamedTuple):
     """What a step did, and found of contact."""
 
-    numbers: Array  # (10,)
+    numbers: Array  # (11,)
     found: StepContact
     after: Begun  # what the next step begins with: forces are those of the pairs
 
@@ -49,12 +51,13 @@ class Clear(NamedTuple):
 def arrays_of(body: Body, state: State, shapes: Array, friction: Array) -> tuple[Array, ...]:
     """What a table has, in its order; shapes (O, 17) and friction (O P,) are those of the obstacles and pairs."""
     left = sum(part.size for part in (*state[:3], state.relaxed_beyond)) + 3 * len(shapes)
-    return *body[:12], *state, shapes, friction, np.zeros(4), stretch_of(body.points), np.zeros(left)
+    others = shapes, friction, np.zeros(4), stretch_of(body.points), np.zeros(left)
+    return *body[:12], *state, *others, *body.pulled.actuators, *body.pulled[1:]
 
 
 def numbers_of(law: Law, body: Body) -> Array:
     """What goes with a table: numbers of the law, and of the body."""
-    return np.array([*law, *body[12:]], dtype=float)
+    return np.array([*law, *body[12:-1]], dtype=float)
 
 
 def _places_in_record(N: int, P: int) -> list[slice]:
@@ -120,15 +123,24 @@ def _body_at(table: Array, numbers: Array) -> Body:
         numbers[9],
         numbers[10],
         numbers[11],
+        pulled_at(table[_PULLED:]),
     )
+
+
+@jit_part
+def pulled_at(t: Array) -> Pulled:
+    """What nine rows have of it."""
+    of = integers_at(t[0]), vector_at(t[1]), vector_at(t[2]), integer_rows_at(t[3]), vector_at(t[4])
+    actuators = Actuators(of[0], of[1], of[2], of[3], of[4])
+    return Pulled(actuators, matrix_at(t[5]), matrix_at(t[6]), matrix_at(t[7]), matrix_at(t[8]))
 
 
 @jit_part
 def _state_at(table: Array) -> State:
     t = table[_STATE:]
-    now = matrix_at(t[0]), vector_at(t[1]), matrix_at(t[2]), cube_at(t[3]), cube_at(t[4])
-    before = matrix_at(t[5]), vector_at(t[6]), matrix_at(t[7]), cube_at(t[8]), cube_at(t[9])
-    return State(now[0], now[1], now[2], now[3], now[4], before[0], before[1], before[2], before[3], before[4])
+    now = matrix_at(t[0]), vector_at(t[1]), matrix_at(t[2]), cube_at(t[3]), cube_at(t[4]), vector_at(t[5])
+    before = matrix_at(t[6]), vector_at(t[7]), matrix_at(t[8]), cube_at(t[9]), cube_at(t[10]), vector_at(t[11])
+    return State(*now, *before)
 
 
 @jit_part
@@ -187,10 +199,10 @@ def _tell(step: Step, begun: Begun, law: Law, record: Record) -> None:
     numbers, helped = record.numbers, 0
     numbers[0], numbers[1], numbers[2], numbers[3] = step.status, step.sweeps, step.square, step.supplied
     numbers[4], numbers[5], numbers[6] = step.dissipated, step.by_obstacles, step.contact
-    numbers[7], numbers[8] = step.friction, step.normal_power
+    numbers[7], numbers[8], numbers[9] = step.friction, step.normal_power, step.holding
     for each in record.found.pairs.helped:
         helped += each
-    numbers[9] = helped
+    numbers[10] = helped
     hand_on(law, begun, step.status == FOUND, record.found.pairs, record.after)
 
 

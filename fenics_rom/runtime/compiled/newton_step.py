@@ -23,7 +23,7 @@ from fenics_rom.runtime.compiled.sampled_points import (
     set_slope_of_points,
 )
 from fenics_rom.runtime.compiled.small_matrices import factor, multiply, solve
-from fenics_rom.runtime.compiled.strokes import Pull, add_pull_slope, aim, find_pull
+from fenics_rom.runtime.compiled.strokes import Pull, add_pull_slope, aim, set_pull
 from fenics_rom.runtime.steppers.convergence import (
     CONVERGENCE_TOLERANCE,
     FAST_CONTRACTION,
@@ -50,7 +50,6 @@ def find_by_newton(
     copy(r, v)
     if pull is not None:
         aim(pull, u, q, r, law.h)
-        copy(pull.forces, pull.found)
     for count in range(MAX_ITERATIONS):
         for i in range(m):
             strains.at[i] = q[i] + law.h / 2 * v[i]
@@ -67,9 +66,9 @@ def find_by_newton(
         if count == 0 and not _take_slope(body, sampled, u, step, strains, motion, pull):
             return NOT_FOUND, step
         _correct(v, lack, motion)
-        if pull is not None and not find_pull(pull, strains.at, motion.factor, motion.velocity):
-            return NOT_FOUND, step
-        found = find_touching(r, motion, among, beside, pull)
+        if pull is not None:
+            set_pull(pull, strains.at, motion.factor)
+        found = find_touching(u, r, motion, among, beside, pull)
         if found.status == OTHERWISE:
             return NOT_FOUND, step
         error = 0.0

@@ -1,4 +1,7 @@
-"""Cables whose strokes are given, that hold or are slack, compiled: `mechanics.actuator_forces` without friction."""
+"""Cables and chambers whose strokes are given, and cables that rub at guides, of a body that deforms largely, compiled.
+
+`mechanics.compiled.actuator_forces` finds their forces.
+"""
 
 import math
 from typing import NamedTuple
@@ -7,19 +10,27 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.actuator_forces import SHARE, TOLERANCE
-from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.actuator_forces import CREEP
+from fenics_rom.mechanics.compiled.actuator_forces import Actuators, room_for_search
+from fenics_rom.mechanics.compiled.copying import add_row, copy, fill
 from fenics_rom.runtime.compiled.following import add_pressed_slope, add_pulled_slope
-from fenics_rom.runtime.compiled.small_matrices import dot, factor, solve, solve_rows
+from fenics_rom.runtime.compiled.small_matrices import dot, solve
 from fenics_rom.runtime.compiled.strain_tables import set_products
 
 
 class Pull(NamedTuple):
-    """Cables and chambers of a body with m modes, and the forces that are found in a step, N or Pa."""
+    """Of n forces that are found, N or Pa, of a body with m modes.
 
-    columns: Array  # of the input, where n strokes are (n,)
+    At a guide it is what a cable from its anchor to there does. So a cable goes on from its last guide, and from one
+    guide to the next one.
+    """
+
+    actuators: Actuators
+    friction: Array  # μ at guides (n,)
     chambers: Array  # which of the polynomials they have (n,); -1: of a cable
-    starts: Array  # of segments (n + 1,)
+    after: Array  # the guide that it goes on from (n,); -1: none
+    starts: Array  # of segments from there (n + 1,)
+    beyond: Array  # the segment behind a guide (n,)
     at_rest: Array  # segments of cables (s, 3), m
     shapes: Array  # what they are with q, (s, 3, m)
     lengths: Array  # of the cables at rest (n,), m; 0 of chambers
@@ -28,37 +39,68 @@ class Pull(NamedTuple):
     forces: Array  # z (n,) of the step before, then of this one
     targets: Array  # rates c (n,), m/s or m³/s
     found: Array  # z (n,)
+    strokes: Array  # (n,), m or m³
+    bends: Array  # μα at guides (n,)
     lines: Array  # Bᵀ (n, m)
     spread: Array  # what forces move (n, m)
     W: Array  # (n, n)
-    holds: Array  # 1 of those that go as they are to (n,), 0 of cables that are slack
+    search: Array  # numbers of a `Search`
+
+
+def rooms_for_pull(n: int, m: int) -> tuple[Array, ...]:
+    """For what is set, but for products and forces."""
+    sizes = (n,), (n,), (n,), (n,), (n, m), (n, m), (n, n), (room_for_search(n),)
+    return tuple(map(np.zeros, sizes))
 
 
 @jit_part
 def own_pull(pull: Pull, forces: Array) -> Pull:
     """Of a body of many, whose forces of the step before are these (n,)."""
-    n, m, c = len(pull.columns), pull.lines.shape[1], pull.chambers
-    fixed = pull.columns, c, pull.starts, pull.at_rest, pull.shapes, pull.lengths, pull.polynomials
-    rates = np.zeros(len(pull.products)), forces, np.zeros(n), np.zeros(n)
-    return Pull(*fixed, *rates, np.zeros((n, m)), np.zeros((n, m)), np.zeros((n, n)), np.zeros(n))
+    n, m, p = len(forces), pull.lines.shape[1], pull
+    fixed = p.actuators, p.friction, p.chambers, p.after, p.starts, p.beyond, p.at_rest, p.shapes, p.lengths
+    vectors = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    rest = np.zeros((n, m)), np.zeros((n, m)), np.zeros((n, n)), np.zeros(len(p.search))
+    return Pull(*fixed, p.polynomials, np.zeros(len(p.products)), forces, *vectors, *rest)
 
 
 @jit_part
-def _line(pull: Pull, k: int, q: Array) -> float:
-    """Sets what a cable does under a tension of 1, or a chamber under a pressure, at q (m,); its stroke there."""
-    line, length = pull.lines[k], 0.0
-    if pull.chambers[k] >= 0:
-        return _swell(pull.polynomials[pull.chambers[k]], q, pull.products, line)
-    for i in range(len(line)):
-        line[i] = 0.0
-    for s in range(pull.starts[k], pull.starts[k + 1]):
-        shapes, at = pull.shapes[s], pull.at_rest[s]
-        x, y, z = at[0] + dot(shapes[0], q), at[1] + dot(shapes[1], q), at[2] + dot(shapes[2], q)
-        size = math.sqrt(x * x + y * y + z * z)
-        length += size
-        for i in range(len(line)):
-            line[i] -= (x * shapes[0, i] + y * shapes[1, i] + z * shapes[2, i]) / size
-    return pull.lengths[k] - length
+def _set_lines(pull: Pull, q: Array) -> None:
+    """Sets what forces of 1 do at q (m,), and strokes there."""
+    n, g = len(pull.forces), len(pull.actuators.guides)
+    for i in range(n):
+        k = n - g + i if i < g else i - g  # guides first, from the anchor on
+        line, after, length = pull.lines[k], pull.after[k], 0.0
+        if pull.chambers[k] >= 0:
+            pull.strokes[k] = _swell(pull.polynomials[pull.chambers[k]], q, pull.products, line)
+            continue
+        fill(line, 0.0)
+        if after >= 0:
+            copy(pull.lines[after], line)
+            length = pull.lengths[after] - pull.strokes[after]
+        for s in range(pull.starts[k], pull.starts[k + 1]):
+            x, y, z = _segment(pull, s, q)
+            size, shapes = math.sqrt(x * x + y * y + z * z), pull.shapes[s]
+            length += size
+            for j in range(len(line)):
+                line[j] -= (x * shapes[0, j] + y * shapes[1, j] + z * shapes[2, j]) / size
+        pull.strokes[k] = pull.lengths[k] - length
+
+
+@jit_part
+def _segment(pull: Pull, s: int, q: Array) -> tuple[float, float, float]:
+    """A segment of a cable at q (m,), m."""
+    shapes, at = pull.shapes[s], pull.at_rest[s]
+    return at[0] + dot(shapes[0], q), at[1] + dot(shapes[1], q), at[2] + dot(shapes[2], q)
+
+
+@jit_part
+def _set_bends(pull: Pull, q: Array) -> None:
+    """Sets μ times what cables turn by at guides at q (m,)."""
+    for k in range(len(pull.forces) - len(pull.actuators.guides), len(pull.forces)):
+        a, b, c = _segment(pull, pull.starts[k + 1] - 1, q)
+        x, y, z = _segment(pull, pull.beyond[k], q)
+        across = math.sqrt((b * z - c * y) ** 2 + (c * x - a * z) ** 2 + (a * y - b * x) ** 2)
+        pull.bends[k] = pull.friction[k] * math.atan2(across, a * x + b * y + c * z)
 
 
 @jit_part
@@ -78,117 +120,63 @@ def _swell(polynomial: Array, q: Array, products: Array, force: Array) -> float:
 @jit_part
 def aim(pull: Pull, u: Array, q: Array, r: Array, h: float) -> None:
     """Sets the rates of a step of h s from q and r (m,), to the strokes in u (p,)."""
-    for k in range(len(pull.columns)):
-        stroke = _line(pull, k, q)
-        pull.targets[k] = SHARE / h * (u[pull.columns[k]] - stroke) + (1 - SHARE) * dot(pull.lines[k], r)
+    given, first = pull.actuators, len(pull.forces) - len(pull.actuators.guides)
+    _set_lines(pull, q)
+    for k in range(len(pull.forces)):
+        share, missing = given.share[k], 0.0 if k >= first else u[given.columns[k]] - pull.strokes[k]
+        pull.targets[k] = share / h * missing + (1 - share) * dot(pull.lines[k], r)
+    copy(pull.forces, pull.found)
 
 
 @jit_part
 def add_pull(pull: Pull, q: Array, size: float, force: Array) -> None:
-    """Adds what the cables do at q to a force (m,), so many times."""
-    for k in range(len(pull.columns)):
-        _line(pull, k, q)
-        for i in range(len(q)):
-            force[i] += size * pull.forces[k] * pull.lines[k, i]
+    """Adds what the forces of the step before do at q to a force (m,), so many times."""
+    _set_lines(pull, q)
+    for k in range(len(pull.forces)):
+        add_row(pull.lines[k], size * pull.forces[k], force)
 
 
 @jit_part
 def add_pull_slope(pull: Pull, q: Array, size: float, slope: Array) -> None:
     """Adds, so many times, what the forces that are found do at q changes by with q (m, m)."""
-    for k in range(len(pull.columns)):
+    n, tensions = len(pull.forces), pull.found.copy()
+    for i in range(n):
+        k = i if i < n - len(pull.actuators.guides) else 2 * n - len(pull.actuators.guides) - 1 - i
+        if pull.after[k] >= 0:
+            tensions[pull.after[k]] += tensions[k]
         if pull.chambers[k] >= 0:
             add_pressed_slope(pull.polynomials[pull.chambers[k]], q, size * pull.found[k], slope)
         for s in range(pull.starts[k], pull.starts[k + 1]):
-            add_pulled_slope(pull.at_rest[s], pull.shapes[s], q, size * pull.found[k], slope)
+            add_pulled_slope(pull.at_rest[s], pull.shapes[s], q, size * tensions[k], slope)
 
 
 @jit_part
-def find_pull(pull: Pull, q: Array, U: Array, v: Array) -> bool:
-    """Sets forces with which cables go as they are to, in the middle q of a step with v̂ (m,); whether there are any.
-
-    v follows forces by the factor U. What is found is negative where a cable would push, or a chamber sucks.
-    """
-    for k in range(len(pull.columns)):
-        _line(pull, k, q)
+def set_pull(pull: Pull, q: Array, U: Array) -> None:
+    """Sets what forces do in the middle q (m,) of a step in which v̂ follows them by the factor U."""
+    n = len(pull.forces)
+    _set_lines(pull, q)
+    _set_bends(pull, q)
+    for k in range(n):
         copy(pull.lines[k], pull.spread[k])
         solve(U, pull.spread[k])
-        pull.holds[k] = 1.0
-    return find_held(pull, v)
-
-
-@jit_part
-def find_held(pull: Pull, v: Array) -> bool:
-    """The same of those that hold, where lines are known; others have none."""
-    n, z, W, holds = len(pull.columns), pull.found, pull.W, pull.holds
     for k in range(n):
-        z[k] = holds[k] * (pull.targets[k] - dot(pull.lines[k], v))
         for j in range(n):
-            W[k, j] = (dot(pull.lines[k], pull.spread[j]) + dot(pull.lines[j], pull.spread[k])) / 2
-            if not (holds[k] and holds[j]):
-                W[k, j] = 1.0 if k == j else 0.0
-    if not factor(W):
-        return False
-    solve(W, z)
-    return True
+            pull.W[k, j] = (dot(pull.lines[k], pull.spread[j]) + dot(pull.lines[j], pull.spread[k])) / 2
+        if k >= n - len(pull.actuators.guides):
+            pull.W[k, k] += CREEP * pull.W[k, k]
 
 
 @jit_part
-def is_settled(pull: Pull, v: Array) -> bool:
-    """Whether all cables pull, or are shorter than they have to be, with v̂ of a step (m,); others let go, or hold."""
-    scale, settled = 0.0, True
-    for k in range(len(pull.columns)):
-        scale = max(scale, abs(pull.targets[k]), abs(dot(pull.lines[k], v)))
-    for k in range(len(pull.columns)):
-        if pull.holds[k]:
-            goes_on = pull.found[k] >= 0 or pull.chambers[k] >= 0
-        else:
-            goes_on = pull.targets[k] - dot(pull.lines[k], v) <= TOLERANCE * scale
-        if not goes_on:
-            pull.holds[k], settled = 1.0 - pull.holds[k], False
-    return settled
+def end_pull(pull: Pull, v: Array, force: Array) -> float:
+    """Has the forces that are found be those of the step, and adds what strokes do to others (m,).
 
-
-@jit_part
-def move_by(pull: Pull, size: float, v: Array) -> None:
-    """Adds to v̂ (m,) what the forces that are found do, so many times."""
-    for k in range(len(pull.columns)):
-        for i in range(len(v)):
-            v[i] += size * pull.found[k] * pull.spread[k, i]
-
-
-@jit_part
-def end_pull(pull: Pull, force: Array) -> None:
-    """Has the forces that are found be those of the step, and adds what they do to others (m,)."""
+    The power of guides, W, with v̂ (m,): what they dissipate, less than 0.
+    """
+    power = 0.0
     copy(pull.found, pull.forces)
-    for k in range(len(pull.columns)):
-        for i in range(len(force)):
-            force[i] += pull.found[k] * pull.lines[k, i]
-
-
-@jit_part
-def hold_back(pull: Pull, points: Array, W: Array) -> None:
-    """Has W (3P, 3P) be that of points Sᵀ (m, 3P) while cables that hold go as they are to, W - X W⁻¹ Xᵀ."""
-    X = np.zeros((len(pull.columns), len(W)))
-    for k in range(len(X)):
-        for i in range(len(points) if pull.holds[k] else 0):
-            row, share = points[i], pull.spread[k, i]
-            for j in range(len(W)):
-                X[k, j] += share * row[j]
-    solve_rows(pull.W, X)
-    for k in range(len(X)):
-        for i in range(len(W) if pull.holds[k] else 0):
-            for j in range(len(W)):
-                W[i, j] -= X[k, i] * X[k, j]
-
-
-@jit_part
-def hold(pull: Pull, pushed: Array, v: Array) -> None:
-    """Has strokes that are held go as they are to under other forces (m,), too, and adds to v̂ what that takes."""
-    change = np.empty(len(pull.columns))
-    for k in range(len(change)):
-        change[k] = -pull.holds[k] * dot(pull.spread[k], pushed)
-    solve(pull.W, change)
-    for k in range(len(change)):
-        pull.found[k] += change[k]
-        for i in range(len(v)):
-            v[i] += change[k] * pull.spread[k, i]
+    for k in range(len(pull.forces)):
+        if k < len(pull.forces) - len(pull.actuators.guides):
+            add_row(pull.lines[k], pull.found[k], force)
+        else:
+            power += pull.found[k] * dot(pull.lines[k], v)
+    return power

@@ -21,6 +21,7 @@ from fenics_rom.runtime.compiled.yielding import Yielding
 DIAGONAL = 3**0.5  # the longest vector in space whose components are 1 at most
 FORGOTTEN, NEGLIGIBLE = 1e-200, 1e-30  # J, and of the energy of the basis: see `steppers.residual_motion`
 FEW_POINTS = 4  # part of all, up to which they are placed one by one
+NO_LAW = Law(1.0, 0.0, 0.0, 0.0, 0.0, False, 0, math.inf)  # of bodies that nothing can touch
 LOST = 3  # status of a step whose state would not be finite; see `contact_law`
 
 

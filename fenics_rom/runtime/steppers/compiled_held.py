@@ -7,6 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain, jit, or_numpy
+from fenics_rom.mechanics.compiled.actuator_forces import Actuators
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.compiled_contact import CompiledContact
@@ -20,7 +21,7 @@ from fenics_rom.runtime.compiled.held_step import Step
 from fenics_rom.runtime.compiled.held_steps import Taken, take_steps
 from fenics_rom.runtime.compiled.held_table import Noted, arrays_of, take_step_at
 from fenics_rom.runtime.compiled.held_touch import Among, Body, Touch, motion_in
-from fenics_rom.runtime.compiled.strokes import Pull
+from fenics_rom.runtime.compiled.strokes import Pull, rooms_for_pull
 from fenics_rom.runtime.compiled.touching import LOST
 from fenics_rom.runtime.steppers.acts.following import Pressure
 from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
@@ -104,7 +105,7 @@ class CompiledHeld:
             ω,
             inverse_ω,
             loads.dead,
-            following_of(loads.following, m, [] if pull is None else pull.columns.tolist()),
+            following_of(loads.following, m, [] if pull is None else pull.actuators.columns.tolist()),
             law_of(body, law, h),
             sampled_of(body, law),
         )
@@ -326,17 +327,36 @@ class CompiledHeld:
 
 
 def _pull(found: FoundForces, m: int, p: int) -> Pull | None:
-    """Of p inputs, as arrays; None where more is found than forces of cables that do not rub, and of chambers."""
-    followers, columns = found.followers, found.actuators.columns % p
-    tendons = [each for each in followers if isinstance(each, ReducedTendon)]
-    chambers = [each.polynomial for each in followers if isinstance(each, Pressure)]
-    if found.actuators.guides or len(tendons) + len(chambers) < max(len(followers), 1):
+    """Of p inputs, as arrays; None where more is found than forces of cables and chambers, as of bars."""
+    followers, actuators = found.followers, found.actuators
+    if not followers or not all(isinstance(each, ReducedTendon | Pressure) for each in followers):
         return None
+    n, k = len(followers), len(actuators.names)
+    after, last = np.full(n, -1), dict[str, int]()
+    for guide, (tendon, _) in enumerate(actuators.guides, start=k):
+        after[guide], last[tendon] = last.get(tendon, -1), guide
+    for stroke, name in enumerate(actuators.names):
+        after[stroke] = last.get(name, -1)
+    chambers = [each.polynomial for each in followers if isinstance(each, Pressure)]
     is_chamber = np.array([isinstance(each, Pressure) for each in followers])
-    counts = [len(each.points) - 1 if isinstance(each, ReducedTendon) else 0 for each in followers]
-    (at_rest, shapes, of_cables), polynomials = segments_of(tendons, m), polynomials_of(chambers, m)
-    n, starts, lengths = len(followers), np.cumsum([0, *counts]), np.zeros(len(followers))
-    lengths[~is_chamber] = of_cables
     numbers = np.where(is_chamber, is_chamber.cumsum() - 1, -1)
-    sizes = (polynomials.shape[2],), (n,), (n,), (n,), (n, m), (n, m), (n, n), (n,)
-    return Pull(columns, numbers, starts, at_rest, shapes, lengths, polynomials, *map(np.zeros, sizes))
+    none, lengths, counts = (np.empty((0, 3)), np.empty((0, 3, m)), np.zeros(0)), np.zeros(n), np.zeros(n, dtype=int)
+    parts = [none]
+    for number, each in enumerate(followers):
+        if isinstance(each, ReducedTendon):
+            own = segments_of([each], m)
+            begin = len(own[0]) - 1 if after[number] >= 0 else 0
+            parts.append((own[0][begin:], own[1][begin:], own[2]))
+            lengths[number], counts[number] = own[2][0], len(own[0]) - begin
+    starts, beyond = np.cumsum([0, *counts]), np.zeros(n, dtype=np.int64)
+    for guide, before in enumerate(after[k:].tolist(), start=k):
+        if before >= 0:
+            beyond[before] = starts[guide]
+    for number, (name, guide) in enumerate(last.items()):  # from which the last segment leads to where it is pulled
+        at_rest, shapes, length = segments_of([found.rubbing[name]], m)
+        parts.append((at_rest[-1:], shapes[-1:], length))
+        beyond[guide] = starts[-1] + number
+    at_rest, shapes, _ = map(np.concatenate, zip(*parts, strict=True))
+    polynomials = polynomials_of(chambers, m)
+    given = Actuators.of(actuators, p), actuators.friction, numbers, after, starts, beyond, at_rest, shapes, lengths
+    return Pull(*given, polynomials, np.zeros(polynomials.shape[2]), np.zeros(n), *rooms_for_pull(n, m))

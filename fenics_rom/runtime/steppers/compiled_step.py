@@ -1,12 +1,14 @@
 """Steps of a linear body among obstacles by one compiled function: what `ContactMidpoint` tries first."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain, or_numpy
+from fenics_rom.mechanics.actuator_forces import PointsHeldBack
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.compiled_contact import CompiledContact, Known, Told
@@ -28,17 +30,19 @@ from fenics_rom.runtime.compiled.linear_table import (
     take_step_at,
     take_steps_at,
 )
-from fenics_rom.runtime.compiled.touching import StepContact
+from fenics_rom.runtime.compiled.touching import NO_LAW, StepContact
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 
+NO_OBSTACLES, NO_SHAPES = ObstacleMotion(*np.zeros((3, 0, 3))), np.zeros((0, 17))
+NOTHING_BEGUN = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
 LARGEST_CONDITION, MOST_ROWS = 1e8, 300  # of Delassus operators whose inverses are kept
 
 
 def inverse_of(W: Array) -> Array:
     """Of a symmetric matrix (n, n); (0, 0) where it is large, or hardly tells forces apart."""
-    if len(W) <= MOST_ROWS and np.isfinite(W).all():
+    if 0 < len(W) <= MOST_ROWS and np.isfinite(W).all():
         values, vectors = np.linalg.eigh(W)
         if values[0] * LARGEST_CONDITION > values[-1]:
             root = vectors / np.sqrt(values)
@@ -69,8 +73,8 @@ class StepTaken:
         record: Array,
         read: Callable[[Array], Record],
         law: Law,
-        solver: CompiledContact,
-        search: ContactSearch,
+        solver: CompiledContact | None,
+        search: ContactSearch | None,
         obstacles: ObstacleMotion,
     ):
         self.did = Step(*record[1:OF_A_STEP].tolist())
@@ -80,6 +84,7 @@ class StepTaken:
     def contact(self) -> ContactSolution:
         """What it did, where a pair took part."""
         _, _, law, solver, _, obstacles = self._given
+        assert solver is not None
         seen = solver.seen(self._points().displacement, obstacles, law.h)
         return self._told().solution(obstacles.velocities(law.h), seen)
 
@@ -87,14 +92,16 @@ class StepTaken:
         """Velocities (P, 3) of the contact points beyond the basis, m/s."""
         return self._found.motion[3].reshape(-1, 3)
 
-    def known(self, delassus: Array) -> Known:
-        """As `ContactSolver.last_step`."""
+    def known(self, delassus: Callable[[], Array]) -> Known:
+        """As `ContactSolver.last_step`; `delassus` tells the operator of the points."""
 
         def known() -> tuple[AskedPairs | None, SolvedPairs | None]:
             if self._found.pairs.level[0] == -np.inf:  # out of reach, so that nobody asked
                 return None, None
             _, _, law, solver, search, obstacles = self._given
-            return self._told().known(solver, search.forces, self._points, delassus, law.h, obstacles)()
+            assert solver is not None
+            assert search is not None
+            return self._told().known(solver, search.forces, self._points, delassus(), law.h, obstacles)()
 
         return known
 
@@ -105,6 +112,7 @@ class StepTaken:
 
     def _told(self) -> Told:
         _, _, law, _, search, _ = self._given
+        assert search is not None
         found, power, sweeps = self._found, self.did.normal_power if law.friction > 0 else None, int(self.did.sweeps)
         return Told(law, found.pairs, found.gaps, found.forces.reshape(-1, 3), sweeps, power, search.swung)
 
@@ -154,73 +162,99 @@ class CompiledStep:
     Args:
         body: what moves.
         state: what steps change, and where they note it before.
-        solver: finds forces.
+        solver: finds contact forces; None: nothing can touch.
         h: s.
         relaxing: branches of its material, whose strains are in the state.
 
     Attributes:
-        body: as given.
+        body, state: as given.
     """
 
-    def __init__(self, body: Body, state: State, solver: CompiledContact, h: float, relaxing: Sequence[Relaxing]):
-        self.body, self._solver, self._h, self._relaxing = body, solver, h, relaxing
-        self._pairs, self._points = len(solver.shapes) * len(solver.points), len(solver.points)
+    def __init__(
+        self, body: Body, state: State, solver: CompiledContact | None, h: float, relaxing: Sequence[Relaxing]
+    ):
+        self.body, self.state, self._solver, self._h, self._relaxing = body, state, solver, h, relaxing
+        shapes, self._points = NO_SHAPES if solver is None else solver.shapes, len(body.places)
+        self._pairs, self._nothing = len(shapes) * self._points, NO_LAW._replace(h=h)
         self._size, self._after = size_of_record(self._pairs, self._points), after_in_record(self._pairs, self._points)
         self._friction = np.empty(self._pairs)
-        self._arrays = arrays_of(body, state, solver.shapes, self._friction)  # kept, as the table has but addresses
-        self._table, self._law = table_of(self._arrays), solver.law_in_steps(h)
+        self._arrays = arrays_of(body, state, shapes, self._friction)  # kept, as the table has but addresses
+        self._table, self._law = table_of(self._arrays), self._law_now
         self._know_law()
+
+    @property
+    def _law_now(self) -> Law:
+        return self._nothing if self._solver is None else self._solver.law_in_steps(self._h)
 
     def _know_law(self) -> None:
         """Has the numbers and the friction of the table be those of the law."""
         self._numbers = numbers_of(self._law, self.body)
         self._friction[:] = self._law.friction
 
-    def _begin(self) -> ContactSearch:
-        """The search that steps begin with, by the law as it now is."""
-        law = self._solver.law_in_steps(self._h)
+    def _begin(self, reactions: Array) -> tuple[Array, Array]:
+        """What steps begin with by the law as it is: forces, and how often pairs swung; `reactions` as in `take`."""
+        law = self._law_now
         if law is not self._law:
             self._law = law
             self._know_law()
         for each in self._relaxing:
             each.begin()
-        return self._solver.search
+        if len(self.state.reactions):
+            self.state.reactions[:] = reactions
+        solver = self._solver
+        return NOTHING_BEGUN if solver is None else (solver.search.forces, solver.swung(solver.search))
 
     @or_numpy
-    def take(self, u: Array, obstacles: ObstacleMotion) -> StepTaken | None:
-        """Takes a step under u (p,); None where the loops do not find its forces, and nothing is changed."""
-        search, record = self._begin(), np.empty(self._size)
-        begun = search.forces, self._solver.swung(search)
-        take_step_at(self._table, self._numbers, in_plain(u), *obstacles, *begun, record)
-        return None if record.item(1) == OTHERWISE else self._note(record, search, obstacles)
+    def take(self, u: Array, obstacles: ObstacleMotion | None, reactions: Array) -> StepTaken | None:
+        """Takes a step under u (p,); None where the loops do not find its forces, and nothing is changed.
+
+        `reactions` are forces (n,) that the step before has found.
+        """
+        begun, record, moving = self._begin(reactions), np.empty(self._size), obstacles or NO_OBSTACLES
+        take_step_at(self._table, self._numbers, in_plain(u), *moving, *begun, record)
+        search = None if self._solver is None else self._solver.search
+        return None if record.item(1) == OTHERWISE else self._note(record, search, moving)
 
     @or_numpy
-    def take_many(self, inputs: Array, path: ObstacleMotion) -> StepsTaken | None:
+    def take_many(self, inputs: Array, path: ObstacleMotion | None, reactions: Array) -> StepsTaken | None:
         """Takes steps under inputs (n, p) among obstacles on a path (`in_step`), as many as loops find; None: none."""
-        search, solver, records, n = self._begin(), self._solver, np.empty((3, self._size)), len(inputs)
+        begun, solver, records, n = self._begin(reactions), self._solver, np.empty((3, self._size)), len(inputs)
+        path = path or ObstacleMotion(*(part[None] for part in NO_OBSTACLES))
         first = self._in(records[2]).after
-        first.forces[:], first.swung[:] = search.forces, solver.swung(search)
+        first.forces[:], first.swung[:] = begun
         taken = Taken(np.empty((n, 5)), np.empty((n, len(self.body.ω))), np.empty((n, len(self.body.R))))
         count = take_steps_at(self._table, self._numbers, in_plain(inputs), Moving(*path), records, taken)
         if not count:
             return None
         forces, swung = self._in(records[(count + 1) % 3]).after
-        solver.search = search = search._replace(forces=forces, swung=swung if swung.any() else None)
+        search = None
+        if solver is not None:
+            solver.search = search = solver.search._replace(forces=forces, swung=swung if swung.any() else None)
         last = self._note(records[(count + 2) % 3], search, path.in_step(count - 1))
         return StepsTaken(Taken(*(rows[:count] for rows in taken)), last)
+
+    def _delassus(self, holding: int) -> Array:
+        """The operator of the contact points with which contact was found: see `Step.holding`."""
+        if not holding:
+            return self.body.W
+        pulled = self.body.pulled
+        holds = np.array([bool(holding & 1 << k) for k in range(len(pulled.W))])
+        return PointsHeldBack(self.body.W, pulled.X.T, pulled.W).delassus(holds)
 
     def _in(self, record: Array) -> Record:
         return record_in(record, self._pairs, self._points, self._friction)
 
-    def _note(self, record: Array, search: ContactSearch, obstacles: ObstacleMotion) -> StepTaken:
+    def _note(self, record: Array, search: ContactSearch | None, obstacles: ObstacleMotion) -> StepTaken:
         """A step that began with a search; the next one begins with what it found."""
         solver, after = self._solver, self._after
         for each in self._relaxing:
             each.end()
         step = StepTaken(record, self._in, self._law, solver, search, obstacles)
+        if solver is None or search is None:
+            return step
         forces, swung = search.forces, None
         if step.touches:
             forces = record[after[0]].reshape(-1, 3)
             swung = record[after[1]].view(np.int64) if record.item(OF_A_STEP) else None
-        solver.note(step.known(self.body.W), step.touches, forces, swung)
+        solver.note(step.known(partial(self._delassus, int(step.did.holding))), step.touches, forces, swung)
         return step

@@ -31,10 +31,12 @@ from fenics_rom.runtime.steppers.kernel import BOOKED_TOGETHER, ContactWorks, St
 from fenics_rom.runtime.steppers.residual_motion import operator_of
 from fenics_rom.runtime.steppers.taken_step import found_taken, linear_taken, residual_taken
 
+MOST_FOUND = 50  # forces of actuators, of which loops tell in one number
 # A step without contact: G u, the same with elasticity and inertia, N kg^-1/2, and v̂, (m,) each.
 _Step = tuple[Array, Array, Array]
 
 if TYPE_CHECKING:
+    from fenics_rom.runtime.compiled.linear_actuators import Pulled
     from fenics_rom.runtime.steppers.compiled_step import CompiledStep, StepsTaken, StepTaken
     from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
 
@@ -71,13 +73,13 @@ class ContactMidpoint(FollowingMidpoint):
     def _make_compiled_step(self) -> "CompiledStep | None":
         """What takes steps where loops are compiled, and there is nothing that they do not know."""
         solver = None if self._interface is None else self._interface.solver
-        if not compiled() or solver is None or self._actuators is not None:
+        if not compiled() or (solver is None and self._interface is not None) or len(self.reactions) > MOST_FOUND:
             return None
         from fenics_rom.mechanics.compiled_contact import CompiledContact  # here, as numba takes time to import
         from fenics_rom.runtime.compiled.linear_step import Body, State
         from fenics_rom.runtime.steppers.compiled_step import CompiledStep, Relaxing, inverse_of
 
-        if not isinstance(solver, CompiledContact):
+        if not (solver is None or isinstance(solver, CompiledContact)):
             return None
         branches, beside = self.branches, None if self.residual is None else self.residual.branches
         coefficients, share = np.zeros((8, 0)), np.empty((0, 0))
@@ -88,26 +90,43 @@ class ContactMidpoint(FollowingMidpoint):
         if self.residual is not None:
             (R, *times), (beyond, beyond_before) = self.residual.numbers, self.residual.states
         ω, inverse_ω, inputs, A, heat = map(in_plain, (self._ω, self._inverse_ω, self._model.inputs, A, heat))
-        points, places, W, R = map(in_plain, (self._Sᵀ, solver.points, self._delassus, R))
+        at = np.zeros((0, 3)) if solver is None else solver.points
+        points, places, W, R = map(in_plain, (self._Sᵀ, at, self._delassus, R))
         of_branches = coefficients, share
-        body = Body(ω, inverse_ω, inputs, A, heat, points, places, W, inverse_of(W), R, *of_branches, *times)
+        inverse = inverse_of(W) if self._actuators is None else np.empty((0, 0))
+        given = points, places, W, inverse, R, *of_branches
+        body = Body(ω, inverse_ω, inputs, A, heat, *given, *times, self.pulled)
         count = coefficients.shape[1]
         within, outside = Relaxing(branches, count, len(ω)), Relaxing(beside, count, len(R))
+        reactions = np.zeros((2, len(self.reactions)))
         now = self._halves, self._rigid_displacement, beyond, within.rows, outside.rows
         before = self._state_before.reshape(2, -1), self._rigid_before, beyond_before
-        state = State(*now, *before, within.rows_before, outside.rows_before)
+        state = State(*now, reactions[0], *before, within.rows_before, outside.rows_before, reactions[1])
         return CompiledStep(body, state, solver, self.h, (within, outside))
+
+    @property
+    def pulled(self) -> "Pulled":
+        """What forces are found in steps, as loops have it."""
+        from fenics_rom.mechanics.compiled.actuator_forces import Actuators  # here, as numba takes time to import
+        from fenics_rom.runtime.compiled.linear_actuators import Pulled
+
+        (m, width), given = self._Sᵀ.shape, Actuators.of(self._actuators, self._model.inputs.shape[1])
+        if self._actuators is None:
+            return Pulled(given, np.zeros((0, m)), np.zeros((0, m)), np.zeros((0, 0)), np.zeros((0, width)))
+        B, spread = self._columns, self._spread
+        lines, by_forces = (np.ascontiguousarray(columns.T) for columns in (B, spread))
+        return Pulled(given, lines, by_forces, self._actuators.compliance(B.T @ spread), spread.T @ self._Sᵀ)
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
-        if self._actuators is not None:
-            return self._step_by_strokes(self._actuators, u, obstacles)
         if (
             self.compiled_step is not None
-            and obstacles is not None
-            and (taken := self.compiled_step.take(u, obstacles))
+            and (obstacles is not None or self._interface is None)
+            and (taken := self.compiled_step.take(u, obstacles, self.reactions))
         ):
             return self._end_compiled(taken)
+        if self._actuators is not None:
+            return self._step_by_strokes(self._actuators, u, obstacles)
         if self._clearance.lasts(obstacles, self.state, self._rigid_displacement):
             step, beyond = self._begin_step(u), self._speed_beyond
             if self._clearance.is_enough(step[2], self._r, beyond):
@@ -167,6 +186,8 @@ class ContactMidpoint(FollowingMidpoint):
         """Takes note of contact in the last step, which compiled loops have taken."""
         self._contact_before, self._reactions_before, self._notes_before = self._contact, self.reactions, self.notes
         self._contact = taken.contact if taken.touches else None
+        if self._actuators is not None and self.compiled_step is not None:
+            self.reactions = self.compiled_step.state.reactions.copy()
         if taken.touches:
             self._at_touch = None, None if self.residual is None else taken.beyond
 
@@ -175,11 +196,11 @@ class ContactMidpoint(FollowingMidpoint):
         """Whether compiled functions take steps."""
         return self.compiled_step is not None
 
-    def roll(self, inputs: Array, path: ObstacleMotion) -> "StepsTaken | None":
+    def roll(self, inputs: Array, path: ObstacleMotion | None) -> "StepsTaken | None":
         """Takes steps under inputs (n, p) among obstacles on a path (`in_step`), as many as loops find; None: none."""
         if self.compiled_step is None:
             return None
-        taken = self.compiled_step.take_many(inputs, path)
+        taken = self.compiled_step.take_many(inputs, path, self.reactions)
         if taken is None:
             return None
         self.flush()

@@ -22,17 +22,18 @@ class FoundForces:
 
     Attributes:
         followers: what turns with the body, of each; none where strains are small.
+        rubbing: cables that rub, by name; none where strains are small.
     """
 
     def __init__(self, body: ReducedDeformation | None, model: ContactModel, actuators: ActuatorForces):
         self.actuators = actuators
         self._columns = model.inputs[:, actuators.columns]
-        self.followers, self._rubbing = list[Follower](), list[ReducedTendon]()
+        self.followers, self.rubbing = list[Follower](), dict[str, ReducedTendon]()
         if body is not None:
             tendons = body.tendons
             self.followers = [follower(body, name) for name in actuators.names]
             self.followers += [tendons[name].up_to(guide) for name, guide in actuators.guides]
-            self._rubbing = [tendons[name] for name in dict.fromkeys(name for name, _ in actuators.guides)]
+            self.rubbing = {name: tendons[name] for name, _ in actuators.guides}
 
     def columns(self, q: Array) -> Array:
         """Generalized forces (m, n) of forces of 1 on the body at q."""
@@ -58,7 +59,9 @@ class FoundForces:
         """By which tendons turn at guides (n,), rad; None where those at rest will do."""
         if not self.followers:
             return None
-        return np.concatenate([np.zeros(len(self.actuators.names)), *(tendon.angles(q) for tendon in self._rubbing)])
+        return np.concatenate(
+            [np.zeros(len(self.actuators.names)), *(tendon.angles(q) for tendon in self.rubbing.values())]
+        )
 
     def stroke_slopes(self, q: Array) -> Array:
         """What strokes change by with q, (n, m)."""
@@ -75,8 +78,9 @@ class FoundForces:
     def angle_slopes(self, q: Array) -> Array:
         """What angles at guides change by with q, (n, m)."""
         slopes = np.zeros((len(self.actuators.columns), len(q)))
-        if self._rubbing:
-            slopes[len(self.actuators.names) :] = np.concatenate([tendon.angle_slopes(q) for tendon in self._rubbing])
+        if self.rubbing:
+            turned = [tendon.angle_slopes(q) for tendon in self.rubbing.values()]
+            slopes[len(self.actuators.names) :] = np.concatenate(turned)
         return slopes
 
     @staticmethod
