@@ -24,9 +24,18 @@ def add_rows(table: Array, i: int, given: Array, into: Array) -> None:
     into[..., own] += given[..., i:] @ rows.T
 
 
-def subtract_rows(A: Array, i: int, k: int, first: int, a: float, b: float, c: float, d: float) -> None:
-    """Takes shares of rows k to k + 4 of a matrix from row i, from a column on; that, and the width, are full lanes."""
-    A[i, first:] -= np.array((a, b, c, d)) @ A[k : k + ROWS, first:]
+def subtract_rows(A: Array, i: int, k: int, first: int, shares: tuple[float, ...]) -> None:
+    """Takes shares (4, 4), row after row, of rows k to k + 4 of a matrix from rows i to i + 4, from a column on.
+
+    That, and the width, are full lanes.
+    """
+    A[i : i + ROWS, first:] -= np.reshape(shares, (ROWS, ROWS)) @ A[k : k + ROWS, first:]
+
+
+def subtract_before(A: Array, k: int, first: int, shares: tuple[float, ...]) -> None:
+    """The same of rows k to k + 4 among themselves: takes from each, in order, shares of those before it."""
+    for n, of in enumerate(np.reshape(shares, (ROWS, ROWS))):
+        A[k + n, first:] -= of[:n] @ A[k : k + n, first:]
 
 
 if can_compile():
@@ -97,31 +106,48 @@ if can_compile():
     def _compiled_add_rows(table: Any, i: Any, given: Any, into: Any) -> Any:
         return lambda table, i, given, into: _add_rows(table, i, given, into)
 
-    @intrinsic
-    def _subtract_rows(context: Any, A: Any, i: Any, k: Any, first: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    def _subtract(builder: Any, within: bool, array: Any, to: Any, of: Any, start: Any, given: Any) -> None:
         lanes = ir.VectorType(ir.DoubleType(), LANES)
+        width = cgutils.unpack_tuple(builder, array.shape, 2)[1]
 
+        def at(row: Any, column: Any) -> Any:
+            place = builder.gep(array.data, [builder.add(builder.mul(row, width), column)])
+            return builder.bitcast(place, lanes.as_pointer())
+
+        less = [_in_all(builder, builder.fneg(builder.extract_value(given, n)), lanes) for n in range(ROWS**2)]
+        rows, into = ([builder.add(begin, _PLACE(r)) for r in range(ROWS)] for begin in (of, to))
+        with cgutils.for_range_slice(builder, start, width, _PLACE(LANES)) as (j, _):
+            of_rows = [builder.load(at(row, j), align=8) for row in rows]
+            for n in range(1 if within else 0, ROWS):
+                total = of_rows[n] if within else builder.load(at(into[n], j), align=8)
+                for m in range(n if within else ROWS):
+                    total = _added(builder, total, of_rows[m], less[ROWS * n + m])
+                builder.store(total, at(into[n], j), align=8)
+                if within:
+                    of_rows[n] = total
+
+    @intrinsic
+    def _subtract_rows(context: Any, A: Any, i: Any, k: Any, first: Any, shares: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            array, to, of, start, *shares = values
-            matrix = cgutils.create_struct_proxy(A)(context, builder, array)
-            width = cgutils.unpack_tuple(builder, matrix.shape, 2)[1]
-
-            def at(row: Any, column: Any) -> Any:
-                place = builder.gep(matrix.data, [builder.add(builder.mul(row, width), column)])
-                return builder.bitcast(place, lanes.as_pointer())
-
-            less = [_in_all(builder, builder.fneg(share), lanes) for share in shares]
-            rows = [builder.add(of, _PLACE(r)) for r in range(ROWS)]
-            with cgutils.for_range_slice(builder, start, width, _PLACE(LANES)) as (j, _):
-                place = at(to, j)
-                total = builder.load(place, align=8)
-                for row, share in zip(rows, less, strict=True):
-                    total = _added(builder, total, builder.load(at(row, j), align=8), share)
-                builder.store(total, place, align=8)
+            array, *given = values
+            _subtract(builder, False, cgutils.create_struct_proxy(A)(context, builder, array), *given)
             return context.get_dummy_value()
 
-        return types.void(A, i, k, first, a, b, c, d), generate
+        return types.void(A, i, k, first, shares), generate
+
+    @intrinsic
+    def _subtract_before(context: Any, A: Any, k: Any, first: Any, shares: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            array, of, *given = values
+            _subtract(builder, True, cgutils.create_struct_proxy(A)(context, builder, array), of, of, *given)
+            return context.get_dummy_value()
+
+        return types.void(A, k, first, shares), generate
 
     @overload(subtract_rows, strict=False)
-    def _compiled_subtract_rows(A: Any, i: Any, k: Any, first: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-        return lambda A, i, k, first, a, b, c, d: _subtract_rows(A, i, k, first, a, b, c, d)
+    def _compiled_subtract_rows(A: Any, i: Any, k: Any, first: Any, shares: Any) -> Any:
+        return lambda A, i, k, first, shares: _subtract_rows(A, i, k, first, shares)
+
+    @overload(subtract_before, strict=False)
+    def _compiled_subtract_before(A: Any, k: Any, first: Any, shares: Any) -> Any:
+        return lambda A, k, first, shares: _subtract_before(A, k, first, shares)

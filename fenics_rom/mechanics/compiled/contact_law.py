@@ -49,9 +49,9 @@ WORK_ROUND_OFF, BACK = 1e-12, 1 + 1e-9  # see `mechanics.braking` and `mechanics
 NEAR, FEW = 1e-3, 2 / 3
 EPS = float(np.finfo(float).eps)
 MOST_ROUNDS = 60  # of forces for a set of pairs, and what it asks of them
-# Numbers of the work space for each pair: 22, and of what swings 18 and the 30 of `add_change`, more than methods take
+# Numbers of the work space for each pair: 22, and of what swings 15 and the 9 of `find_change`, more than methods take
 # that find forces. For each point: 4, and the 35 of `find_by_newton`.
-OF_A_PAIR, OF_A_POINT = 22 + 18 + 30, 4 + 35
+OF_A_PAIR, OF_A_POINT = 22 + 15 + 9, 4 + 35
 
 
 class Law(NamedTuple):

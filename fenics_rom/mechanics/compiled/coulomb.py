@@ -42,6 +42,17 @@ def in_space(frame: Array, n: float, a: float, b: float) -> Vector:
 
 
 @jit_part
+def sum_of(shares: Vector, rows: tuple[Vector, Vector, Vector]) -> Vector:
+    """Shares of three rows."""
+    (a, b, c), (one, two, three) = shares, rows
+    return (
+        a * one[0] + b * two[0] + c * three[0],
+        a * one[1] + b * two[1] + c * three[1],
+        a * one[2] + b * two[2] + c * three[2],
+    )
+
+
+@jit_part
 def add_motion(W: Array, p: int, fx: float, fy: float, fz: float, moved: Array) -> None:
     """Adds what a force on point p does to the velocities of all points, (3P,), by rows of W: the columns of Wᵀ."""
     x, y, z = 3 * p, 3 * p + 1, 3 * p + 2
@@ -112,12 +123,15 @@ def look_among(V: Array, q: Array, friction: Array, yielding: Array, f: Array, u
 def _missed_by(friction: Array, yielding: Array, f: Array, u: Array) -> float:
     worst = 0.0
     for c in range(len(f)):
-        n = f[c, 0] - u[c, 0] / yielding[c]
-        first, second = f[c, 1] - u[c, 1] / yielding[c], f[c, 2] - u[c, 2] / yielding[c]
-        length, cone = math.sqrt(first * first + second * second), friction[c] * max(n, 0.0)
-        if length > cone:
-            first, second = first * (cone / length), second * (cone / length)
-        off = max(abs(f[c, 0] - max(n, 0.0)), abs(f[c, 1] - first), abs(f[c, 2] - second))
+        λ, first, second, ρ = f[c, 0], f[c, 1], f[c, 2], 1 / yielding[c]
+        n = λ - ρ * u[c, 0]
+        if n <= 0:  # as most are where few push: nothing is along tangents
+            off = max(abs(λ), abs(first), abs(second))
+        else:
+            x, y, cone = first - ρ * u[c, 1], second - ρ * u[c, 2], friction[c] * n
+            length = math.sqrt(x * x + y * y)
+            share = cone / length if length > cone else 1.0
+            off = max(abs(λ - n), abs(first - share * x), abs(second - share * y))
         worst = max(worst, off * yielding[c])
     return worst
 

@@ -3,12 +3,32 @@
 Rows are as wide as instructions of vectors take numbers, so that no loop over a row has a rest.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.compiled_products import LANES, ROWS, subtract_rows
+from fenics_rom.compiled_products import LANES, ROWS, subtract_before, subtract_rows
 from fenics_rom.mechanics.compiled.work_space import rows_of
+
+
+class Block(NamedTuple):
+    """Four rows that have been eliminated, from row and column k on."""
+
+    k: int
+    inverse: tuple[float, float, float, float]  # of what is on the diagonal
+    above: tuple[float, float, float, float, float, float]  # it, row after row
+
+
+@jit_part
+def _shares_of(row: Array, block: Block) -> tuple[float, float, float, float]:
+    """Of four rows, which a later one has."""
+    k, (p, q, r, s), (ab, ac, ad, bc, bd, cd) = block
+    a = row[k] * p
+    b = (row[k + 1] - a * ab) * q
+    c = (row[k + 2] - a * ac - b * bc) * r
+    return a, b, c, (row[k + 3] - a * ad - b * bd - c * cd) * s
 
 
 @jit_part
@@ -32,14 +52,13 @@ def solve(A: Array, x: Array, n: int) -> bool:
         x: the right-hand sides, with room for three more numbers.
         n: how many.
     """
-    width, end = A.shape[1], (n + ROWS - 1) // ROWS * ROWS
-    for i in range(n):
-        for j in range(n, width):
-            A[i, j] = 0.0
-    for i in range(n, end):  # further unknowns, which are 0
+    end = (n + ROWS - 1) // ROWS * ROWS
+    for i in range(n, end):  # further unknowns, which are 0; what is beside them in a row does not matter
         x[i] = 0.0
-        for j in range(width):
+        for j in range(end):
             A[i, j] = 1.0 if i == j else 0.0
+        for j in range(n):
+            A[j, i] = 0.0
     for k in range(0, end, ROWS):
         a, b, c, d, x0 = A[k], A[k + 1], A[k + 2], A[k + 3], x[k]
         p, ab, ac, ad = 1 / a[k], a[k + 1], a[k + 2], a[k + 3]
@@ -54,23 +73,27 @@ def solve(A: Array, x: Array, n: int) -> bool:
         if a[k] == 0.0 or bb == 0.0 or cc == 0.0 or dd == 0.0:
             return False
         s, first = 1 / dd, (k + ROWS) // LANES * LANES
-        subtract_rows(A, k + 1, k, first, ba, 0.0, 0.0, 0.0)
-        subtract_rows(A, k + 2, k, first, ca, cb, 0.0, 0.0)
-        subtract_rows(A, k + 3, k, first, da, db, dc, 0.0)
+        within = (0.0, 0.0, 0.0, 0.0, ba, 0.0, 0.0, 0.0, ca, cb, 0.0, 0.0, da, db, dc, 0.0)
+        subtract_before(A, k, first, within)
         a[k], b[k + 1], c[k + 2], d[k + 3] = p, q, r, s
         b[k + 2], b[k + 3], c[k + 3] = bc, bd, cd
         x1 = x[k + 1] - ba * x0
         x2 = x[k + 2] - ca * x0 - cb * x1
         x3 = x[k + 3] - da * x0 - db * x1 - dc * x2
         x[k + 1], x[k + 2], x[k + 3] = x1, x2, x3
-        for i in range(k + ROWS, end):
-            row = A[i]
-            ia = row[k] * p
-            ib = (row[k + 1] - ia * ab) * q
-            ic = (row[k + 2] - ia * ac - ib * bc) * r
-            of = (row[k + 3] - ia * ad - ib * bd - ic * cd) * s
-            subtract_rows(A, i, k, first, ia, ib, ic, of)
-            x[i] -= ia * x0 + ib * x1 + ic * x2 + of * x3
+        block = Block(k, (p, q, r, s), (ab, ac, ad, bc, bd, cd))
+        for i in range(k + ROWS, end, ROWS):
+            one, two, three, four = (
+                _shares_of(A[i], block),
+                _shares_of(A[i + 1], block),
+                _shares_of(A[i + 2], block),
+                _shares_of(A[i + 3], block),
+            )
+            subtract_rows(A, i, k, first, one + two + three + four)
+            x[i] -= one[0] * x0 + one[1] * x1 + one[2] * x2 + one[3] * x3
+            x[i + 1] -= two[0] * x0 + two[1] * x1 + two[2] * x2 + two[3] * x3
+            x[i + 2] -= three[0] * x0 + three[1] * x1 + three[2] * x2 + three[3] * x3
+            x[i + 3] -= four[0] * x0 + four[1] * x1 + four[2] * x2 + four[3] * x3
     for k in range(end - ROWS, -1, -ROWS):
         a, b, c, d, x0, x1, x2, x3 = A[k], A[k + 1], A[k + 2], A[k + 3], x[k], x[k + 1], x[k + 2], x[k + 3]
         for j in range(k + ROWS, end):

@@ -12,9 +12,10 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of, put
-from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, add_pushes, look_among
+from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, look_among, sum_of
 from fenics_rom.mechanics.compiled.elimination import matrix_in, numbers_for, solve
 from fenics_rom.mechanics.compiled.work_space import release, take, take_integers, take_rows, taken
+from fenics_rom.mechanics.frame_motion import Vector
 
 MOST_STEPS = 8  # of Newton's method: where they suffice they are rarely more than four
 
@@ -33,57 +34,81 @@ def room_among(C: int) -> Among:
 
 
 @jit_part
-def add_change(among: Among, friction: Array, yielding: Array, z: Array, v: Array, f: Array, space: Array) -> bool:
-    """Adds to forces (C, 3) what velocities v (C, 3) ask for, as `Linearisation.change`; False where that is not known.
+def find_change(
+    among: Among, friction: Array, yielding: Array, f: Array, u: Array, v: Array, change: Array, space: Array
+) -> bool:
+    """Sets forces (C, 3) that velocities v (C, 3) ask for, as `Linearisation.change`; False where they are not known.
 
     Args:
         among: the pairs.
-        friction, yielding: as of `look_among`.
-        z: f - ρ u (C, 3), which says what pairs do.
+        friction, yielding, f, u: as of `look_among`; f - ρ u says what pairs do.
         v: in the frames, m/s.
-        f: in the frames, N.
-        space: with room for 30 numbers of each pair, and 3 more.
+        change: in the frames, N; may be f.
+        space: with room for 9 numbers of each pair, and 3 more.
     """
-    (V, numbers), C, n, begun = among, len(f), 0, taken(space)
-    owner, row, column = take_integers(space, 3 * C), take_rows(space, 3 * C, 3), take_rows(space, 3 * C, 3)
-    right, slack, moved = take(space, 3 * C + 3), take(space, 3 * C), take(space, 3 * C)  # slack: on the diagonal
-    fill(slack, 0.0)
+    (V, numbers), C, K, n, begun = among, len(f), 0, 0, taken(space)
+    owner, begins, directions = take_integers(space, C), take_integers(space, C), take_rows(space, C, 3)
+    right, last = take(space, 3 * C + 3), take_integers(space, C)  # of each closed pair: its last unknown
     for c in range(C):
-        length, cone = math.sqrt(z[c, 1] ** 2 + z[c, 2] ** 2), friction[c] * z[c, 0]
-        if z[c, 0] <= 0:
+        ρ = 1 / yielding[c]
+        λ = f[c, 0] - ρ * u[c, 0]
+        if λ <= 0:
             continue
-        put(row[n], 1.0, 0.0, 0.0)
-        put(column[n], 1.0, 0.0, 0.0)
-        owner[n], right[n] = c, -v[c, 0]
-        if length > cone:
-            cos, sin = z[c, 1] / length, z[c, 2] / length
-            put(column[n], 1.0, friction[c] * cos, friction[c] * sin)
-            if cone > 0:
-                n += 1
-                put(row[n], 0.0, -sin, cos)
-                put(column[n], 0.0, -sin, cos)
-                owner[n], right[n], slack[n] = c, sin * v[c, 1] - cos * v[c, 2], (length / cone - 1) * yielding[c]
+        x, y, cone = f[c, 1] - ρ * u[c, 1], f[c, 2] - ρ * u[c, 2], friction[c] * λ
+        length = math.sqrt(x * x + y * y)
+        owner[K], begins[K], right[n] = c, n, -v[c, 0]
+        if length > cone:  # it slips, across its direction where there is friction
+            cos, sin = x / length, y / length
+            put(directions[K], cos, sin, (length / cone - 1) * yielding[c] if cone > 0 else 0.0)
+            last[K] = n + 1 if cone > 0 else n
+            right[n + 1] = sin * v[c, 1] - cos * v[c, 2]
         else:
-            for k in range(1, 3):
-                n += 1
-                put(row[n], 0.0, 2.0 - k, k - 1.0)
-                put(column[n], 0.0, 2.0 - k, k - 1.0)
-                owner[n], right[n] = c, -v[c, k]
-        n += 1
+            last[K], right[n + 1], right[n + 2] = n + 2, -v[c, 1], -v[c, 2]
+        n, K = last[K] + 1, K + 1
     matrix = matrix_in(numbers, n)
-    for j in range(n):
-        fill(moved, 0.0)
-        add_pushes(V, owner[j], column[j, 0], column[j, 1], column[j, 2], moved)
-        for i in range(n):
-            to = 3 * owner[i]
-            matrix[i, j] = row[i, 0] * moved[to] + row[i, 1] * moved[to + 1] + row[i, 2] * moved[to + 2]
-        matrix[j, j] += slack[j]
+    for j in range(K):
+        c, m, size, (cos, sin, slack) = owner[j], begins[j], last[j] - begins[j], directions[j]
+        one, two, three, μ = V[3 * c], V[3 * c + 1], V[3 * c + 2], friction[c]
+        for i in range(K):
+            x, y, z = 3 * owner[i], 3 * owner[i] + 1, 3 * owner[i] + 2
+            of = (one[x], one[y], one[z]), (two[x], two[y], two[z]), (three[x], three[y], three[z])
+            at = begins[i], last[i], directions[i, 0], directions[i, 1]
+            if size == 2:
+                _put(matrix, at, m, of[0])
+                _put(matrix, at, m + 1, of[1])
+                _put(matrix, at, m + 2, of[2])
+                continue
+            _put(matrix, at, m, sum_of((1.0, μ * cos, μ * sin), of))
+            if size == 1:
+                _put(matrix, at, m + 1, sum_of((0.0, -sin, cos), of))
+        if size == 1:
+            matrix[m + 1, m + 1] += slack
     is_known = solve(matrix, right, n)
-    for j in range(n if is_known else 0):
-        for k in range(3):
-            f[owner[j], k] += right[j] * column[j, k]
+    if is_known:
+        fill(change, 0.0)
+        for j in range(K):
+            c, m, size, (cos, sin, _) = owner[j], begins[j], last[j] - begins[j], directions[j]
+            if size == 2:
+                put(change[c], right[m], right[m + 1], right[m + 2])
+                continue
+            across, along = right[m + 1] if size == 1 else 0.0, friction[c] * right[m]
+            put(change[c], right[m], cos * along - sin * across, sin * along + cos * across)
     release(space, begun)
     return is_known
+
+
+@jit_part
+def _put(matrix: Array, at: tuple[int, int, float, float], m: int, moved: Vector) -> None:
+    """Sets a column of the equations of a pair, from a first to a last one, to what moves it, in its frame.
+
+    at: these two, and the direction in which the pair slips.
+    """
+    k, last, cos, sin = at
+    matrix[k, m] = moved[0]
+    if last == k + 1:
+        matrix[k + 1, m] = cos * moved[2] - sin * moved[1]
+    elif last == k + 2:
+        matrix[k + 1, m], matrix[k + 2, m] = moved[1], moved[2]
 
 
 @jit_part
@@ -93,10 +118,10 @@ def find_by_steps(
     """Forces of C pairs by Newton's method: how many steps it took, and whether they are found.
 
     Arguments as of `look_among`, which was asked of f (C, 3), and gave this error; f is changed only if they are found;
-    space: with room for 36 numbers of each pair, and 3 more.
+    space: with room for 12 numbers of each pair, and 3 more.
     """
     begun, C, speed, before = taken(space), len(f), largest_of(q), np.inf
-    now, z, steps, is_found = take_rows(space, C, 3), take_rows(space, C, 3), 0, False
+    now, steps, is_found = take_rows(space, C, 3), 0, False
     copy(f, now)
     for count in range(MOST_STEPS + 1):
         steps = count
@@ -104,9 +129,6 @@ def find_by_steps(
             error = look_among(among.V, q, friction, yielding, now, u)
         is_found = error <= ACCURATE * speed or (error <= SOLVED * speed and error >= before / 2)
         before = error
-        for c in range(C):
-            for k in range(3):
-                z[c, k] = now[c, k] - u[c, k] / yielding[c]
         if is_found:
             for c in range(C):
                 n, first, second = max(now[c, 0], 0.0), now[c, 1], now[c, 2]
@@ -114,8 +136,8 @@ def find_by_steps(
                 share = cone / length if length > cone else 1.0
                 f[c, 0], f[c, 1], f[c, 2] = n, share * first, share * second
             break
-        fill(now, 0.0)  # all forces at once: a change would take a look at those that z is nearest to
-        if not add_change(among, friction, yielding, z, q, now, space):
+        # all forces at once: a change would take a look at those that z is nearest to
+        if not find_change(among, friction, yielding, now, u, q, now, space):
             break
     release(space, begun)
     return steps, is_found

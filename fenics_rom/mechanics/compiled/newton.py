@@ -19,8 +19,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
+from fenics_rom.compiled_arrays import flat
 from fenics_rom.mechanics.compiled.copying import add_row, copy, fill, largest_of
-from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, in_space, look_at
+from fenics_rom.mechanics.compiled.coulomb import ACCURATE, SOLVED, add_motion, in_space, look_at, sum_of
 from fenics_rom.mechanics.compiled.elimination import matrix_in, numbers_for, solve
 from fenics_rom.mechanics.compiled.work_space import release, take, take_frames, take_integers, take_rows, taken
 from fenics_rom.mechanics.frame_motion import Vector
@@ -191,25 +192,19 @@ def find_with_operator(
 def _answer(inverse: Inverse, frames: Array, x: Array, y: Array, moved: Array) -> None:
     """Sets y (P, 3) to the forces that velocities x (P, 3) ask for, both in frames.
 
-    moved: (3P,) to work in.
+    moved: (3P,) to work in, as y is.
     """
-    operator, left = inverse.whole, inverse.left
+    operator, along = inverse.whole, flat(y)
     fill(moved, 0.0)
-    for a in range(len(left)):
-        share = 0.0
-        for p in range(len(x)):
-            frame, u, v, w = frames[p], x[p, 0], x[p, 1], x[p, 2]
-            for k in range(3):
-                share += left[a, 3 * p + k] * (frame[0, k] * u + frame[1, k] * v + frame[2, k] * w)
-        add_row(inverse.right[a], -share, moved)
     for p in range(len(x)):
-        frame, a, b, c = frames[p], x[p, 0], x[p, 1], x[p, 2]
-        if a == 0.0 and b == 0.0 and c == 0.0:
-            continue
-        fx, fy, fz = in_space(frame, a, b, c)
-        first, second, third = operator[3 * p], operator[3 * p + 1], operator[3 * p + 2]
-        for k in range(len(moved)):
-            moved[k] += first[k] * fx + second[k] * fy + third[k] * fz
+        y[p, 0], y[p, 1], y[p, 2] = in_space(frames[p], x[p, 0], x[p, 1], x[p, 2])
+    if len(inverse.left):
+        shares = np.dot(inverse.left, along)
+        for a in range(len(shares)):
+            add_row(inverse.right[a], -shares[a], moved)
+    for p in range(len(x)):
+        if x[p, 0] != 0.0 or x[p, 1] != 0.0 or x[p, 2] != 0.0:
+            add_motion(operator, p, y[p, 0], y[p, 1], y[p, 2], moved)
     for p in range(len(x)):
         frame, vx, vy, vz = frames[p], moved[3 * p], moved[3 * p + 1], moved[3 * p + 2]
         for k in range(3):
@@ -262,16 +257,6 @@ def _put(row: Vector, frame: Array, slips: bool, to: Array, m: int) -> None:
 
 
 @jit_part
-def _sum_of(shares: Vector, rows: tuple[Vector, Vector, Vector]) -> Vector:
-    (a, b, c), (one, two, three) = shares, rows
-    return (
-        a * one[0] + b * two[0] + c * three[0],
-        a * one[1] + b * two[1] + c * three[1],
-        a * one[2] + b * two[2] + c * three[2],
-    )
-
-
-@jit_part
 def _set_up(
     inverse: Inverse,
     frames: Array,
@@ -307,8 +292,8 @@ def _set_up(
         one, other = in_space(frame, -n1, C11, -B12), in_space(frame, -n2, -B12, C22)
         for j in range(len(places)):
             q, m, rows = places[j], begins[j], _between(inverse, p, places[j])
-            _put(_sum_of(one, rows), frames[q], kinds[q] == SLIPS, matrix[k], m)
-            _put(_sum_of(other, rows), frames[q], kinds[q] == SLIPS, matrix[k + 1], m)
+            _put(sum_of(one, rows), frames[q], kinds[q] == SLIPS, matrix[k], m)
+            _put(sum_of(other, rows), frames[q], kinds[q] == SLIPS, matrix[k + 1], m)
         right[k], right[k + 1] = n1 * n - C11 * x + B12 * y, n2 * n - C22 * y + B12 * x
         matrix[k, k] += ρ[p] * B11
         matrix[k, k + 1] += ρ[p] * B12

@@ -8,7 +8,7 @@ from fenics_rom.mechanics import braking
 from fenics_rom.mechanics.braking import AIMED, LEAST_SHARE
 from fenics_rom.mechanics.compiled.copying import fill
 from fenics_rom.mechanics.compiled.coulomb import add_motion_among
-from fenics_rom.mechanics.compiled.linearised import Among, add_change
+from fenics_rom.mechanics.compiled.linearised import Among, find_change
 from fenics_rom.mechanics.compiled.work_space import take_rows
 
 root_of = jit_shared(braking.root_of)
@@ -45,17 +45,15 @@ def next_share(
 ) -> float:
     """The share that is to be looked at next, between two that are known to be too little and too much.
 
-    Arguments as of `add_change`, but for whole (C, 3), c_t of what swings at σ = 1, and moves (C, 3), u + c_t, m/s.
+    Arguments as of `find_change`, but for whole (C, 3), c_t of what swings at σ = 1, and moves (C, 3), u + c_t, m/s.
     """
     C = len(f)
-    z, less = take_rows(space, C, 3), take_rows(space, C, 3)
-    by_f, by_moves = take_rows(space, C, 3), take_rows(space, C, 3)
+    less, by_f, by_moves = take_rows(space, C, 3), take_rows(space, C, 3), take_rows(space, C, 3)
     for c in range(C):
         for k in range(3):
-            z[c, k], less[c, k] = f[c, k] - u[c, k] / yielding[c], -whole[c, k]
-    fill(by_f, 0.0)
+            less[c, k] = -whole[c, k]
     fill(by_moves, 0.0)
-    if not add_change(among, friction, yielding, z, less, by_f, space):
+    if not find_change(among, friction, yielding, f, u, less, by_f, space):
         return (below + above) / 2
     add_motion_among(among.V, by_f, flat(by_moves))
     square = slope = power = 0.0
