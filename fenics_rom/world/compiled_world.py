@@ -287,10 +287,7 @@ class CompiledWorld:
 
     def force_between(self, first: int, second: int) -> Array:
         """Of the last step on the first of two bodies, (3,), N."""
-        near, couples = self._near, self._arrays.joined.couples
-        forces = near.forces[: self._pairs_found].copy()
-        forces[self._count :][couples >= 0] = 0.0
-        return force_on(near.ends[: self._pairs_found], forces, first, second)
+        return force_on(self._table, self._count, first, second)
 
     def contact_forces(self, first: int, second: int) -> tuple[Array, Array]:
         """Where two bodies touched in the last step (k, 3), m, and forces on the first there (k, 3), N."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part, jit_shared
-from fenics_rom.mechanics.compiled.copying import add_row, fill, largest_of
+from fenics_rom.mechanics.compiled.copying import add_row, copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import Inverse, in_one_piece
 from fenics_rom.mechanics.frame_motion import Rotation, Vector, added, cross, rotated
 from fenics_rom.world import turning
@@ -181,16 +181,16 @@ def add_answers(maps: Array, answers: Array, C: int, of_others: Array, Wᵀ: Arr
     """
     for row in range(len(Wᵀ)):
         to, of = Wᵀ[row], of_others[row]
-        for j in range(len(to)):
-            to[j] = of[j]
         for b in range(len(maps)):
-            of_body, share = maps[b], _share_of(maps[b], answers[b], row, row < 3 * C)
+            M, share = maps[b], _share_of(maps[b], answers[b], row, row < 3 * C)
             if share != NO_SHARE:
-                for k in range(2):
-                    first, second, third = of_body[3 * k], of_body[3 * k + 1], of_body[3 * k + 2]
-                    x, y, z = share[k]
-                    for j in range(len(to)):
-                        to[j] += x * first[j] + y * second[j] + z * third[j]
+                (x, y, z), (u, v, w) = share
+                one, two, three, four, five, six = M[0], M[1], M[2], M[3], M[4], M[5]
+                for j in range(len(to)):
+                    moving = x * one[j] + y * two[j] + z * three[j]
+                    to[j] = of[j] + (moving + u * four[j] + v * five[j] + w * six[j])
+                of = to
+        copy(of, to)  # where no body has added to it
 
 
 @jit_part

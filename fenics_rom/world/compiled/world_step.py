@@ -255,14 +255,16 @@ def _look_at_power(world: Array, C: int) -> None:
 
 
 @jit
-def force_on(ends: Array, forces: Array, first: int, second: int) -> Array:
-    """Of C contacts with ends (C, 2), by which the second of two bodies pushes the first, (3,), N."""
-    force = np.zeros(3)
-    for c in range(len(ends)):
-        sign = 1.0 if ends[c, 0] == first and ends[c, 1] == second else 0.0
-        sign -= 1.0 if ends[c, 0] == second and ends[c, 1] == first else 0.0
-        for k in range(3):
-            force[k] += sign * forces[c, k]
+def force_on(world: Array, C: int, first: int, second: int) -> Array:
+    """By which the second of two bodies pushed the first in a step with C contacts, (3,), N; joints are among them."""
+    near, couples, force = near_at(world), joined_at(world).couples, np.zeros(3)
+    for c in range(C + len(couples)):
+        one, other = near.ends[c, 0], near.ends[c, 1]
+        if c < C or couples[c - C] < 0:
+            sign = 1.0 if one == first and other == second else 0.0
+            sign -= 1.0 if one == second and other == first else 0.0
+            for k in range(3):
+                force[k] += sign * near.forces[c, k]
     return force
 
 
