@@ -94,8 +94,8 @@ class ContactMidpoint(FollowingMidpoint):
         points, places, W, R = map(in_plain, (self._Sᵀ, at, self._delassus, R))
         of_branches = coefficients, share
         inverse = inverse_of(W) if self._actuators is None else np.empty((0, 0))
-        given = points, places, W, inverse, R, *of_branches
-        body = Body(ω, inverse_ω, inputs, A, heat, *given, *times, self.pulled)
+        given, (inertia, whole, lost, τ) = (points, places, W, inverse, R, *of_branches), times
+        body = Body(ω, inverse_ω, inputs, A, heat, *given, inertia, whole, lost, τ, self.pulled)
         count = coefficients.shape[1]
         within, outside = Relaxing(branches, count, len(ω)), Relaxing(beside, count, len(R))
         reactions = np.zeros((2, len(self.reactions)))
