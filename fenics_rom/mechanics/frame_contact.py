@@ -30,10 +30,11 @@ from fenics_rom.mechanics.frame_motion import Vector
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
 ROUND_OFF = 1e-14  # of them: a change that is none
 SLOW, FEW_SWEEPS = 0.5, 5  # of a change to the one before, from which on slopes are found anew, after so many
-MOST_SWEEPS = 60
+STUCK = 0.9  # of a change to the one before: where a body turns far in a step sweeps that get there take a third off
+MOST_SWEEPS = 200
 PROXIMAL, SMALLEST_PROXIMAL = 1e-4, 1e-8  # of the mean compliance, beside W where that may be singular: it only guides
 LESS = 0.1  # of it in each sweep, so that they end soon, but not less than what forces were found with
-PATIENCE = 25  # sweeps that do not halve what changes, or twice as many: forces then may lack what any contact's may
+PATIENCE = 25  # sweeps that are stuck, or four times as many: forces then may lack what any contact's may
 
 
 class Interface(Protocol):
@@ -249,7 +250,8 @@ def touch(
                 solver.search = solver.search._replace(known_to_push=None)
             return x, contact
         is_slow = size > size_before / 2 > 0
-        if not found_all and sweep >= (PATIENCE if is_slow else 2 * PATIENCE) and size <= LARGEST_RESIDUAL * scale:
+        patience = PATIENCE if size > STUCK * size_before > 0 else 4 * PATIENCE
+        if not found_all and sweep >= patience and size <= LARGEST_RESIDUAL * scale:
             found_all, left = True, size / scale
         found_all = found_all or (size <= NEGLIGIBLE_RESIDUAL * scale and is_slow)
         if sweep >= FEW_SWEEPS and size > SLOW * size_before:
