@@ -40,7 +40,7 @@ def rotation_matrix(quaternion: Numbers) -> Array:
 
 def rotation_matrices(quaternions: Array) -> Array:
     """R (n, 3, 3) of unit quaternions (n, 4)."""
-    return np.moveaxis(np.array(rotation_of(*quaternions.T)), -1, 0)
+    return np.array(rotation_of(*quaternions.T)).transpose(2, 0, 1)
 
 
 def rotation_of(w: float, x: float, y: float, z: float) -> Rotation:
