@@ -26,6 +26,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
         "folds/folds",
         "feed/feed",
         "feed/drops",
+        "feed/rest",
         "squeeze/squeeze",
         "ironing/ironing",
         "impact/impact",
