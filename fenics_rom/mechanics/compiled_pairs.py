@@ -136,6 +136,7 @@ class CompiledPairs(NearContact):
     ) -> ContactSolution | None:
         """As in MeshContact."""
         again, decided, step = copy(self), copy(settled), (points, delassus, dt, obstacles, quasi_static)
+        again._told = None  # of the step before, which else kept all before that
         found = self._find(*step, settled)
         if found is None:
             return super()._forces(*step, settled, is_patient)
