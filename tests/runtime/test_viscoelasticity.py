@@ -10,6 +10,7 @@ import scipy.linalg
 from bodies import acted_on, box_arrays, dense, write_arrays
 
 import fenics_rom as fr
+from fenics_rom.compilation import numpy_alone
 from fenics_rom.errors import FenicsRomWarning, FileError, SceneError, StepError
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.mechanics.viscoelasticity import PronySeries
@@ -212,7 +213,8 @@ def test_points_move_as_contact_was_told(touched, monkeypatch):
     """Free velocity and Delassus operator have the branches of modes and of what is beyond them: free + W f comes."""
     told, solve = [], ContactInterface.solve
     monkeypatch.setattr(ContactInterface, "solve", lambda *given, **more: told.append(given) or solve(*given, **more))
-    body = fr.Simulator(reduced(touched, 6), 2e-3)
+    with numpy_alone():  # loops ask for contact by themselves
+        body = fr.Simulator(reduced(touched, 6), 2e-3)
     touches = 0
     for _ in range(150):
         body.step()
