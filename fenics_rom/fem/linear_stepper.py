@@ -14,6 +14,7 @@ from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.actuator_forces import PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.points_operator import Operator
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.system.system import System
@@ -167,7 +168,7 @@ class FullOrderStepper(FullOrderBody):
         return None if self.interface is None else PointsOfStep(self.interface, self.x, self.v)
 
     def _solve_contact(
-        self, free: Array, obstacles: ObstacleMotion | None, delassus: Array | None = None
+        self, free: Array, obstacles: ObstacleMotion | None, delassus: Operator | None = None
     ) -> ContactSolution | None:
         """Contact of a step, from its mid-step velocity without (rows here, 1) and the Delassus operator."""
         if self._points is None or obstacles is None:

@@ -34,6 +34,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity.pivoting import solve_by_pivots
 from fenics_rom.mechanics.environment import RIGID
+from fenics_rom.mechanics.points_operator import Operator, held_back
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.contact import ContactSolution
@@ -114,7 +115,7 @@ class ActuatorForces:
         return np.concatenate([(given - strokes)[:k] / h, np.zeros(len(given) - k)])
 
     @staticmethod
-    def holding(delassus: Array, X: Array, W: Array) -> "PointsHeldBack":
+    def holding(delassus: Operator, X: Array, W: Array) -> "PointsHeldBack":
         """What holds contact points back: their operator, what forces here do there, and `compliance`."""
         return PointsHeldBack(delassus, X, W)
 
@@ -357,15 +358,15 @@ class PointsHeldBack:
     They are kept, as the solver of contact keeps parts of one that it is given again.
     """
 
-    def __init__(self, delassus: Array, X: Array, W: Array):
-        self._free, self._X, self._W, self._kept = delassus, X, W, dict[bytes, Array]()
+    def __init__(self, delassus: Operator, X: Array, W: Array):
+        self._free, self._X, self._W, self._kept = delassus, X, W, dict[bytes, Operator]()
 
-    def delassus(self, holding: Array) -> Array:
+    def delassus(self, holding: Array) -> Operator:
         """Where some (n,) of the forces are within their bounds."""
         held, key = np.flatnonzero(holding), holding.tobytes()
         if not len(held):
             return self._free
         if key not in self._kept:
             root = np.linalg.solve(np.linalg.cholesky(self._W[np.ix_(held, held)]), self._X[:, held].T)
-            self._kept[key] = self._free - root.T.dot(root)
+            self._kept[key] = held_back(self._free, root)
         return self._kept[key]

@@ -21,6 +21,7 @@ from fenics_rom.mechanics.contact_pairs import Pairs as AskedPairs
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Obstacle
+from fenics_rom.mechanics.points_operator import Operator
 
 Known = Callable[[], tuple[AskedPairs | None, SolvedPairs | None]]
 UNKNOWN = in_one_piece(np.empty((0, 0)))  # inverse of an operator
@@ -82,7 +83,7 @@ class Told(NamedTuple):
         solver: "CompiledContact",
         begins: Array,
         points: Callable[[], PointMotion],
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
     ) -> Known:
@@ -145,7 +146,7 @@ class CompiledContact(ContactSolver):
     def solve(
         self,
         points: PointMotion,
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
@@ -198,7 +199,7 @@ class CompiledContact(ContactSolver):
     def _find(
         self,
         points: PointMotion,
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool,

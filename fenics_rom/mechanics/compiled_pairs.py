@@ -21,6 +21,7 @@ from fenics_rom.mechanics.contact_look import Look
 from fenics_rom.mechanics.contact_pairs import Decided, Pairs, Settled, SolvedPairs
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.mesh_contact import MeshContact
+from fenics_rom.mechanics.points_operator import Operator, part_with
 
 _ONES = np.ones(3)
 _Contact = TypeVar("_Contact", bound=MeshContact)
@@ -65,7 +66,7 @@ class NearContact(MeshContact):
     def _find(
         self,
         points: PointMotion,
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool,
@@ -109,15 +110,22 @@ class NearContact(MeshContact):
         return contact, kept._replace(swung=None if stopping is None else stopping.swung)
 
     def _found_near(
-        self, near: Near, points: PointMotion, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool
+        self,
+        near: Near,
+        points: PointMotion,
+        delassus: Operator,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool,
     ) -> FoundNear | None:
         """Asks the law of pairs, which are set, and finds forces; None where loops did not."""
         raise NotImplementedError
 
-    def _between(self, delassus: Array, pairs: Array) -> Array:
+    def _between(self, delassus: Operator, pairs: Array) -> Array:
         """As in MeshContact."""
-        (nodes, maps), between = map(in_plain, self._moved_by(pairs)), np.empty((3 * len(pairs),) * 2)
-        set_operator(in_plain(delassus), nodes, maps, between)
+        (nodes, maps), between = self._moved_by(pairs), np.empty((3 * len(pairs),) * 2)
+        W, at, _ = part_with(delassus, nodes)
+        set_operator(in_plain(W), in_plain(at), in_plain(maps), between)
         return between
 
 
@@ -127,7 +135,7 @@ class CompiledPairs(NearContact):
     def _forces(
         self,
         points: PointMotion,
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool,
@@ -150,7 +158,13 @@ class CompiledPairs(NearContact):
         return contact
 
     def _found_near(
-        self, near: Near, points: PointMotion, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool
+        self,
+        near: Near,
+        points: PointMotion,
+        delassus: Operator,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool,
     ) -> FoundNear | None:
         """As in NearContact."""
         (look, are_near, at, pairs, known, decided, swung), μ = near, float(self.law.friction)

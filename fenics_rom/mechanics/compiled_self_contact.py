@@ -15,6 +15,7 @@ from fenics_rom.mechanics.compiled_pairs import FoundNear, Near, NearContact, am
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, Opposite, PointMotion
 from fenics_rom.mechanics.contact_look import Look
 from fenics_rom.mechanics.contact_pairs import Decided, Settled
+from fenics_rom.mechanics.points_operator import Operator, part_with
 from fenics_rom.mechanics.self_contact import SelfContact, beside
 
 _NOBODY = np.empty(0, dtype=bool)
@@ -26,7 +27,7 @@ class CompiledSelfContact(NearContact, SelfContact):
     def solve(
         self,
         points: PointMotion,
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
@@ -45,7 +46,13 @@ class CompiledSelfContact(NearContact, SelfContact):
         return self._told_of(contact)
 
     def _found_near(
-        self, near: Near, points: PointMotion, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool
+        self,
+        near: Near,
+        points: PointMotion,
+        delassus: Operator,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool,
     ) -> FoundNear | None:
         """As in NearContact."""
         if self.keeps_out or self._itself.crossing is not None:
@@ -53,13 +60,16 @@ class CompiledSelfContact(NearContact, SelfContact):
         look, _, at, pairs, known, decided, swung = near
         n, before = int(np.searchsorted(at, self._own.start)), self._begun[1].forces_before[at]
         pairs.axes[:, 0] = look.normals[at]
-        forces, motion = np.empty((len(self.points), 3)), np.stack([points.free_velocity, points.velocity])
+        forces, motion = np.zeros((len(self.points), 3)), np.stack([points.free_velocity, points.velocity])
         moving = _moving_beside(at[:n], look, obstacles, len(self.points))
-        nodes, maps = map(in_plain, self._moved_by(at))
-        of_pairs = nodes, maps, n, look.gaps[at], moving, before
+        nodes, maps = self._moved_by(at)
+        W, own, some = part_with(delassus, nodes)
+        of_pairs = in_plain(own), in_plain(maps), n, look.gaps[at], moving, before
         settled = known[at] if len(known) else known, _decided_before(decided, at)
-        given = *self._laws(dt, quasi_static), in_plain(delassus), motion, *of_pairs, *settled, swung
-        found = find_pair_forces(*given, pairs, forces)
+        given = *self._laws(dt, quasi_static), in_plain(W), in_plain(motion[:, some]), *of_pairs, *settled, swung
+        few = in_plain(forces[some])
+        found = find_pair_forces(*given, pairs, few)
+        forces[some] = few
         if found.status == OTHERWISE:
             return None
         return FoundNear(found, forces, among(len(look.gaps), at, pairs.free[:, 0]))

@@ -23,15 +23,6 @@ def is_zero(values: Array) -> bool:
     return not values.tobytes().strip(b"\0")
 
 
-def moved_by(W: Array, forces: Array) -> Array:
-    """W f (3P,) of a symmetric operator (3P, 3P) and forces on points (P, 3), of which there may be few."""
-    touched = forces.any(axis=1).nonzero()[0]
-    if 2 * len(touched) >= len(forces):
-        return W.dot(forces.ravel())
-    rows = W.reshape(-1, 3, len(W)).take(touched, axis=0).reshape(-1, len(W))  # which lie in one piece
-    return forces.take(touched, axis=0).ravel().dot(rows)
-
-
 class ObstacleMotion(NamedTuple):
     """How O obstacles move in one step."""
 

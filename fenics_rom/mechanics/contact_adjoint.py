@@ -26,6 +26,7 @@ from fenics_rom.mechanics.contact import ContactLaw, PointMotion, rigid_law
 from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs, target_slopes
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacle_poses import curvature_from
+from fenics_rom.mechanics.points_operator import moved_by, whole_of
 from fenics_rom.mechanics.turning_adjoint import Owed, TurningPairs
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # of x, y, z
@@ -95,9 +96,10 @@ class ContactAdjoint(NamedTuple):
             of_step = shapes, found.obstacles, found.look, pairs, places, motion, found.dt
             turning = TurningPairs.of(*of_step)
             curvature = turning.curvature
-        moved, bends = _of_pairs(found, found.operator), curvature if curvature.any() else None
+        operator = whole_of(found.operator)
+        moved, bends = _of_pairs(found, operator), curvature if curvature.any() else None
         law = solver.law if found.pairs.compliance else rigid_law(solver.law)  # of springs that were held, too
-        return ContactAdjoint(law, found, bends, turning, found.operator, moved, Delassus(moved))
+        return ContactAdjoint(law, found, bends, turning, operator, moved, Delassus(moved))
 
     def through(
         self, operator: Array, by_start: Array | None = None, by_middle: Array | None = None
@@ -112,7 +114,7 @@ class ContactAdjoint(NamedTuple):
             moved, told = _of_pairs(self.found, operator), None if by_start is None else _of_pairs(self.found, by_start)
         else:
             points, F = self.found.points, self.found.problem.frames.in_space(self.found.forces)
-            velocity = points.free_velocity + _of_shape(self.found.operator.dot(rows.at_points(F).ravel()))
+            velocity = points.free_velocity + _of_shape(moved_by(self.found.operator, rows.at_points(F)))
             M, by_places = rows.matrix, rows.by_middle(velocity)
             bent = _Bent(
                 np.linalg.inv(np.eye(M.shape[1]) - rows.at_points_by_middle(F).dot(by_middle)),
@@ -158,7 +160,7 @@ class ContactAdjoint(NamedTuple):
         if rows is None:
             return owed
         F, points = frames.in_space(self.found.forces), self.found.points
-        moved = _of_shape(self.found.operator.dot(rows.at_points(F).ravel()))
+        moved = _of_shape(moved_by(self.found.operator, rows.at_points(F)))
         if bent is None:
             forces_ = of_points + _of_shape(self.operator.T.dot(owed.free_velocity.ravel()))
         else:

@@ -11,6 +11,7 @@ from fenics_rom.mechanics.braking import WORK_ROUND_OFF, Braking
 from fenics_rom.mechanics.complementarity import Delassus, FramedDelassus, Frames, response
 from fenics_rom.mechanics.contact import ContactLaw, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_look import Look
+from fenics_rom.mechanics.points_operator import Operator
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.own_adjoint import PairRows
@@ -94,7 +95,7 @@ class SolvedPairs(NamedTuple):
     obstacles: ObstacleMotion
     look: Look | None  # at them; None: nobody knows, and none turns
     pushed: Array  # which of all pairs pushed in the step before, (O P,)
-    operator: Array  # Delassus operator (3P, 3P), m/s/N
+    operator: Operator  # Delassus operator (3P, 3P), m/s/N
     dt: float  # s
     quasi_static: bool
     pairs: Pairs

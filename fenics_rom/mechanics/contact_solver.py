@@ -36,13 +36,14 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.braking import Braking
 from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Frames, solve
 from fenics_rom.mechanics.complementarity.solution import ADVICE, advice_of, largest
-from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion, moved_by
+from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_look import Look, look_at, relative_velocities
 from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled, SolvedPairs, kept_out, passive_forces
 from fenics_rom.mechanics.contact_search import ContactSearch, TangentPlanes
 from fenics_rom.mechanics.followed_contact import Followed, LawToFollow, PairsMotion, follow_contact
 from fenics_rom.mechanics.obstacle_poses import distances_from
 from fenics_rom.mechanics.obstacles import Obstacle
+from fenics_rom.mechanics.points_operator import Operator, moved_by, operator_of
 from fenics_rom.mechanics.reach import reach_of
 
 _ONES = np.ones(3)
@@ -75,7 +76,8 @@ class ContactSolver:
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
         self.points, self.obstacles, self.law = np.array(points, dtype=float), tuple(obstacles), law
         self.search, self._touches, self.follows, self.clear = self.first_search, True, False, 0.0
-        self._delassus, self._operators = np.empty((0, 0)), dict[bytes, tuple[Array, Delassus]]()
+        self._delassus: Operator = np.empty((0, 0))
+        self._operators = dict[bytes, tuple[Array, Delassus]]()
         self._rule: NormalRule | None = None
         self._offsets, self._placed = np.empty((0, 3)), list[Array]()  # the points at rest, less these
         self._told: LastStep | None = None  # of it, if it took no search
@@ -119,7 +121,7 @@ class ContactSolver:
     def solve(
         self,
         points: PointMotion,
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
@@ -131,7 +133,7 @@ class ContactSolver:
         Args:
             points: what the contact points do, and would do without contact.
             delassus: W (3P, 3P) mid-step velocities per force, m/s/N, symmetric, positive semidefinite; not to be
-                changed in place: parts of it are kept as long as the same array is given.
+                changed in place: parts of it are kept as long as the same one is given.
             dt: step size h, s.
             obstacles: how they move.
             quasi_static: without impacts: a gap may close within the step but not beyond, s >= -max(g, 0)/h, and what
@@ -259,7 +261,7 @@ class ContactSolver:
         found: Followed,
         frames: Frames,
         told: Callable[[], tuple[PointMotion, Array, Array]],
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
@@ -373,7 +375,7 @@ class ContactSolver:
         """Values of the points (P, 3), of each pair (O P, 3)."""
         return values if len(self.obstacles) == 1 else np.tile(values, (len(self.obstacles), 1))
 
-    def _moved(self, delassus: Array, forces: Array) -> Array:
+    def _moved(self, delassus: Operator, forces: Array) -> Array:
         """Velocities of all pairs (O P, 3), m/s, that forces of all pairs cause."""
         return self._of_pairs(moved_by(delassus, self._at_points(forces)).reshape(-1, 3))
 
@@ -381,17 +383,14 @@ class ContactSolver:
         """Forces of all pairs (O P, 3) together on the points (P, 3)."""
         return forces if len(self.obstacles) == 1 else forces.reshape(-1, len(self.points), 3).sum(axis=0)
 
-    def operator_of(self, delassus: Array, chosen: Array, key: bytes) -> tuple[Array, Delassus]:
+    def operator_of(self, delassus: Operator, chosen: Array, key: bytes) -> tuple[Array, Delassus]:
         """The active pairs, and their relative velocities per force; kept as long as both stay the same."""
         if delassus is not self._delassus:
             self._delassus, self._operators = delassus, {}
         if key not in self._operators:
             P, active = len(self.points), chosen.nonzero()[0]
-            if len(active) == P and len(self.obstacles) == 1:
-                part = delassus
-            else:
-                rows = (3 * (active % P)[:, None] + np.arange(3)).ravel()
-                part = delassus[rows[:, None], rows]
+            are_all = len(active) == P and len(self.obstacles) == 1
+            part = delassus if are_all and isinstance(delassus, np.ndarray) else operator_of(delassus, active % P)
             self._operators = dict(list(self._operators.items())[1 - _MOST_KEPT :]) | {key: (active, Delassus(part))}
         return self._operators[key]
 

@@ -27,7 +27,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.body_faces import DEEPEST, BodyFaces, Places
 from fenics_rom.mechanics.complementarity.delassus import Delassus
-from fenics_rom.mechanics.contact import Carriers, ContactLaw, ContactSolution, ObstacleMotion, PointMotion, moved_by
+from fenics_rom.mechanics.contact import Carriers, ContactLaw, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_look import Look, TurningLook
 from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_search import FaceSlots
@@ -39,6 +39,7 @@ from fenics_rom.mechanics.obstacle_outline import FLAT
 from fenics_rom.mechanics.obstacle_poses import placed, rotated, seen
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.own_surface import OwnSurface
+from fenics_rom.mechanics.points_operator import Operator, moved_by
 from fenics_rom.mechanics.self_contact import SelfContact
 
 MOST_SWEEPS = 12
@@ -85,7 +86,7 @@ class FaceContact(MeshContact):
         self._w = np.zeros((self._solids, P, 3))  # material of obstacles, where points are in mid-step, m/s
         self._last_found: list[Places] | None = None  # in the last sweep
         self._nearest = np.inf  # gap of the points that were looked at last, m
-        self._face_operator: tuple[Array, _Between, bytes, tuple[Array, Delassus]] | None = None
+        self._face_operator: tuple[Operator, _Between, bytes, tuple[Array, Delassus]] | None = None
         self._slots = FaceSlots(np.full((self._solids, P), -1), np.zeros((self._solids, P, 3)))
         self._put([self._none] * self._solids)
 
@@ -125,7 +126,7 @@ class FaceContact(MeshContact):
     def solve(
         self,
         points: PointMotion,
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
@@ -325,7 +326,7 @@ class FaceContact(MeshContact):
         np.add.at(together, between.nodes, np.einsum("kcij,ki->kcj", between.maps, forces[between.pair]))
         return together
 
-    def operator_of(self, delassus: Array, chosen: Array, key: bytes) -> tuple[Array, Delassus]:
+    def operator_of(self, delassus: Operator, chosen: Array, key: bytes) -> tuple[Array, Delassus]:
         """As in ContactSolver."""
         if not chosen[self._at_faces].any():
             return super().operator_of(delassus, chosen, key)

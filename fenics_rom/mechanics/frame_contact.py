@@ -26,6 +26,7 @@ from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.frame_geometry import Geometry, Push
 from fenics_rom.mechanics.frame_motion import Vector
+from fenics_rom.mechanics.points_operator import Operator
 
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
 ROUND_OFF = 1e-14  # of them: a change that is none
@@ -187,7 +188,7 @@ def touch(
     forces, size_before, scale = np.zeros_like(displacement), 0.0, body.scale(x)
     found_all, left = False, 0.0  # from when on the balance alone is solved, and what forces then lacked
 
-    def solved(free: Array, operator: Array) -> ContactSolution | None:
+    def solved(free: Array, operator: Operator) -> ContactSolution | None:
         # What touched in the step before is what obstacles push that accelerate.
         told = search_before.residual, search_before.held
         if steady:
@@ -324,7 +325,7 @@ class Held(NamedTuple):
         free: Array,
         forces: Array,
         z: Array,
-        solve_contact: Callable[[Array, Array], ContactSolution | None],
+        solve_contact: Callable[[Array, Operator], ContactSolution | None],
     ) -> tuple[Array, ContactSolution | None]:
         """z and contact.
 

@@ -17,11 +17,12 @@ from typing import TypeVar, cast
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion, moved_by, rigid_law
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion, rigid_law
 from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs
 from fenics_rom.mechanics.contact_solver import ContactSolver, LastStep
 from fenics_rom.mechanics.obstacle_poses import seen
 from fenics_rom.mechanics.obstacles import Mesh, Obstacle
+from fenics_rom.mechanics.points_operator import Operator, moved_by
 
 OTHER_WAY = -0.5  # cosine between normals: sides of which one faces the other way
 _ONES = np.ones(3)
@@ -46,7 +47,7 @@ class HeldSprings(ContactSolver):
     def solve(
         self,
         points: PointMotion,
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
@@ -91,7 +92,7 @@ class HeldSprings(ContactSolver):
     def _depth_gone(
         self,
         points: PointMotion,
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         contact: ContactSolution | None,

@@ -17,12 +17,13 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.delassus import operator_among, operator_between
-from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion, moved_by
+from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_look import Look
 from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacle_poses import distance_from, rotated, rotated_back, seen
 from fenics_rom.mechanics.obstacles import HalfSpace, Mesh, Obstacle
+from fenics_rom.mechanics.points_operator import Operator, moved_by
 from fenics_rom.mechanics.reach import reach_of
 from fenics_rom.mechanics.triangle_surface import MORE_PLANES, SAME, TriangleSurface
 
@@ -56,7 +57,7 @@ class MeshContact(ContactSolver):
     def solve(
         self,
         points: PointMotion,
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
@@ -94,7 +95,7 @@ class MeshContact(ContactSolver):
     def _forces(
         self,
         points: PointMotion,
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool,
@@ -144,7 +145,7 @@ class MeshContact(ContactSolver):
         """The largest gap, m, with which points and obstacles may be due."""
         return reach_of(points, self.points, obstacles, dt)
 
-    def _between(self, delassus: Array, pairs: Array) -> Array:
+    def _between(self, delassus: Operator, pairs: Array) -> Array:
         """Relative velocities of pairs (C,) per force of each, (3C, 3C)."""
         nodes, maps = self._moved_by(pairs)
         return operator_between(*operator_among(delassus, nodes), maps)

@@ -21,7 +21,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity.delassus import Delassus
-from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, Opposite, PointMotion, moved_by
+from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, Opposite, PointMotion
 from fenics_rom.mechanics.contact_look import SAME_SIDE, Look
 from fenics_rom.mechanics.contact_pairs import Asked, Pairs, Settled, SolvedPairs, kept_out
 from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE
@@ -30,6 +30,7 @@ from fenics_rom.mechanics.obstacle_outline import FLAT
 from fenics_rom.mechanics.obstacle_poses import NO_TURN, distance_from
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.own_surface import OwnSurface, corner_maps
+from fenics_rom.mechanics.points_operator import Operator, moved_by
 from fenics_rom.mechanics.surface_pairs import OnSurface, unit_normals
 
 NO_DERIVATIVE = (
@@ -136,7 +137,7 @@ class SelfContact(MeshContact):
         self._has_touched, self._is_held = False, True
         self._middle, self._maps = np.empty((0, 3)), np.empty((0, 3, 3, 3))
         self._mapped: tuple[Opposite, Array] | None = None  # of which these maps are
-        self._pairs_operator: tuple[Array, Array, bytes, tuple[Array, Delassus]] | None = None
+        self._pairs_operator: tuple[Operator, Array, bytes, tuple[Array, Delassus]] | None = None
 
     def gaps(self, displacement: Array, offsets: Array) -> Array:
         """As in ContactSolver: from obstacles; infinite without these."""
@@ -173,7 +174,7 @@ class SelfContact(MeshContact):
     def solve(
         self,
         points: PointMotion,
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
@@ -207,7 +208,9 @@ class SelfContact(MeshContact):
         """How far points with velocities (P, 3), m/s, go relative to one another in a step at most, m."""
         return 2 * dt * _fastest(velocity - velocity.mean(axis=0))
 
-    def _add_crossings(self, points: PointMotion, delassus: Array, dt: float, contact: ContactSolution | None) -> bool:
+    def _add_crossings(
+        self, points: PointMotion, delassus: Operator, dt: float, contact: ContactSolution | None
+    ) -> bool:
         """Has points that would go through triangles under such forces meet these; whether there are any."""
         velocity = points.free_velocity
         if contact is not None:
@@ -349,7 +352,7 @@ class SelfContact(MeshContact):
             np.subtract.at(together, self._itself.opposite.nodes, borne)
         return together
 
-    def operator_of(self, delassus: Array, chosen: Array, key: bytes) -> tuple[Array, Delassus]:
+    def operator_of(self, delassus: Operator, chosen: Array, key: bytes) -> tuple[Array, Delassus]:
         """As in ContactSolver."""
         if not chosen[self._own].any():
             return super().operator_of(delassus, chosen, key)

@@ -6,10 +6,12 @@ hierarchical matrix (Hackbusch 1999). `reduction.block_compression` makes it.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.points_operator import components
 from fenics_rom.rom.content import ByContent
 
 WHOLE = -1  # in place of a rank: a block as it is
@@ -38,6 +40,36 @@ class BlockMatrix(ByContent):
             A[columns[:, None], rows] = block.T
         return A
 
+    def rows_of(self, some: Array) -> Array:
+        """Rows of some points that are all different, (s, 3, 3P)."""
+        P = len(self.order)
+        place = np.empty(P, int)
+        place[self.order] = np.arange(P)
+        at = np.argsort(place[some])
+        places, A = place[some[at]], np.empty((len(some), 3, P, 3))
+        rows, columns = np.searchsorted(places, self.blocks[:, :4]).reshape(-1, 2, 2).swapaxes(0, 1)  # of each block
+        for which in ((rows[:, 0] < rows[:, 1]) | (columns[:, 0] < columns[:, 1])).nonzero()[0]:
+            U, V, _, _ = self._parts(which)
+            first, last, left, right, _ = self.blocks[which]
+            both = (U, V, rows, first, left, right), (V.T, U.T, columns, left, first, last)
+            for M, N, asked, begin, low, high in both[: 1 if first == left else 2]:
+                to = slice(*asked[which])
+                own = M.reshape(len(M) // 3, 3, len(N))[places[to] - begin]
+                A[to, :, low:high] = (own @ N).reshape(len(own), 3, high - low, 3)
+        in_order = A[np.argsort(at)]
+        rows_of: Array = in_order[:, :, place].reshape(len(some), 3, 3 * P)
+        return rows_of
+
+    def moved_by(self, f: Array) -> Array:
+        """A f (3P,)."""
+        f, moved = f.reshape(-1, 3), np.zeros((len(self.order), 3))
+        for which in range(len(self.blocks)):
+            U, V, points, others = self._parts(which)
+            moved[points] += (U @ (V @ f[others].ravel())).reshape(-1, 3)
+            if self.blocks[which, 0] != self.blocks[which, 2]:
+                moved[others] += ((f[points].ravel() @ U) @ V).reshape(-1, 3)
+        return moved.ravel()
+
     def mistake(self) -> str:
         """What does not fit together, in words; empty where all does."""
         P = len(self.order)
@@ -58,16 +90,26 @@ class BlockMatrix(ByContent):
 
     def _each(self) -> Iterator[tuple[Array, Array, Array]]:
         """Rows (r,), columns (c,) and numbers (r, c) of each block."""
-        rows = (3 * self.order[:, None] + np.arange(3)).ravel()
-        ends = np.cumsum(_sizes(self.blocks)).tolist()
-        for (a, b, c, d, rank), start, end in zip(self.blocks.tolist(), [0, *ends], ends, strict=False):
-            shape, middle = (3 * (b - a), 3 * (d - c)), start + 3 * (b - a) * rank
-            if rank == WHOLE:
-                block = self.values[start:end].reshape(shape)
-            else:
-                U, V = self.values[start:middle], self.values[middle:end]
-                block = U.reshape(shape[0], rank) @ V.reshape(rank, shape[1])
-            yield rows[3 * a : 3 * b], rows[3 * c : 3 * d], block
+        for which in range(len(self.blocks)):
+            U, V, points, others = self._parts(which)
+            yield components(points), components(others), U @ V
+
+    def _parts(self, which: int) -> tuple[Array, Array, Array, Array]:
+        """U (r, k) and V (k, c) of a block, and the points of its rows and columns."""
+        first, last, left, right, rank = self.blocks[which].tolist()
+        start, points, others = self.starts[which], self.order[first:last], self.order[left:right]
+        rows, columns = 3 * len(points), 3 * len(others)
+        if rank == WHOLE:
+            return self.values[start : start + rows * columns].reshape(rows, columns), np.eye(columns), points, others
+        middle, end = start + rows * rank, start + (rows + columns) * rank
+        U, V = self.values[start:middle].reshape(rows, rank), self.values[middle:end].reshape(rank, columns)
+        return U, V, points, others
+
+    @cached_property
+    def starts(self) -> Array:
+        """Where the values of each block begin."""
+        ends: Array = np.cumsum(_sizes(self.blocks))
+        return np.concatenate([[0], ends[:-1]])
 
 
 def _sizes(blocks: Array) -> Array:

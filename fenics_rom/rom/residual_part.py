@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.rom.block_operator import BlockOperator, KeptRows
 from fenics_rom.rom.contact_model import ContactModel, strained_coordinates
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 
@@ -25,7 +26,7 @@ class ResidualPart:
         points: H (3P, k - rigid) within the shared basis, (m/N)^1/2; the same of all contact modes.
         basis: Y (k - rigid, m - rigid), orthonormal columns: the mode's in the shared basis, both K-orthonormal.
         basis_points: H Y (3P, m - rigid).
-        compliance: R = C Cᵀ (3P, 3P), m/N.
+        operator: R = C Cᵀ (3P, 3P), m/N.
         time_constant: τ, s; τ² is the mean ratio of inertia to stiffness of orthogonal shapes that count alike.
         root: C⁻¹, where it was made already.
     """
@@ -33,9 +34,14 @@ class ResidualPart:
     points: Array
     basis: Array
     basis_points: Array
-    compliance: Array
+    operator: Array | BlockOperator
     time_constant: float
     root: Array | None = None
+
+    @cached_property
+    def compliance(self) -> Array:
+        """R (3P, 3P) as a whole, m/N."""
+        return self.operator if isinstance(self.operator, np.ndarray) else self.operator.whole()
 
     @cached_property
     def inverse_root(self) -> Array:
@@ -63,25 +69,19 @@ def residual_part(κ: Array, model: ContactModel, H: Array, residual: ResidualCo
     # Inertia that shapes within Q share with those beyond is neglected. Each shape counts alike, however much it
     # yields: the few that yield most are slow, but what yields between neighbours, on which friction depends, is not.
     if residual.static is not None:  # of many points about as many shapes are lacking
-        R = residual.static.whole()
-        R -= HY @ HY.T
-        _add_to_diagonal(R, residual.floor)
+        R = BlockOperator(KeptRows(residual.static, residual.floor, HY))
         shares = 1 - np.square(Y).sum(axis=1)
         τ2 = (shares @ τ2_within + τ2_beyond.sum()) / (shares.sum() + len(τ2_beyond))
         return ResidualPart(H, Y, HY, R, float(np.sqrt(τ2)))
     assert residual.factor is not None
     lacking = np.hstack([H - HY @ Y.T, residual.factor])
     R = lacking @ lacking.T
-    _add_to_diagonal(R, residual.floor)
+    R.ravel()[:: len(R) + 1] += residual.floor
     root = _inverse_root_of(R)
     some = (slice(first, first + COLUMNS_AT_ONCE) for first in range(0, lacking.shape[1], COLUMNS_AT_ONCE))
     shares = np.concatenate([np.square(root @ lacking[:, columns]).sum(axis=0) for columns in some])
     τ2 = shares @ np.concatenate([τ2_within, τ2_beyond]) / len(R)
     return ResidualPart(H, Y, HY, R, float(np.sqrt(τ2)), root)
-
-
-def _add_to_diagonal(A: Array, more: float) -> None:
-    A.ravel()[:: len(A) + 1] += more
 
 
 def _inverse_root_of(R: Array) -> Array:

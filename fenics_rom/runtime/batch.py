@@ -299,7 +299,8 @@ def _why_one_by_one(rom: Rom) -> str:
     """What of a ROM has no form in which all bodies are stepped together; empty where there is one."""
     acting, law, body = rom.environment, rom.environment.contact_law, rom.deformation
     carried = rom.moving_frame is not None and rom.moving_frame.carried
-    definite = acting.residual_compliance and rom.residual_compliance is not None
+    residual = rom.residual_compliance if acting.residual_compliance else None
+    by_blocks = residual is not None and residual.static is not None
     reasons = {
         "no inertia": not acting.has_inertia,
         "actuators that are given strokes": len(acting.controls) > len(acting.bars),
@@ -316,7 +317,8 @@ def _why_one_by_one(rom: Rom) -> str:
         "an obstacle that turns": acting.turns_obstacles,
         "contact with the faces of a body": acting.touches_faces,
         "contact by springs": law is not None and law.stiffness is not None,
-        "contact without residual compliance": law is not None and not definite,
+        "contact without residual compliance": law is not None and residual is None,
+        "contact points of which residual compliance is kept by blocks": law is not None and by_blocks,
     }
     return next((reason for reason, there in reasons.items() if there), "")
 

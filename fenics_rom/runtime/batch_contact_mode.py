@@ -72,7 +72,7 @@ def part_by_axis(part: ResidualPart, axes: Array) -> ResidualPart:
     """The same with its points by axis."""
     points, basis_points = by_axis(part.points, axes), by_axis(part.basis_points, axes)
     compliance = symmetric(by_axis(by_axis(part.compliance, axes).T, axes))
-    root = None if part.root is None else by_axis(part.root.T, axes).T
+    root = by_axis(part.inverse_root.T, axes).T
     return ResidualPart(points, part.basis, basis_points, compliance, part.time_constant, root)
 
 

@@ -310,6 +310,7 @@ class CompiledBodies(CompiledState):
         clearance = Clearance(gap, untouched, still, mode.stretch, gone, self._apart)
         between = inputs, obstacles, self._begun, self._after, mode.states, clearance, self._new
         deal_out(partial(_step, given, between), own)
+        mode.keep_rows()
 
     def _commit(self, taken: Array, stays: Array, obstacles: Moving) -> None:
         """The step was taken by some of the bodies (size,), all but those that stay (n,)."""

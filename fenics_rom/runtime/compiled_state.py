@@ -53,6 +53,7 @@ class Mode(NamedTuple):
     touch: Any  # where it can be touched (`touching.Touched`); None: nowhere
     states: State  # of all bodies; those of bodies in other modes say nothing
     stretch: Array = np.empty(0)  # of its points, for steps that ask it: see `touching.Clearance`
+    keep_rows: Any = None  # called after steps: see `CompiledStep`
 
 
 class CompiledState:
@@ -72,12 +73,11 @@ class CompiledState:
 
     def __init__(self, single: Simulator, size: int, ledger: bool):
         self._single, self._dt, self.size, self.ledger = single, single.dt, size, ledger
-        self._strokes = len(single.integrator.reactions)  # how many forces are found
-        names, law = list(self.rom.contact_models), self.rom.environment.contact_law
+        self._strokes, law = len(single.integrator.reactions), self.rom.environment.contact_law  # how many forces
         self._nothing_acts = None if single.environment else ActiveEnvironment(self.rom.environment, {})
         obstacles, P = len(self._shapes), len(self._points)
         self._mode, self._modes, self.steps = np.zeros(size, int), list[Mode](), 0
-        self._widths, self._numbers = self.rom.contacts, {name: k for k, name in enumerate(names)}
+        self._widths, self._numbers = self.rom.contacts, {name: k for k, name in enumerate(self.rom.contact_models)}
         self._m = max(model.order for model in self._models)
         self._friction, self.frozen = np.full(size, 0.0 if law is None else float(law.friction)), np.zeros(size, bool)
         self._clearance = np.zeros((4, size))  # as in `touching.Clearance`; 0 where it is not known
@@ -114,11 +114,11 @@ class CompiledState:
         self._modes, stepper = [], self._single.integrator
         for name, model in self.rom.contact_models.items():
             stepper.restore(name, self._at_rest(name), self._dt)
-            body = stepper.kernel.compiled_step.body  # type: ignore[attr-defined]
-            n, m, k = body.branches.shape[1], model.order, len(body.R)
-            sizes = (2, m), (self.rom.rigid,), (4, k), (n, 2, m), (n, 2, k), (self._strokes,)
-            states = known.get(name) or State(*(np.zeros((self.size, *shape)) for shape in sizes * 2))
-            self._modes.append(Mode(name, body, body, states, stretch_of(body.points)))
+            loops = stepper.kernel.compiled_step  # type: ignore[attr-defined]
+            n, m, k, body = loops.body.branches.shape[1], model.order, len(loops.body.R), loops.body
+            sizes = ((2, m), (self.rom.rigid,), (4, k), (n, 2, m), (n, 2, k), (self._strokes,)) * 2
+            states = known.get(name) or State(*(np.zeros((self.size, *shape)) for shape in sizes))
+            self._modes.append(Mode(name, body, body, states, stretch_of(body.points), loops.keep_rows))
 
     def _at_rest(self, name: str) -> StepperState:
         rest = np.zeros(2 * self.rom.contact_models[name].order), np.zeros(self.rom.rigid), np.empty(0)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Frames, KeptLaw
+from fenics_rom.mechanics.points_operator import moved_by
 from fenics_rom.runtime.kept_contact import SAME_NORMALS, KeptContactMap, KeptPairs, KeptSteps, Meeting, leading
 
 if TYPE_CHECKING:
@@ -166,9 +167,9 @@ class ContactBlocks:
         kernel.state[:m], kernel.state[m:] = e, r
         kernel.state[:rigid] = 0.0
         if kernel.residual is not None:
-            R, rows = kernel.residual.part.compliance, np.zeros((4, *solver.points.shape))
+            R, rows = kernel.residual.part.operator, np.zeros((4, *solver.points.shape))
             rows[0, kept_map.carried], rows[2, kept_map.carried] = g.reshape(-1, 3), ġ.reshape(-1, 3)
-            rows[1::2] = (rows[::2].reshape(2, -1) @ R).reshape(2, -1, 3)
+            rows[1], rows[3] = (moved_by(R, row).reshape(-1, 3) for row in rows[::2])
             kernel.resume(rows.ravel())
         if law is not None:
             (key, _), *others = solver.search.laws

@@ -25,6 +25,7 @@ from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE,
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.contact_pairs import NormalRule
 from fenics_rom.mechanics.obstacles import Obstacle
+from fenics_rom.mechanics.points_operator import columns_of
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.runtime.steppers.residual_maps import ResidualMaps
@@ -131,7 +132,7 @@ class KeptContactMap:
         v, _ = self._rates(self._forces(e, r, u, f))
         ġ_mid = self._residual_rates(g, ġ, f)
         if residual is not None:
-            R = residual.part.compliance[:, of_carried]
+            R = columns_of(residual.part.operator, carried)
         self._R = R[of_carried]
         rigid, ω = np.arange(m) < model.rigid, np.sqrt(model.eigenvalues)
         self.by_state = np.where(rigid, 1.0, 1 / model.safe_frequencies)

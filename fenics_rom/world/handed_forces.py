@@ -7,6 +7,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
+from fenics_rom.mechanics.points_operator import Operator
 
 
 class Handed(ContactSolution):
@@ -59,7 +60,7 @@ class HandedForces(ContactSolver):
         """See ContactSolver."""
         return self.reached
 
-    def solve(self, points: PointMotion, delassus: Array, *_: Any, **__: Any) -> Handed | None:
+    def solve(self, points: PointMotion, delassus: Operator, *_: Any, **__: Any) -> Handed | None:
         """See ContactSolver."""
         self.delassus = delassus
         return handed(self.forces, self.reached) if len(self.reached) else None

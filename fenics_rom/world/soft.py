@@ -23,12 +23,12 @@ from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.frame_geometry import turned_operator
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.placed_surface import PlacedSurface
+from fenics_rom.mechanics.points_operator import operator_of
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
 from fenics_rom.runtime.steppers.contact_midpoint import ContactMidpoint
 from fenics_rom.runtime.steppers.kernel import BookedKernel
-from fenics_rom.runtime.steppers.residual_motion import operator_of
 from fenics_rom.world.acting import acting_in_world, touched_surface
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Body, Points
 from fenics_rom.world.carriers import Carriers

@@ -12,12 +12,13 @@ from fenics_rom.mechanics import contact_solver
 from fenics_rom.mechanics.braking import Braking
 from fenics_rom.mechanics.complementarity import solve
 from fenics_rom.mechanics.complementarity.solution import ADVICE
-from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ObstacleMotion, PointMotion, moved_by
+from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.make_contact_solver import make_contact_solver
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
+from fenics_rom.mechanics.points_operator import moved_by
 
 G = 9.81  # m/s²
 FLOOR = HalfSpace((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))

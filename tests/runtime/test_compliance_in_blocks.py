@@ -1,6 +1,8 @@
 """Residual compliance that is kept by blocks: no less than it is, the energy account, files."""
 
+import tracemalloc
 import warnings
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +12,15 @@ from test_residual_compliance import CLOSES_TO, FLOOR, LENGTHS, MOVING, PUSH, RO
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
+from fenics_rom.compilation import numpy_alone
 from fenics_rom.errors import FenicsRomWarning, RomFileError
 from fenics_rom.reduction import block_compression
 from fenics_rom.reduction import residual_compliance as offline
+from fenics_rom.rom import block_operator
+from fenics_rom.rom.residual_part import residual_part
 from fenics_rom.runtime.batch_contact_mode import by_axis, part_by_axis
+from fenics_rom.runtime.steppers import residual_motion
+from fenics_rom.runtime.steppers.compiled_step import CompiledStep
 
 
 class Both:
@@ -67,15 +74,95 @@ def test_account_closes_and_switches_neither_add_energy_nor_move_points(both):
 
 
 def test_bodies_of_a_batch_have_it_along_other_axes(both):
-    """By axis: of both kinds, and what switches need of it."""
+    """By axis, and what switches need of it; those with blocks are stepped one after another."""
     axes = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
-    for rom in (both.by_shapes, both.rom):
-        part = both.models.part("right", rom)
-        turned, by_rows = part_by_axis(part, axes), by_axis(np.eye(len(part.compliance)), axes)
-        scale = np.abs(part.compliance).max()
-        np.testing.assert_allclose(turned.compliance, by_rows @ part.compliance @ by_rows.T, rtol=0, atol=1e-14 * scale)
-        product = turned.inverse_root @ turned.compliance @ turned.inverse_root.T
-        np.testing.assert_allclose(product, np.eye(len(product)), rtol=0, atol=1e-9)
+    part = both.models.part("right", both.by_shapes)
+    turned, by_rows = part_by_axis(part, axes), by_axis(np.eye(len(part.compliance)), axes)
+    scale = np.abs(part.compliance).max()
+    np.testing.assert_allclose(turned.compliance, by_rows @ part.compliance @ by_rows.T, rtol=0, atol=1e-14 * scale)
+    product = turned.inverse_root @ turned.compliance @ turned.inverse_root.T
+    np.testing.assert_allclose(product, np.eye(len(product)), rtol=0, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def many_points(tmp_path_factory):
+    path = tmp_path_factory.mktemp("many") / "box.msh"
+    contacts = "[contacts.all]\nnear = { point = [0.2, 0.1, 0.05], radius = 1.0 }"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(offline, "MOST_SHAPES", 12)
+        patch.setattr(offline, "OVERSAMPLING", 8)
+        mesh = write_arrays(path, *box_arrays(LENGTHS, (16, 8, 4), shake=0.1))
+        return Models(mesh, MOVING + PUSH + FLOOR + ROUGH, contacts=contacts).rom
+
+
+def whole_part(*given):
+    part = residual_part(*given)
+    return replace(part, operator=part.operator.whole())
+
+
+def pushed(rom, kind):
+    """Displacements of a body, and forces on its points, under pushes that others follow in every step."""
+    signals = {
+        "push": lambda t: [20 * np.sin(700 * t), 5.0, -40 * np.cos(300 * t)],
+        "floor": lambda t: [0.05 * np.sin(20 * t), 0.0, 0.004 * np.sin(60 * t) ** 2],
+    }
+    with numpy_alone() if "NumPy" in kind else nullcontext():
+        if "batch" in kind:
+            bodies, moved = fr.Batch(rom, size=2, dt=1e-3, signals=signals, ledger=True), []
+            for _ in range(60):
+                bodies.step(np.zeros(3))
+                moved.append(bodies.displacement("tip"))
+            return np.array(moved), bodies.dissipated_in_contact
+        body, told = fr.Simulator(rom, dt=1e-3, signals=signals), []
+        if kind == "rollout":
+            body.rollout(np.zeros((30, 3)))
+        for _ in range(60):
+            body.step()
+            told.append(np.concatenate([1e3 * body.displacement(), body.contact_forces()]))
+        return np.array(told), body.ledger.contact
+
+
+@pytest.mark.parametrize(
+    "kind", ["single", "rollout", "batch", "by blocks", "NumPy", "little room, NumPy", "NumPy batch"]
+)
+def test_steps_are_those_of_the_whole(both, kind, monkeypatch):
+    """Forces and motion, whether rows of the points that touch are kept, or there is little room for them, or none.
+
+    1e-10 is what forces may lack of the velocities that they stop (1e-12), a hundred times.
+    """
+    with monkeypatch.context() as patch:
+        patch.setattr(residual_motion, "residual_part", whole_part)
+        expected, taken = pushed(both.rom, kind)
+    if kind == "by blocks":
+        monkeypatch.setattr(CompiledStep, "keep_rows", lambda step: None)
+    if "little" in kind:
+        monkeypatch.setattr(block_operator, "MOST", 4)
+        monkeypatch.setattr(block_operator, "AT_ONCE", 4)
+    found, _ = pushed(both.rom, kind)
+    assert np.max(taken) > 0
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("kind", ["single", "rollout", "batch", "NumPy"])
+def test_no_operator_of_many_points_is_made_as_a_whole(many_points, kind, monkeypatch):
+    """A body with 405 points is made and pushed about in less memory than one array (3P, 3P) takes.
+
+    Its basis is small, and rows are kept of 32 points: of thousands of points both are small beside that array. In
+    NumPy the 100 pairs that touch have matrices of their own, which take as much.
+    """
+    rom = many_points
+    monkeypatch.setattr(block_operator, "MOST", 32)
+    monkeypatch.setattr(block_operator, "AT_ONCE", 32)
+    pushed(rom, kind)  # what is compiled, and made once
+    tracemalloc.start()
+    try:
+        _, taken = pushed(rom, kind)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert np.max(taken) > 0
+    whole = 8 * (3 * len(rom.residual_compliance.static.order)) ** 2
+    assert peak < (2 if kind == "NumPy" else 1) * whole
 
 
 def test_files_have_the_blocks_and_refuse_those_that_do_not_fit(both, tmp_path, capsys):

@@ -219,7 +219,7 @@ def test_a_first_look_misses_no_point_that_forces_on_others_push_down(obstacle):
             moves = np.vstack([n, still_yet, target, margin, moves])
         begun = PairsBegun(frames, margin, moves, -gaps / h if n is None else None, None)
         model = ContactModel(none, none, np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)), none)
-        residual = SimpleNamespace(part=SimpleNamespace(compliance=np.zeros((9, 9))))
+        residual = SimpleNamespace(part=SimpleNamespace(operator=np.zeros((9, 9))))
         body = LinearBody(model, h, none, np.empty((9, 0)), W, residual, none, none)
         targets = target, -gaps / h / 2 - target
         of_points = SimpleNamespace(

@@ -472,7 +472,7 @@ def broken_sign(monkeypatch):
 
     def of(*given):
         part = good(*given)
-        object.__setattr__(part, "compliance", -part.compliance)
+        object.__setattr__(part, "operator", -part.operator)
         return part
 
     monkeypatch.setattr(residual_motion, "residual_part", of)

@@ -21,6 +21,7 @@ from fenics_rom.fem.full_order_body import FullOrderInterface
 from fenics_rom.fem.points_of_step import PointsOfStep
 from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, mean_contact
+from fenics_rom.mechanics.points_operator import Operator
 
 
 class FoundForces(NamedTuple):
@@ -153,7 +154,7 @@ class ForcesInNewton:
         if self._interface is not None and self._obstacles is not None:
             self._interface.solver.search = self._before
 
-    def _points_operator(self) -> Array:
+    def _points_operator(self) -> Operator:
         assert self._factor is not None
         assert self._interface is not None
         assert self._points is not None
@@ -162,7 +163,7 @@ class ForcesInNewton:
             self._delassus = self._interface.delassus(self._spread)
         return self._points.operator(self._delassus)
 
-    def _touched(self, free: Array, last: ContactSolution | None, W: Array | None = None) -> ContactSolution | None:
+    def _touched(self, free: Array, last: ContactSolution | None, W: Operator | None = None) -> ContactSolution | None:
         """Contact of points that would move at velocities (P, 3), with a Delassus operator where it is another."""
         if self._is_untouched(free, last):
             return None

@@ -11,6 +11,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.solution import REGULAR_SHARE, largest
+from fenics_rom.mechanics.points_operator import Operator, operator_of
 
 _AXES, _ONES = np.eye(3), np.ones(3)
 _ROUND_OFF = 4 * float(np.finfo(float).eps)  # of unit vectors
@@ -292,11 +293,10 @@ class FramedDelassus:
         return moved
 
 
-def operator_among(W: Array, points: Array) -> tuple[Array, Array]:
+def operator_among(W: Operator, points: Array) -> tuple[Array, Array]:
     """Of an operator (3P, 3P) the part (3s, 3s) of the points that some numbers are, and which of these each is."""
     some, at = np.unique(points, return_inverse=True)
-    rows = (3 * some[:, None] + np.arange(3)).ravel()
-    return W.take(rows, axis=0).take(rows, axis=1), at.reshape(points.shape)
+    return operator_of(W, some), at.reshape(points.shape)
 
 
 def operator_between(W: Array, at: Array, maps: Array) -> Array:

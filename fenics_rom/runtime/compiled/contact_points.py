@@ -17,7 +17,7 @@ from fenics_rom.mechanics.compiled.work_space import work_space
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.runtime.compiled.frames import added, combine, cross, mean, put, rotated, seen, vector
 from fenics_rom.runtime.compiled.touching import FORGOTTEN
-from fenics_rom.runtime.compiled.yielding import step_beyond
+from fenics_rom.runtime.compiled.yielding import set_yielding_of, step_beyond
 
 INERTIA, WHOLE, LOST, TAU = range(4)  # in `Points.times`, s: 2τ²/h, a, β + (θ - ½) h and τ
 
@@ -180,7 +180,9 @@ def end_points(points: Points, h: float, pull: Array) -> tuple[float, float]:
     copy_rows(points.beyond, points.beyond_before)
     times, f = points.times, points.seen.reshape(n)
     yielding = Beyond(points.R, times[INERTIA], times[WHOLE], times[LOST], times[TAU])
-    lost, _, stored = step_beyond(yielding, h, points.beyond, pull, f, np.empty(n), work_space(n))
+    rates = np.empty(n)
+    set_yielding_of(points.R, f, rates)
+    lost, _, stored = step_beyond(yielding, h, points.beyond, pull, f, rates, work_space(n))
     if not points.pushed.any() and stored < 2 * FORGOTTEN and not len(pull):
         points.beyond[:] = 0.0
         return 0.0, 0.0

@@ -39,7 +39,7 @@ from fenics_rom.runtime.compiled.sampled_points import InStep, Sampled, close_po
 from fenics_rom.runtime.compiled.small_matrices import dot, factor, multiply, solve
 from fenics_rom.runtime.compiled.strokes import Pull, add_pull, aim, end_pull, set_pull
 from fenics_rom.runtime.compiled.touching import FORGOTTEN, LOST, add_up_forces
-from fenics_rom.runtime.compiled.yielding import step_beyond
+from fenics_rom.runtime.compiled.yielding import set_yielding_of, step_beyond
 from fenics_rom.runtime.steppers.elastic.carried_strains import TANGENT_RENEWAL
 
 
@@ -152,6 +152,7 @@ def _end_touched(
     by_obstacles, power, stored, yields = add_up_forces(contact, beside.w, found), dot(pushed, v), 0.0, len(touch.R) > 0
     dissipated = step.dissipated
     if yields:
+        set_yielding_of(touch.R, forces, found.motion[3])
         given = among.beyond, among.pull, forces, found.motion[3], work_space(len(forces))
         lost, power_beyond, stored = step_beyond(touch, h, *given)
         if len(among.pull) > 0:

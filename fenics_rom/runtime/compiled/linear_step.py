@@ -29,23 +29,27 @@ from fenics_rom.runtime.compiled.branches import (
     stored_in,
 )
 from fenics_rom.runtime.compiled.linear_actuators import Pulled, end_pull, pull_alone, pull_among, set_given
+from fenics_rom.runtime.compiled.near_points import Yielding, find_near_forces
 from fenics_rom.runtime.compiled.small_matrices import dot, multiply
 from fenics_rom.runtime.compiled.touching import (
+    DIAGONAL,
     FORGOTTEN,
     NEGLIGIBLE,
     Begun,
     Clearance,
     StepContact,
     add_up_forces,
+    are_all_asked,
     are_left_out,
     ask_points,
+    fastest_of,
     forget_pairs,
     go_on,
     is_settled,
     look_near,
     reach_of,
 )
-from fenics_rom.runtime.compiled.yielding import step_beyond
+from fenics_rom.runtime.compiled.yielding import set_yielding_of, step_beyond
 
 
 class Body(NamedTuple):
@@ -58,9 +62,10 @@ class Body(NamedTuple):
     heat: Array  # a root of A⁻¹ D A⁻¹ (m, m)
     points: Array  # Sᵀ (m, 3P)
     places: Array  # of the points at rest, (P, 3), m
-    W: Array  # the Delassus operator (3P, 3P), with R/a, m/s/N
+    W: Array  # the Delassus operator (3P, 3P), with R/a, m/s/N; (3P, 0) where R is by blocks
     inverse: Array  # of W, (0, 0) where there is none that tells forces apart
-    R: Array  # residual compliance (3P, 3P), m/N; (0, 0) where there is none
+    R: Array  # residual compliance (3P, 3P), m/N; (0, 0) where there is none, (3P, 0) where it is by blocks
+    yielding: Yielding  # R by blocks
     branches: Array  # coefficients of a step of N branches, (8, N), as in `branches`
     share: Array  # P (m, m) of `MaxwellBranches`; (0, 0) where forces of branches are their strains
     inertia: float  # 2τ²/h, s, of what carries a force beyond the basis
@@ -148,7 +153,7 @@ def step_in(
     pairs, _, motion, forces = found
     h, m, P = law.h, len(body.ω), len(body.places)
     e, r, ρ = state.halves[0], state.halves[1], len(state.rigid)
-    yields, relaxes = len(body.R) > 0, len(state.relaxed) > 0
+    yields, relaxes, by_blocks = len(body.R) > 0, len(state.relaxed) > 0, len(body.yielding.slots) > 0
     pushed, right, v, q = take(space, m), take(space, m), take(space, m), take(space, m)
     by_contact, heat, beside = take(space, m), take(space, m), begin_beside(moving, h, len(pairs.forces), space)
     rate, stress = take(space, m), take(space, m)
@@ -199,6 +204,7 @@ def step_in(
             farthest = math.inf
             continue
         copy(begun.forces, pairs.forces)
+        fastest = 0.0
         if n > 0:
             acting, at_points = (u, r, free, state.reactions), (beside, begun, state.beyond, pull)
             if not pull_among(pulled, body, law, *acting, *at_points, numbers, space, z, v, found, told):
@@ -206,10 +212,20 @@ def step_in(
             contact = Found(int(told[0]), int(told[1]), told[2])
         else:
             ask_points(body, law, beside, pairs.forces, r, v, state.beyond, pull, found, farthest, space)
-            contact = find_forces(law, body.W, in_one_piece(body.inverse), P, begun.swung, pairs)
+            if by_blocks:
+                of_body = body.points, body.inverse_ω, ρ, body.whole, body.yielding
+                near = find_near_forces(law, *of_body, begun.swung, pairs, forces, by_contact, motion[3])
+                contact = Found(near.status, near.sweeps, near.normal_power)
+                fastest = near.fastest + DIAGONAL * largest_of(motion[3]) / body.whole
+            else:
+                contact = find_forces(law, body.W, in_one_piece(body.inverse), P, begun.swung, pairs)
         contact = held_by(law, found.gaps, pairs, contact)
         by_obstacles = add_up_forces(contact, beside.w, found)
-        if contact.status != FOUND or are_left_out(body.W, h, reach, farthest, found, space):
+        if contact.status != FOUND or are_all_asked(farthest, found):
+            break
+        if not by_blocks:
+            fastest = fastest_of(body.W, forces, space)
+        if are_left_out(fastest, h, reach, farthest, found):
             break
         farthest = math.inf
     if is_clear:
@@ -222,7 +238,8 @@ def step_in(
         copy(z, state.reactions)
         end_pull(pulled, state.reactions, pushed, right, rubbed)
     if contact.status == FOUND:
-        multiply(body.points, forces, by_contact)
+        if not by_blocks:
+            multiply(body.points, forces, by_contact)
         for i in range(m):
             right[i] += by_contact[i]
     if contact.status == FOUND or n > 0:
@@ -245,6 +262,10 @@ def step_in(
     if yields and is_still:
         fill(motion[3], 0.0)
     elif yields:
+        if not touches:
+            fill(motion[3], 0.0)
+        elif not by_blocks:
+            set_yielding_of(body.R, forces, motion[3])
         lost, power_beyond, stored = step_beyond(body, h, state.beyond, pull, forces, motion[3], space)
         dissipated, power = dissipated + lost, power + power_beyond
         if relaxes:

@@ -16,13 +16,15 @@ from fenics_rom.mechanics.compiled.copying import are_equal, copy
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.mechanics.compiled.work_space import take, take_flags, take_frames, take_integers, take_rows, work_space
 from fenics_rom.runtime.compiled.arrays_at import cube_at, integer_rows_at, integers_at, matrix_at, vector_at
+from fenics_rom.runtime.compiled.block_products import Blocks
 from fenics_rom.runtime.compiled.linear_actuators import Pulled
 from fenics_rom.runtime.compiled.linear_step import Body, State, Step, restore, room_for, step_in
+from fenics_rom.runtime.compiled.near_points import Yielding
 from fenics_rom.runtime.compiled.touching import Begun, Clearance, StepContact, hand_on
 from fenics_rom.runtime.steppers.clearance import stretch_of
 
 OF_A_STEP = 11  # numbers that a record begins with: a `Step`, and how many pairs friction was not asked to stop
-_STATE, _OTHERS, _PULLED = 12, 24, 29  # where a table has these after the body
+_STATE, _OTHERS, _PULLED = 19, 31, 36  # where a table has these after the body
 
 
 class Taken(NamedTuple):
@@ -52,12 +54,13 @@ def arrays_of(body: Body, state: State, shapes: Array, friction: Array) -> tuple
     """What a table has, in its order; shapes (O, 17) and friction (O P,) are those of the obstacles and pairs."""
     left = sum(part.size for part in (*state[:3], state.relaxed_beyond)) + 3 * len(shapes)
     others = shapes, friction, np.zeros(4), stretch_of(body.points), np.zeros(left)
-    return *body[:12], *state, *others, *body.pulled.actuators, *body.pulled[1:]
+    of_body = *body[:10], body.branches, body.share, *body.yielding.blocks, *body.yielding[1:5]
+    return *of_body, *state, *others, *body.pulled.actuators, *body.pulled[1:]
 
 
 def numbers_of(law: Law, body: Body) -> Array:
     """What goes with a table: numbers of the law, and of the body."""
-    return np.array([*law, *body[12:-1]], dtype=float)
+    return np.array([*law, *body[13:-1], *body.yielding[5:]], dtype=float)
 
 
 def _places_in_record(N: int, P: int) -> list[slice]:
@@ -106,6 +109,9 @@ def _parts(record: Array, N: int, P: int, friction: Array) -> Record:
 
 @jit_part
 def _body_at(table: Array, numbers: Array) -> Body:
+    blocks = Blocks(integers_at(table[12]), integer_rows_at(table[13]), vector_at(table[14]))
+    kept = integers_at(table[16]), cube_at(table[17]), integers_at(table[18])
+    yielding = Yielding(blocks, matrix_at(table[15]), kept[0], kept[1], kept[2], numbers[12], numbers[13])
     return Body(
         vector_at(table[0]),
         vector_at(table[1]),
@@ -117,6 +123,7 @@ def _body_at(table: Array, numbers: Array) -> Body:
         matrix_at(table[7]),
         matrix_at(table[8]),
         matrix_at(table[9]),
+        yielding,
         matrix_at(table[10]),
         matrix_at(table[11]),
         numbers[8],

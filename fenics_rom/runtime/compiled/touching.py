@@ -282,29 +282,39 @@ def reach_of(
 
 
 @jit_part
-def are_left_out(W: Array, h: float, reach: float, farthest: float, found: StepContact, space: Array) -> bool:
+def are_all_asked(farthest: float, found: StepContact) -> bool:
+    """Whether no pair was farther apart than the gap beyond which none was asked."""
+    return _count_near(found.gaps, farthest) == len(found.gaps)
+
+
+@jit_part
+def fastest_of(W: Array, forces: Array, space: Array) -> float:
+    """How fast forces on the points (3P,) move one at most, m/s, by W (3P, 3P); takes 3P numbers of the space."""
+    moved = take(space, len(W))
+    fill(moved, 0.0)
+    for p in range(len(W) // 3):
+        x, y, z = forces[3 * p], forces[3 * p + 1], forces[3 * p + 2]
+        if x != 0.0 or y != 0.0 or z != 0.0:
+            add_motion(W, p, x, y, z, moved)
+    return DIAGONAL * largest_of(moved)
+
+
+@jit_part
+def are_left_out(fastest: float, h: float, reach: float, farthest: float, found: StepContact) -> bool:
     """Whether pairs that nobody asked, as they are farther apart, take no part under the forces of the others, either.
 
     Args:
-        W: the Delassus operator (3P, 3P).
+        fastest: how fast these move a point at most, m/s.
         h: s.
         reach: of `reach_of`.
         farthest: gap beyond which pairs were not asked.
-        found: with forces of the points.
-        space: with room for 3P numbers; not given back.
+        found: with gaps.
     """
-    nearest, moved = math.inf, take(space, len(W))
+    nearest = math.inf
     for c in range(len(found.gaps)):
         if found.gaps[c] > farthest:
             nearest = min(nearest, found.gaps[c])
-    if nearest == math.inf:
-        return True
-    fill(moved, 0.0)
-    for p in range(len(W) // 3):
-        x, y, z = found.forces[3 * p], found.forces[3 * p + 1], found.forces[3 * p + 2]
-        if x != 0.0 or y != 0.0 or z != 0.0:
-            add_motion(W, p, x, y, z, moved)
-    return nearest > reach + 2.5 * h * DIAGONAL * largest_of(moved)
+    return nearest > reach + 2.5 * h * fastest
 
 
 @jit_part

@@ -4,7 +4,7 @@ from typing import Protocol
 
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_sums
+from fenics_rom.compilation import jit_part, jit_sums
 from fenics_rom.mechanics.compiled.copying import add_row, copy, fill
 from fenics_rom.mechanics.compiled.work_space import release, take, taken
 
@@ -33,22 +33,27 @@ class Yielding(Protocol):
         """s."""
 
 
+@jit_part
+def set_yielding_of(R: Array, f: Array, rates: Array) -> None:
+    """Sets R f (3P,)."""
+    fill(rates, 0.0)
+    for k in range(len(f)):
+        if f[k] != 0.0:
+            add_row(R[k], f[k], rates)
+
+
 @jit_sums
 def step_beyond(
     body: Yielding, h: float, beyond: Array, pull: Array, f: Array, rates: Array, space: Array
 ) -> tuple[float, float, float]:
     """Takes the step of what points do beyond the basis: what it loses, J, the power of f there, W, twice its energy.
 
-    Sets the rates (3P,) of y in it; and those of g and y in `pull`, of `ask_points`, where there are branches. Takes 3P
-    numbers of the space, and gives them back.
+    The rates (3P,) begin as R f, and become those of y in it. Of branches `pull`, as of `ask_points`, becomes
+    those of g and y. Takes 3P numbers of the space, and gives them back.
     """
     g, y, g_rate, y_rate, begun = beyond[0], beyond[1], beyond[2], beyond[3], taken(space)
     forces, share, inertia = take(space, len(f)), 1 / body.whole, body.inertia
     lost = power = stored = 0.0
-    fill(rates, 0.0)
-    for k in range(len(f)):
-        if f[k] != 0.0:
-            add_row(body.R[k], f[k], rates)
     for k in range(len(f)):  # one loop for each array: of one for all LLVM does not know that they are apart
         forces[k] = (inertia * g_rate[k] - g[k] + f[k]) * share
     for k in range(len(f)):

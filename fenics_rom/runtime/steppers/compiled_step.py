@@ -16,7 +16,10 @@ from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointM
 from fenics_rom.mechanics.contact_pairs import Pairs as AskedPairs
 from fenics_rom.mechanics.contact_pairs import SolvedPairs
 from fenics_rom.mechanics.contact_search import ContactSearch
+from fenics_rom.mechanics.points_operator import Operator
+from fenics_rom.rom.block_operator import BlockOperator
 from fenics_rom.runtime.compiled.arrays_at import table_of
+from fenics_rom.runtime.compiled.block_products import Blocks
 from fenics_rom.runtime.compiled.linear_step import Body, State, Step
 from fenics_rom.runtime.compiled.linear_table import (
     OF_A_STEP,
@@ -30,6 +33,7 @@ from fenics_rom.runtime.compiled.linear_table import (
     take_step_at,
     take_steps_at,
 )
+from fenics_rom.runtime.compiled.near_points import Yielding
 from fenics_rom.runtime.compiled.touching import NO_LAW, StepContact
 
 if TYPE_CHECKING:
@@ -48,6 +52,24 @@ def inverse_of(W: Array) -> Array:
             root = vectors / np.sqrt(values)
             return np.ascontiguousarray(root @ root.T)
     return np.empty((0, 0))
+
+
+_NONE, _NOWHERE = np.empty(0), np.empty(0, int)
+YIELDS_AS_A_WHOLE = Yielding(
+    Blocks(_NOWHERE, np.empty((0, 6), int), _NONE), np.empty((0, 0)), _NOWHERE, np.empty((0, 3, 0)), _NOWHERE, 0.0, 0.0
+)
+
+
+def yielding_of(R: BlockOperator, roots: Array) -> Yielding:
+    """Residual compliance as loops take it; roots: T (3P, m) of `near_points`."""
+    kept, given = R.rows, R.rows.blocks
+    table = np.column_stack([given.blocks, given.starts])
+    values, base = given.values, given.values.base
+    if isinstance(base, np.ndarray) and base.shape == values.shape:
+        values = base  # of which it is a read-only view: loops but read it
+    blocks = Blocks(*map(in_plain, (given.order, table, values)))
+    farthest = float(np.linalg.norm(roots.reshape(len(kept.slots), -1), axis=1).max())
+    return Yielding(blocks, roots, kept.slots, kept.rows, np.zeros_like(kept.slots), farthest, kept.floor)
 
 
 class StepTaken:
@@ -92,7 +114,7 @@ class StepTaken:
         """Velocities (P, 3) of the contact points beyond the basis, m/s."""
         return self._found.motion[3].reshape(-1, 3)
 
-    def known(self, delassus: Callable[[], Array]) -> Known:
+    def known(self, delassus: Callable[[], Operator]) -> Known:
         """As `ContactSolver.last_step`; `delassus` tells the operator of the points."""
 
         def known() -> tuple[AskedPairs | None, SolvedPairs | None]:
@@ -161,6 +183,7 @@ class CompiledStep:
 
     Args:
         body: what moves.
+        operator: the Delassus operator of its points.
         state: what steps change, and where they note it before.
         solver: finds contact forces; None: nothing can touch.
         h: s.
@@ -171,9 +194,16 @@ class CompiledStep:
     """
 
     def __init__(
-        self, body: Body, state: State, solver: CompiledContact | None, h: float, relaxing: Sequence[Relaxing]
+        self,
+        body: Body,
+        operator: Operator,
+        state: State,
+        solver: CompiledContact | None,
+        h: float,
+        relaxing: Sequence[Relaxing],
     ):
         self.body, self.state, self._solver, self._h, self._relaxing = body, state, solver, h, relaxing
+        self._operator, self._rows = operator, operator.rows if isinstance(operator, BlockOperator) else None
         shapes, self._points = NO_SHAPES if solver is None else solver.shapes, len(body.places)
         self._pairs, self._nothing = len(shapes) * self._points, NO_LAW._replace(h=h)
         self._size, self._after = size_of_record(self._pairs, self._points), after_in_record(self._pairs, self._points)
@@ -233,13 +263,13 @@ class CompiledStep:
         last = self._note(records[(count + 2) % 3], search, path.in_step(count - 1))
         return StepsTaken(Taken(*(rows[:count] for rows in taken)), last)
 
-    def _delassus(self, holding: int) -> Array:
+    def _delassus(self, holding: int) -> Operator:
         """The operator of the contact points with which contact was found: see `Step.holding`."""
         if not holding:
-            return self.body.W
+            return self._operator
         pulled = self.body.pulled
         holds = np.array([bool(holding & 1 << k) for k in range(len(pulled.W))])
-        return PointsHeldBack(self.body.W, pulled.X.T, pulled.W).delassus(holds)
+        return PointsHeldBack(self._operator, pulled.X.T, pulled.W).delassus(holds)
 
     def _in(self, record: Array) -> Record:
         return record_in(record, self._pairs, self._points, self._friction)
@@ -257,4 +287,11 @@ class CompiledStep:
             forces = record[after[0]].reshape(-1, 3)
             swung = record[after[1]].view(np.int64) if record.item(OF_A_STEP) else None
         solver.note(step.known(partial(self._delassus, int(step.did.holding))), step.touches, forces, swung)
+        self.keep_rows()
         return step
+
+    def keep_rows(self) -> None:
+        """Keeps rows of R of points that touched, and of which there were none, for the steps that follow."""
+        if self._rows is not None and (missing := self.body.yielding.missing).any():
+            self._rows.keep(missing.nonzero()[0])
+            missing[:] = 0

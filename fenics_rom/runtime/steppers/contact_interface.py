@@ -12,6 +12,7 @@ from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.make_contact_solver import make_contact_solver
 from fenics_rom.mechanics.obstacles import smallest_radius
+from fenics_rom.mechanics.points_operator import Operator
 from fenics_rom.mechanics.skin import Skin
 from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
 from fenics_rom.rom.rom import Rom
@@ -33,7 +34,7 @@ class ContactInterface(NamedTuple):
     def solve(
         self,
         points: PointMotion,
-        delassus: Array,
+        delassus: Operator,
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
@@ -49,7 +50,7 @@ class ContactInterface(NamedTuple):
         return contact
 
     def solve_moved(
-        self, motion: Array, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool
+        self, motion: Array, delassus: Operator, dt: float, obstacles: ObstacleMotion, quasi_static: bool
     ) -> ContactSolution | None:
         """The same from motion (3, P, 3): displacement, velocity and free velocity, as in PointMotion."""
         return self.solve(PointMotion(*motion), delassus, dt, obstacles, quasi_static)

@@ -23,12 +23,13 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import compiled, in_plain
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
+from fenics_rom.mechanics.points_operator import operator_of, whole_of
+from fenics_rom.rom.block_operator import BlockOperator
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.runtime.steppers.adjoint import contact_adjoint
 from fenics_rom.runtime.steppers.clearance import Clearance
 from fenics_rom.runtime.steppers.following_midpoint import FollowingMidpoint
 from fenics_rom.runtime.steppers.kernel import BOOKED_TOGETHER, ContactWorks, StepWork, symmetric
-from fenics_rom.runtime.steppers.residual_motion import operator_of
 from fenics_rom.runtime.steppers.taken_step import found_taken, linear_taken, residual_taken
 
 MOST_FOUND = 50  # forces of actuators, of which loops tell in one number
@@ -60,7 +61,7 @@ class ContactMidpoint(FollowingMidpoint):
         self._a, self._Ra = compliance(self._model, h, *relaxing)
         self._answered = b"", np.empty((0, 0))  # of which points, and how
         if self._interface is not None:
-            self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ _applied(self._a, self._Sᵀ)))
+            self._delassus = self._operator_by(_applied(self._a, self._Sᵀ))
         if self._actuators is not None:
             self._columns = self._model.inputs[:, self._actuators.columns]
             self._spread = _applied(self._a, self._columns)
@@ -77,7 +78,13 @@ class ContactMidpoint(FollowingMidpoint):
             return None
         from fenics_rom.mechanics.compiled_contact import CompiledContact  # here, as numba takes time to import
         from fenics_rom.runtime.compiled.linear_step import Body, State
-        from fenics_rom.runtime.steppers.compiled_step import CompiledStep, Relaxing, inverse_of
+        from fenics_rom.runtime.steppers.compiled_step import (
+            YIELDS_AS_A_WHOLE,
+            CompiledStep,
+            Relaxing,
+            inverse_of,
+            yielding_of,
+        )
 
         if not (solver is None or isinstance(solver, CompiledContact)):
             return None
@@ -86,23 +93,31 @@ class ContactMidpoint(FollowingMidpoint):
         if branches is not None:
             coefficients, share = branches.numbers, share if branches.share is None else in_plain(branches.share)
         A, heat = (each if each.ndim == 2 else np.diag(each) for each in (self._a, self._Ra))
-        (R, *times), (beyond, beyond_before) = (np.empty((0, 0)), 0.0, 1.0, 0.0, 0.0), np.zeros((2, 4, 0))
+        R: Array | BlockOperator = np.empty((0, 0))
+        times, (beyond, beyond_before) = (0.0, 1.0, 0.0, 0.0), np.zeros((2, 4, 0))
         if self.residual is not None:
-            (R, *times), (beyond, beyond_before) = self.residual.numbers, self.residual.states
+            R, times, (beyond, beyond_before) = self.residual.part.operator, self.residual.times, self.residual.states
+        if self._actuators is not None and isinstance(R, BlockOperator):
+            return None  # loops hold back points by W as a whole
         ω, inverse_ω, inputs, A, heat = map(in_plain, (self._ω, self._inverse_ω, self._model.inputs, A, heat))
         at = np.zeros((0, 3)) if solver is None else solver.points
-        points, places, W, R = map(in_plain, (self._Sᵀ, at, self._delassus, R))
-        of_branches = coefficients, share
-        inverse = inverse_of(W) if self._actuators is None else np.empty((0, 0))
-        given, (inertia, whole, lost, τ) = (points, places, W, inverse, R, *of_branches), times
-        body = Body(ω, inverse_ω, inputs, A, heat, *given, inertia, whole, lost, τ, self.pulled)
+        points, places = map(in_plain, (self._Sᵀ, at))
+        if isinstance(R, np.ndarray):
+            W = in_plain(whole_of(self._delassus))
+            inverse = inverse_of(W) if self._actuators is None else np.empty((0, 0))
+            of_points = W, inverse, in_plain(R), YIELDS_AS_A_WHOLE
+        else:
+            none, root = np.empty((points.shape[1], 0)), np.sqrt(A) if self._a.ndim == 1 else np.linalg.cholesky(A)
+            of_points = none, np.empty((0, 0)), none, yielding_of(R, np.ascontiguousarray(points.T @ root))
+        given = ω, inverse_ω, inputs, A, heat, points, places, *of_points, coefficients, share
+        body = Body(*given, *times, self.pulled)
         count = coefficients.shape[1]
-        within, outside = Relaxing(branches, count, len(ω)), Relaxing(beside, count, len(R))
+        within, outside = Relaxing(branches, count, len(ω)), Relaxing(beside, count, beyond.shape[1])
         reactions = np.zeros((2, len(self.reactions)))
         now = self._halves, self._rigid_displacement, beyond, within.rows, outside.rows
         before = self._state_before.reshape(2, -1), self._rigid_before, beyond_before
         state = State(*now, reactions[0], *before, within.rows_before, outside.rows_before, reactions[1])
-        return CompiledStep(body, state, solver, self.h, (within, outside))
+        return CompiledStep(body, self._delassus, state, solver, self.h, (within, outside))
 
     @property
     def pulled(self) -> "Pulled":

@@ -31,7 +31,7 @@ from fenics_rom.runtime.steppers.body_parts import BodyParts
 from fenics_rom.runtime.steppers.convergence import MAX_ITERATIONS, MAX_PARTS, is_solved
 from fenics_rom.runtime.steppers.definite import is_definite
 from fenics_rom.runtime.steppers.elastic.at_rest import Potential, SmallStrains
-from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork, symmetric
+from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork
 from fenics_rom.runtime.steppers.parted_kernel import PartedKernel
 from fenics_rom.runtime.steppers.taken_step import residual_taken
 
@@ -114,7 +114,7 @@ class Equilibrium(PartedKernel):
         """Displacements follow forces (m,) or columns so from now on, near q (m,); those of contact points, too."""
         self._solve = solve
         if self._interface is not None:
-            self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ solve(self._Sᵀ) / self.h))
+            self._delassus = self._operator_by(solve(self._Sᵀ), self.h)
         if self._found is not None:
             self._columns = self._found.columns(q)
             self._spread = solve(self._columns) / self.h

@@ -17,6 +17,7 @@ from fenics_rom.mechanics.contact import ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_search import TangentPlanes
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import HalfSpace
+from fenics_rom.mechanics.points_operator import Operator
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
@@ -33,7 +34,7 @@ class LinearBody(NamedTuple):
     h: float
     compliance: Array  # A⁻¹ (m,) or (m, m)
     rows: Array  # of the points (3P, m)
-    delassus: Array  # W of all of them (3P, 3P), m/s/N
+    delassus: Operator  # W of all of them (3P, 3P), m/s/N
     residual: ResidualMotion  # how they yield beyond the basis
     state: Array  # [e, r] (2m,), which steps change
     rigid: Array  # s (ρ,), which they do, too

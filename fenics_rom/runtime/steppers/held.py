@@ -22,6 +22,7 @@ from fenics_rom.compilation import compiled
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.points_operator import operator_of
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
@@ -36,7 +37,6 @@ from fenics_rom.runtime.steppers.held_adjoint import Part
 from fenics_rom.runtime.steppers.held_loops import HeldByLoops
 from fenics_rom.runtime.steppers.held_solution import Solution, Start, Touched
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
-from fenics_rom.runtime.steppers.residual_motion import operator_of
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.acts.found_forces import FoundInStep
@@ -353,7 +353,7 @@ class HeldBody(HeldByLoops):
         """Velocities follow forces (m,) or columns so from now on, those of contact points, too."""
         self._solve = solve
         if self._interface is not None:
-            self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ solve(self._Sᵀ)))
+            self._delassus = self._operator_by(solve(self._Sᵀ))
 
     def _touch(self, found: "FoundInStep | None", free: Array, middle: Array, start: Start) -> Touched:
         """What touches and what is found, where v̂ without them is `free` and the middle of the step is there, (m,)."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.points_operator import Operator, delassus_of
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.runtime.steppers.adjoint import NONE, StateAdjoint
 
@@ -177,7 +178,7 @@ class BookedKernel(Kernel):
         self._ω, self._inverse_ω = np.sqrt(model.eigenvalues), 1 / model.safe_frequencies
         self.state, self._state_before = np.zeros(2 * model.order), np.zeros(2 * model.order)
         self._e, self._r = self._halves = self.state.reshape(2, -1)
-        self._delassus = np.empty((0, 0))  # W (3P, 3P)
+        self._delassus: Operator = np.empty((0, 0))  # W (3P, 3P)
         self._stroke_operators: tuple[Array, Array, Array, PointsHeldBack] | None = None  # of the last spread
         rows = np.empty((0, len(model.coordinates))) if interface is None else interface.rows
         self._Sᵀ = self._of_points = np.ascontiguousarray((rows @ model.coordinates).T)
@@ -185,9 +186,9 @@ class BookedKernel(Kernel):
             self._of_points = np.vstack([self._Sᵀ, np.zeros((6, self._Sᵀ.shape[1]))])
             self._Sᵀ = self._of_points[: model.order]
         self._motion = np.zeros((3, len(self._of_points)))
+        self._motions = self._motion[:, : model.order]  # q, r and v̂
         if residual is not None:
             residual.stand_in(self._of_points[model.order :], self._motion[:, -6:-2])
-        self._motions = self._motion[:, : model.order]  # q, r and v̂
 
     @property
     def contact(self) -> "ContactSolution | None":
@@ -222,8 +223,8 @@ class BookedKernel(Kernel):
 
     def point_displacement(self) -> Array:
         """As in Kernel."""
-        displacement = self._coordinates().dot(self._Sᵀ).reshape(-1, 3)
-        return displacement if self.residual is None else displacement + self.residual.displacement
+        moved = self._coordinates().dot(self._Sᵀ).reshape(-1, 3)
+        return moved if self.residual is None else moved + self.residual.displacement
 
     def point_places(self) -> Array:
         """Of the contact points now, (P, 3), m."""
@@ -235,8 +236,8 @@ class BookedKernel(Kernel):
     def touched(self) -> Array:
         """Mid-step velocities (P, 3) of the contact points, m/s, in the last step under contact forces."""
         v, beyond = self._at_touch
-        mean = (self._r + self._state_before[len(self._r) :]) / 2 if v is None else v
-        return self._at_points(mean, beyond() if callable(beyond) else beyond)
+        v = (self._r + self._state_before[len(self._r) :]) / 2 if v is None else v
+        return self._at_points(v, beyond() if callable(beyond) else beyond)
 
     def start_velocities(self) -> Array:
         """Velocities (P, 3) of the contact points, m/s."""
@@ -286,7 +287,7 @@ class BookedKernel(Kernel):
         h: float,
         obstacles: "ObstacleMotion | None",
         quasi_static: bool = False,
-        delassus: Array | None = None,
+        delassus: Operator | None = None,
     ) -> "ContactSolution | None":
         """Contact of a step of h s from q and r, by its mid-step velocity without it and the Delassus operator.
 
@@ -298,8 +299,8 @@ class BookedKernel(Kernel):
         motion = self._motion.dot(self._of_points).reshape(3, -1, 3)
         if self.residual is not None:
             self.residual.relax(motion[2])
-        of_points = motion, self._delassus if delassus is None else delassus
-        return self._interface.solve_moved(*of_points, h, obstacles, quasi_static)
+        W = self._delassus if delassus is None else delassus
+        return self._interface.solve_moved(motion, W, h, obstacles, quasi_static)
 
     def _solve_actuators(
         self,
@@ -346,9 +347,9 @@ class BookedKernel(Kernel):
         energy = energy if self.residual is None else energy + self.residual.stored
         return energy if self._owned is None else energy + self._owned.stored
 
-    def _with_residual(self, delassus: Array) -> Array:
-        """The Delassus operator (3P, 3P) of the points that yield beyond the basis, too."""
-        return delassus if self.residual is None else delassus + self.residual.delassus
+    def _operator_by(self, spread: Array, by: float = 1.0) -> Operator:
+        """The Delassus operator of the points, which yield beyond the basis, too, from A⁻¹ Sᵀ times a number."""
+        return delassus_of(self._Sᵀ, spread, by, None if self.residual is None else self.residual.delassus)
 
     def _step_residual(self, contact: "ContactSolution | None") -> tuple[Array | None, float]:
         """Takes the residual part's step; the points' mid-step velocity (P, 3) in it, and what it dissipates, J."""
@@ -367,10 +368,7 @@ class BookedKernel(Kernel):
     def _contacts(
         self, v: Array, contact: "ContactSolution | None", h: float, residual: Array | None = None
     ) -> ContactWorks:
-        """What StepWork holds of contact at mid-step velocities in h s; nothing where nothing touches.
-
-        These are v̂ (m,) of the body and, in the residual part, of the points (P, 3).
-        """
+        """What StepWork holds of contact at v̂ (m,) of the body and velocities (P, 3) in the residual part, in h s."""
         if contact is not None:
             self._at_touch = v, residual
         return () if contact is None else (partial(contact.work, self.touched, h),)

@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.contact import ContactSolution, moved_by
+from fenics_rom.mechanics.contact import ContactSolution, is_zero
+from fenics_rom.mechanics.points_operator import Operator, moved_by, operator_of
 from fenics_rom.rom.residual_part import ResidualPart, residual_part, strained_points
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.residual_maps import ResidualMaps
@@ -68,9 +69,9 @@ class ResidualMotion:
 
     def __init__(self, part: ResidualPart, β: float, has_inertia: bool, branches: "MaxwellBranches | None" = None):
         self._branches = branches
-        self._part, self._R = part, part.compliance
+        self._part, self._R = part, part.operator
         self._τ, self._β = (part.time_constant, β) if has_inertia else (0.0, 0.0)
-        self.stand_in(np.zeros((6, len(self._R))), np.zeros((3, 4)))
+        self.stand_in(np.zeros((6, len(part.points))), np.zeros((3, 4)))
         self._before = self.state.copy()
 
     def stand_in(self, rows: Array, added: Array) -> None:
@@ -103,8 +104,13 @@ class ResidualMotion:
 
     @property
     def numbers(self) -> tuple[Array, float, float, float, float]:
-        """R (3P, 3P), m/N, and 2τ²/h, a, β + (θ - ½) h and τ, s."""
-        return self._R, *self._relaxation, self._τ
+        """R (3P, 3P), m/N, as a whole, and 2τ²/h, a, β + (θ - ½) h and τ, s."""
+        return self._part.compliance, *self.times
+
+    @property
+    def times(self) -> tuple[float, float, float, float]:
+        """2τ²/h, a, β + (θ - ½) h and τ, s."""
+        return *self._relaxation, self._τ
 
     @property
     def branches(self) -> "MaxwellBranches | None":
@@ -160,9 +166,10 @@ class ResidualMotion:
         return carried.reshape(-1, len(self._g))
 
     @property
-    def delassus(self) -> Array:
+    def delassus(self) -> Operator:
         """R/a (3P, 3P), m/s/N."""
-        return self._R / self._relaxation.whole
+        a = self._relaxation.whole
+        return self._R / a if isinstance(self._R, np.ndarray) else self._R.divided(a)
 
     def delassus_of(self, some: Array) -> Array:
         """The same of some points (s,), (3 s, 3 s)."""
@@ -270,11 +277,7 @@ class ResidualMotion:
 
     def _push(self, contact: ContactSolution) -> None:
         """Sets f and R f."""
-        self._f[:] = contact.forces.ravel()
-        if 2 * len(contact.pairs) < len(contact.forces):
-            self._Rf[:] = moved_by(self._R, contact.forces)
-        else:
-            self._R.dot(self._f, self._Rf)
+        self._f[:], self._Rf[:] = contact.forces.ravel(), moved_by(self._R, contact.forces)
 
     def work_of_start(self, before: ContactSolution | None, velocity: Array) -> float:
         """Work, J, in the last step, between equilibria, of what held it at its start besides contact forces before.
@@ -360,8 +363,10 @@ class ResidualMotion:
 
     def _carried(self, y: Array, most: float) -> tuple[Array, Array]:
         """g and R g = y (3P,), made smaller where gᵀ R g would be more than `most`."""
+        if is_zero(y):
+            return y, y
         g = self._part.inverse_root.dot(y).dot(self._part.inverse_root)
-        y = self._R.dot(g)
+        y = moved_by(self._R, g.reshape(-1, 3))
         stored = float(g.dot(y))  # not |C⁻¹ y|², which round-off may make less where R is nearly singular
         share = math.sqrt(max(most, 0.0) / stored) if stored > most else 1.0
         return share * g, share * y
@@ -384,14 +389,7 @@ def residual_motions(
         if series is not None:
             from fenics_rom.mechanics.viscoelasticity import MaxwellBranches  # here, as few bodies have them
 
-            branches = MaxwellBranches(series, 2, len(part.compliance))
+            branches = MaxwellBranches(series, 2, len(part.points))
         return ResidualMotion(part, residual.damping, has_inertia, branches)
 
     return motion
-
-
-def operator_of(W: Array, some: Array) -> Array:
-    """What is of some points (s,) in an operator (3 P, 3 P), (3 s, 3 s)."""
-    rows = (3 * some[:, None] + np.arange(3)).ravel()
-    part: Array = W[rows[:, None], rows]
-    return part

@@ -18,6 +18,7 @@ from fenics_rom.mechanics.complementarity.cones import project
 from fenics_rom.mechanics.complementarity.following import SLOWEST, FollowedLaw
 from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE, STAGNATION_RESIDUAL, Solution, largest
 from fenics_rom.mechanics.followed_contact import Followed
+from fenics_rom.mechanics.points_operator import columns_of
 from fenics_rom.runtime.steppers.followed_points import FollowedPoints, PairsBegun
 
 _ONES = np.ones(3)
@@ -59,18 +60,20 @@ class SteadyPairs:
         if axes is not None and not frames.are_alike:
             self._turn = spread[active].transpose(2, 3, 1, 0).reshape(3 * C, 3 * C)
 
-        def by_forces(moves: Array) -> Array:
-            """What forces on points (..., 3P) move, of forces along these axes, (..., 3C)."""
-            return along_axes(moves.reshape(-1, P, 3).take(active, axis=1))
-
         def along_axes(each: Array) -> Array:
+            """What forces on the pairs (..., C, 3) move, of forces along these axes, (..., 3C)."""
             each = each.swapaxes(1, 2) if axes is None else np.einsum("rcj,cji->ric", each, axes)
             return each.reshape(-1, 3 * C)
 
-        idle = body.delassus.reshape(3 * P, P, 3).take(active, axis=1).reshape(P, 3, -1)[self._idle]
+        idle = columns_of(body.delassus, active).reshape(P, 3, -1)[self._idle]
         along = np.einsum("pif,pi->pf", idle, frames.normals[self._idle]) if is_flat else idle.swapaxes(0, 1)
         moved = along_axes(along.reshape(-1, C, 3))
-        of_points = spread.reshape(3 * P, -1), by_forces(body.residual.part.compliance), by_forces(points.pushed)
+        yielding = along_axes(columns_of(body.residual.part.operator, active).reshape(3 * P, C, 3))
+        of_points = (
+            spread.reshape(3 * P, -1),
+            yielding,
+            along_axes(points.pushed.reshape(-1, P, 3).take(active, axis=1)),
+        )
         self._acts = np.concatenate([self._W, moved, *of_points])
         self.size = self._acts.size
         self._does, ends = np.empty(len(self._acts)), np.cumsum([3 * C, len(moved), 3 * P, 3 * P, 2 * body.model.order])

@@ -267,7 +267,7 @@ class LinearStepper(ReducedStepper):
         there, here = left.branches, right.branches
         strains = np.zeros((0, len(potential.T))) if there is None else there.state[:, 0].copy()
         if left.residual is not None and right.residual is not None:
-            rows = left.residual.carried.reshape(-1, len(left.residual.part.compliance)).copy()
+            rows = left.residual.carried.reshape(-1, len(left.residual.part.points)).copy()
             held = self.state[rigid : len(self.state) // 2].copy(), strains[:, rigid:]
             residual = ResidualSwitch(left.residual.part, right.residual.part, rows, *held)
         if there is not None and here is not None:
