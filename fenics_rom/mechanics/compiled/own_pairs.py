@@ -143,7 +143,7 @@ def find_pair_forces(
         pairs.target[c, 1], pairs.target[c, 2] = shares[c] * pairs.target[c, 1], shares[c] * pairs.target[c, 2]
     operator = np.empty((3 * C, 3 * C))
     set_operator(W, nodes, maps, operator)
-    found = find_forces(law, operator, in_one_piece(operator[:0, :0]), C, swung, pairs)
+    found = find_forces(law, operator, in_one_piece(np.empty((0, 0))), C, swung, pairs)
     fill(forces, 0.0)
     if found.status == FOUND:
         for c in range(C):
