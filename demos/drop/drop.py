@@ -46,7 +46,7 @@ import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
 from fenics_rom.mechanics.linearity import SurfaceGauges, measure_peaks
-from fenics_rom.scene.effects import Friction
+from fenics_rom.scene.contact import Friction
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
-from fenics_rom.scene.effects import Angle
+from fenics_rom.scene.contact import Angle
 from fenics_rom.scene.file_format import AngularVelocity, Speed
 from fenics_rom.scene.values import Items, Name, Number, Point, Text
 

@@ -9,8 +9,9 @@ from fenics_rom.mechanics.environment import FACES, AppliedLoad
 from fenics_rom.mechanics.initial_state import SMALL_ROTATION, ZERO
 from fenics_rom.mechanics.isochoric import isochoric_terms
 from fenics_rom.mechanics.touch import TOUCH
+from fenics_rom.scene.contact import Contact, ObstacleMotion
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
-from fenics_rom.scene.effects import Contact, Effects, ObstacleMotion, RigidBase, Viscoelasticity
+from fenics_rom.scene.effects import Effects, RigidBase, Viscoelasticity
 from fenics_rom.scene.environment import guides_of, obstacle_of
 from fenics_rom.scene.file_format import LoadEntry, SceneFile
 from fenics_rom.scene.outputs import check_output

@@ -25,8 +25,9 @@ from fenics_rom.mechanics.environment import (
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of
 from fenics_rom.mechanics.tendon import turning_angles
 from fenics_rom.mechanics.viscoelasticity import PronySeries
+from fenics_rom.scene.contact import RigidObstacle
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, numbers_of
-from fenics_rom.scene.effects import Effects, RigidObstacle
+from fenics_rom.scene.effects import Effects
 from fenics_rom.scene.values import default_of
 
 MESH_KEYS = ("file", "scale", "position", "rotation", "open")

@@ -6,7 +6,8 @@ from typing import Annotated, ClassVar
 
 from fenics_rom.mechanics.environment import DETAILS, FRAMES
 from fenics_rom.mechanics.signals import Signal
-from fenics_rom.scene.effects import Angle, Effects, constant_signal
+from fenics_rom.scene.contact import Angle
+from fenics_rom.scene.effects import Effects, constant_signal
 from fenics_rom.scene.outputs import OutputEntry
 from fenics_rom.scene.places import Held, Patch, PlaceItem
 from fenics_rom.scene.scene import INTEGRATIONS, Elasticity, Material, ReadingEntry, Reduction

@@ -10,7 +10,8 @@ import numpy as np
 from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.certificate_format import CertificateTable
-from fenics_rom.scene.effects import Angle, constant_signal
+from fenics_rom.scene.contact import Angle
+from fenics_rom.scene.effects import constant_signal
 from fenics_rom.scene.file_format import AngularVelocity, Speed
 from fenics_rom.scene.surface_file import FileTriangles
 from fenics_rom.scene.values import Direction, Flag, Items, Name, Number, Point, PoseTable, SurfaceFile, Table, Text

@@ -17,8 +17,9 @@ from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, MeshE
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.environment import Run
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
+from fenics_rom.scene.contact import Contact
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
-from fenics_rom.scene.effects import Contact, Dashpot, Effects, Gravity, Inertia, LargeDeformation, PrescribedForce
+from fenics_rom.scene.effects import Dashpot, Effects, Gravity, Inertia, LargeDeformation, PrescribedForce
 from fenics_rom.scene.file import parse_scene
 
 RIGHT = '[contacts.right]\nsurface = "right"'
