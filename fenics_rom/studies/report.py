@@ -26,6 +26,7 @@ WITHOUT = (
     "Errors are estimates: r of the reduction by a finer model, in the run itself at steps of {}, and t of the step "
     "against that run; both together are taken to be √(r² + t²)."
 )
+BESIDE = "Errors are estimates: distances from the run of a model of order {} at steps of {}."
 BOUND = "bound of reduction, energy norm"
 REFERENCE_ERROR_SHARE = 0.1  # share of the smallest error reported that the reference's own may be
 FORCE_ERROR = 0.05  # of a contact force, that is worth a word where its own sensitivity is less
@@ -127,7 +128,9 @@ def _settings(results: StudyResults) -> str:
     runs = "of one run" if results.rate_runs == 1 else f"the fastest of {results.rate_runs} runs"
     step, own = format_step(results.reference_step), f"{results.reference_error:.1e} (from a run at twice the step)"
     if results.full_rate is None:
-        reference = f"full order was not run. {WITHOUT.format(step)} These steps themselves make {own}"
+        larger = results.compared_with
+        estimates = WITHOUT.format(step) if larger is None else BESIDE.format(larger, step)
+        reference = f"full order was not run. {estimates} These steps themselves make {own}"
         full = "that of full order is not known"
     else:
         reference = f"the reference is the full order at steps of {step}, whose own error is {own}"
@@ -215,10 +218,10 @@ def remarks(results: StudyResults) -> list[str]:
     smallest = results.smallest_error
     messages = list(results.notes)
     if results.without_reference:
-        messages.append(
-            "full order was not run: errors are estimates that the reduced runs state of themselves; how fast full "
-            "order is, and errors of energy and contact forces are not known"
-        )
+        stated = "that the reduced runs state of themselves; how fast full order is, and errors of energy are not known"
+        larger = f"by a reduced model of order {results.compared_with}; how fast full order is, is not known"
+        which = stated if results.compared_with is None else larger
+        messages.append(f"full order was not run: errors are estimates {which}")
     if smallest is not None and results.reference_error > REFERENCE_ERROR_SHARE * smallest:
         own = f"the error of steps of {format_step(results.reference_step)}, where the reduction alone is told"
         if not results.without_reference:
@@ -239,11 +242,11 @@ def remarks(results: StudyResults) -> list[str]:
 
 
 def _doubted_forces(results: StudyResults) -> list[str]:
-    """Contact forces that the model closest in shape has wrong, by more than the full order's own step does."""
+    """Contact forces that the model closest in shape has wrong, by more than the reference's own step does."""
     best = min(results.rows, key=lambda row: row.error, default=None)
     return [
         f"the {what} of {name} is off by {error:.0%} in the model that is closest in shape (order {best.order}, "
-        f"{format_step(best.dt)}), where the full order's own step makes {own:.1%}"
+        f"{format_step(best.dt)}), where the reference's own step makes {own:.1%}"
         for name, errors in (best.forces if best else {}).items()
         for what, error, own in zip(FORCE_MEASURES, errors, results.reference_forces.get(name, errors), strict=True)
         if best is not None and error > max(FORCE_ERROR, own)

@@ -1,7 +1,7 @@
 """The study: the full order once, then reduced models over methods, orders and steps; what is found is kept at once."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from fenics_rom.fem.simulate import plain_rate
 from fenics_rom.io.overwriting import check_outputs_in
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.environment import Run
+from fenics_rom.reduction.error_model import FURTHER, is_touched
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.scene import TOLERANCE, Scene
 from fenics_rom.studies import benchmark, pareto, reference
@@ -28,12 +29,13 @@ from fenics_rom.studies.method_configs import (
 )
 from fenics_rom.studies.study_results import BenchmarkRow, StudyResults
 from fenics_rom.system.system import System
-from fenics_rom.trajectory.comparison import Difference, ForceErrors, compare, force_errors
+from fenics_rom.trajectory.comparison import ForceErrors, compare, force_errors
 from fenics_rom.trajectory.trajectory import Trajectory
 
 RESULTS_FILE = "study.json"
 REFERENCE_FILE = "reference.h5"
 FILES = {RESULTS_FILE: "", REFERENCE_FILE: "run"}  # and what ours hold
+LARGER = "modal+static"  # method of the model that others are compared with where full order is not run
 STEP_EXPONENTS = range(3, -9, -1)  # of two, times the scene's step: what is tried for a tolerance
 TIME_STEP_ERROR_SHARE = 0.7  # share of a tolerance that the step may use up
 MAX_STEP_HALVINGS = 3  # halvings of a step that turned out too long
@@ -57,7 +59,8 @@ def study(
 
     The reference is the full order at a quarter of the smallest step. Each reduced model is run at its step too, which
     leaves the error of the reduction alone, and at all steps of the grid. Without a reference the full order is not
-    run: errors are estimates that the reduced runs state of themselves, and nothing is said of its speed.
+    run: errors are estimates that the reduced runs state of themselves, or among obstacles distances from the run of a
+    larger model, and nothing is said of its speed.
 
     Args:
         scene: with a run in which something acts.
@@ -157,6 +160,7 @@ class _StudyRun:
         begin_if_other: bool = False,
     ):
         self._folder, self._grid, self._report, self._alone = folder, grid, report, alone
+        self._states_errors = alone and not is_touched(system)
         self._comm = system.algebra.comm  # type: ignore[attr-defined]
         run, step = reference.measurable_run(scene), grid.reference_step
         part = run.duration if alone else grid.duration(run.duration, system.size)
@@ -199,7 +203,7 @@ class _StudyRun:
             return self._last
         frame, rigid = self._system.moving_frame, self._system.rigid.shape[1]
         order = row.order - (rigid if frame is None else 0)
-        return benchmark.reduce_timed(self._system, row.method, order, errors=self._alone or None)[0]
+        return benchmark.reduce_timed(self._system, row.method, order, errors=self._states_errors or None)[0]
 
     def _resume_results(self, resume: bool, begin_if_other: bool) -> StudyResults | None:
         """What an earlier study left, and its reference; on rank 0."""
@@ -214,7 +218,7 @@ class _StudyRun:
             if earlier.without_reference != self._alone:
                 differs = f"has {'no' if earlier.without_reference else 'a'} reference, other than this"
             raise FileError(f"{file}: {differs}; start without resume")
-        if not self._alone:
+        if not self._states_errors:
             self._reference = fr.read_trajectory(self._folder / REFERENCE_FILE)
         return earlier
 
@@ -225,28 +229,26 @@ class _StudyRun:
         total = coarse + fine
         coarse_run = fr.simulate(self._system, dt=2 * step, report=lambda _, k, of: self._report(stage, k, total))
         full = fr.simulate(self._system, dt=step, report=lambda _, k, of: self._report(stage, coarse + k, total))
-        self._check_moves(full)
-        own = compare(coarse_run, full)
         touches = self._scene.effects.contact is not None  # then steps cost what happens in them
         of_run = coarse / coarse_run.settings["seconds"]
-        discard_record(self._folder / RESULTS_FILE)
-        fr.write_trajectory(self._folder / REFERENCE_FILE, full, force=True)  # or it was refused at the beginning
-        self._reference = full
-        results = self._first_results(
-            own,
+        return self._first_results(
+            coarse_run,
             full,
             full_rate=of_run if touches else plain_rate(self._system, self._run.dt),
             full_step=2 * step if touches else None,
         )
-        forces: dict[str, ForceErrors] = {
-            name: tuple(error / results.divisor for error in errors)  # type: ignore[misc]
-            for name, errors in force_errors(own).items()
-        }
-        return replace(results, reference_forces=forces)
 
     def _run_steps(self, step: float) -> StudyResults:
-        """What is known without a reference: what its step would do, by the largest model of the first method."""
-        rom, _ = self._reduce(self._grid.methods[0], self._grid.orders[-1], silent)
+        """What is known without a reference: what its step would do, by the largest model of the first method.
+
+        Runs under the contact forces that they found do not tell what these are wrong by. So among obstacles they are
+        compared with that of a larger model, which finds its own.
+        """
+        if self._states_errors:
+            rom, _ = self._reduce(self._grid.methods[0], self._grid.orders[-1], silent)
+        else:
+            most = min(2 * self._grid.orders[-1] + FURTHER, self._system.elastic_size)
+            rom, _ = benchmark.reduce_timed(self._system, LARGER, most)
         of_run: dict[str, Any] = {"scene": self._scene, "errors": False}
 
         def runs() -> tuple[Trajectory, Trajectory]:
@@ -256,16 +258,22 @@ class _StudyRun:
             )
             return coarse, fine
 
-        coarse, fine = run_on_rank_0(self._comm, runs)
-        self._check_moves(fine)
-        discard_record(self._folder / RESULTS_FILE)
-        return self._first_results(compare(coarse, fine), fine, full_rate=None)
+        compared = None if self._states_errors else benchmark.largest_order(rom)
+        return self._first_results(*run_on_rank_0(self._comm, runs), full_rate=None, compared_with=compared)
 
-    def _first_results(
-        self, own: Mapping[str, Difference], run: Trajectory, *, full_rate: float | None, full_step: float | None = None
-    ) -> StudyResults:
-        """What is known before any model: a run at the reference's step, and how far it is from one at twice that."""
-        divisor = reference.richardson_divisor(self._scene)
+    def _first_results(self, coarse: Trajectory, run: Trajectory, **known: Any) -> StudyResults:
+        """What is known before any model, of a run at the reference's step and one at twice that."""
+        self._check_moves(run)
+        discard_record(self._folder / RESULTS_FILE)
+        own, divisor = compare(coarse, run), reference.richardson_divisor(self._scene)
+        forces: dict[str, ForceErrors] = {}
+        if not self._states_errors:
+            fr.write_trajectory(self._folder / REFERENCE_FILE, run, force=True)  # or it was refused at the beginning
+            self._reference = run
+            forces = {
+                name: tuple(error / divisor for error in errors)  # type: ignore[misc]
+                for name, errors in force_errors(own).items()
+            }
         return StudyResults(
             name=self._scene.name,
             fingerprint=self._fingerprint,
@@ -275,10 +283,10 @@ class _StudyRun:
             reference_step=self._grid.reference_step,
             reference_error=own["shape"].relative / divisor,
             divisor=divisor,
-            full_rate=full_rate,
-            full_step=full_step,
             rate_runs=self._grid.rate_runs,
+            reference_forces=forces,
             notes=(*run.warnings, *self._settings(run)),
+            **known,
         )
 
     def _check_moves(self, run: Trajectory) -> None:
@@ -300,10 +308,10 @@ class _StudyRun:
     def _reduce(self, method: str, order: int, report: Report) -> tuple[Rom, float]:
         """The model and the seconds that its reduction took; of a quick study a truncation of the largest.
 
-        Not without a reference: truncations do not state their errors.
+        Not where they state their errors: truncations do not.
         """
-        largest, errors = self._grid.orders[-1], self._alone or None
-        truncates = self._grid.quick and not self._alone
+        largest, errors = self._grid.orders[-1], self._states_errors or None
+        truncates = self._grid.quick and not self._states_errors
         if not truncates and order < largest:
             return benchmark.reduce_timed(self._system, method, order, report, errors=errors)
         if method not in self._largest:
@@ -324,7 +332,7 @@ class _StudyRun:
         notes: tuple[str, ...] = ()
 
         def measure() -> tuple[tuple[BenchmarkRow, ...], tuple[str, ...]]:
-            assert self._alone or self._reference is not None  # on rank 0 it is there
+            assert self._states_errors or self._reference is not None  # on rank 0 it is there
             return benchmark.measure_model(rom, seconds, method, self._scene, self._reference, self._grid, report)
 
         if not self.results.of(method, largest):  # else more was asked for than is numerically there

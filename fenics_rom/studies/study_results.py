@@ -32,7 +32,7 @@ class Timed(Record):
 class BenchmarkRow(Timed):
     """One reduced model at one time step. Errors are shares of the reference's size, L² in time, if not said otherwise.
 
-    Of a study without a reference they are estimates, as shares of the run's own size (without_reference.py).
+    Of a study without a reference they are estimates, and as runs state them shares of their own size.
 
     Attributes:
         method: name of the method, as in STUDIED_METHODS.
@@ -107,6 +107,7 @@ class StudyResults(Record):
         full_rate: steps per second at full order: without an account, where all steps cost the same; with contact those
             of a whole run, with one. None: full order was not run, and errors are estimates.
         full_step: of these, s, where it matters; None: it does not.
+        compared_with: order of the reduced model that stands in for full order; None: none does.
         tried: methods and orders that are done, as they were asked for.
         rows: reduced models at each step.
         meshes: the scene's mesh and finer ones, the finest last; empty where none was given.
@@ -124,6 +125,7 @@ class StudyResults(Record):
     divisor: float
     full_rate: float | None
     full_step: float | None = None
+    compared_with: int | None = None
     rate_runs: int = RATE_RUNS
     tried: tuple[tuple[str, int], ...] = ()
     rows: tuple[BenchmarkRow, ...] = ()
@@ -134,7 +136,7 @@ class StudyResults(Record):
 
     @property
     def without_reference(self) -> bool:
-        """Whether errors are estimates of the runs themselves, as full order was not run."""
+        """Whether errors are estimates, as full order was not run."""
         return self.full_rate is None
 
     @property
