@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from pads import RUBS, UP, L, pad_scene
+from pads import RUBS, UP, L, pad, pad_scene, pad_text
+from turning import csv_of, path_of, spin
 
 import fenics_rom as fr
 from fenics_rom.cli.display import print_trajectory
 from fenics_rom.compilation import compiled
 from fenics_rom.errors import StepError
 from fenics_rom.fem.simulator import FullOrderSimulator
+from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization.plots.runs import run_panels
 from fenics_rom.visualization.viewer.live_page import error_words
 
@@ -25,6 +27,7 @@ TOUCH = 'quantity = "touch"\nsurface = "top"\ntaxels = { rows = 4, columns = 5 }
 RATE, DELAY, COUNTED = 100.0, 0.005, 0.01  # Hz, s, N
 SENSOR = f"sensor = {{ rate = {RATE}, delay = {DELAY}, force_step = {COUNTED}, pressure_noise = 20.0 }}"
 NOISE = 0.5  # N
+TRAINED = "dt = 2e-3\nduration = 0.02\nload = []"
 SENSES = {
     "outputs.pad": TOUCH + "point = [0.01, 0.02, 0.03]",
     "outputs.late": TOUCH + SENSOR,
@@ -223,6 +226,41 @@ def test_bodies_of_a_batch_feel_what_single_ones_do_with_noise_of_their_own(rom)
     assert (noisy[0] != noisy[1]).all()
     copied = pickle.loads(pickle.dumps(bodies))
     np.testing.assert_array_equal(copied.touch("noisy").force, noisy)
+
+
+@pytest.mark.parametrize("kind", ["free", "what turns", "large"])
+def test_bodies_of_any_batch_feel_what_single_ones_do(kind, tmp_path):
+    """In moving frames, beside an obstacle that turns, and with large deformation: one after another."""
+    center = [1.9 * L, 2.05 * L, 21.0001 * L]
+    ball, signals, parts = f'shape = "sphere", center = {center}, radius = {20 * L}', SIGNALS, dict(UP | RUBS | SENSES)
+    if kind == "what turns":
+        (tmp_path / "spin.csv").write_text(csv_of(path_of(spin(center, [0, 1, 0], 3.0, 0.02), 0.1)))
+        ball, signals = f'{ball}, motion = {{ table = "spin.csv", origin = {center} }}', {}
+    elif kind == "large":
+        parts |= {"effects.large_deformation": "", "run": TRAINED}
+    else:
+        parts |= {"supports": None}
+    frame = "moving" if kind == "free" else "fixed"
+    text = pad_text(tmp_path, f"obstacles.pin = {{ {ball} }}", pad((2, 2, 1)), frame, "nodes", **parts)
+    rom = fr.reduce(fr.assemble(parse_scene(text, folder=tmp_path)), order=4)
+    single, bodies = fr.Simulator(rom, DT, signals=signals), fr.Batch(rom, 2, DT, signals=signals)
+    assert bodies.stepping == "one after another, as of a sense of touch"
+    touched, slid, late = 0, 0, 0
+    for _ in range(30):
+        single.step()
+        bodies.step(np.zeros((2, bodies.inputs)))
+        for name in ("pad", "late", "noisy"):
+            for part, of_one in zip(bodies.touch(name)[:6], single.touch(name)[:6], strict=True):
+                np.testing.assert_array_equal(part[0], of_one)
+        felt = single.touch("pad")
+        np.testing.assert_array_equal(bodies.touch("pad").force, [felt.force] * 2)
+        touched, slid = touched + felt.touching, slid + felt.patches.sliding[0]
+        late += single.touch("late").force.any()
+    assert touched > 10
+    assert late
+    assert slid > 1 or kind != "what turns"
+    noisy = bodies.touch("noisy").force
+    assert (noisy[0] != noisy[1]).all()
 
 
 def test_errors_of_what_is_felt_are_estimated_beside_a_finer_rom(system, rom, finer, tmp_path, capsys):
