@@ -1,4 +1,4 @@
-"""What is done with four rows of a matrix at once, by instructions of vectors.
+"""What is done with four rows of a matrix at once, or many pairs of numbers, by instructions of vectors.
 
 Of the same loops over numbers numba makes code that takes twice the time, as it does not know that arrays are apart.
 """
@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import can_compile
 
 ROWS = 4  # at once; of `add_rows` each four numbers: with two vectors all that is added up fits into 16 registers
-LANES = 8  # numbers at once of `subtract_rows`
+LANES = 8  # numbers at once of `subtract_rows` and `turn_pairs`
 
 
 def add_rows(table: Array, i: int, given: Array, into: Array) -> None:
@@ -36,6 +36,22 @@ def subtract_before(A: Array, k: int, first: int, shares: tuple[float, ...]) -> 
     """The same of rows k to k + 4 among themselves: takes from each, in order, shares of those before it."""
     for n, of in enumerate(np.reshape(shares, (ROWS, ROWS))):
         A[k + n, first:] -= of[:n] @ A[k : k + n, first:]
+
+
+def turn_pairs(turn: Array, states: Array, here: int, pushed: Array, k: int) -> float:
+    """Sets the other row of states (2, n) to shares (2, n) of the numbers of one row and of those beside them in pairs.
+
+    Row k of `pushed` is added. n is even and at least LANES. Returns what the sum of the squares of the former is no
+    larger than: those of the last lanes may be in it twice.
+    """
+    before = states[here]
+    states[1 - here] = turn[0] * before + turn[1] * before.reshape(-1, 2)[:, ::-1].ravel() + pushed[k]
+    return float(before @ before)
+
+
+def copy_into(to: Array, row: int, first: int, of: Array, k: int, count: int) -> None:
+    """Copies the first numbers of row k of a matrix into a row of another one, from a column on."""
+    to[row, first : first + count] = of[k, :count]
 
 
 if can_compile():
@@ -151,3 +167,63 @@ if can_compile():
     @overload(subtract_before, strict=False)
     def _compiled_subtract_before(A: Any, k: Any, first: Any, shares: Any) -> Any:
         return lambda A, k, first, shares: _subtract_before(A, k, first, shares)
+
+    @intrinsic
+    def _turn_pairs(context: Any, turn: Any, states: Any, here: Any, pushed: Any, k: Any) -> Any:
+        lanes = ir.VectorType(ir.DoubleType(), LANES)
+        beside = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [lane ^ 1 for lane in range(LANES)])
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            shares, numbers, forces = (
+                cgutils.create_struct_proxy(kind)(context, builder, values[place])
+                for kind, place in ((turn, 0), (states, 1), (pushed, 3))
+            )
+            n = cgutils.unpack_tuple(builder, shares.shape, 2)[1]
+            one, other, forced = (
+                builder.mul(row, n) for row in (values[2], builder.sub(_PLACE(1), values[2]), values[4])
+            )
+            last = builder.sub(n, _PLACE(LANES))  # lanes that overlap others do the same again
+
+            def at(array: Any, row: Any, column: Any) -> Any:
+                return builder.bitcast(builder.gep(array.data, [builder.add(row, column)]), lanes.as_pointer())
+
+            def read(array: Any, row: Any, column: Any) -> Any:
+                return builder.load(at(array, row, column), align=8)
+
+            total = cgutils.alloca_once_value(builder, ir.Constant(lanes, None))
+            builder.store(ir.Constant(lanes, None), total)
+            with cgutils.for_range_slice(builder, _PLACE(0), n, _PLACE(LANES)) as (begin, _):
+                j = builder.select(builder.icmp_signed("<", begin, last), begin, last)
+                before = read(numbers, one, j)
+                swapped = builder.shuffle_vector(before, before, beside)
+                after = _added(builder, read(forces, forced, j), read(shares, _PLACE(0), j), before)
+                builder.store(_added(builder, after, read(shares, n, j), swapped), at(numbers, other, j), align=8)
+                builder.store(_added(builder, builder.load(total), before, before), total)
+            found, added = builder.load(total), ir.Constant(ir.DoubleType(), 0.0)
+            for lane in range(LANES):
+                added = builder.fadd(added, builder.extract_element(found, ir.IntType(32)(lane)))
+            return added
+
+        return types.float64(turn, states, here, pushed, k), generate
+
+    @overload(turn_pairs, strict=False)
+    def _compiled_turn_pairs(turn: Any, states: Any, here: Any, pushed: Any, k: Any) -> Any:
+        return lambda turn, states, here, pushed, k: _turn_pairs(turn, states, here, pushed, k)
+
+    @intrinsic
+    def _copy_into(context: Any, to: Any, row: Any, first: Any, of: Any, k: Any, count: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            def at(kind: Any, array: Any, row: Any, column: Any) -> Any:
+                matrix = cgutils.create_struct_proxy(kind)(context, builder, array)
+                width = cgutils.unpack_tuple(builder, matrix.shape, 2)[1]
+                return builder.gep(matrix.data, [builder.add(builder.mul(row, width), column)])
+
+            target, row, column, source, k, count = values
+            cgutils.raw_memcpy(builder, at(to, target, row, column), at(of, source, k, _PLACE(0)), count, 8)
+            return context.get_dummy_value()
+
+        return types.void(to, row, first, of, k, count), generate
+
+    @overload(copy_into, strict=False)
+    def _compiled_copy_into(to: Any, row: Any, first: Any, of: Any, k: Any, count: Any) -> Any:
+        return lambda to, row, first, of, k, count: _copy_into(to, row, first, of, k, count)

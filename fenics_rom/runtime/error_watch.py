@@ -20,7 +20,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known, shown, unknown
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.error_maps import AT_ONCE, Coordinates, ErrorMaps, onward, squared_length
+from fenics_rom.runtime.error_blocks import Coordinates, take_blocks
+from fenics_rom.runtime.error_maps import ErrorMaps
 from fenics_rom.runtime.error_tolerance import Exceeded, OutputErrors
 from fenics_rom.trajectory.error_series import OF
 
@@ -174,16 +175,15 @@ class ErrorWatch:
         at, taken, heard, silent = self.maps.coordinates(contact, h), 0, 0.0, 0.0
         if at is None:
             return 0
-        y = self._ahead[1] if self._ahead and self._ahead[0] is at else (at.into @ self._finer).view(complex)
-        for block in self.maps.blocks(contact, h, len(inputs)):
+        given = self._ahead[1] if self._ahead and self._ahead[0] is at else (at.into @ self._finer).view(complex)
+        y, loops = given.copy(), self.maps.in_loops(len(inputs))
+        for block in self.maps.blocks(contact, h, len(inputs), loops=loops):
             times = (len(inputs) - taken) // block.length
-            for first in range(0, times, AT_ONCE):
-                count = min(AT_ONCE, times - first)
-                steps = count * block.length
-                u = inputs[taken : taken + steps].reshape(count, -1)
-                before, y, squares = onward(block.powers, y, u.dot(block.push).view(complex), at.audible)
-                heard += squared_length(block.residual, np.hstack([before.view(float)[:, at.heard], u]))
-                silent += block.silent**2 * squares
+            if times:
+                steps = times * block.length
+                sums = take_blocks(block, at.heard, y, inputs[taken : taken + steps].reshape(times, -1), loops)
+                heard += sums[0]
+                silent += block.silent**2 * sums[1]
                 taken += steps
         self._ahead = at, y
         self._square += h / 2 * (math.sqrt(heard) + math.sqrt(silent)) ** 2

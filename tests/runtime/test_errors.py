@@ -17,7 +17,8 @@ from fenics_rom.cli.main import main
 from fenics_rom.errors import RomFileError, SceneError, StepError
 from fenics_rom.reduction import error_model
 from fenics_rom.rom.midpoint_map import matrices
-from fenics_rom.runtime import error_maps
+from fenics_rom.runtime import error_blocks, error_maps
+from fenics_rom.runtime.compiled import error_parts
 from fenics_rom.runtime.error_maps import ErrorMaps, residual_map
 from fenics_rom.runtime.error_watch import ErrorWatch
 from fenics_rom.scene.file import parse_scene
@@ -174,9 +175,10 @@ def test_a_switch_is_off_by_what_its_projection_drops():
 CRITICAL = {"damping": sp.diags(np.r_[4.0, np.full(59, 0.3)]), "stiffness": sp.diags(np.r_[4.0, np.arange(5.0, 64.0)])}
 
 
-@pytest.mark.parametrize("silent", [error_maps.SILENT, 0.1])
+@pytest.mark.parametrize("loops", [False, True])
+@pytest.mark.parametrize("silent", [error_blocks.SILENT, 0.1])
 @pytest.mark.parametrize("given", [{}, {"damping": dashpots(), "rayleigh": None}, {"rayleigh": (1.0, 0.1)}, CRITICAL])
-def test_blocks_of_steps_bound_what_steps_do(given, silent, monkeypatch):
+def test_blocks_of_steps_bound_what_steps_do(given, silent, loops, monkeypatch):
     """Also where they leave out the residual of directions that have much of it: then the bound is larger."""
     if given is CRITICAL:  # of a direction that is damped critically a step has one eigenvector
         unit = np.eye(60)
@@ -184,7 +186,9 @@ def test_blocks_of_steps_bound_what_steps_do(given, silent, monkeypatch):
         system = fr.System(**given)
     else:
         system = chain(**given)
-    monkeypatch.setattr(error_maps, "SILENT", silent)
+    monkeypatch.setattr(error_blocks, "SILENT", silent)
+    if loops:
+        monkeypatch.setattr(error_maps, "MANY", 0)
     rom, u = (
         fr.reduce(system, order=8, method="modal", errors=True),
         np.random.default_rng(0).standard_normal((1111, 2)),
@@ -199,6 +203,33 @@ def test_blocks_of_steps_bound_what_steps_do(given, silent, monkeypatch):
     np.testing.assert_allclose(several.state.finer, one.state.finer, rtol=0, atol=1e-12 * np.abs(one.state.finer).max())
     larger = several.bound("one", before).norm / one.bound("one", before).norm
     assert 1 - 1e-12 <= larger < (1 + 1e-6 if silent < 0.1 else 20)
+
+
+@pytest.mark.parametrize(("f", "heard", "parts"), [(2, 1, 9), (3, 3, 1), (9, 6, 30), (21, 7, 257)])
+def test_parts_go_on_in_loops_as_in_numpy(f, heard, parts):
+    """Fewer coordinates than instructions of vectors take, and more; the first and the last hold two real ones."""
+    random = np.random.default_rng(f)
+    λ = np.tile(0.99 * np.exp(1j * random.uniform(0, np.pi, f)), (2, 1))
+    for k in (0, f - 1):
+        λ[:, k] = random.uniform(-1, 1, 2)
+    powers = λ ** np.arange(1, error_blocks.RUN + 1)[:, None, None]
+    powers, apart = powers.mean(axis=1), (powers[:, 0] - powers[:, 1]).real / 2
+    pushed, inputs = random.standard_normal((parts, 2 * f)), random.standard_normal((parts, 5))
+    begin, found = random.standard_normal(f) + 1j * random.standard_normal(f), []
+    for way in (error_blocks.go_on, error_parts.take_parts):
+        y, z = begin.copy(), np.full((parts, 5 + 2 * heard), np.nan)
+        squares = way(powers, apart, (1, f - 1), y, pushed.copy(), inputs, z)
+        expected, total = begin.copy(), 0.0
+        for k in range(parts):
+            assert np.allclose(z[k], np.r_[inputs[k], expected[:heard].view(float)], rtol=0, atol=1e-12)
+            total += np.vdot(expected, expected).real
+            after = [λ[0].real * expected.real - λ[0].imag * expected.imag]
+            after += [λ[1].real * expected.imag + λ[1].imag * expected.real]
+            expected = after[0] + 1j * after[1] + pushed[k].view(complex)
+        assert np.allclose(y, expected, rtol=0, atol=1e-12)
+        assert squares >= total * (1 - 1e-12)
+        found.append(squares / total)
+    assert max(found) < 10
 
 
 @pytest.mark.parametrize("dense_damping", [False, True])
