@@ -167,7 +167,7 @@ def fit_rubber(scene: Scene, data: Sequence[str | Path | RubberData]) -> RubberF
         )
     family = FAMILIES[given.material]
     θ, moduli, longest = _fitted(family, given.constants, tests)
-    constants = family.constants(θ, moduli, longest)
+    constants = tuple(map(float, family.constants(θ, moduli, longest)))  # whose texts are numbers alone
     parts = family.parts(θ, len(given.constants), longest)
     shear = float(moduli @ [shear_modulus(part) for part in parts])
     try:
@@ -175,7 +175,7 @@ def fit_rubber(scene: Scene, data: Sequence[str | Path | RubberData]) -> RubberF
     except ValueError as error:
         raise DataError(f"the best fit is no law, as {error}; another law, or fewer constants, may fit") from None
     stable = {test: stable_stretches(law, test, *LOOKED_AT) for test in TESTS}
-    fit = RubberFit(scene, tuple(tests), tuple(constants), shear, stable, ())
+    fit = RubberFit(scene, tuple(tests), constants, shear, stable, ())
     return replace(fit, warnings=tuple(_doubts(fit, θ)))
 
 
