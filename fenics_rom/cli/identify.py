@@ -67,7 +67,7 @@ def run(choice: argparse.Namespace) -> None:
 
 def _fit_rubber(scene: "fr.Scene", choice: argparse.Namespace) -> None:
     """Fits tests of rubber, and writes what was found."""
-    from fenics_rom.identification.rubber_report import HEADING, law_rows, test_rows
+    from fenics_rom.identification.rubber_report import HEADING, law_lines, rows_of_tests
 
     for option in ("also", "parameters"):
         if getattr(choice, option):
@@ -75,8 +75,8 @@ def _fit_rubber(scene: "fr.Scene", choice: argparse.Namespace) -> None:
     fit = fr.fit_rubber(scene, choice.data)
     fr.write_rubber_fit(choice.output, fit, force=choice.force)
     if is_root_process():
-        print_table(f"rubber of {scene.name}: {choice.output}", HEADING, test_rows(fit))
-        print_lines(law_rows(fit), fit.warnings)
+        print_table(f"rubber of {scene.name}: {choice.output}", HEADING, rows_of_tests(fit))
+        print_lines(law_lines(fit), fit.warnings)
 
 
 def _print_identification(result: "fr.Identification", folder: Path) -> None:

@@ -10,7 +10,7 @@ from fenics_rom.arguments import path_in
 from fenics_rom.errors import check_type
 from fenics_rom.identification.parameters import YOUNG, parameters_of
 from fenics_rom.identification.rubber import RubberFit
-from fenics_rom.identification.write import FILES, Keys, scene_text
+from fenics_rom.identification.write import FILES, Keys, listed, scene_text, with_warnings
 from fenics_rom.io.atomic_write import make_folder, write_whole
 from fenics_rom.io.markdown import markdown
 from fenics_rom.io.mpi_ranks import is_rank_0
@@ -63,7 +63,7 @@ def _identified_text(fit: RubberFit, folder: Path) -> str:
     return scene_text(fit.scene, found, folder)
 
 
-def law_rows(fit: RubberFit) -> dict[str, str]:
+def law_lines(fit: RubberFit) -> dict[str, str]:
     """What was found, line by line."""
     return {
         "law": f"{fit.material}, constants = [{', '.join(f'{constant:.5g}' for constant in fit.constants)}]",
@@ -73,7 +73,7 @@ def law_rows(fit: RubberFit) -> dict[str, str]:
     }
 
 
-def test_rows(fit: RubberFit) -> list[tuple[str, ...]]:
+def rows_of_tests(fit: RubberFit) -> list[tuple[str, ...]]:
     """Under HEADING: each kind of test, what was measured, and where the law is stable."""
     rows: list[tuple[str, ...]] = []
     for test, (least, largest) in fit.stable.items():
@@ -93,14 +93,8 @@ def test_rows(fit: RubberFit) -> list[tuple[str, ...]]:
 
 def markdown_report(fit: RubberFit) -> str:
     """Everything in Markdown."""
-    parts = [
-        f"# Rubber of {fit.scene.name}\n",
-        "\n".join(f"- {name}: {text}" for name, text in law_rows(fit).items()) + "\n",
-        markdown(HEADING, test_rows(fit)),
-    ]
-    if fit.warnings:
-        parts += ["Warnings:\n", "\n".join(f"- {message}" for message in fit.warnings) + "\n"]
-    return "\n".join(parts)
+    parts = [f"# Rubber of {fit.scene.name}\n", listed(law_lines(fit)), markdown(HEADING, rows_of_tests(fit))]
+    return with_warnings(parts, fit.warnings)
 
 
 def _residuals(fit: RubberFit) -> str:

@@ -3,7 +3,7 @@
 import csv
 import io
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -144,7 +144,7 @@ def markdown_report(result: Identification) -> str:
     parts = [
         f"# Identification of {result.scene.name}\n",
         markdown(PARAMETER_HEADING, parameter_rows(result)),
-        "\n".join(f"- {name}: {text}" for name, text in summary_lines(result).items()) + "\n",
+        listed(summary_lines(result)),
     ]
     names = [estimate.parameter.name for estimate in result.found]
     if len(names) > 1:
@@ -152,9 +152,18 @@ def markdown_report(result: Identification) -> str:
             (name, *(f"{value:.3f}" for value in row)) for name, row in zip(names, result.correlations, strict=True)
         ]
         parts += ["Correlations of the errors:\n", markdown(("", *names), correlations)]
-    if result.warnings:
-        parts += ["Warnings:\n", "\n".join(f"- {message}" for message in result.warnings) + "\n"]
-    return "\n".join(parts)
+    return with_warnings(parts, result.warnings)
+
+
+def listed(lines: Mapping[str, str]) -> str:
+    """Lines of a report, each with its name, in Markdown."""
+    return "\n".join(f"- {name}: {text}" for name, text in lines.items()) + "\n"
+
+
+def with_warnings(parts: Sequence[str], warnings: Sequence[str]) -> str:
+    """A report in Markdown of its parts, and what was warned of, if anything was."""
+    told = ["Warnings:\n", "\n".join(f"- {message}" for message in warnings) + "\n"] if warnings else []
+    return "\n".join([*parts, *told])
 
 
 def residuals_csv(result: Identification) -> str:
