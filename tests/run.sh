@@ -11,7 +11,8 @@ install_packages
 pytest=(.venv/bin/python -m pytest)
 same=()
 with_numba=(tests/test_compilation.py tests/world/test_compiled_{joints,world}.py tests/mechanics/test_{compiled_contact,contact}.py
-  tests/runtime/test_{compiled_*,batch_contact,clearance,differentiation_contact,fast_motion,residual_compliance,skin_looks}.py)
+  tests/runtime/test_{compiled_*,batch_contact,clearance,compliance_in_blocks,differentiation_contact,errors,fast_motion}.py
+  tests/runtime/test_{mesh_obstacles,residual_compliance,skin_looks}.py)
 if [ "$*" = --elsewhere ]; then
   # What is the same on all systems: demos, a third of the time, and which products of effects are refused.
   same=(--ignore=tests/demos --ignore=tests/test_product_table.py)

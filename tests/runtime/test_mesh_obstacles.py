@@ -1,5 +1,7 @@
 """Bodies among meshes of files: full order and reduced, held and free, at rest, in batches, worlds and files."""
 
+import gc
+
 import numpy as np
 import pytest
 from bodies import box_arrays, write_arrays
@@ -9,6 +11,7 @@ from turning import spin
 import fenics_rom as fr
 from fenics_rom.compilation import compiled, numpy_alone
 from fenics_rom.errors import SceneError, StepError
+from fenics_rom.mechanics.compiled_pairs import CompiledPairs
 from fenics_rom.mechanics.mesh_contact import MeshContact
 from fenics_rom.scene.file import parse_scene
 
@@ -137,6 +140,19 @@ def test_compiled_forces_are_those_of_numpy(held, folder, kind):
         touched += other.integrator.contact is not None
     assert touched > 15
     np.testing.assert_allclose(body.displacement(), other.displacement(), rtol=0, atol=1e-11)
+
+
+@pytest.mark.skipif(not compiled(), reason="numba is not installed")
+def test_a_step_does_not_keep_those_before_it(held):
+    """What contact is told of a step may be asked until the next one; so few are kept, not all that touched."""
+    body = fr.Simulator(held[1], dt=2e-3)
+    touched = 0
+    for _ in range(60):
+        body.step(np.zeros(body.inputs))
+        touched += body.integrator.contact is not None
+    gc.collect()
+    assert touched > 15
+    assert sum(isinstance(each, CompiledPairs) for each in gc.get_objects()) < 10
 
 
 def test_without_inertia_a_bar_lies_in_the_groove_at_once(folder):
