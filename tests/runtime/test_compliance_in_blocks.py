@@ -12,7 +12,7 @@ from test_residual_compliance import CLOSES_TO, FLOOR, LENGTHS, MOVING, PUSH, RO
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
-from fenics_rom.compilation import numpy_alone
+from fenics_rom.compilation import compiled, numpy_alone
 from fenics_rom.errors import FenicsRomWarning, RomFileError
 from fenics_rom.reduction import block_compression
 from fenics_rom.reduction import residual_compliance as offline
@@ -21,6 +21,9 @@ from fenics_rom.rom.residual_part import residual_part
 from fenics_rom.runtime.batch_contact_mode import by_axis, part_by_axis
 from fenics_rom.runtime.steppers import residual_motion
 from fenics_rom.runtime.steppers.compiled_step import CompiledStep
+
+COMPILED = pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off")
+WAYS = [pytest.param(kind, marks=COMPILED) for kind in ("single", "rollout", "batch")]
 
 
 class Both:
@@ -143,7 +146,7 @@ def test_steps_are_those_of_the_whole(both, kind, monkeypatch):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("kind", ["single", "rollout", "batch", "NumPy"])
+@pytest.mark.parametrize("kind", [*WAYS, "NumPy"])
 def test_no_operator_of_many_points_is_made_as_a_whole(many_points, kind, monkeypatch):
     """A body with 405 points is made and pushed about in less memory than one array (3P, 3P) takes.
 
