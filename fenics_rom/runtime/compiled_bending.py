@@ -64,7 +64,7 @@ class CompiledBending(CompiledBodies):
         alone = acting.contact_law is not None or acting.finds_forces or acting.viscoelasticity is not None
         stepper = None if alone else "linearly-implicit"
         single = Simulator(rom, dt, signals=signals, stepper=stepper, detail=detail)
-        return cls(single, size, ledger) if single.bends_compiled else None
+        return cls(single, size, ledger) if single.steps_in_loops else None
 
     def _make_modes(self) -> None:
         first, size = not self._modes, self.size

@@ -267,10 +267,9 @@ class MovingBody(SimulatedBody):
         return self._frame is not None and getattr(self._frame.kernel, "is_compiled", False)
 
     @property
-    def bends_compiled(self) -> bool:
-        """Whether compiled functions take steps of the body, which is held and deforms largely."""
-        kernel = self._stepper.kernel
-        return self._frame is None and self.rom.deformation is not None and getattr(kernel, "is_compiled", False)
+    def steps_in_loops(self) -> bool:
+        """Whether compiled functions take steps of the body, which is held."""
+        return self._frame is None and getattr(self._stepper.kernel, "is_compiled", False)
 
     def _rest(self, output: str | None) -> tuple[Array, Array]:
         """The origin of a moving frame, and points at rest: of an output, or all nodes; m."""

@@ -291,14 +291,13 @@ class Rollout:
 
                 self._in_a_frame = FrameRollout(body)
             return self._in_a_frame.take(u, bases, taken, every, names)
-        if bases is None and body.bends_compiled:
+        is_known = bases is None and not body.notes_each_step
+        is_found = body.needs_each_step and not body.needs_single_steps  # by contact forces alone
+        if is_known and (body.steps_in_loops or is_found):
             return self._step_or_roll(u, taken, every, names)
-        is_alone = body.relaxes and not body.needs_each_step  # loops may take those among obstacles
-        one_by_one = body.needs_single_steps or is_alone or body.notes_each_step or bases is not None
-        if one_by_one or (body.rom.rigid and not body.needs_each_step):  # there is more than energy coordinates hold
+        is_map = is_known and not (body.needs_single_steps or body.relaxes)
+        if not is_map or body.rom.rigid:  # there is more than energy coordinates hold
             return self._step_each(u, bases, taken, every, names)
-        if body.needs_each_step:
-            return self._step_or_roll(u, taken, every, names)
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is told as a StepError
             return self._read_known(u, taken, every, names)
 

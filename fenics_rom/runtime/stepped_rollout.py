@@ -20,12 +20,14 @@ LONGEST_LOOP = 1024  # steps of a body that deforms largely, whose shapes are he
 class SteppedRollout:
     """Takes steps of a body, and reads outputs after some of them.
 
-    It is linear and among obstacles, or deforms largely. Of the latter the last step is always taken by itself: so all
-    that a step leaves behind is that of the last one.
+    It is linear and compiled or among obstacles, or deforms largely. Of the latter the last step is always taken by
+    itself: so all that a step leaves behind is that of the last one.
     """
 
     def __init__(self, body: Simulator) -> None:
-        self._body, self._blocks = body, None if body.bends_compiled else ContactBlocks(body)
+        self._body, self._is_linear = body, body.rom.deformation is None
+        has_blocks = self._is_linear and body.needs_each_step and not body.needs_single_steps
+        self._blocks = ContactBlocks(body) if has_blocks else None
         self._maps: dict[tuple[str, tuple[str, ...]], tuple[Array, Array]] = {}
 
     def take(self, u: Array, first: int, every: int, names: tuple[str, ...]) -> list[Array]:
@@ -38,7 +40,7 @@ class SteppedRollout:
         """
         body, blocks, rows, taken = self._body, self._blocks, list[Array](), 0
         self._path = ObstaclePath(body)
-        longest, end = (LONGEST_LOOP, len(u) - 1) if blocks is None else (LONGEST_BLOCK, len(u))
+        longest, end = (LONGEST_BLOCK, len(u)) if self._is_linear else (LONGEST_LOOP, len(u) - 1)
         if blocks is not None:
             blocks.begin()
         while taken < len(u):
@@ -84,7 +86,7 @@ class SteppedRollout:
             if path is not None:
                 self._path.go_on(len(taken.steps.q))
             body.steps += len(taken.steps.q)
-            if self._blocks is not None:
+            if self._is_linear:
                 body.watch(kernel.state[: body.model.order], 2 * kernel.energy, body.time, len(taken.steps.q))
             body.look_at_skin()
         return taken

@@ -281,7 +281,7 @@ PARTS = ("strokes", "guides", "strokes at guides", "volumes")
 @pytest.mark.parametrize("contact", [False, True])
 @pytest.mark.parametrize("part", PARTS)
 @pytest.mark.parametrize("strains", ["small", "large"])
-def test_forces_found_in_steps_are_those_of_numpy(strains, part, contact):
+def test_forces_found_in_steps_are_those_of_numpy(strains, part, contact, monkeypatch):
     """From the same state every eighth step on; rollouts and bodies of batches are single steps, to the bit."""
     rom, inputs = found_in_steps(part, contact)
     rom, given = (linear(rom), {}) if strains == "small" else (rom, {"stepper": "linearly-implicit"})
@@ -308,10 +308,16 @@ def test_forces_found_in_steps_are_those_of_numpy(strains, part, contact):
     assert max(forces) <= 1e-8 * largest
     assert (touched > STEPS // 10) == contact
     assert_account_closes(one)
-    rolled.rollout(inputs)
+    steps, singly = [], rolled.step
+    monkeypatch.setattr(rolled, "step", lambda u: steps.append(singly(u)))
+    ends = rolled.rollout(inputs, every=STEPS)
+    assert len(steps) <= contact + (strains == "large")  # before looks at a skin begin, and the last of large strains
+    for name, points in ends.items():
+        np.testing.assert_allclose(points[-1], alone.displacement(name), atol=1e-12 * moved, rtol=0)
     for body in (rolled.state, [each[1] for each in many.state()]):
         np.testing.assert_array_equal(np.concatenate(body), np.concatenate(alone.state))
     assert rolled.reactions == alone.reactions
     assert {name: each[1] for name, each in many.reactions.items()} == alone.reactions
     np.testing.assert_allclose(many.supplied[0], alone.ledger.supplied, rtol=1e-10)
+    assert rolled.ledger.supplied == pytest.approx(alone.ledger.supplied, rel=1e-10)
     np.testing.assert_allclose(many.dissipated[0], alone.ledger.dissipated, rtol=1e-10)
