@@ -25,7 +25,7 @@ from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.readings import readings_of
 from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.rigid_surfaces import bars_of
-from fenics_rom.fem.supports import of_whole_nodes, unknowns_of
+from fenics_rom.fem.supports import check_drives, of_whole_nodes, unknowns_of
 from fenics_rom.fem.taxels import unreached
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.body_facts import implausible, quality_of
@@ -66,6 +66,7 @@ def _system(scene: Scene, comm: Any) -> System:
     mesh = run_on_rank_0(comm, lambda: read_mesh(scene.mesh_file, scene.mesh_groups, scene.mesh_scale))
     nodes = run_on_rank_0(comm, lambda: canonical_nodes(mesh, scene.degree))
     unknowns = unknowns_of(scene, nodes)
+    check_drives(scene, nodes)
     scene = replace(scene, bars=tuple(bars_of(scene, nodes)))
     material, moving = material_of_cells(scene, mesh), scene.environment.is_moving
     mesh_of = comm, mesh, nodes, material

@@ -11,6 +11,7 @@ from fenics_rom.errors import SceneError
 from fenics_rom.fem.nodes import Nodes, area_vectors, load_weights, mean_over, rim_edges, shape_functions
 from fenics_rom.fem.places import patch_area, patch_nodes, patch_triangles
 from fenics_rom.fem.rigid_surfaces import bars_of
+from fenics_rom.fem.supports import support_column
 from fenics_rom.mechanics.surface_points import mean_turning_maps
 from fenics_rom.mechanics.tendon import measure_segments, unit_tension_forces
 from fenics_rom.scene.effects import Pressure
@@ -23,7 +24,7 @@ MIN_PIECE_SHARE = 1e-9  # of a piece of a tendon in its length
 
 
 def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Columns, dict[str, float]]:
-    """Columns (3 N, columns) and units of actuators: the scene's own, pressures (Pa) and tendons (N)."""
+    """Columns (3 N, columns) and units of actuators: the scene's own, pressures (Pa), tendons and driven supports (N)."""
     columns = {
         name: patch_columns(nodes, patch, unknowns, f"actuators.{name}") for name, patch in scene.actuators.items()
     }
@@ -37,6 +38,10 @@ def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Column
     for name, tendon in scene.effects.tendon.items():
         where, units[name] = f"effects.tendon.{name}", 1.0
         columns[name] = _cable(nodes, np.array(tendon.points), where)
+        _refuse_nothing(columns[name], unknowns, where)
+    for name, support in scene.effects.driven_support.items():
+        where, units[name] = f"effects.driven_support.{name}", 1.0
+        columns[name] = support_column(nodes, support, where)
         _refuse_nothing(columns[name], unknowns, where)
     return columns, units
 

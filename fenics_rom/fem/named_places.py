@@ -120,7 +120,7 @@ def _places_in(part: Any, where: str) -> Iterator[tuple[str, Place | CellPlace]]
 def _picked(name: str, place: Place | CellPlace, mesh: Mesh, nodes: Nodes) -> PickedPlace:
     if isinstance(place, CellPlace):
         return _of_cells(name, mesh, nodes, picked_cells(mesh, place, name))
-    if name.startswith(("supports.clamped", "supports.held")):
+    if name.startswith(("supports.clamped", "supports.held", "effects.driven_support")):
         return _of_nodes(name, nodes, held_nodes(nodes, place, name))
     return _of_triangles(name, nodes, patch_triangles(nodes, place, name))
 

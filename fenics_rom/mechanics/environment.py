@@ -20,7 +20,11 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.viscoelasticity import PronySeries
 
 PERMANENT_EFFECTS = ("springs", "point_masses", "rigid_parts")  # part of the matrices: no run can leave them out
-STROKE_UNITS = {"length": "m", "volume": "m3"}  # of what is given of an actuator in place of its force
+STROKE_UNITS = {
+    "length": "m",
+    "volume": "m3",
+    "displacement": "m",
+}  # of what is given of an actuator in place of its force
 RIGID = "rigid"  # of a bar whose length stays, as that of a control
 SWITCHINGS = ("energy", "oblique")  # energy-orthogonal, of any basis; of standard balanced truncation
 FRAMES = ("fixed", "moving")  # a body stays near where it was made, or turns as far as it likes

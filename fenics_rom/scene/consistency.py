@@ -33,6 +33,9 @@ def check_consistency(file: SceneFile) -> None:
     for k, held in enumerate(file.supports.held):
         if held.normal is not None and not any(held.normal):
             raise SceneError(f"supports.held[{k}].normal: allowed is any but zero")
+        if held.sliding and (held.normal is not None or held.point is not None):
+            key = "point" if held.normal is None else "normal"
+            raise SceneError(f"supports.held[{k}].sliding: is along a surface's own normals; leave {key} out")
     if (file.material is None) == (file.materials is None):
         raise SceneError("give either [material] or [materials.NAME]")
     if file.materials == {}:
@@ -172,6 +175,9 @@ def _check_effects(effects: Effects, contacts: Collection[str], actuators: Mappi
     for name, motion in effects.base_motion.items():
         if not any(motion.direction):
             raise SceneError(f"effects.base_motion.{name}.direction: allowed is any but zero")
+    for name, support in effects.driven_support.items():
+        if not any(support.direction):
+            raise SceneError(f"effects.driven_support.{name}.direction: allowed is any but zero")
     if effects.viscoelasticity is not None:
         _check_branches(effects.viscoelasticity)
     if effects.large_deformation is not None:
@@ -232,6 +238,11 @@ def _check_frame(file: SceneFile) -> None:
         )
     if effects.base_motion and not carried:
         raise SceneError("effects.base_motion: shakes what is clamped, and nothing is; name supports, or leave it out")
+    for name in effects.driven_support:
+        raise SceneError(
+            f"effects.driven_support.{name}: allowed is with frame = 'fixed'; effects.base_path moves all that "
+            "supports hold, as far as it likes"
+        )
     for name, spring in effects.springs.items():
         if spring.sliding:
             raise SceneError(f"effects.springs.{name}.sliding: allowed is with frame = 'fixed'")

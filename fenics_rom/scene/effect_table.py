@@ -48,7 +48,7 @@ def _entry(annotation: Any) -> EffectEntry:
 
 EFFECTS: Mapping[str, EffectEntry] = {name: _entry(annotation) for name, annotation in keys_of(Effects).items()}
 LOADS = ("gravity", "base_motion", "prescribed")  # forces with a signal of their own
-ACTUATORS = ("pressure", "tendon")  # forces that are inputs
+ACTUATORS = ("pressure", "tendon", "driven_support")  # forces that are inputs
 
 
 def numbers_of(effects: Effects) -> dict[str, dict[str, Any]]:

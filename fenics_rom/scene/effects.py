@@ -264,6 +264,27 @@ class TendonFriction:
     coefficient: Annotated[float, Number(above=0.0), "μ"]
 
 
+@dataclass(frozen=True, kw_only=True)
+class DrivenSupport(Place):
+    """An actuator: a support that is moved, as the clamp or the plate of a testing machine."""
+
+    LAW: ClassVar = Law(
+        force="that of a support that moves its nodes together along a direction; the input is how far it has moved, "
+        "m, or its force, N",
+        supplies="its work",
+        changing=("control",),
+    )
+    direction: Annotated[Direction, "along which it moves; any length but zero"]
+    sliding: Annotated[
+        bool, Flag(), "whether its nodes slide across the direction, as on a smooth plate; else they are clamped to it"
+    ] = False
+    control: Annotated[
+        str,
+        Text(choices=("displacement", "force")),
+        '"displacement" (the input is in m, and the force of either sign is found) or "force" (it is in N)',
+    ] = "displacement"
+
+
 @dataclass(frozen=True)
 class Effects:
     """The effects that act, by their names in a scene file; what is not named is None, or has no entries."""
@@ -281,6 +302,7 @@ class Effects:
     pressure: Mapping[Name, Pressure] = field(default_factory=dict)
     tendon: Mapping[Name, Tendon] = field(default_factory=dict)
     tendon_friction: TendonFriction | None = None
+    driven_support: Mapping[Name, DrivenSupport] = field(default_factory=dict)
     large_deformation: LargeDeformation | None = None
     contact: Contact | None = None
     friction: Friction | None = None

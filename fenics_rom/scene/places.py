@@ -115,8 +115,15 @@ class Held(Place):
     ONE_OF = ((*PIECES, "point"),)
     point: Annotated[Point | None, "a node of the mesh; instead of a place"] = None
     normal: Annotated[
-        Direction | None, "along which they are held, of any length but zero; without one they are clamped"
+        Direction | None,
+        "along which they are held, of any length but zero; without one, and where they do not slide, they are clamped",
     ] = None
+    sliding: Annotated[
+        bool,
+        Flag(),
+        "whether nodes of a surface, flat or curved, are held along its own normals at rest: mean ones, and at edges "
+        "those of both sides; instead of normal",
+    ] = False
 
 
 @dataclass(frozen=True)

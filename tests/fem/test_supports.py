@@ -84,6 +84,42 @@ def test_rom_of_oblique_planes_keeps_them_and_is_the_full_order(tmp_path):
         assert np.abs(moved[:, on] @ TURN[0]).max() <= 1e-14 * np.abs(moved).max()
 
 
+@pytest.mark.parametrize("turn", [AXES, TURN], ids=["along axes", "oblique"])
+def test_surfaces_that_slide_are_the_planes_that_they_lie_in(tmp_path, turn):
+    """Three faces in one entry: nodes on their edges are held along both normals, in the corner along all three."""
+    planar = symmetric(tmp_path, turn)
+    faces = 'any = ["left", "front", "bottom"]\nsliding = true'
+    text = scene_text(tmp_path / "box.msh", supports=None)
+    sliding = fr.assemble(parse_scene(f"[[supports.held]]\n{faces}\n{text}"))
+    Z, Y = (system.body.unknowns.matrix.toarray() for system in (planar, sliding))
+    assert Y.shape == Z.shape
+    assert np.linalg.norm(Y - Z @ np.linalg.lstsq(Z, Y, rcond=None)[0]) <= 1e-12 * np.linalg.norm(Y)
+
+
+def test_a_tube_that_slides_in_a_rigid_sleeve_is_lames(tmp_path):
+    """u_r (b) = 0 under a pressure inside, in plane strain; the error falls with the mesh size."""
+    (a, b), ν, pressure = (0.05, 0.1), 0.3, 1e4
+    G, λ = E_MODULUS / (2 + 2 * ν), E_MODULUS * ν / ((1 + ν) * (1 - 2 * ν))
+    C = pressure / (2 * (λ + G) + 2 * G * b**2 / a**2)  # u = C (b²/r - r), σ_r(a) = -p
+    faces = 'any = ["right", "front", "back", "bottom", "top"]\nsliding = true'
+    inside = '[contacts.inside]\nsurface = "left"\nforce = "normal"'
+    errors = []
+    for fine in (1, 2):
+        points, cells = box_arrays((b - a, np.pi / 2, 0.01), (4 * fine, 6 * fine, 1))
+        surfaces, (r, θ, z) = box_surfaces(points, cells), points.T
+        tube = np.stack([(a + r) * np.cos(θ), (a + r) * np.sin(θ), z], axis=1)
+        mesh = write_arrays(tmp_path / f"{fine}.msh", tube, cells, surfaces)
+        text = scene_text(mesh, supports=None, contacts=inside)
+        system = fr.assemble(parse_scene(f"[[supports.held]]\n{faces}\n{text}"))
+        force = pressure * a * np.pi / 2 * 0.01 * system.contacts["inside"]
+        x = np.linalg.solve(dense(system.stiffness, system.size), force)[:, 0]
+        shape, radius = system.body.unknowns.expand(x).reshape(-1, 3), np.hypot(*system.body.nodes[:, :2].T)
+        outward = system.body.nodes * [1, 1, 0] / radius[:, None]
+        errors.append(np.abs(shape - (C * (b**2 / radius - radius))[:, None] * outward).max() / (C * (b**2 / a - a)))
+        assert np.abs((shape * outward).sum(axis=1)[np.isclose(radius, b)]).max() <= 1e-12 * C
+    assert errors[1] <= min(0.04, errors[0] / 2.5)
+
+
 @pytest.mark.parametrize(
     ("held", "left"),
     [
@@ -113,6 +149,10 @@ def symmetric_with(folder, held, **parts):
         ("normal = [1, 0, 0]", r"supports.held\[0\]: give exactly one of surface, .*, point; given: none"),
         ('surface = "left"\nnormal = [0, 0, 0]', r"supports.held\[0\].normal: allowed is any but zero"),
         ('surface = "lift"', "lift"),
+        (
+            'surface = "left"\nsliding = true\nnormal = [1, 0, 0]',
+            "sliding: is along a surface's own normals; leave normal",
+        ),
         ('surface = "left"\nnormal = "x"', r"supports.held\[0\].normal = 'x'"),
     ],
 )
@@ -153,7 +193,7 @@ def test_elimination_solves_for_what_normals_hold(seed):
     normals = rng.normal(size=(rng.integers(1, 3), 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     normals = np.vstack([normals, normals[:1]])  # said twice
-    fixed, weights = eliminate(normals)
+    fixed, weights, _, _ = eliminate(normals, np.empty((len(normals), 0)))
     rest = [j for j in range(3) if j not in fixed]
     x = np.zeros(3)
     x[rest] = rng.normal(size=len(rest))

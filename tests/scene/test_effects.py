@@ -114,7 +114,7 @@ def test_all_effects_are_read_with_their_defaults():
     knob = '[effects.point_masses.knob]\nsurface = "right"\nmass = 0.2\n'
     knob += '[effects.rigid_parts.nail]\nsurface = "right"\nmass = 0.2\ncenter = [1.1, 0, 0]'
     effects = parse(f"{ALL}\n{knob}\n[effects.large_deformation]").effects
-    others = ("tendon_friction", "base_path", "viscoelasticity")  # which do not go with large_deformation or springs
+    others = ("tendon_friction", "base_path", "viscoelasticity", "driven_support")  # the first three do not go with all
     assert effects.names == tuple(name for name in EFFECTS if name not in others)
     assert effects.large_deformation == LargeDeformation(material="st_venant_kirchhoff")
     assert effects.inertia == Inertia()
@@ -365,6 +365,7 @@ def test_run_among_obstacles_is_read_to_the_last_bit(rom, tmp_path):
     back = fr.read_trajectory(tmp_path / "run.h5")
     assert same(back, run)
     others = {"base_path", "large_deformation", "tendon_friction", "point_masses", "rigid_parts", "viscoelasticity"}
+    others |= {"driven_support"}
     assert set(back.effects) == set(EFFECTS) - others
     assert list(back.forces) == ["floor", "ball"]
     assert list(back.contact_account) == ["obstacles", "contact", "friction"]

@@ -10,7 +10,7 @@ import scipy.sparse
 from numpy import ndarray as Array
 
 from fenics_rom.fem.finite_strain.carried_stepper import CarriedFiniteStrainStepper
-from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, PressureLoad, RigidBar, TendonPull
+from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, PressureLoad, RigidBar, SupportPush, TendonPull
 from fenics_rom.fem.finite_strain.free_stepper import FreeFiniteStrainStepper
 from fenics_rom.fem.finite_strain.model import FiniteStrainModel
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
@@ -20,6 +20,7 @@ from fenics_rom.fem.nodes import Nodes, shape_functions
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.fem.rigid_surfaces import bars_of
+from fenics_rom.fem.supports import support_column
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
@@ -137,7 +138,7 @@ def assemble_deformation(
 
 
 def _follower_loads(scene: Scene, nodes: Nodes) -> dict[str, FollowerLoad]:
-    """Pressures, tendons and rigid bars of a scene."""
+    """Pressures, tendons, driven supports and rigid bars of a scene."""
     followers: dict[str, FollowerLoad] = {}
     for name, pressure in scene.effects.pressure.items():
         followers[name] = PressureLoad(nodes, patch_triangles(nodes, pressure, f"effects.pressure.{name}"))
@@ -145,6 +146,9 @@ def _follower_loads(scene: Scene, nodes: Nodes) -> dict[str, FollowerLoad]:
         points = np.array(tendon.points)
         shapes = [shape_functions(nodes, point, f"effects.tendon.{name}.points") for point in points]
         followers[name] = TendonPull(points, np.array(shapes))
+    for name, support in scene.effects.driven_support.items():
+        push = support_column(nodes, support, f"effects.driven_support.{name}")
+        followers[name] = SupportPush(push.reshape(-1, 3))
     for name, ends in bars_of(scene, nodes).items():
         followers[name] = RigidBar(nodes.coordinates[ends], ends, len(nodes.coordinates))
     return followers

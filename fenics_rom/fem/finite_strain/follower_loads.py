@@ -1,4 +1,7 @@
-"""Forces that follow the body: pressure on the moved surface, tendons through moved points, and rigid bars."""
+"""Forces that follow the body: pressure on the moved surface, tendons through moved points, and rigid bars.
+
+And those of driven supports, which stay as they are, but are asked the same.
+"""
 
 import numpy as np
 import scipy.sparse
@@ -175,4 +178,31 @@ class RigidBar:
         return forces
 
 
-FollowerLoad = PressureLoad | TendonPull | RigidBar
+class SupportPush:
+    """A force of 1 N by which a driven support pushes its nodes: the same wherever they are.
+
+    Args:
+        unit: forces (N, 3) on all nodes.
+    """
+
+    def __init__(self, unit: Array):
+        self._unit, self._none = unit, scipy.sparse.csr_matrix((unit.size, unit.size))
+
+    def force(self, u: Array) -> Array:
+        """As of PressureLoad."""
+        return self._unit
+
+    def jvp(self, u: Array, du: Array) -> Array:
+        """As of PressureLoad."""
+        return np.zeros_like(self._unit)
+
+    def stiffness(self, u: Array) -> scipy.sparse.csr_matrix:
+        """As of PressureLoad."""
+        return self._none
+
+    def stroke(self, u: Array) -> float:
+        """How far the support has moved, m."""
+        return float((self._unit * u).sum())
+
+
+FollowerLoad = PressureLoad | TendonPull | RigidBar | SupportPush

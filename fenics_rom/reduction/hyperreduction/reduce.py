@@ -183,7 +183,8 @@ def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, 
         gradients = body.gradients(W)
         sampled = fit_cubature(body, algebra, gradients, γ, states, tolerance)
     with problem.stages("forces that follow"):
-        pressures = project_pressures(body, algebra, W, system.scene.effects.pressure)
+        effects = system.scene.effects
+        pressures = project_pressures(body, algebra, W, [*effects.pressure, *effects.driven_support])
         tendons = project_tendons(body, algebra, W)
         bars = project_bars(body, algebra, W) if system.scene.bars else {}
         rims = {} if system.moving_frame is None else project_rims(body, algebra, W)
