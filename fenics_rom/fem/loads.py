@@ -24,7 +24,7 @@ MIN_PIECE_SHARE = 1e-9  # of a piece of a tendon in its length
 
 
 def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Columns, dict[str, float]]:
-    """Columns (3 N, columns) and units of actuators: the scene's own, pressures (Pa), tendons and driven supports (N)."""
+    """Columns (3 N, columns) and units of actuators: the scene's, pressures (Pa), tendons and driven supports (N)."""
     columns = {
         name: patch_columns(nodes, patch, unknowns, f"actuators.{name}") for name, patch in scene.actuators.items()
     }

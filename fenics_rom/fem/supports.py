@@ -1,9 +1,9 @@
 """What supports leave of the displacement components: clamped pieces, rollers, planes of symmetry, rigid surfaces.
 
-A support holds a node along some normals, n·x = 0. One that is driven by u along the unit vector d moves it there, n·x =
-(n·d) u. Each node is solved for as many components as it has normals, x_f = W x + V u. As many of these as there are driven
-supports stay unknowns in place of u = V⁻¹ (x_f - W x), and the others follow them. So a driven support moves its nodes
-together; what moves it is a force on them like any other, and u is its stroke.
+A support holds a node along some normals, n·x = 0. One that is driven by u along the unit vector d moves it there,
+n·x = (n·d) u. Each node is solved for as many components as it has normals, x_f = W x + V u. As many of these as there
+are driven supports stay unknowns in place of u = V⁻¹ (x_f - W x), and the others follow them. So a driven support moves
+its nodes together; what moves it is a force on them like any other, and u is its stroke.
 """
 
 from collections import defaultdict
