@@ -10,7 +10,8 @@ from bodies import box_arrays, box_surfaces
 
 import fenics_rom as fr
 from fenics_rom.errors import SolverError
-from fenics_rom.mechanics.hyperelastic import discrete_gradient_stress, linear_stress, moduli, strain, stress
+from fenics_rom.mechanics.hyperelastic import linear_stress, moduli, strain, stress
+from fenics_rom.mechanics.point_material import PointMaterial
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.scene.file import parse_scene
@@ -39,6 +40,10 @@ class SoftDeformation:
     pressed: Array
     cable: Array
     inputs: dict[str, list[Array | str]] = field(default_factory=dict)
+
+    @property
+    def material(self) -> PointMaterial:
+        return PointMaterial(self.law, self.first_lame, self.shear)
 
     @cached_property
     def free(self) -> Array:
@@ -188,7 +193,7 @@ class SoftStepper:
         for _ in range(15):
             H_next = body.gradients((x + h * mid)[:, None])[..., 0]
             E_next, F_mid = strain(H_next), unit + (H + H_next) / 2
-            S = discrete_gradient_stress(body.law, E, E_next, λ, μ) + β / h * linear_stress(E_next - E, λ, μ)
+            S = body.material.discrete_gradient_stress(E, E_next) + β / h * linear_stress(E_next - E, λ, μ)
             inner = body.resultants(np.einsum("ikp,kjp->ijp", F_mid, S[VOIGT_INDEX])[..., None])[:, 0]
             outer = self._force(u, x + h / 2 * mid)
             residual = body.mass @ (2 / h * (mid - v)) + body.external_damping @ mid + inner - outer

@@ -89,10 +89,8 @@ def _system(scene: Scene, comm: Any) -> System:
     if scene.effects.large_deformation is None:
         return system
 
-    def cell_properties(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return material[cells, 0], material[cells, 1], damping_of_cells(scene, mesh)[cells, 1]
-
-    return replace(system, deformation=assemble_deformation(system, nodes, cell_properties, *matrices.external))
+    of_cells = material[:, :2], damping_of_cells(scene, mesh)[:, 1]
+    return replace(system, deformation=assemble_deformation(system, nodes, *of_cells, *matrices.external))
 
 
 def _with_unknowns(

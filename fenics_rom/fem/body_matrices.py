@@ -21,14 +21,14 @@ from fenics_rom.fem.dolfinx_compat import (
     quiet_compiler,
     vector_space,
 )
+from fenics_rom.fem.fibres import fibre_stiffness
 from fenics_rom.fem.mesh import Mesh
 from fenics_rom.fem.moving_frame import frame_origin, mass_times
 from fenics_rom.fem.nodes import CELL_EDGES, Nodes
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
-from fenics_rom.fem.places import picked_cells
+from fenics_rom.fem.places import cells_of
 from fenics_rom.fem.restriction import restrict_matrices
 from fenics_rom.fem.springs import dashpots_of, of_components, sliding_springs_of, springs_of, summed, with_attached
-from fenics_rom.scene.places import given_piece
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
 
@@ -93,6 +93,10 @@ def body_matrices(
     springs, dashpots = summed([of_components(springs), sliding_springs_of(scene, nodes)]), of_components(dashpots)
     on_body = None if scene.environment.is_moving else springs
     reduced["stiffness"] = with_attached(reduced["stiffness"], on_body, unknowns)
+    if (of_fibres := fibre_stiffness(scene, nodes, material[:, :2], damping_of_cells(scene, mesh)[:, 1])) is not None:
+        reduced["stiffness"] = with_attached(reduced["stiffness"], of_fibres[0], unknowns)
+        if "damping" in reduced:
+            reduced["damping"] = with_attached(reduced["damping"], of_fibres[1], unknowns)
     damping, external = _dampings(scene, reduced, springs, dashpots, unknowns)
     unit = np.eye(3)
     translations = np.kron(translated[:, None], unit)
@@ -183,7 +187,7 @@ def material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
     """λ, μ (Pa) and ρ (kg/m3) of every cell of the mesh file, (C, 3)."""
     values = np.full((len(mesh.cells), 3), np.nan)
     for name, m in scene.materials.items():
-        cells = cells_of(scene, mesh, name)
+        cells = cells_of(scene.materials[name], mesh, f"{scene.source}: materials.{name}")
         if not np.isnan(values[cells]).all():
             shared = np.count_nonzero(~np.isnan(values[cells][:, 0]))
             raise SceneError(f"{scene.source}: materials.{name}: {shared} of its cells already have a material")
@@ -201,16 +205,11 @@ def damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
     values = np.tile([rayleigh.alpha, rayleigh.beta], (len(mesh.cells), 1))
     for name, of_material in scene.effects.damped.materials.items():
         check_known("material", name, scene.materials, SceneError, f"{scene.source}: effects.damping.materials: ")
-        values[cells_of(scene, mesh, name)] = of_material.alpha, of_material.beta
+        values[cells_of(scene.materials[name], mesh, f"{scene.source}: materials.{name}")] = (
+            of_material.alpha,
+            of_material.beta,
+        )
     return values
-
-
-def cells_of(scene: Scene, mesh: Mesh, material: str) -> np.ndarray | slice:
-    """Those of a material: whether each of the mesh file is one, (C,), or all."""
-    place = scene.materials[material]
-    if given_piece(place) is None:
-        return slice(None)
-    return picked_cells(mesh, place, f"{scene.source}: materials.{material}")
 
 
 def assemble_form(form: Any) -> PETSc.Mat:

@@ -5,7 +5,7 @@ not hold. Everything here runs on one rank.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,7 @@ class Mesh:
     source: str  # file name for messages
     straightened: float = 0.0  # m, by which nodes on edges of second-order cells were off their middles
     notes: tuple[str, ...] = ()  # what the user should know of the file
+    vectors: Mapping[str, np.ndarray] = field(default_factory=dict)  # cell data of three numbers, (C, 3) each
 
     def surface(self, name: str) -> np.ndarray:
         """Triangles of a named surface; refuses one that is not there, or empty."""
@@ -100,14 +101,15 @@ def checked_mesh(found: MeshArrays, file: Path, scale: float = 1.0) -> Mesh:
     points, straightened, edges = scale * found.points, 0.0, found.edges
     if len(edges):
         straightened = float(np.linalg.norm(points[edges[:, 2]] - points[edges[:, :2]].mean(axis=1), axis=1).max())
-    cells, regions = _deduplicate(oriented(points, found.cells), found.regions)
+    cells, regions, kept = _deduplicate(oriented(points, found.cells), found.regions)
+    vectors = {name: values[kept] for name, values in found.vectors.items()}
     faces = check_filling(points, cells, f"mesh file {file}")
     notes = (
         *found.notes,
         *describe_gaps(found, points, cells, faces),
         *describe_overlaps(points, cells, faces, file.name),
     )
-    return Mesh(points, cells, found.surfaces, regions, str(file), straightened, notes)
+    return Mesh(points, cells, found.surfaces, regions, str(file), straightened, notes, vectors)
 
 
 def oriented(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
@@ -132,12 +134,17 @@ def check_cells(points: np.ndarray, cells: np.ndarray, file: Path) -> None:
         )
 
 
-def _deduplicate(cells: np.ndarray, regions: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """MSH 2 files repeat a cell for each physical group that it is in; mass and stiffness must count it once."""
+def _deduplicate(
+    cells: np.ndarray, regions: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]:
+    """MSH 2 files repeat a cell for each physical group that it is in; mass and stiffness must count it once.
+
+    The cells, regions of these, and which of the file they are.
+    """
     _, first, representative = np.unique(np.sort(cells, axis=1), axis=0, return_index=True, return_inverse=True)
     unique_rows = np.sort(first)
     row = np.searchsorted(unique_rows, first[representative.ravel()])
-    return cells[unique_rows], {name: np.unique(row[rows]) for name, rows in regions.items()}
+    return cells[unique_rows], {name: np.unique(row[rows]) for name, rows in regions.items()}, unique_rows
 
 
 def _read_gmsh(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
@@ -197,4 +204,6 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[s
         else:
             rows = by_number[positions(members, arrays["numbers"][by_number], "cells")]
             regions[name] = np.concatenate([regions.get(name, rows[:0]), rows])
-    return MeshArrays(points, cells, surfaces, regions, edges)
+    names = map(str, arrays.get("vectors", ()))
+    vectors = {name: arrays[f"vector{k}"].reshape(-1, 3) for k, name in enumerate(names)}
+    return MeshArrays(points, cells, surfaces, regions, edges, vectors=vectors)

@@ -1,6 +1,7 @@
 """What every reader of mesh files gives, before it is checked."""
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -15,3 +16,4 @@ class MeshArrays(NamedTuple):
     regions: Mapping[str, np.ndarray]  # cells of each named region, as rows of `cells`
     edges: np.ndarray = np.empty((0, 3), dtype=np.int64)  # (E, 3) of second-order cells: two ends, and the node between
     notes: tuple[str, ...] = ()  # what the user should know
+    vectors: Mapping[str, np.ndarray] = MappingProxyType({})  # cell data of three numbers for each of `cells`, (C, 3)

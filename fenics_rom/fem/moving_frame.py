@@ -9,11 +9,13 @@ import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from fenics_rom.fem.fibres import point_material, quadrature_points
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.loads import contact_columns
 from fenics_rom.fem.nodes import Nodes
 from fenics_rom.fem.outputs import output_rows
-from fenics_rom.mechanics.hyperelastic import linear_stress, small_strain
+from fenics_rom.mechanics.hyperelastic import small_strain
+from fenics_rom.mechanics.point_material import PointMaterial
 from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
@@ -128,16 +130,15 @@ class _GeometricStiffness:
     def __init__(
         self, scene: Scene, nodes: Nodes, moving: np.ndarray, here: np.ndarray, moduli: np.ndarray, algebra: Algebra
     ):
-        self._nodes, self._degree, self._selective = nodes, scene.degree, scene.integration == "selective"
+        self._nodes, self._scene = nodes, scene
         self._moving, self._here, self._moduli, self._algebra = moving, here, moduli, algebra
 
     def __call__(self, u: np.ndarray) -> NodeMatrix:
         """See FullOrderFrame."""
         points = self._points
-        λ, μ = points.shared_moduli(*(points.of_cells(values) for values in self._moduli.T))
         field = np.zeros((len(self._nodes.coordinates), 3))
         field[self._moving] = self._algebra.gather(u).reshape(-1, 3)
-        tension = points.weights * linear_stress(small_strain(points.gradients(field)), λ, μ)
+        tension = points.weights * self._material.linear_stress(small_strain(points.gradients(field)))
         gradient = points.gradient_matrix[:, self._moving]
         rows = points.gradient_matrix[:, self._here].T.tocsr()
         blocks = [[scipy.sparse.diags(tension[c]) for c in row] for row in VOIGT_INDEX]
@@ -145,4 +146,8 @@ class _GeometricStiffness:
 
     @cached_property
     def _points(self) -> QuadraturePoints:
-        return QuadraturePoints(self._nodes, self._degree, MPI.COMM_SELF, self._selective)
+        return quadrature_points(self._scene, self._nodes, MPI.COMM_SELF)
+
+    @cached_property
+    def _material(self) -> PointMaterial:
+        return point_material(self._scene, self._nodes, self._points, self._moduli)

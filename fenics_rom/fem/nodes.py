@@ -172,3 +172,25 @@ def shape_functions(nodes: Nodes, point: np.ndarray, where: str) -> np.ndarray:
         i, j = CELL_EDGES.T
         values[nodes.on_edges(vertices[CELL_EDGES])] = 4 * λ[i] * λ[j]
     return values
+
+
+def facets_and_cells(nodes: Nodes, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which facets of the boundary some are, in its order, and the cell that each is a face of."""
+    row = np.flatnonzero(np.isin(face_keys(nodes, nodes.surface), face_keys(nodes, facets)))
+    of_cells = face_keys(nodes, nodes.cells[:, CELL_FACES].reshape(-1, 3))
+    order = np.argsort(of_cells)
+    face = order[np.searchsorted(of_cells[order], face_keys(nodes, nodes.surface[row]))]
+    return row, face // len(CELL_FACES)
+
+
+def shape_gradients(nodes: Nodes, cells: np.ndarray, λ: np.ndarray) -> np.ndarray:
+    """∂N_a/∂X_j (P, A, 3), 1/m, at barycentric coordinates λ (P, 4) of cells (P,)."""
+    corners = nodes.coordinates[nodes.cells[cells]]
+    inner = np.linalg.inv(corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
+    of_λ = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)  # ∂λ_v/∂X_j (P, 4, 3)
+    if not len(nodes.edges):
+        return of_λ
+    i, j = CELL_EDGES.T
+    at_vertices = (4 * λ - 1)[:, :, None] * of_λ
+    on_edges = 4 * (λ[:, i, None] * of_λ[:, j] + λ[:, j, None] * of_λ[:, i])
+    return np.concatenate([at_vertices, on_edges], axis=1)

@@ -85,6 +85,11 @@ def picked_cells(mesh: Mesh, place: CellPlace, where: str) -> Array:
     return _pick(place, _Pickable("cell", "has its centroid", corners.mean(axis=1), length, pick), where)
 
 
+def cells_of(place: CellPlace, mesh: Mesh, where: str) -> Array | slice:
+    """Those that a material has: whether each of the mesh file is one, (C,), or all where it names none."""
+    return slice(None) if given_piece(place) is None else picked_cells(mesh, place, where)
+
+
 def _facets(nodes: Nodes, place: Place, where: str) -> Array:
     """Whether a place picks each triangle of the surface, (F,)."""
     centroids = nodes.coordinates[nodes.surface].mean(axis=1)

@@ -9,9 +9,10 @@ from numpy import ndarray as Array
 from scipy.sparse.csgraph import connected_components
 
 from fenics_rom.errors import SceneError
+from fenics_rom.fem.fibres import fibres_at
 from fenics_rom.fem.full_order_body import FullOrderBody
-from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES, signed_volumes, volume_within
-from fenics_rom.fem.nodes import Nodes, cell_at, face_keys, rim_edges, triangle_areas
+from fenics_rom.fem.mesh_quality import CELL_EDGES, signed_volumes, volume_within
+from fenics_rom.fem.nodes import Nodes, cell_at, facets_and_cells, rim_edges, shape_gradients, triangle_areas
 from fenics_rom.fem.outputs import marker_reading
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.fem.taxels import touch_reading
@@ -70,12 +71,13 @@ def _reading(
     if entry.point is not None:
         return marker_reading(nodes, np.array(entry.point), unknowns, f"{where}.point")
     if entry.points is not None:
-        return _point_stresses(nodes, np.array(entry.points), material, scene.integration, unknowns, f"{where}.points")
+        return _point_stresses(nodes, np.array(entry.points), material, scene, unknowns, f"{where}.points")
     place = entry.place
     facets = nodes.surface if place is None else patch_triangles(nodes, place, where)
     samples, operator, cells = surface_gradients(nodes, facets)
     λ, μ, _ = material[cells].T
-    return SurfaceReading(entry.quantity, of, samples, (operator @ unknowns.matrix).tocsr(), λ, μ)
+    fibres = fibres_at(scene, nodes.mesh, cells, nodes.coordinates[nodes.drawn_triangles()[samples]].mean(axis=1))
+    return SurfaceReading(entry.quantity, of, samples, (operator @ unknowns.matrix).tocsr(), λ, μ, fibres)
 
 
 def surface_gradients(nodes: Nodes, facets: Array) -> tuple[Array, scipy.sparse.csr_matrix, Array]:
@@ -89,7 +91,7 @@ def surface_gradients(nodes: Nodes, facets: Array) -> tuple[Array, scipy.sparse.
         Which of the drawn triangles, (P,); the operator from displacements of all nodes (3 N,) to H (3, 3, P), as
         (9 P, 3 N), 1/m; and the cells (P,).
     """
-    row, cell = _facets_and_cells(nodes, facets)
+    row, cell = facets_and_cells(nodes, facets)
     parts = PARTS if len(nodes.edges) else WHOLE
     vertices, facet_vertices = nodes.cells[cell], nodes.surface[row]
     corner = facet_vertices[:, :, None] == vertices[:, None, :]
@@ -101,7 +103,7 @@ def surface_gradients(nodes: Nodes, facets: Array) -> tuple[Array, scipy.sparse.
 
 def _gradient_operator(nodes: Nodes, cells: Array, λ: Array) -> scipy.sparse.csr_matrix:
     """From displacements of all nodes (3 N,) to H (3, 3, P), 1/m, at barycentric coordinates λ (P, 4) of cells (P,)."""
-    gradients = _shape_gradients(nodes, cells, λ)
+    gradients = shape_gradients(nodes, cells, λ)
     P, A = gradients.shape[:2]
     corners = nodes.cells[cells]
     cell_nodes = np.hstack([corners, nodes.on_edges(corners[:, CELL_EDGES])]) if len(nodes.edges) else corners
@@ -112,7 +114,7 @@ def _gradient_operator(nodes: Nodes, cells: Array, λ: Array) -> scipy.sparse.cs
 
 
 def _point_stresses(
-    nodes: Nodes, points: Array, material: Array, integration: str, unknowns: Unknowns, where: str
+    nodes: Nodes, points: Array, material: Array, scene: Scene, unknowns: Unknowns, where: str
 ) -> StressReading:
     """Stress at points (G, 3), from the cells around the corners of theirs.
 
@@ -136,37 +138,17 @@ def _point_stresses(
     of_point, weights = zip(*corners, strict=True)
     cell, places = np.concatenate(cells), np.concatenate(at)
     λ, μ, _ = material[cell].T
-    if integration == "selective":
+    corners_of = nodes.coordinates[nodes.cells[cell]]
+    fibres = fibres_at(scene, nodes.mesh, cell, np.einsum("pv,pvi->pi", places, corners_of))
+    if scene.integration == "selective":
         none = np.zeros(len(cell))
         cell, places = np.tile(cell, 2), np.concatenate([places, np.full((len(cell), 4), 1 / 4)])
         λ, μ = np.concatenate([none, λ]), np.concatenate([μ, none])
     operator = (_gradient_operator(nodes, cell, places) @ unknowns.matrix).tocsr()
     of_corner = np.repeat(np.arange(len(cells)), [len(around) for around in cells])
     return StressReading(
-        points, np.array(of_point), np.array(weights), of_corner, np.concatenate(shares), operator, λ, μ
+        points, np.array(of_point), np.array(weights), of_corner, np.concatenate(shares), operator, λ, μ, fibres
     )
-
-
-def _facets_and_cells(nodes: Nodes, facets: Array) -> tuple[Array, Array]:
-    """Which facets of the boundary some are, in its order, and the cell that each is a face of."""
-    row = np.flatnonzero(np.isin(face_keys(nodes, nodes.surface), face_keys(nodes, facets)))
-    of_cells = face_keys(nodes, nodes.cells[:, CELL_FACES].reshape(-1, 3))
-    order = np.argsort(of_cells)
-    face = order[np.searchsorted(of_cells[order], face_keys(nodes, nodes.surface[row]))]
-    return row, face // len(CELL_FACES)
-
-
-def _shape_gradients(nodes: Nodes, cells: Array, λ: Array) -> Array:
-    """∂N_a/∂X_j (P, A, 3), 1/m, at barycentric coordinates λ (P, 4) of cells (P,)."""
-    corners = nodes.coordinates[nodes.cells[cells]]
-    inner = np.linalg.inv(corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
-    of_λ = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)  # ∂λ_v/∂X_j (P, 4, 3)
-    if not len(nodes.edges):
-        return of_λ
-    i, j = CELL_EDGES.T
-    at_vertices = (4 * λ - 1)[:, :, None] * of_λ
-    on_edges = 4 * (λ[:, i, None] * of_λ[:, j] + λ[:, j, None] * of_λ[:, i])
-    return np.concatenate([at_vertices, on_edges], axis=1)
 
 
 def enclosed_volume(nodes: Nodes, triangles: Array, unknowns: Unknowns, where: str) -> float:

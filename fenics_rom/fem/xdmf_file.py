@@ -49,12 +49,17 @@ def _read(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
     cells = _elements(grids[0], file.parent, len(points))
     surfaces: dict[str, np.ndarray] = {}
     regions: dict[str, np.ndarray] = {}
+    vectors: dict[str, np.ndarray] = {}
     for grid in grids:
         if _shape(grid) not in CELLS | TRIANGLES:
             continue
         elements = cells if grid is grids[0] else _elements(grid, file.parent, len(points))
         for attribute in grid.iterfind("Attribute[@Center='Cell']"):
-            name, values = grid.get("Name", ""), _array(attribute.find("DataItem"), file.parent).ravel()
+            name, values = grid.get("Name", ""), _array(attribute.find("DataItem"), file.parent)
+            if grid is grids[0] and values.shape == (len(cells), 3):
+                vectors[attribute.get("Name", "")] = values.astype(float)
+                continue
+            values = values.ravel()
             if not np.issubdtype(values.dtype, np.integer):
                 continue  # a field
             if len(values) != len(elements):
@@ -72,7 +77,7 @@ def _read(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
                 else:
                     regions[group] = _rows(elements[chosen][:, :4], cells[:, :4], name)
     edges = edges_of(cells[:, :4], cells[:, 4:]) if cells.shape[1] == 10 else cells[:0, :3]
-    return MeshArrays(points, cells[:, :4], surfaces, regions, edges)
+    return MeshArrays(points, cells[:, :4], surfaces, regions, edges, vectors=vectors)
 
 
 def _shape(grid: Element) -> str:

@@ -14,7 +14,8 @@ from numpy import ndarray as Array
 from fenics_rom.errors import SolverError
 from fenics_rom.identification.affine import AffineDecomposition, lame_parameters
 from fenics_rom.identification.parameters import BETA
-from fenics_rom.mechanics.hyperelastic import discrete_gradient_stress, linear_stress, moduli, strain, stress
+from fenics_rom.mechanics.hyperelastic import linear_stress, moduli, strain, stress
+from fenics_rom.mechanics.point_material import PointMaterial
 from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.runtime.steppers.held import FAST_CONTRACTION, MAX_ITERATIONS, is_solved
@@ -79,7 +80,7 @@ class DeformableBodies:
         for _ in range(MAX_ITERATIONS):
             middle = q + h / 2 * v
             H, after = self._gradients(middle), strain(self._gradients(q + h * v))
-            S = discrete_gradient_stress(self._law, E, after, *self._elastic)
+            S = PointMaterial(self._law, *self._elastic).discrete_gradient_stress(E, after)
             S += linear_stress((after - E) / h, *self._viscous)
             parts = (
                 2 / h * _times(self._mass, v - r),

@@ -27,7 +27,7 @@ from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.io.names import NAME, NAME_IN_WORDS
 
 FORMAT = "fenics-rom"
-VERSION = "2.7"
+VERSION = "2.8"
 READ_VERSIONS = ("1", "2")  # first numbers of those that can be read
 LONGEST_TEXT = 60_000  # bytes; HDF5 keeps attributes in a header of 64 KiB
 SEAL_SIZE = 512  # bytes; the smallest user block there is

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.obstacles import Obstacle
     from fenics_rom.mechanics.viscoelasticity import PronySeries
 
-PERMANENT_EFFECTS = ("springs", "point_masses", "rigid_parts")  # part of the matrices: no run can leave them out
+# Part of the matrices: no run can leave them out.
+PERMANENT_EFFECTS = ("springs", "membranes", "cables", "point_masses", "rigid_parts")
 STROKE_UNITS = {
     "length": "m",
     "volume": "m3",

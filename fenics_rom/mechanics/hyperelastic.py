@@ -14,7 +14,6 @@ Strains and stresses are six components (`voigt.py`): arrays have them first, (6
 """
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from numpy import ndarray as Array
@@ -182,45 +181,6 @@ def strain_of_excess_damping(poisson: float, share: float = 0.1) -> float:
     """
     ratio = 2 * poisson / (1 - 2 * poisson)
     return math.sqrt(share / (3 * ratio)) if ratio > 1 else math.inf
-
-
-def discrete_gradient_stress(
-    law: str, E: Array, after: Array, λ: Array, μ: Array, stored: Array | None = None
-) -> Array:
-    """A stress Ŝ (6, P) with Ŝ:(E⁺ - E) = W(E⁺) - W(E), of second order: so a step with it balances energy exactly.
-
-    The stress of the averaged strain (Simo & Tarnow, 1992), with Gonzalez' correction (2000) where W is not quadratic.
-    W(E) (P,) may be known already, as `stored`.
-    """
-    S = stress(law, (E + after) / 2, λ, μ)
-    if law == "st_venant_kirchhoff":
-        return S
-    ΔE = after - E
-    ΔW = energy_density(law, after, λ, μ) - (energy_density(law, E, λ, μ) if stored is None else stored)
-    defect = ΔW - (S * ΔE).sum(axis=0)
-    return S + defect / ((ΔE**2 / VOIGT_SHEAR).sum(axis=0) + ROUND_OFF_STRAIN**2) * (ΔE / VOIGT_SHEAR)
-
-
-def discrete_gradient_slopes(
-    law: str, E: Array, after: Array, λ: Array, μ: Array, stored: Array | None = None
-) -> Iterator[Array]:
-    """∂Ŝ/∂E⁺, then ∂Ŝ/∂E, (6, 6, P), Pa, of the discrete gradient's stress; W(E) may be known, as `stored`."""
-    mean = (E + after) / 2
-    C = moduli(law, mean, λ, μ) / 2
-    if law == "st_venant_kirchhoff":
-        yield from (C, C)
-        return
-    ΔE, S = after - E, stress(law, mean, λ, μ)
-    along = ΔE / VOIGT_SHEAR
-    before = energy_density(law, E, λ, μ) if stored is None else stored
-    defect = energy_density(law, after, λ, μ) - before - (S * ΔE).sum(axis=0)
-    square = (ΔE * along).sum(axis=0) + ROUND_OFF_STRAIN**2
-    bent = np.einsum("cdp,cp->dp", C, ΔE)
-    for side, at in ((1, after), (-1, E)):
-        by_defect = side * (stress(law, at, λ, μ) - S) - bent - side * 2 * defect / square * along
-        slope = C + along[:, None] * (by_defect / square)
-        slope[np.arange(6), np.arange(6)] += side * defect / square / VOIGT_SHEAR
-        yield slope
 
 
 def _adjugate(E: Array) -> tuple[Array, Array]:

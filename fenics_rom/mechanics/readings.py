@@ -19,8 +19,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import linear_stress, small_strain, strain, stress
+from fenics_rom.mechanics.fibres import Fibres
+from fenics_rom.mechanics.hyperelastic import small_strain, strain
 from fenics_rom.mechanics.nodal_contact import FacetShares
+from fenics_rom.mechanics.point_material import PointMaterial
 from fenics_rom.mechanics.readable_body import ReadableBody
 from fenics_rom.mechanics.touch import TOUCH, TouchReading
 from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
@@ -93,6 +95,7 @@ class SurfaceReading:
         triangles: (P,) which of the body's.
         operator: to H (3, 3, P) of the body's coordinates, (9 P, c), a matrix; 1/m.
         first_lame, shear: λ and μ of the cells, (P,), Pa.
+        fibres: beside them.
     """
 
     quantity: str
@@ -101,13 +104,14 @@ class SurfaceReading:
     operator: Any
     first_lame: Array
     shear: Array
+    fibres: tuple[Fibres, ...] = ()
 
     def read(self, body: ReadableBody) -> Array:
         """Its values."""
         H = (self.operator @ body.coordinates()).reshape(3, 3, -1)
         if self.quantity == "strain":
             return ((small_strain(H) if body.law is None else strain(H)) / VOIGT_SHEAR).T
-        return von_mises(stress_of(body.law, H, self.first_lame, self.shear))
+        return von_mises(stress_of(body.law, H, self))
 
 
 @dataclass(frozen=True)
@@ -128,6 +132,7 @@ class StressReading:
         operator: to H (3, 3, P) of the body's coordinates, (9 P, c), a matrix; 1/m. P is T, or twice T where changes of
             volume are integrated apart from the rest: then the middles of cells follow.
         first_lame, shear: λ and μ that each has, (P,), Pa.
+        fibres: beside them.
     """
 
     quantity: ClassVar = "stress"
@@ -140,11 +145,12 @@ class StressReading:
     operator: Any
     first_lame: Array
     shear: Array
+    fibres: tuple[Fibres, ...] = ()
 
     def read(self, body: ReadableBody) -> Array:
         """Its values."""
         H = (self.operator @ body.coordinates()).reshape(3, 3, -1)
-        σ = stress_of(body.law, H, self.first_lame, self.shear).reshape(6, -1, len(self.value_shares)).sum(axis=1)
+        σ = stress_of(body.law, H, self).reshape(6, -1, len(self.value_shares)).sum(axis=1)
         of_corner = np.searchsorted(self.value_corners, np.arange(len(self.corner_points)))
         spreads = np.maximum.reduceat(σ, of_corner, axis=1) - np.minimum.reduceat(σ, of_corner, axis=1)
         at = self._at_points(np.add.reduceat(σ * self.value_shares, of_corner, axis=1))
@@ -153,8 +159,7 @@ class StressReading:
 
     def components(self, gradients: Array) -> Array:
         """σ (6, G, m), Pa, of a linear body, from H (3, 3, P, m) of each of m displacements."""
-        λ, μ = self.first_lame[:, None], self.shear[:, None]
-        σ = linear_stress(small_strain(gradients), λ, μ)
+        σ = PointMaterial("", self.first_lame, self.shear, self.fibres).linear_stress(small_strain(gradients))
         σ = σ.reshape(6, -1, len(self.value_shares), σ.shape[-1]).sum(axis=1) * self.value_shares[:, None]
         of_corner = np.searchsorted(self.value_corners, np.arange(len(self.corner_points)))
         return self._at_points(np.add.reduceat(σ, of_corner, axis=1))
@@ -227,11 +232,12 @@ def projected(reading: Reading, basis: Array) -> Reading:
     return replace(reading, operator=np.asarray(reading.operator @ basis))
 
 
-def stress_of(law: str | None, H: Array, λ: Array, μ: Array) -> Array:
+def stress_of(law: str | None, H: Array, at: "SurfaceReading | StressReading") -> Array:
     """Cauchy's stress F S Fᵀ / det F (6, P), Pa, of displacement gradients (3, 3, P) by a law; None: linear."""
+    material = PointMaterial(law or "", at.first_lame, at.shear, at.fibres)
     if law is None:
-        return linear_stress(small_strain(H), λ, μ)
-    F, S = H.transpose(2, 0, 1) + np.eye(3), stress(law, strain(H), λ, μ)
+        return material.linear_stress(small_strain(H))
+    F, S = H.transpose(2, 0, 1) + np.eye(3), material.stress(strain(H))
     σ = F @ S[VOIGT_INDEX].transpose(2, 0, 1) @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
     i, j = VOIGT_PAIRS.T
     components: Array = σ[:, i, j].T

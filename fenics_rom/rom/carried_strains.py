@@ -11,8 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import linear_stress
-from fenics_rom.mechanics.voigt import VOIGT_SHEAR
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.rom.strain_tables import StrainTables
@@ -175,7 +173,7 @@ class PointStrains:
     def __init__(self, body: ReducedDeformation):
         self.body, self.points, self.size = body, MaterialPoints(body), 6 * len(body.weights)
         self.viscosity = np.tile(body.viscosity, 6)
-        self._λ, self._μ = body.weights * body.first_lame, body.weights * body.shear
+        self._material = body.material.scaled(body.weights)
 
     def at(self, q: Array) -> Array:
         """y of E(q)."""
@@ -187,8 +185,8 @@ class PointStrains:
 
     def stressed(self, y: Array) -> Array:
         """C₀ y, of one or of each row."""
-        by_component = y.reshape(-1, 6, len(self._μ)).swapaxes(0, 1)
-        return linear_stress(by_component, self._λ, self._μ).swapaxes(0, 1).reshape(y.shape)
+        by_component = y.reshape(-1, 6, self.size // 6).transpose(1, 2, 0)
+        return self._material.linear_stress(by_component).transpose(2, 0, 1).reshape(y.shape)
 
     def around(self, q: Array) -> "PointsAround":
         """Of shapes near q."""
@@ -260,8 +258,7 @@ class PointsAround:
         """Aᵀ (elastic + β) C₀ A (m, m)."""
         body = self._strains.body
         A, weights = body.metric_rates(self._F), (elastic + body.viscosity) * body.weights
-        CA = (2 * weights * body.shear / VOIGT_SHEAR)[:, :, None] * A
-        CA[:3] += (weights * body.first_lame)[:, None] * A[:3].sum(axis=0)
+        CA = weights[:, None] * body.material.linear_stress(A)
         K: Array = A.reshape(-1, body.order).T.dot(CA.reshape(-1, body.order))
         return K
 

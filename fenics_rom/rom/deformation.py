@@ -14,13 +14,16 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
-from fenics_rom.mechanics.hyperelastic import energy_density, moduli, strain, stress
+from fenics_rom.mechanics.fibres import Fibres, check_fibres
+from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.isochoric import isochoric_terms
+from fenics_rom.mechanics.point_material import PointMaterial
 from fenics_rom.mechanics.tendon import cable_length, measure_segments, turning_angles, turning_slopes
 from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS
 from fenics_rom.rom.content import ByContent
 
 _UNIT = np.eye(3)
+NO_POINTS = np.empty(0, dtype=int)
 _ROUND_OFF = 8 * np.finfo(float).eps  # of stresses, beside the moduli
 
 
@@ -189,11 +192,17 @@ class ReducedDeformation(ByContent):
     bars: Mapping[str, ReducedBar] = field(default_factory=dict)  # of surfaces that are rigid
     rims: Mapping[str, ReducedRim] = field(default_factory=dict)  # of pressures on surfaces that are open, and move
     trained: TrainingRange | None = None  # files of earlier formats lack it
+    fibres: tuple[Fibres, ...] = ()  # families of the kept points
 
     @property
     def order(self) -> int:
         """Number m of reduced displacements."""
         return self.gradients.shape[-1]
+
+    @cached_property
+    def material(self) -> PointMaterial:
+        """Of the kept points."""
+        return PointMaterial(self.law, self.first_lame, self.shear, self.fibres)
 
     def displacement_gradients(self, q: Array) -> Array:
         """H (3, 3, P) at the kept points."""
@@ -209,12 +218,12 @@ class ReducedDeformation(ByContent):
 
     def elastic_energy(self, E: Array) -> float:
         """Σ ω W(E), J."""
-        return float(self.weights @ energy_density(self.law, E, self.first_lame, self.shear))
+        return float(self.weights @ self.material.energy_density(E))
 
     def force(self, q: Array) -> Array:
         """∂Φ/∂q (m,)."""
         H = self.displacement_gradients(q)
-        S = stress(self.law, strain(H), self.first_lame, self.shear)
+        S = self.material.stress(strain(H))
         return self.resultant(H, self.weights * S) + self.springs @ q
 
     def tangent(self, q: Array) -> Array:
@@ -222,9 +231,9 @@ class ReducedDeformation(ByContent):
         H = self.displacement_gradients(q)
         E = strain(H)
         A = self.strain_rates(H)
-        D = self.weights * moduli(self.law, E, self.first_lame, self.shear)
+        D = self.weights * self.material.moduli(E)
         K = A.reshape(-1, self.order).T @ np.einsum("cdp,dpk->cpk", D, A).reshape(-1, self.order)
-        return K + self.geometric(self.weights * stress(self.law, E, self.first_lame, self.shear)) + self.springs
+        return K + self.geometric(self.weights * self.material.stress(E)) + self.springs
 
     def resultant(self, H: Array, S: Array) -> Array:
         """Force (m,) of stresses S (6, P), which hold the weights, on the body deformed by H: Σ (F S) : ∇W_k."""
@@ -316,11 +325,13 @@ def check_deformation(
     """
     try:
         isochoric_terms(body.law)
+        check_fibres(body.fibres, len(body.weights))
     except ValueError as error:
         raise StructureError(f"deformation: material {error}") from error
     if body.order != order:
         raise StructureError(f"deformation: has {body.order} displacements, its contact modes {order}")
     bulk = 3 * body.first_lame + 2 * body.shear  # three times the bulk modulus
+    bulk = np.delete(bulk, np.concatenate([NO_POINTS, *(family.points for family in body.fibres)]))
     for what, values, strict in (
         ("weights", body.weights, True),
         ("shear moduli", body.shear, False),

@@ -6,6 +6,7 @@ import h5py
 
 from fenics_rom.io.hdf5 import Entry, Sizes, get_each, get_group, get_record, get_text, put_arrays, put_each, put_text
 from fenics_rom.rom.deformation import ReducedBar, ReducedDeformation, ReducedRim, ReducedTendon, TrainingRange
+from fenics_rom.rom.fibres_file import get_fibres, put_fibres
 
 BODY = {
     "gradients": Entry("kg^-1/2/m", (3, 3, "Q", "k")),
@@ -52,6 +53,7 @@ def put_deformation(h5: h5py.File, body: ReducedDeformation) -> None:
             parts = group.create_group(kind, track_order=True)
             for name, part in getattr(body, kind).items():
                 put_arrays(parts.create_group(name, track_order=True), table, {"k": body.order}, vars(part))
+    put_fibres(group, body.fibres)
     if body.trained is not None:
         trained = group.create_group("trained", track_order=True)
         put_arrays(trained, TRAINED, sizes | AXES, vars(body.trained))
@@ -63,7 +65,7 @@ def get_deformation(h5: h5py.File, order: int) -> ReducedDeformation:
     """Reads the group, of so many vectors that strain."""
     group = get_group(h5, "deformation")
     sizes: Sizes = {"k": order}
-    body = get_record(group, BODY, sizes, ("pressures", "tendons", "bars", "rims", "trained"))
+    body = get_record(group, BODY, sizes, ("pressures", "tendons", "bars", "rims", "trained", "fibres"))
 
     def parts(kind: str, table: dict[str, Entry]) -> dict[str, Any]:
         each = get_group(group, kind) if kind == "tendons" or kind in group else {}
@@ -77,6 +79,7 @@ def get_deformation(h5: h5py.File, order: int) -> ReducedDeformation:
         bars={name: ReducedBar(**bar) for name, bar in parts("bars", BAR).items()},
         rims={name: ReducedRim(**rim) for name, rim in parts("rims", RIM).items()},
         trained=_get_trained(get_group(group, "trained"), sizes) if "trained" in group else None,
+        fibres=get_fibres(group),
     )
 
 

@@ -1,6 +1,6 @@
 """The ROM file: one HDF5 file with everything the runtime needs.
 
-Format 2.7. The first 512 bytes are a user block with the SHA-256 of the rest (see io.hdf5).
+Format 2.8. The first 512 bytes are a user block with the SHA-256 of the rest (see io.hdf5).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom", software, name,
 method, switching, weighting, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
 Sizes: n free displacement components, k shared basis vectors, N nodes, F triangles; for each contact mode m order,
@@ -35,7 +35,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
     deformation/                     where the scene has large_deformation; attribute `law`; Q kept points; of the K
                                      vectors that strain, here k: all, but for the rigid motions of a free body
         gradients (3, 3, Q, k)       ∂W_i/∂X_j, kg^-1/2/m; W is the basis, as all contact modes have the same
-        weights (Q,) m^3, first_lame, shear (Q,) Pa, viscosity (Q,) s
+        weights (Q,) m^3, first_lame, shear (Q,) Pa, viscosity (Q,) s; fibres, as readings have: see rom.fibres_file
         external_damping (k, k) 1/s, springs (k, k) 1/s^2
         training_radius (1,) m kg^1/2, points_of (1,), cubature_error, validation_error (1,); the last may be absent
         pressures/NAME (k, 1 + k + k (k+1)/2) m^2/kg^1/2     force of 1 Pa: of 1, q_i and q_i q_j (i <= j)
@@ -77,8 +77,8 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         first_lame, shear as above, of T values or twice as many    of stress at points
         foot (3, k) kg^-1/2, gradients (2, 3, k) kg^-1/2/m, tangents (2, 3), offset (3,) m  of marker; touch: touch_file
 
-Before 2.7 there is no static, before 2.6 no error_model, before 2.5 no time_constants, which are 0 then, but maybe an
-inertia, which is not read; before 2.3 no base path and moving_frame, before 2.2 no residual_compliance, before 2.1 no
+Before 2.8 there are no fibres, before 2.7 no static, before 2.6 no error_model, before 2.5 no time_constants (0), but
+maybe an inertia, not read. Before 2.3 no base path and moving_frame, before 2.2 no residual_compliance, before 2.1 no
 readings, cells and force_validation, and nothing in trained. Those of 1.x are read, too: rom.format_1 makes them such.
 """
 

@@ -6,7 +6,7 @@ Of one shape q (m,) arrays are (..., P), of B of them (m, B) they are (..., P B)
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import energy_and_piola, stress
+from fenics_rom.mechanics.point_material import PointMaterial
 from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS
 from fenics_rom.rom.deformation import ReducedDeformation
 
@@ -23,11 +23,12 @@ class MaterialPoints:
     """
 
     def __init__(self, body: ReducedDeformation):
-        self._law, self._P, G = body.law, len(body.weights), body.gradients
+        self._P, G = len(body.weights), body.gradients
         self._gradients = G.reshape(-1, body.order).copy()
-        self._moduli = {1: (body.weights * body.first_lame, body.weights * body.shear)}  # for so many bodies
-        self._of_two = tuple(np.tile(each, 2) for each in self._moduli[1])
-        self.most = float(self._moduli[1][1].sum())
+        self._materials = {1: body.material.scaled(body.weights)}  # for so many bodies
+        self.most = float(
+            self._materials[1].shear.sum() + sum(part.modulus.sum() for part in self._materials[1].fibres)
+        )
 
     def strain_squares(self, q: Array) -> Array:
         """|E|² (P,) at q."""
@@ -73,22 +74,22 @@ class MaterialPoints:
     def energies_and_forces(self, q: Array) -> tuple[Array, Array]:
         """Of each body (1,) or (B,), J, and what they are with q (m, 1) or (m, B), at q (m,) or (m, B)."""
         H = self._gradients.dot(q).reshape(9, -1)
-        W, P = energy_and_piola(self._law, H, *self._each(H))
+        W, P = self._each(H).energy_and_piola(H)
         forces: Array = self._gradients.T.dot(P.reshape(len(self._gradients), -1))
         return self._summed(W), forces
 
     def energy_and_force(self, q: Array, middle: Array) -> tuple[float, Array]:
         """The energy at q (m,), J, and the forces (m,) at another shape, in one go."""
-        H = np.empty((2, 9, self._P))
-        self._gradients.dot(q, H[0].reshape(-1))
-        self._gradients.dot(middle, H[1].reshape(-1))
-        W, P = energy_and_piola(self._law, H.swapaxes(0, 1).reshape(9, -1), *self._of_two)
-        force: Array = P[:, self._P :].ravel().dot(self._gradients)
-        return float(np.add.reduce(W[: self._P])), force
+        H = np.empty((9, self._P, 2))
+        H[:, :, 0], H[:, :, 1] = (self._gradients.dot(at).reshape(9, -1) for at in (q, middle))
+        H = H.reshape(9, -1)
+        W, P = self._each(H).energy_and_piola(H)
+        force: Array = P[:, 1::2].ravel().dot(self._gradients)
+        return float(np.add.reduce(W[::2])), force
 
     def stress(self, E: Array) -> Array:
         """S (6, P) of strains that `strains` found."""
-        return stress(self._law, E, *self._each(E))
+        return self._each(E).stress(E)
 
     def resultant(self, F: Array, S: Array) -> Array:
         """Forces (m, B) of stresses S (6, P), of one body (m, 1)."""
@@ -99,13 +100,12 @@ class MaterialPoints:
         force: Array = self._gradients.T.dot(FS.reshape(len(self._gradients), -1))
         return force
 
-    def _each(self, E: Array) -> tuple[Array, Array]:
-        """λ and μ with the weights, of each column of E."""
+    def _each(self, E: Array) -> PointMaterial:
+        """With the weights, of each column of E."""
         bodies = E.shape[1] // self._P
-        if bodies not in self._moduli:
-            λ, μ = self._moduli[1]
-            self._moduli[bodies] = np.repeat(λ, bodies), np.repeat(μ, bodies)
-        return self._moduli[bodies]
+        if bodies not in self._materials:
+            self._materials[bodies] = self._materials[1].repeated(bodies)
+        return self._materials[bodies]
 
     def _summed(self, W: Array) -> Array:
         summed: Array = np.add.reduce(W.reshape(self._P, -1), 0)

@@ -5,6 +5,7 @@ import numpy as np
 
 from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.hdf5 import Entry, check_names, get_group, get_record, get_text, put_arrays, put_text
+from fenics_rom.mechanics.fibres import check_fibres
 from fenics_rom.mechanics.readings import (
     READING_UNITS,
     ContactPressure,
@@ -15,6 +16,7 @@ from fenics_rom.mechanics.readings import (
     SurfaceReading,
 )
 from fenics_rom.mechanics.touch import TOUCH, TouchReading
+from fenics_rom.rom.fibres_file import get_fibres, put_fibres
 from fenics_rom.rom.rom import Rom
 from fenics_rom.rom.touch_file import check_indices, check_touch, put_touch, take_touch
 
@@ -60,6 +62,7 @@ def put_readings(h5: h5py.File, rom: Rom) -> None:
             operator = reading.operator.reshape(3, 3, len(reading.shear), -1)
             table = SURFACE if isinstance(reading, SurfaceReading) else STRESS
             put_arrays(part, table, sizes, arrays | {"operator": operator})
+            put_fibres(part, reading.fibres)
         elif isinstance(reading, MarkerReading):
             foot, gradients = np.split(reading.operator, [3])
             put_arrays(part, MARKER, sizes, arrays | {"foot": foot, "gradients": gradients.reshape(2, 3, -1)})
@@ -93,10 +96,11 @@ def _take(group: h5py.Group, sizes: dict[str, int]) -> Reading:
     if quantity == TOUCH:
         return take_touch(group)
     tables = {"contact_pressure": CONTACT, "stress": STRESS}
-    arrays = get_record(group, tables.get(quantity, SURFACE), sizes)
+    arrays = get_record(group, tables.get(quantity, SURFACE), sizes, ("fibres",))
     if quantity == "contact_pressure":
         return ContactPressure(of, **arrays)
     arrays["operator"] = arrays["operator"].reshape(-1, sizes["k"])
+    arrays["fibres"] = get_fibres(group)
     if quantity == "stress":
         return StressReading(**arrays)
     return SurfaceReading(quantity, of, **arrays)
@@ -114,6 +118,11 @@ def check_readings(rom: Rom) -> None:
     """
     for name, reading in rom.readings.items():
         where = f"/readings/{name}"
+        if isinstance(reading, SurfaceReading | StressReading):
+            try:
+                check_fibres(reading.fibres, len(reading.shear))
+            except ValueError as error:
+                raise FileError(f"{where}: {error}") from error
         if isinstance(reading, SurfaceReading):
             check_indices(f"{where}/triangles", reading.triangles, len(rom.triangles))
             if not ((reading.shear > 0) & (3 * reading.first_lame + 2 * reading.shear > 0)).all():

@@ -15,7 +15,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.voigt import VOIGT_SHEAR
 from fenics_rom.rom.deformation import ReducedDeformation
 
 
@@ -56,8 +55,7 @@ class StrainTables(NamedTuple):
         linear = body.metric_rates(np.broadcast_to(np.eye(3)[:, :, None], gradients.shape[:3]))
         products = [body.metric_rates(gradients[..., k])[..., k:] for k in range(body.order)]
         B = np.concatenate([np.zeros((*linear.shape[:2], 1)), linear, *products], axis=2)
-        stressed = (2 * body.weights * body.shear / VOIGT_SHEAR)[:, :, None] * B
-        stressed[:3] += (body.weights * body.first_lame)[:, None] * B[:3].sum(axis=0)
+        stressed = body.material.scaled(body.weights).linear_stress(B)
         g = B.reshape(-1, len(i)).T @ stressed.reshape(-1, len(i))
         g = (g + g.T) / 2
         a, b = i[:, None], j[:, None]

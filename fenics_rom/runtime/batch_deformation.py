@@ -59,7 +59,7 @@ class BatchDeformation:
     def __init__(self, rom: Rom, inputs: Array, first: int, size: int):
         assert rom.deformation is not None
         self._body = body = rom.deformation
-        self._points = None if body.law == "st_venant_kirchhoff" else MaterialPoints(body)
+        self._points = None if body.material.is_quadratic else MaterialPoints(body)
         self._steepest = STEEPEST_FREQUENCY * math.sqrt(rom.stiffness[-1])
         self._tables, self._β = StrainTables.of(body), float(body.viscosity[0])
         tables, m = self._tables, body.order

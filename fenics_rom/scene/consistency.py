@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import is_dataclass
+from itertools import pairwise
 from typing import Any
 
 from fenics_rom.errors import SceneError, check_known, exactly, unknown
@@ -13,6 +14,7 @@ from fenics_rom.scene.contact import Contact, ObstacleMotion
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import Effects, RigidBase, Viscoelasticity
 from fenics_rom.scene.environment import guides_of, obstacle_of
+from fenics_rom.scene.fibres import HOLZAPFEL, QUADRATIC, Directions
 from fenics_rom.scene.file_format import LoadEntry, SceneFile
 from fenics_rom.scene.outputs import check_output
 from fenics_rom.scene.places import Patch, given_piece
@@ -42,6 +44,7 @@ def check_consistency(file: SceneFile) -> None:
         raise SceneError("materials: at least one [materials.NAME] is needed")
     if file.mesh.integration == "selective":
         _check_selective(file)
+    _check_fibres(file)
     check_order(file.reduction.order, file.contacts, "reduction.order")
     if file.reduction.share != Reduction.share and file.reduction.method != "eigenvector-selection":
         raise SceneError("reduction.share: goes with method = 'eigenvector-selection'")
@@ -89,6 +92,40 @@ def _check_selective(file: SceneFile) -> None:
             raise SceneError(
                 f"mesh.integration = 'selective': poisson = {exactly(material.poisson)} of {name}: allowed is > 0"
             )
+
+
+def _check_fibres(file: SceneFile) -> None:
+    """Checks directions of fibres, and that their law goes with the effects."""
+    materials = {"material": file.material} if file.materials is None else file.materials
+    given: dict[str, Directions] = {f"effects.membranes.{name}": each for name, each in file.effects.membranes.items()}
+    for name, material in materials.items():
+        fibres = None if material is None else material.fibres
+        if fibres is None:
+            continue
+        where = "material.fibres" if file.materials is None else f"materials.{name}.fibres"
+        given[where] = fibres
+        for key in ("stiffening", "dispersion") if fibres.law != HOLZAPFEL else ():
+            if getattr(fibres, key):
+                raise SceneError(f"{where}.{key}: goes with law = {HOLZAPFEL!r}")
+        if fibres.law == HOLZAPFEL and file.effects.large_deformation is None:
+            raise SceneError(
+                f"{where}.law = {HOLZAPFEL!r}: its fibres only pull, which is not linear; allowed is {QUADRATIC!r}, or "
+                "effects.large_deformation"
+            )
+    for where, directed in given.items():
+        vectors = {f"{where}.directions[{k}]": each for k, each in enumerate(directed.directions or ())}
+        if directed.helix is not None:
+            vectors[f"{where}.helix.axis"] = directed.helix.axis
+        for key, vector in vectors.items():
+            if not any(vector):
+                raise SceneError(f"{key}: allowed is any but zero")
+        for key in ("directions", "data"):
+            if len(getattr(directed, key, None) or ()) > 2:
+                raise SceneError(f"{where}.{key}: allowed are one or two families")
+    for name, cable in file.effects.cables.items():
+        for k, (one, other) in enumerate(pairwise(cable.points)):
+            if one == other:
+                raise SceneError(f"effects.cables.{name}.points[{k + 1}]: is the point before it")
 
 
 def check_choices(part: Any, where: str) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.contact import Contact, Friction
+from fenics_rom.scene.fibres import Cable, Membrane
 from fenics_rom.scene.large_deformation import LargeDeformation
 from fenics_rom.scene.law import Law
 from fenics_rom.scene.places import PIECES, Place
@@ -293,6 +294,8 @@ class Effects:
     damping: Damping | None = None
     viscoelasticity: Viscoelasticity | None = None
     springs: Mapping[Name, Spring] = field(default_factory=dict)
+    membranes: Mapping[Name, Membrane] = field(default_factory=dict)
+    cables: Mapping[Name, Cable] = field(default_factory=dict)
     point_masses: Mapping[Name, PointMass] = field(default_factory=dict)
     rigid_parts: Mapping[Name, RigidPart] = field(default_factory=dict)
     gravity: Gravity | None = None

@@ -77,6 +77,7 @@ def read_arrays(file: str) -> dict[str, Any]:
         dimensions, tags, names: of the physical groups of triangles (2) or tetrahedra (3), of VTK of the values of each
             array of whole numbers; empty names where there are none. Group k has `group{k}`: node tags of the corners
             of its triangles, one after the other, or numbers of its cells.
+        vectors: of VTK, names of cell data of three numbers; those of array k are `vector{k}`, (3 C,).
     """
     return _read_vtk(file) if program_of(Path(file)) == "VTK" else _read_gmsh(file)
 
@@ -153,9 +154,13 @@ def _read_vtk(file: str) -> dict[str, Any]:
     second = corners(np.flatnonzero(kinds == 24), 10)
     solid = [int(kind) for kind in np.unique(kinds) if vtkCellTypes.GetDimension(int(kind)) == 3]
     groups: list[tuple[int, int]] = []
-    members = {}
+    members: dict[str, Any] = {}
+    vectors: list[str] = []
     for k in range(grid.GetCellData().GetNumberOfArrays()):
         array = grid.GetCellData().GetArray(k)
+        if array is not None and array.GetNumberOfComponents() == 3:
+            members[f"vector{len(vectors)}"] = vtk_to_numpy(array)[tetrahedra].astype(float).ravel()
+            vectors.append(array.GetName() or "")
         if array is None or array.GetNumberOfComponents() != 1 or array.GetDataTypeAsString() in ("float", "double"):
             continue
         values = vtk_to_numpy(array)
@@ -174,6 +179,7 @@ def _read_vtk(file: str) -> dict[str, Any]:
         "dimensions": np.array([dimension for dimension, _ in groups], dtype=int),
         "tags": np.array([tag for _, tag in groups], dtype=int),
         "names": np.array([""] * len(groups), dtype=str),
+        "vectors": np.array(vectors, dtype=str),
     }
 
 

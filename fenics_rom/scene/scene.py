@@ -17,6 +17,7 @@ from fenics_rom.mechanics.readings import READING_UNITS
 from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.scene.effects import Effects
 from fenics_rom.scene.environment import as_text, environment_of
+from fenics_rom.scene.fibres import FibreMaterial
 from fenics_rom.scene.outputs import Output, OutputEntry
 from fenics_rom.scene.places import PIECES, CellPlace, Held, Patch, Place, given_piece, only_name
 from fenics_rom.scene.values import Items, Number, OneOrByName, Point, Text
@@ -37,11 +38,12 @@ CUBATURE = Number(at_least=1e-6, below=1.0)
 
 @dataclass(frozen=True)
 class Elasticity:
-    """Isotropic linear elastic material."""
+    """Isotropic linear elastic material, and fibres in it."""
 
     young: Annotated[float, Number(above=0.0, unit="Pa"), "Young's modulus"]
     poisson: Annotated[float, Number(above=-1.0, below=0.5), "Poisson's ratio"]
     density: Annotated[float, Number(above=0.0, unit="kg/m3"), "mass per volume at rest"]
+    fibres: Annotated[FibreMaterial | None, "what it is reinforced by"] = None
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ import numpy as np
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
+from fenics_rom.mechanics.point_material import PointMaterial
+
 Value = TypeVar("Value")
 NO_DOFS = np.empty(0, dtype=int)
 DENSE_SHARE = 3  # beyond a third of all eigenpairs, LAPACK on whole matrices is the better eigensolver
@@ -82,6 +84,7 @@ class Deformation(Protocol):
         law: of the material, as `hyperelastic` has them.
         weights: volumes that the quadrature points of this rank stand for, (P here,), m³.
         first_lame, shear: λ and μ there, (P here,), Pa.
+        material: of all that: a law, λ and μ, and fibres.
         viscosity: β there, (P here,), s: of the stress β (λ tr(Ė) I + 2μ Ė).
         spring: K_s of springs to ground, N/m; None: no springs, or a moving frame has them.
         external_damping: D_c, damping that does not strain: α M and dashpots, N s/m, these unless a moving frame has
@@ -92,6 +95,7 @@ class Deformation(Protocol):
     weights: Array
     first_lame: Array
     shear: Array
+    material: PointMaterial
     viscosity: Array
     spring: Operator | None
     external_damping: Operator | None

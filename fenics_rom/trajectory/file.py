@@ -1,6 +1,6 @@
 """The run file: one HDF5 file, the same for full and reduced runs.
 
-Format 2.7. The first 512 bytes are a user block with the SHA-256 of the rest (see io/hdf5.py).
+Format 2.8. The first 512 bytes are a user block with the SHA-256 of the rest (see io/hdf5.py).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "run",
 software, name, model ("full" or "reduced"), contacts, warnings, effects (one a line each), stepping (how a step was
 taken and why, where there was a choice). Every dataset has an attribute `unit`. Sizes: S instants (steps + 1), s whole

@@ -64,7 +64,7 @@ MUTATIONS = [
     ("world/rigid.py", "τ_given = τ_given + couple", "pass"),
     ("world/step_pairs.py", "[joint.are_forces].sum(axis=0)", ".sum(axis=0)"),
     ("runtime/steppers/contact_midpoint.py", "self._r += self._Sᵀ.dot(impulses.ravel())", "pass"),
-    ("mechanics/hyperelastic.py", "side * 2 * defect / square", "side * defect / square"),
+    ("mechanics/point_material.py", "side * 2 * defect / square", "side * defect / square"),
     ("rom/midpoint_map.py", "S = mode.damping_root, 2 / h + (h", "S = mode.damping_root, 1 / h + (h"),
     ("rom/midpoint_map.py", "(h / 2 + stiffening_time)", "(h + stiffening_time)"),
     ("rom/midpoint_map.py", "2 / h + (h / 2 + stiffening_time)", "2 / h - (h / 2 + stiffening_time)"),

@@ -112,7 +112,9 @@ def test_table_of_effects_is_sound():
 
 def test_all_effects_are_read_with_their_defaults():
     knob = '[effects.point_masses.knob]\nsurface = "right"\nmass = 0.2\n'
-    knob += '[effects.rigid_parts.nail]\nsurface = "right"\nmass = 0.2\ncenter = [1.1, 0, 0]'
+    knob += '[effects.rigid_parts.nail]\nsurface = "right"\nmass = 0.2\ncenter = [1.1, 0, 0]\n'
+    knob += '[effects.membranes.sheet]\nsurface = "right"\nstiffness = 10.0\npoisson = 0.3\n'
+    knob += "[effects.cables.wire]\nstiffness = 1.0\npoints = [[0, 0, 0], [1, 0, 0]]"
     effects = parse(f"{ALL}\n{knob}\n[effects.large_deformation]").effects
     others = ("tendon_friction", "base_path", "viscoelasticity", "driven_support")  # the first three do not go with all
     assert effects.names == tuple(name for name in EFFECTS if name not in others)
@@ -177,7 +179,7 @@ QUAKE = 'table = "quake.csv"'
 PUSH = "[effects.prescribed.push]\n"
 SPHERE = '[effects.contact.obstacles.ball]\nshape = "sphere"\n'
 MISTAKES = {
-    "wind = {}": "effects: no key 'wind'; there is base_motion, base_path, contact, damping",
+    "wind = {}": "effects: no key 'wind'; there is base_motion, base_path, cables, contact, damping",
     f"{INERTIA}friction = {{ coefficient = 0.5 }}": (
         "effects.friction: means nothing without contact; name effects.contact as well"
     ),
@@ -365,7 +367,7 @@ def test_run_among_obstacles_is_read_to_the_last_bit(rom, tmp_path):
     back = fr.read_trajectory(tmp_path / "run.h5")
     assert same(back, run)
     others = {"base_path", "large_deformation", "tendon_friction", "point_masses", "rigid_parts", "viscoelasticity"}
-    others |= {"driven_support"}
+    others |= {"driven_support", "membranes", "cables"}
     assert set(back.effects) == set(EFFECTS) - others
     assert list(back.forces) == ["floor", "ball"]
     assert list(back.contact_account) == ["obstacles", "contact", "friction"]

@@ -1,6 +1,5 @@
 """Large deformation of an assembled system, as the reduction and `simulate` see it."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
@@ -9,11 +8,11 @@ import numpy as np
 import scipy.sparse
 from numpy import ndarray as Array
 
+from fenics_rom.fem.fibres import point_material, quadrature_points
 from fenics_rom.fem.finite_strain.carried_stepper import CarriedFiniteStrainStepper
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, PressureLoad, RigidBar, SupportPush, TendonPull
 from fenics_rom.fem.finite_strain.free_stepper import FreeFiniteStrainStepper
 from fenics_rom.fem.finite_strain.model import FiniteStrainModel
-from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, HyperelasticMaterial
 from fenics_rom.fem.nodes import Nodes, shape_functions
@@ -38,6 +37,7 @@ class FullOrderDeformation:
     weights = property(attrgetter("model.points.weights"))
     first_lame = property(attrgetter("model.material.first_lame"))
     shear = property(attrgetter("model.material.shear"))
+    material = property(attrgetter("model.material"))
     viscosity = property(attrgetter("model.material.viscosity"))
     spring = property(lambda self: self.model.spring if self.system.moving_frame is None else None)
     external_damping = property(
@@ -117,19 +117,22 @@ class FullOrderDeformation:
 def assemble_deformation(
     system: System,
     nodes: Nodes,
-    cell_properties: Callable[[Array], tuple[Array, Array, Array]],
+    moduli: Array,
+    viscosity: Array,
     external_damping: PetscMatrix | None,
     spring: PetscMatrix | None,
     inner_damping: PetscMatrix | None,
 ) -> FullOrderDeformation:
-    """The deformation of a system whose scene names it: λ, μ (Pa) and β (s) of cells, D_c (N s/m) and K_s (N/m)."""
+    """The deformation of a system whose scene names it.
+
+    λ and μ (C, 2), Pa, and β (C,), s, are of the cells of the mesh file; D_c (N s/m) and K_s (N/m) of the body.
+    """
     scene = system.scene
     assert scene is not None
     assert scene.effects.large_deformation is not None
-    selective = scene.integration == "selective"
-    points = QuadraturePoints(nodes, scene.degree, system.algebra.comm, selective)  # type: ignore[attr-defined]
-    λ, μ, β = (points.of_cells(values) for values in cell_properties(points.cells))
-    material = HyperelasticMaterial(scene.effects.large_deformation.law, *points.shared_moduli(λ, μ), β)
+    points = quadrature_points(scene, nodes, system.algebra.comm)  # type: ignore[attr-defined]
+    β = points.of_cells(viscosity[points.cells])
+    material = HyperelasticMaterial(**vars(point_material(scene, nodes, points, moduli)), viscosity=β)
     mass: PetscMatrix = system.mass  # type: ignore[assignment]
     matrices, followers = (mass, external_damping, spring), _follower_loads(scene, nodes)
     body = system.body.unknowns, system.algebra

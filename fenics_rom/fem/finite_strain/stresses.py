@@ -9,55 +9,25 @@ Where the material relaxes, S has that of its branches, too (mechanics/viscoelas
 C₀ (history + stiffening time ΔE/h). In equilibrium P = F S(E).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import (
-    discrete_gradient_slopes,
-    discrete_gradient_stress,
-    energy_density,
-    linear_stress,
-    moduli,
-    strain,
-    strain_rate,
-    stress,
-)
+from fenics_rom.mechanics.hyperelastic import strain, strain_rate
+from fenics_rom.mechanics.point_material import PointMaterial
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.mechanics.voigt import VOIGT_INDEX
 
 IDENTITY = np.eye(3)[:, :, None]
 
 
-@dataclass(frozen=True)
-class HyperelasticMaterial:
-    """The hyperelastic material of points: a law as `hyperelastic` has them, λ and μ (P,), Pa, and β (P,), s."""
+@dataclass(frozen=True, eq=False)
+class HyperelasticMaterial(PointMaterial):
+    """What points are made of, with their viscosity β (P,), s."""
 
-    law: str
-    first_lame: Array
-    shear: Array
-    viscosity: Array
-
-    def energy_density(self, E: Array) -> Array:
-        """W (P,), J/m³."""
-        return energy_density(self.law, E, self.first_lame, self.shear)
-
-    def linear_stress(self, E: Array) -> Array:
-        """C₀E (6, P), Pa, of small strains."""
-        return linear_stress(E, self.first_lame, self.shear)
-
-    @cached_property
-    def linear_moduli(self) -> Array:
-        """(6, 6, P), Pa, of small strains."""
-        return moduli("st_venant_kirchhoff", np.zeros((6, len(self.shear))), self.first_lame, self.shear)
-
-    def moduli(self, E: Array) -> Array:
-        """∂S/∂E (6, 6, P), Pa."""
-        if self.law == "st_venant_kirchhoff":
-            return self.linear_moduli
-        return moduli(self.law, E, self.first_lame, self.shear)
+    viscosity: Array = field(kw_only=True)
 
 
 class Stresses:
@@ -113,7 +83,7 @@ class MidpointStresses(Stresses):
         self._material, self._h = material, h
         self.F, self.F_end = IDENTITY + (H + H_end) / 2, IDENTITY + H_end
         self.E, self.E_end, self._W = E, strain(H_end), W
-        elastic = discrete_gradient_stress(material.law, E, self.E_end, material.first_lame, material.shear, W)
+        elastic = material.discrete_gradient_stress(E, self.E_end, W)
         Ė = (self.E_end - E) / h
         self.rate = np.stack([Ė, material.linear_stress(Ė)])
         self._viscosity = material.viscosity if branches is None else material.viscosity + branches.stiffening_time
@@ -131,9 +101,9 @@ class MidpointStresses(Stresses):
         """As in Stresses."""
         m = self._material
         viscous = self._viscosity / self._h * m.linear_moduli
-        if m.law == "st_venant_kirchhoff":
+        if m.is_quadratic:
             return m.linear_moduli / 2 + viscous
-        return viscous + next(discrete_gradient_slopes(m.law, self.E, self.E_end, m.first_lame, m.shear, self._W))
+        return viscous + next(m.discrete_gradient_slopes(self.E, self.E_end, self._W))
 
 
 class EquilibriumStresses(Stresses):
@@ -145,7 +115,7 @@ class EquilibriumStresses(Stresses):
         self._material = material
         self.F = self.F_end = IDENTITY + H
         self.E = strain(H)
-        self.S = stress(material.law, self.E, material.first_lame, material.shear)
+        self.S = material.stress(self.E)
 
     @cached_property
     def moduli(self) -> Array:

@@ -137,6 +137,12 @@ class TangentMatrix:
             blocks[cells] = _cell_blocks(here, F[:, :, points], weights[points] * D[:, :, points])
             if S is not None:
                 blocks[cells] += _stress_blocks(here, weights[points] * S[:, points])
+        if len(self._points.embedded_in):
+            points, here = slice(C * Q, None), self._points.embedded_gradients[:, None]
+            of_points = _cell_blocks(here, F[:, :, points], weights[points] * D[:, :, points])
+            if S is not None:
+                of_points += _stress_blocks(here, weights[points] * S[:, points])
+            np.add.at(blocks, self._points.embedded_in, of_points)
         sums = (self._sum_cells @ blocks[self._both_free].reshape(-1, 9)).reshape(-1, 3, 3)
         bsr = sums, self._columns, self._row_starts
         total = scipy.sparse.bsr_matrix(bsr, shape=(self._size, self._size)).tocsr()

@@ -13,7 +13,7 @@ import scipy.linalg
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError
-from fenics_rom.mechanics.hyperelastic import linear_stress, small_strain, strain, stress
+from fenics_rom.mechanics.hyperelastic import small_strain, strain
 from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.system.protocols import Algebra, Deformation
 
@@ -107,17 +107,16 @@ class _ForceRows:
     def _block(self, here: slice) -> Array:
         """Columns of G (rows, points)."""
         body, G = self._body, self._gradients[:, :, here]
-        λ, μ, w = body.first_lame[here], body.shear[here], body.weights[here]
+        material, w = body.material.at(here), body.weights[here]
         root = 1 / np.sqrt(self._γ)
         blocks = []
         for q, scale, inverse_root in zip(self._states.T, self._scales, self._roots, strict=False):
             H = G @ q
-            S = stress(body.law, strain(H), λ, μ)
+            S = material.stress(strain(H))
             P = np.einsum("ikp,kjp->ijp", H + np.eye(3)[:, :, None], S[VOIGT_INDEX])
             blocks.append(scale * inverse_root @ (w * np.einsum("ijp,ijpm->mp", P, G, optimize=True)))
         left, right = (small_strain(G @ (root[:, None] * probes)) for probes in (self._left, self._right))
-        stressed = np.stack([linear_stress(column, λ, μ) for column in left.transpose(2, 0, 1)])
-        stiffness = np.einsum("kcp,cpk->kp", stressed, right) * w
+        stiffness = np.einsum("cpk,cpk->kp", material.linear_stress(left), right) * w
         return np.vstack([*blocks, self._scales[-1] * stiffness])
 
     def _inverse_root(self, q: Array) -> Array:
@@ -126,9 +125,9 @@ class _ForceRows:
         for here in self._blocks():
             G, w = self._gradients[:, :, here], body.weights[here]
             F = G @ q + np.eye(3)[:, :, None]
-            A = small_strain(np.einsum("kip,kjpm->ijmp", F, G, optimize=True))
-            stressed = w * linear_stress(A, body.first_lame[here], body.shear[here])
-            K += self._algebra.inner(*(of.transpose(0, 2, 1).reshape(-1, m) for of in (A, stressed)))
+            A = small_strain(np.einsum("kip,kjpm->ijpm", F, G, optimize=True))
+            stressed = w[:, None] * body.material.at(here).linear_stress(A)
+            K += self._algebra.inner(*(of.reshape(-1, m) for of in (A, stressed)))
         λ, E = np.linalg.eigh((K + K.T) / 2)
         some = λ > len(λ) * np.finfo(float).eps * λ[-1]
         root: Array = E[:, some] / np.sqrt(λ[some]) @ E[:, some].T

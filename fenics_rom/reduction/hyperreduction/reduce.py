@@ -8,6 +8,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.fibres import Fibres
 from fenics_rom.mechanics.hyperelastic import principal_stretches
 from fenics_rom.mechanics.isochoric import isochoric_terms
 from fenics_rom.mechanics.rubber_tests import check_stable
@@ -200,6 +201,7 @@ def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, 
         return (matrix + matrix.T) / 2
 
     here = sampled.points
+    first, families = algebra.row_offset(len(here)), body.material.at(here).fibres
     return ReducedDeformation(
         law=body.law,
         gradients=gathered(gradients[:, :, here].transpose(2, 0, 1, 3)).transpose(1, 2, 0, 3),
@@ -216,6 +218,16 @@ def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, 
         tendons=tendons,
         bars=bars,
         rims=rims,
+        fibres=tuple(
+            Fibres(
+                family.law,
+                gathered(first + family.points),
+                gathered(family.structure.T).T,
+                gathered(family.modulus),
+                gathered(family.stiffening),
+            )
+            for family in families
+        ),
     )
 
 

@@ -26,9 +26,9 @@ Known: TypeAlias = StrainsCarried | SampledPoints  # by these steps
 
 
 def is_known(law: object, body: ReducedDeformation) -> TypeGuard[Known]:
-    """Whether loops know what resists the shape of a body."""
+    """Whether loops know what resists the shape of a body: none know fibres."""
     has_tables = isinstance(law, StrainsCarried) and isinstance(law.strains, MonomialStrains)
-    return body.law in LAWS and (has_tables or isinstance(law, SampledPoints))
+    return body.law in LAWS and not body.fibres and (has_tables or isinstance(law, SampledPoints))
 
 
 def handed_on(velocity: Array, carried: Array, numbers: Array) -> Carried:

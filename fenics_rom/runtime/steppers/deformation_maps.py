@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import linear_stress, strain, strain_rate, stress, stress_change
+from fenics_rom.mechanics.hyperelastic import strain, strain_rate
 from fenics_rom.rom.carried_strains import MonomialStrains, PointStrains
 from fenics_rom.rom.deformation import ReducedDeformation
 
@@ -83,21 +83,21 @@ class StrainsMaps(NamedTuple):
         """At q."""
         body, H = self.body, self.body.displacement_gradients(q)
         E = strain(H)
-        return Material(H, E, body.weights * stress(body.law, E, body.first_lame, body.shear), False)
+        return Material(H, E, body.weights * body.material.stress(E), False)
 
     def stiffened(self, at: Material, w: Array) -> Array:
         """(AᵀDA + G(S)) w (m,), D = ∂S/∂E."""
         body, dH = self.body, self.body.displacement_gradients(w)
         dE = strain_rate(at.H + UNIT, dH)
-        dS = stress_change(body.law, at.E, dE, body.first_lame, body.shear)
+        dS = body.material.stress_change(at.E, dE)
         if at.is_beyond:
-            dS -= linear_stress(dE, body.first_lame, body.shear)
+            dS -= body.material.linear_stress(dE)
         return body.resultant(at.H, body.weights * dS) + body.resultant(dH - UNIT, at.S)
 
     def left(self, q: Array) -> tuple[float, Array, Material]:
         """Energy at q that is not ½ E:C₀E, J, ∂/∂q of it (m,), and the points without C₀."""
         body, at = self.body, self.material(q)
-        S_linear = body.weights * linear_stress(at.E, body.first_lame, body.shear)
+        S_linear = body.weights * body.material.linear_stress(at.E)
         left, S = float(body.elastic_energy(at.E) - (S_linear * at.E).sum() / 2), at.S - S_linear
         return left, body.resultant(at.H, S), at._replace(S=S, is_beyond=True)
 

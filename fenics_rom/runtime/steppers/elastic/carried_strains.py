@@ -64,7 +64,7 @@ class StrainsCarried(ElasticLaw):
 
     def __init__(self, body: ReducedDeformation, stiffest: float, branches: MaxwellBranches | None = None):
         self._body, self.branches, self.steepest = body, branches, STEEPEST_FREQUENCY * stiffest
-        self.points = None if body.law == "st_venant_kirchhoff" else MaterialPoints(body)
+        self.points = None if body.material.is_quadratic else MaterialPoints(body)
         self.strains, m = carried_strains(body), body.order
         self._springs, self._is_expected = body.springs if body.springs.any() else None, False
         self._next: Ahead | None = None  # None: not known

@@ -10,14 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import (
-    discrete_gradient_slopes,
-    discrete_gradient_stress,
-    energy_density,
-    linear_stress,
-    moduli,
-    strain,
-)
+from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.viscoelasticity import BranchesAdjoint, MaxwellBranches
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.runtime.steppers.adjoint import NONE
@@ -114,7 +107,7 @@ class SampledPoints(ElasticLaw):
         """Begins a step from q (m,), without finding anything at a velocity."""
         body, self._q = self._body, q.copy()
         self._E, self._found_at = body.strains(self._q), np.empty(0)
-        self._W = energy_density(body.law, self._E, body.first_lame, body.shear)
+        self._W = body.material.energy_density(self._E)
         self._history, self._relaxation = 0.0, 0.0
         if self.branches is not None:
             self._history, self._relaxation = self.branches.pull[1].reshape(6, -1), self.branches.stiffening_time
@@ -125,8 +118,8 @@ class SampledPoints(ElasticLaw):
         middle = self._q + h / 2 * v
         H, after = body.displacement_gradients(middle), body.strains(self._q + h * v)
         rates = (after - E) / h
-        linear = body.weights * linear_stress(rates, body.first_lame, body.shear)
-        S = body.weights * discrete_gradient_stress(body.law, E, after, body.first_lame, body.shear, self._W)
+        linear = body.weights * body.material.linear_stress(rates)
+        S = body.weights * body.material.discrete_gradient_stress(E, after, self._W)
         S += (body.viscosity + self._relaxation) * linear + self._history
         self._found, self._found_at = Found(H, after, rates, linear, S), v.copy()
         self._force: Array = body.resultant(H, S) + body.springs.dot(middle) + body.external_damping.dot(v)
@@ -138,15 +131,15 @@ class SampledPoints(ElasticLaw):
         The first is symmetric, definite and near it unless it is to be exact.
         """
         body, h, (H, after, _, _, S) = self._body, self._h, self._found
-        steady, moduli_of = body.external_damping + h / 2 * body.springs, (body.first_lame, body.shear)
-        viscous = (body.viscosity + self._relaxation) * moduli("st_venant_kirchhoff", after, *moduli_of)
+        steady, material = body.external_damping + h / 2 * body.springs, body.material
+        viscous = (body.viscosity + self._relaxation) * material.linear_moduli
         A = body.strain_rates(H)
         if is_exact:
-            of_end = next(discrete_gradient_slopes(body.law, self._E, after, *moduli_of))
+            of_end = next(material.discrete_gradient_slopes(self._E, after))
             A_end = body.strain_rates(body.displacement_gradients(self._q + h * v))
             strained = _between(A, body.weights * (h * of_end + viscous), A_end)
         else:
-            mean = h / 2 * moduli(body.law, (self._E + after) / 2, *moduli_of)
+            mean = h / 2 * material.moduli((self._E + after) / 2)
             strained = _between(A, body.weights * (mean + viscous), A)
         return steady + strained, h / 2 * body.geometric(S)
 
@@ -167,7 +160,7 @@ class SampledPoints(ElasticLaw):
         """As in ElasticLaw."""
         if not np.array_equal(v, self._found_at):  # it was corrected after the last force
             rates = (self._body.strains(after) - self._E) / self._h
-            linear = self._body.weights * linear_stress(rates, self._body.first_lame, self._body.shear)
+            linear = self._body.weights * self._body.material.linear_stress(rates)
             self._found = self._found._replace(rates=rates, linear=linear)
         self._q_before, self._q = self._q, after
         self.velocity = v
@@ -216,15 +209,15 @@ class SampledAdjoint(NamedTuple):
         """With the slopes of f̂."""
         m, relaxation = len(q), 0.0 if branches is None else branches.stiffening_time
         H, H_start, H_end = (body.displacement_gradients(at) for at in (q + h / 2 * v, q, q + h * v))
-        E, E_end, moduli_of = strain(H_start), strain(H_end), (body.first_lame, body.shear)
+        E, E_end, material = strain(H_start), strain(H_end), body.material
         viscosity = body.viscosity + relaxation
-        viscous = viscosity / h * moduli("st_venant_kirchhoff", E, *moduli_of)
-        S = discrete_gradient_stress(body.law, E, E_end, *moduli_of)
-        S = body.weights * (S + viscosity * linear_stress((E_end - E) / h, *moduli_of))
+        viscous = viscosity / h * material.linear_moduli
+        S = material.discrete_gradient_stress(E, E_end)
+        S = body.weights * (S + viscosity * material.linear_stress((E_end - E) / h))
         if branches is not None:
             S = S + branches.pull[1].reshape(6, -1)
         A, A_start, A_end = (body.strain_rates(at).reshape(-1, m) for at in (H, H_start, H_end))
-        of_end, of_start = discrete_gradient_slopes(body.law, E, E_end, *moduli_of)
+        of_end, of_start = material.discrete_gradient_slopes(E, E_end)
         by_start, by_end = (
             A.T @ np.einsum("cdp,dpk->cpk", body.weights * slope, at.reshape(6, -1, m)).reshape(-1, m)
             for slope, at in ((of_start - viscous, A_start), (of_end + viscous, A_end))
@@ -242,7 +235,7 @@ class SampledAdjoint(NamedTuple):
             return LawOwed(end, 0 * end, 0 * end, NONE)
         body, (by_start, by_end) = self.body, self.rates
         w_, (of_strain, of_stress) = self.branches.after(carried, energy)
-        of_stress = body.weights * linear_stress(of_stress.reshape(6, -1), body.first_lame, body.shear)
+        of_stress = body.weights * body.material.linear_stress(of_stress.reshape(6, -1))
         rates_ = (of_strain + of_stress.ravel()) / self.h
         return LawOwed(end + rates_ @ by_end, -rates_ @ by_start, 0 * end, w_)
 

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import stress_change
 from fenics_rom.mechanics.viscoelasticity import BranchesAdjoint
 from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.definite import is_definite
@@ -181,7 +180,7 @@ class StrainsAdjoint(NamedTuple):
             return np.zeros(strains.size), middle_
         if at is not None:
             of_strains = h / 2 * body.geometric_back(N)
-            dS = stress_change(body.law, at.E, of_strains, body.first_lame, body.shear)  # D is symmetric
+            dS = body.material.stress_change(at.E, of_strains)  # D is symmetric
             middle_ = middle_ + body.resultant(at.H, body.weights * dS)
         return h / 2 * strains.geometric_back(N), middle_
 
