@@ -99,7 +99,6 @@ export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}" # the ranks of mpirun would fight
 export OMPI_MCA_btl=^tcp # one machine needs no network, and containers make Open MPI complain about theirs
 # More ranks than cores, in the words of Open MPI 4 and 5.
 export OMPI_MCA_rmaps_base_oversubscribe=1 PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe
-export OMPI_MCA_mpi_yield_when_idle=1 # and then a rank that waits gives way: Open MPI 5 spins, ten times slower
 export OMPI_MCA_ess_singleton_isolated=1 # one rank needs no server, whose start takes half a second of each command
 if [ $EUID -eq 0 ]; then
   export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1

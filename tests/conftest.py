@@ -1,4 +1,4 @@
-"""The option --slow; models that many tests read and none changes, assembled once."""
+"""The options --all and --short; models that many tests read and none changes, assembled once."""
 
 import gc
 import warnings
@@ -16,10 +16,12 @@ from fenics_rom.scene.file import parse_scene
 settings.register_profile("any machine", suppress_health_check=[HealthCheck.too_slow])  # one that is busy, too
 settings.load_profile("any machine")
 pytest.MonkeyPatch.setattr = stand_ins.watch(pytest.MonkeyPatch.setattr)
+LAWS = ("mechanics", "runtime", "world")  # folders of tests whose cases differ in numbers and bodies, not in libraries
 
 
 def pytest_addoption(parser):
-    parser.addoption("--slow", action="store_true", help="run the slow tests, too")
+    parser.addoption("--all", action="store_true", help="run the slow tests, too")
+    parser.addoption("--short", action="store_true", help=f"of each test in {', '.join(LAWS)}, run the last case alone")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -33,11 +35,21 @@ def pytest_collection(session):
     return collected
 
 
+def _test_of(item):
+    """Its name without the case."""
+    return item.nodeid.partition("[")[0]
+
+
 def pytest_collection_modifyitems(config, items):
-    slow, count = [item for item in items if item.get_closest_marker("slow")], Counter(item.path for item in items)
-    if not config.getoption("--slow"):
+    slow, count = {item for item in items if item.get_closest_marker("slow")}, Counter(item.path for item in items)
+    if not config.getoption("--all"):
         for item in slow:
-            item.add_marker(pytest.mark.skip(reason="slow: run with --slow"))
+            item.add_marker(pytest.mark.skip(reason="slow: run with --all"))
+    if config.getoption("--short"):
+        last = {_test_of(item): item for item in items if item not in slow}
+        left_out = {item for item in items if item.path.parent.name in LAWS and item is not last.get(_test_of(item))}
+        items[:] = [item for item in items if item not in left_out]
+        config.hook.pytest_deselected(items=list(left_out))
     # Files that take long or compile, and then those of many tests: at the end no core is to wait long for another one.
     long = {item.path for item in slow} | {path for path in count if path.name.startswith("test_compil")}
     items.sort(key=lambda item: (item.path not in long, -count[item.path]))

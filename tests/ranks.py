@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+# A rank that waits gives way, or Open MPI 5 is ten times slower where ranks are more than cores. A process that is
+# alone is not to: it would lose its core at each look for messages, of which MUMPS has thousands.
+MPIRUN = ("mpirun", "-x", "OMPI_MCA_mpi_yield_when_idle=1", "-n")
 PATIENCE = 900  # s; many times what any of them takes, for machines that do other work as well
 _SIMULATE = """import sys
 from fenics_rom.cli.main import main
@@ -31,7 +34,7 @@ def run_ranks(ranks, *words, cwd=None, path=None, patience=PATIENCE):
     One rank needs no launcher. Ranks that do not end are sent SIGABRT, at which each prints its traceback.
     """
     environment = os.environ | {"PYTHONFAULTHANDLER": "1"} | ({} if path is None else {"PYTHONPATH": str(path)})
-    command = [*(["mpirun", "-n", str(ranks)] if ranks > 1 else []), sys.executable, *map(str, words)]
+    command = [*((*MPIRUN, str(ranks)) if ranks > 1 else ()), sys.executable, *map(str, words)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, cwd=cwd, env=environment, text=True, stdout=pipe, stderr=pipe) as run:
         try:

@@ -1,7 +1,6 @@
 #!/bin/bash
-# bash tests/run.sh [--slow | --elsewhere] [PYTEST ARGUMENT ...]: installs what is missing, then runs the tests; without
-# --slow but the slow ones, with --elsewhere but those of demos and most of compiled steps, too. Given other arguments,
-# it runs pytest with them.
+# bash tests/run.sh [--all] [PYTEST ARGUMENT ...]: installs what is missing, then runs the tests; without --all but the
+# slow ones, of the laws a case of each, and of compiled steps some. Given other arguments, it runs pytest with them.
 set -euo pipefail
 cd "$(dirname "$(realpath "$0")")/.."
 
@@ -9,16 +8,14 @@ cd "$(dirname "$(realpath "$0")")/.."
 packages=(chromium) # for the live view's tests
 install_packages
 pytest=(.venv/bin/python -m pytest)
-same=()
-with_numba=(tests/test_compilation.py tests/world/test_compiled_{joints,world}.py tests/mechanics/test_{compiled_contact,contact}.py
-  tests/runtime/test_{compiled_*,batch_contact,clearance,compliance_in_blocks,differentiation_contact,errors,fast_motion}.py
-  tests/runtime/test_{mesh_obstacles,residual_compliance,skin_looks}.py)
-if [ "$*" = --elsewhere ]; then
-  # What is the same on all systems: demos, a third of the time, and which products of effects are refused.
-  same=(--ignore=tests/demos --ignore=tests/test_product_table.py)
-  with_numba=(tests/test_compilation.py tests/mechanics/test_compiled_contact.py tests/runtime/test_compiled_{steps,frames}.py)
-  set --
-elif [ $# -gt 0 ] && [ "$*" != --slow ]; then
+with_numba=(tests/test_compilation.py tests/mechanics/test_compiled_contact.py tests/runtime/test_compiled_{steps,frames}.py)
+if [ $# -eq 0 ]; then
+  set -- --short
+elif [ "$*" = --all ]; then
+  with_numba=(tests/test_compilation.py tests/world/test_compiled_{joints,world}.py tests/mechanics/test_{compiled_contact,contact}.py
+    tests/runtime/test_{compiled_*,batch_contact,clearance,compliance_in_blocks,differentiation_contact,errors,fast_motion}.py
+    tests/runtime/test_{mesh_obstacles,residual_compliance,skin_looks}.py)
+else
   exec "${pytest[@]}" "$@"
 fi
 unset PYTHONDONTWRITEBYTECODE # some hundred times Python is started, and would compile the package each time
@@ -40,7 +37,7 @@ part() { # NAME PYTEST ARGUMENT ...
 # A file's tests on one core, in the order of tests/conftest.py.
 by_file=(--dist loadfile --no-loadscope-reorder --maxprocesses 4 --numprocesses)
 export FENICS_ROM_COMPILED=0 # NumPy is the reference; what runs compiled is held to it below
-part "on all cores" "$@" "${same[@]}" --ignore=tests/test_compilation.py -m "not (alone or ranks)" "${by_file[@]}" auto
+part "on all cores" "$@" --ignore=tests/test_compilation.py -m "not (alone or ranks)" "${by_file[@]}" auto
 part "ranks" "$@" -m ranks "${ranks[@]}" "${by_file[@]}" 2 # each is one process for most of its time
 part "alone" "$@" -m alone "${alone[@]}" # what goes by the clock
 FENICS_ROM_COMPILED=1 part "compiled" "$@" "${with_numba[@]}" "${by_file[@]}" auto

@@ -8,6 +8,7 @@ from product_table import HEADING, PAGE, line, products, row
 SECTION = PAGE.read_text().partition(HEADING)[2].partition("\n## ")[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("law", "frame"), list(products()))
 def test_row_is_what_the_code_does(law, frame):
     notes = re.findall(r"^\d+\. (.*)$", SECTION, flags=re.M)

@@ -37,6 +37,7 @@ from cylinder import PAPER, mesh
 from fenics_rom.io.markdown import markdown
 
 HERE = Path(__file__).parent
+MPIRUN = ("mpirun", "-x", "OMPI_MCA_mpi_yield_when_idle=1", "-n")  # ranks that wait give way: there may be few cores
 OUT = HERE / "out"
 
 SIZES = {12_000: PAPER, 30_000: 0.55, 100_000: 0.345, 260_000: 0.24, 600_000: 0.176, 1_000_000: 0.146}  # size factors
@@ -129,7 +130,7 @@ def cost(case: Case, out: Path) -> Cost:
         mesh(file, case.factor)
     result = out / "case.json"
     result.unlink(missing_ok=True)
-    command = ["mpirun", "-n", str(case.ranks), sys.executable, str(HERE / "measure.py"), str(file)]
+    command = [*MPIRUN, str(case.ranks), sys.executable, str(HERE / "measure.py"), str(file)]
     command += [str(case.contacts), str(case.order), str(case.runs), str(result)]
     done = subprocess.run(command, capture_output=True, text=True, env={"OMP_NUM_THREADS": "1"} | os.environ)
     if done.returncode:

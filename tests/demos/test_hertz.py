@@ -37,6 +37,7 @@ def test_a_ball_presses_on_a_plane_as_hertz_says(hertz):
         np.testing.assert_allclose(hertz.felt_on_plane(model, depth), [peak, area], rtol=hertz.FELT)
 
 
+@pytest.mark.slow
 def test_two_balls_press_at_order_40_as_in_all_modes(hertz):
     """On a coarse mesh; residual compliance is exact at rest."""
     solids = [hertz.Solid(2e5, 0.015), hertz.Solid(1e5, 0.010)]

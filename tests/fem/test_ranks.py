@@ -85,7 +85,7 @@ SHORT = ("plate", "plate-krylov", "beam", "free-krylov", "run", "effects", "effe
 
 
 def by_length(*names):
-    """A test of these, of those that are not short with --slow alone."""
+    """A test of these, of those that are not short with --all alone."""
     return pytest.mark.parametrize(
         "name", [pytest.param(name, marks=() if name in SHORT else pytest.mark.slow) for name in names]
     )
@@ -120,8 +120,8 @@ def write_scenes(folder):
 
 @pytest.fixture(scope="module")
 def results(request, tmp_path_factory):
-    """Folder of what 1, 2 and, with --slow, 4 ranks made of the same scenes; without, some of it."""
-    folder, slow = tmp_path_factory.mktemp("ranks"), request.config.getoption("--slow")
+    """Folder of what 1, 2 and, with --all, 4 ranks made of the same scenes; without, some of it."""
+    folder, slow = tmp_path_factory.mktemp("ranks"), request.config.getoption("--all")
     write_scenes(folder)
     for ranks in (1, 2, 4) if slow else (1, 2):
         made = folder / str(ranks)

@@ -30,7 +30,7 @@ from fenics_rom.studies.study_results import StudyResults
 
 sys.path.append(str(Path(__file__).parents[1]))
 from bodies import box_arrays, scene_text, write_arrays
-from ranks import children
+from ranks import MPIRUN, children
 
 PROGRAM = [sys.executable, "-m", "fenics_rom"]
 PATIENCE = 100.0  # s for a command, or for ranks to follow one that was killed
@@ -50,7 +50,7 @@ class Command:
 
     def line(self, *more: str) -> list[str]:
         """All words of it."""
-        return [*(["mpirun", "-n", str(self.ranks)] if self.ranks > 1 else []), *PROGRAM, *self.words, *more]
+        return [*((*MPIRUN, str(self.ranks)) if self.ranks > 1 else ()), *PROGRAM, *self.words, *more]
 
 
 COMMANDS = {

@@ -7,13 +7,13 @@ import mutated_scenes
 import numpy as np
 import pytest
 
-COUNTS = {"files": (60, 300), "scenes": (30, 200)}  # of cases; with --slow, which has the others among them
+COUNTS = {"files": (60, 300), "scenes": (30, 200)}  # of cases; with --all, which has the others among them
 
 
 @pytest.mark.parametrize("kind", COUNTS)
 def test_mutated_input_is_refused_or_read_and_used(kind, request):
     """No crash, no hang, no error but those of this package, and nothing that fills the memory."""
-    count = COUNTS[kind][request.config.getoption("--slow")]
+    count = COUNTS[kind][request.config.getoption("--all")]
     outcomes, bad = fuzz.run(kind, count, seed=0)
     assert bad == []
     assert sum(outcomes.values()) == count
