@@ -13,7 +13,7 @@ from fenics_rom.system.backends import register_backend
 from fenics_rom.version import VERSION
 
 __version__ = VERSION
-_STUB = Path(__file__).with_suffix(".pyi").read_text()  # where the names stand once, as in scientific Python's SPEC 1
+_STUB = Path(__file__).with_suffix(".pyi").read_text("utf-8")  # where the names stand once, as in SPEC 1
 MODULE_OF = {
     line.split()[3]: line.split()[1].removeprefix("fenics_rom.")
     for line in _STUB.splitlines()

@@ -35,7 +35,7 @@ def compile_steps(model: Rom | WorldScene | str | PathLike[str]) -> None:
     """
     if not compiled():
         raise MissingPackageError(
-            "nothing is compiled here: pip install 'fenics-rom[fast]', and unset FENICS_ROM_COMPILED"
+            'nothing is compiled here: pip install "fenics-rom[fast]", and unset FENICS_ROM_COMPILED'
         )
     if isinstance(model, str | PathLike) and Path(model).suffix == ".toml":
         model = load("scene.world_file", "read_world")(model)

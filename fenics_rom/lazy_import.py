@@ -5,9 +5,13 @@ from typing import Any
 
 from fenics_rom.errors import MissingPackageError
 
-FENICSX = ("dolfinx", "sudo apt-get install --no-install-recommends python3-dolfinx python3-gmsh libopenblas0")
-SCIPY = ("scipy", "pip install fenics-rom[reduction]")
-PYDANTIC = ("pydantic", "pip install fenics-rom[reduction]")
+FENICSX = (
+    "dolfinx",
+    "on Debian sudo apt-get install --no-install-recommends python3-dolfinx python3-gmsh libopenblas0, "
+    "elsewhere conda install -c conda-forge fenics-dolfinx python-gmsh",
+)
+SCIPY = ("scipy", 'pip install "fenics-rom[offline]"')
+PYDANTIC = ("pydantic", SCIPY[1])
 FROM_PYPI = ("scipy", "pydantic", "tomlkit")  # whatever folder misses them
 PACKAGE_OF_FOLDER = {
     "fem": FENICSX,

@@ -85,7 +85,7 @@ def simulate(
     check_flag("arc_length", arc_length, SceneError)
     if isinstance(model, str | PathLike):
         reader = ("rom.file", "read_rom") if is_rom_file(model) else ("scene.file", "read_scene")
-        if reader[1] == "read_scene" and load("scene.world_file", "is_world_file")(model):
+        if reader[1] == "read_scene" and is_world_file(model):
             reader = ("scene.world_file", "read_world")
         model = load(*reader)(model)
     if isinstance(model, WorldScene):
@@ -131,3 +131,14 @@ def is_rom_file(file: str | PathLike[str]) -> bool:
     from fenics_rom.io.hdf5 import is_sealed  # here, as not everyone reads files
 
     return is_sealed(Path(file)) or Path(file).suffix in (".h5", ".hdf5")
+
+
+def is_world_file(file: str | PathLike[str]) -> bool:
+    """Whether a file is a world's: TOML with bodies."""
+    import tomllib  # here, as not everyone reads files
+
+    try:
+        with Path(file).open("rb") as stream:
+            return "bodies" in tomllib.load(stream)
+    except (OSError, ValueError, RecursionError):
+        return False

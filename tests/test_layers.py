@@ -16,8 +16,9 @@ from fenics_rom.compilation import VARIABLE
 PACKAGE = Path(fenics_rom.__file__).parent
 DATA = Path(__file__).parent / "data"
 RUNTIME = [file.relative_to(PACKAGE).with_suffix("").parts for file in sorted((PACKAGE / "runtime").rglob("*.py"))]
-FENICSX = {"dolfinx", "petsc4py", "slepc4py", "mpi4py", "ufl", "basix", "gmsh", "ffcx", "cffi"}
+FENICSX = {"dolfinx", "dolfinx_solver", "petsc4py", "slepc4py", "mpi4py", "ufl", "basix", "gmsh", "ffcx", "cffi"}
 NOT_IN_THE_RUNTIME = FENICSX | {"scipy", "matplotlib", "rich", "viser", "pyvista", "imageio"}
+NOT_ON_WINDOWS = {"fcntl", "grp", "posix", "pty", "pwd", "resource", "syslog", "termios", "tty"}
 
 # Folders, and files outside any, from the bottom to the top: what each may import of the package, anywhere in a file,
 # and which packages of others. FACE is `import fenics_rom` itself, which loads what is asked for.
@@ -75,10 +76,11 @@ REFUSE = f"""
 import sys
 class Refuse:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {NOT_IN_THE_RUNTIME}:
+        if name.partition(".")[0] in {NOT_IN_THE_RUNTIME | NOT_ON_WINDOWS}:
             raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 sys.meta_path.insert(0, Refuse())
 """
+WITHOUT_PYDANTIC = REFUSE.replace("'scipy'", "'scipy', 'pydantic'")
 
 
 def python(code, *arguments):
@@ -200,21 +202,21 @@ for name in "assemble", "reduce":
     assert relative == "0.0"
     assert assemble.startswith("fenics_rom.assemble needs ")
     assert "apt-get install" in assemble
-    assert reduce == "fenics_rom.reduce needs scipy, which this Python lacks: pip install fenics-rom[reduction]"
+    assert "conda install" in assemble
+    assert reduce == 'fenics_rom.reduce needs scipy, which this Python lacks: pip install "fenics-rom[offline]"'
 
 
 def test_scenes_without_pydantic_say_how_to_get_it():
-    refuse = REFUSE.replace("'scipy'", "'pydantic'").replace('"scipy"', '"pydantic"')
     code = "import fenics_rom as fr\ntry: fr.read_scene\nexcept fr.errors.MissingPackageError as error: print(error)"
-    cure = "which this Python lacks: pip install fenics-rom[reduction]"
-    assert python(refuse + code).stdout == f"fenics_rom.read_scene needs pydantic, {cure}\n"
+    cure = 'which this Python lacks: pip install "fenics-rom[offline]"'
+    assert python(WITHOUT_PYDANTIC + code).stdout == f"fenics_rom.read_scene needs pydantic, {cure}\n"
 
 
 def test_command_line_without_rich_says_how_to_get_it_before_any_work(tmp_path):
-    code = REFUSE + "from fenics_rom.cli.main import main; main()"
+    code = WITHOUT_PYDANTIC + "from fenics_rom.cli.main import main; main()"
     run = python(code, "simulate", DATA / "rom-1.0.h5", "-o", tmp_path / "run.h5")
     assert run.returncode == 1
-    assert run.stderr == "fenics-rom: error: the command line needs rich: pip install fenics-rom[cli]\n"
+    assert run.stderr == 'fenics-rom: error: the command line needs rich: pip install "fenics-rom[cli]"\n'
     assert not any(tmp_path.iterdir())
 
 

@@ -8,7 +8,7 @@ from fenics_rom.cli.display import print_lines, print_table, progress
 from fenics_rom.cli.output import add_output, check_other_name
 from fenics_rom.errors import FileError
 from fenics_rom.io.overwriting import check_outputs
-from fenics_rom.scene.world_file import files_of_world
+from fenics_rom.lazy_import import load
 
 SUMMARY = (
     "search the worst impacts of a world over the ranges of its [certificate]; exit status 3 where a limit is exceeded"
@@ -35,7 +35,7 @@ def run(choice: argparse.Namespace) -> int:
     check_report(choice.output)
     check_other_name(choice, "json")
     world = fr.read_world(choice.world)
-    inputs = files_of_world(world)
+    inputs = load("scene.world_file", "files_of_world")(world)
     check_outputs(choice.output, inputs=inputs, force=choice.force)
     if choice.json is not None:
         soft = [name for name, body in world.file.bodies.items() if body.shape is None]

@@ -39,7 +39,7 @@ LINE_INTERVAL = 10.0  # seconds between lines of progress, where there is no ter
 
 def rich_package() -> Any:
     """The package rich, which draws; MissingPackageError where it is not installed."""
-    message = "the command line needs rich: pip install fenics-rom[cli]"
+    message = 'the command line needs rich: pip install "fenics-rom[cli]"'
     for part in ("console", "progress", "table", "text"):
         load_package(f"rich.{part}", message)
     return load_package("rich", message)

@@ -15,9 +15,9 @@ from fenics_rom.cli.output import add_output, check_other_name
 from fenics_rom.errors import ToleranceWarning
 from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.io.overwriting import check_outputs
+from fenics_rom.lazy_import import load
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
-from fenics_rom.run import is_rom_file
-from fenics_rom.scene.world_file import files_of_world, is_world_file
+from fenics_rom.run import is_rom_file, is_world_file
 
 SUMMARY = "run a scene at full order (also under mpirun), a ROM or a world through its load history"
 OF_RUNS = ("dt", "every", "profile", "rate", "stepper", "step_error", "errors", "error_tolerance")  # options of a ROM
@@ -144,7 +144,7 @@ def run(choice: argparse.Namespace) -> None:
             if given or choice.petsc_words:
                 choice.wrong_usage(f"{', '.join([*given, *choice.petsc_words])}: not for a world, as {choice.model} is")
             world = fr.read_world(choice.model)
-            check(*files_of_world(world))
+            check(*load("scene.world_file", "files_of_world")(world))
             trajectory = fr.simulate(world, dt=choice.dt, every=choice.every, rate=choice.rate, report=report)
         else:
             options = {option(name): getattr(choice, name) for name in FOR_ROMS}

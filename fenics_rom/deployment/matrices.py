@@ -47,9 +47,8 @@ def write_matrices(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: flo
         try:
             from scipy.io import savemat
         except ModuleNotFoundError as error:
-            raise MissingPackageError(
-                f"{place}: MATLAB's files need scipy, which this Python lacks: pip install fenics-rom[reduction]"
-            ) from error
+            cure = 'pip install "fenics-rom[offline]"'
+            raise MissingPackageError(f"{place}: MATLAB's files need scipy, which this Python lacks: {cure}") from error
         savemat(stream, _cells({"plant": plant}), long_field_names=True, oned_as="column")
     write_whole(place, stream.getbuffer())
 

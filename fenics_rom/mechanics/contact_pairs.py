@@ -239,7 +239,7 @@ class NormalRule:
         stopped = approach * self._half
         later = (closing + stopped) * self._half
         level = np.maximum(closing, later)
-        target = np.minimum(stopped, later, later)
+        target = np.minimum(stopped, later, out=later)
         if self._bounces:
             leaves = True if self.is_elastic else outwards >= approach * self._pressed
             np.copyto(target, approach * self._share, where=leaves)
@@ -248,7 +248,7 @@ class NormalRule:
             if w is not None:
                 deepest += np.sqrt((w * w).sum(axis=1)).repeat(len(closing) // len(w))
             np.copyto(target, 0.0, where=closing > deepest)
-        np.minimum(target, self._zeros, target)
+        np.minimum(target, self._zeros, out=target)
         self.too_far = None
         if np.isfinite(self._thinnest):
             deep = closing - np.maximum(target, _LOWEST)  # of planes that are not there gaps are infinite

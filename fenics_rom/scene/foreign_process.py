@@ -7,7 +7,6 @@ it needs NumPy and Gmsh or VTK only.
 import io
 import os
 import re
-import resource
 import sys
 from pathlib import Path
 from typing import Any
@@ -33,10 +32,10 @@ def main() -> None:
     Or it ends with a message.
     """
     file, *words = sys.argv[1:]
-    lower_limit(resource.RLIMIT_CORE, 0)  # a crash leaves nothing behind
+    lower_limit("RLIMIT_CORE", 0)  # a crash leaves nothing behind
     if words == ["surface"] or not words:  # sizes in a file may lie
         base = BASE_MEMORY if program_of(Path(file)) == "Gmsh" else VTK_MEMORY
-        lower_limit(resource.RLIMIT_AS, base + MEMORY_PER_BYTE * Path(file).stat().st_size)
+        lower_limit("RLIMIT_AS", base + MEMORY_PER_BYTE * Path(file).stat().st_size)
     with os.fdopen(os.dup(1), "wb") as output:
         os.dup2(2, 1)  # what libraries print is no part of the arrays
         try:
@@ -45,7 +44,7 @@ def main() -> None:
             else:
                 arrays = fill_surface(file, float(words[0]), words[1:] == ["glue"]) if words else read_arrays(file)
         except ModuleNotFoundError as error:
-            sys.exit(f"it needs {error.name}, which this Python lacks: pip install fenics-rom[view]")
+            sys.exit(f'it needs {error.name}, which this Python lacks: pip install "fenics-rom[view]"')
         except Exception as error:  # Gmsh's own, and what Python says of names that are no text
             sys.exit(" ".join(str(error).split()))
         content = io.BytesIO()
@@ -53,8 +52,13 @@ def main() -> None:
         output.write(content.getbuffer())
 
 
-def lower_limit(what: int, limit: int) -> None:
-    """Lowers a limit of this process."""
+def lower_limit(name: str, limit: int) -> None:
+    """Lowers a limit of this process; Windows has none."""
+    try:
+        import resource
+    except ModuleNotFoundError:
+        return
+    what = getattr(resource, name)
     soft, hard = (limit if old == resource.RLIM_INFINITY else min(limit, old) for old in resource.getrlimit(what))
     resource.setrlimit(what, (soft, hard))
 

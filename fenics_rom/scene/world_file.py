@@ -1,7 +1,6 @@
 """The world file: TOML to a checked WorldScene."""
 
 import math
-import tomllib
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -32,15 +31,6 @@ MASSLESS = {"half-space": "a half-space", "mesh": "a mesh"}
 OF_RIGID = ("density", "mass", "path", *OF_MESH, *sorted({key for keys in DIMENSIONS.values() for key in keys}))
 _ADAPTER = TypeAdapter(WorldFile)
 assert tuple(DIMENSIONS) == WORLD_SHAPES
-
-
-def is_world_file(file: str | Path) -> bool:
-    """Whether a file is a world's: TOML with bodies."""
-    try:
-        with Path(file).open("rb") as stream:
-            return "bodies" in tomllib.load(stream)
-    except (OSError, ValueError, RecursionError):
-        return False
 
 
 def read_world(file: str | Path) -> WorldScene:

@@ -75,7 +75,7 @@ DARK = Style(
 
 def figure_class() -> Any:
     """The class of figures; worth asking for before long work. Raises MissingPackageError without Matplotlib."""
-    return load_package("matplotlib.figure", "pictures need Matplotlib: pip install fenics-rom[plot]").Figure
+    return load_package("matplotlib.figure", 'pictures need Matplotlib: pip install "fenics-rom[plot]"').Figure
 
 
 def write_figure(figure: Any, file: Path, dpi: int) -> None:

@@ -12,9 +12,9 @@ from fenics_rom.errors import FenicsRomError, MissingPackageError
 WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"  # where VTK reads which kind of window to open
 EGL, EGL_WINDOW = "libEGL.so.1", "vtkEGLRenderWindow"
 FOR_PICTURES = (
-    "pictures of bodies and files for ParaView need {name}, which this Python lacks: pip install fenics-rom[view]"
+    'pictures of bodies and files for ParaView need {name}, which this Python lacks: pip install "fenics-rom[view]"'
 )
-FOR_THE_LIVE_VIEW = "the live view needs {name}, which this Python lacks: pip install fenics-rom[view]"
+FOR_THE_LIVE_VIEW = 'the live view needs {name}, which this Python lacks: pip install "fenics-rom[view]"'
 
 
 def load_package(module: str, message: str = FOR_PICTURES) -> Any:

@@ -6,8 +6,8 @@ from bodies import PLATE
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError
+from fenics_rom.run import is_world_file
 from fenics_rom.scene.reference import WORLD_EXAMPLE
-from fenics_rom.scene.world_file import is_world_file
 
 GIVEN = (
     WORLD_EXAMPLE.read_text()

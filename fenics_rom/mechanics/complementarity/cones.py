@@ -33,13 +33,13 @@ def project(z: Array, normals: Array | None, μ: Array, zeros: Array) -> Project
         normal = pressure * normals
         across = z - normal
         length, cone = np.sqrt(_ONES.dot(across * across)), μ * pressure
-    np.maximum(cone, zeros, cone)
+    np.maximum(cone, zeros, out=cone)
     share = np.maximum(length, cone)
     share += _TINY
     np.divide(cone, share, share)
     forces = across * share
     if normals is None:
-        np.maximum(pressure, zeros, forces[0])
+        np.maximum(pressure, zeros, out=forces[0])
         return Projected(forces, length, cone)
     if pressure.item(pressure.argmin()) < 0.0:
         normal = np.maximum(pressure, zeros) * normals

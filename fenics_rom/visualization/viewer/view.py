@@ -18,6 +18,7 @@ from fenics_rom.io.given import object_or_file
 from fenics_rom.lazy_import import load
 from fenics_rom.rom.file import ROM_FILE
 from fenics_rom.rom.rom import Rom
+from fenics_rom.run import is_world_file
 from fenics_rom.scene.world_format import WorldScene
 from fenics_rom.trajectory.file import RUN_FILE
 from fenics_rom.trajectory.trajectory import Trajectory
@@ -177,7 +178,7 @@ def _page(viser: Any, models: Sequence[Model], dt: float | None) -> Callable[[An
 
 def _is_world(model: Model) -> bool:
     if isinstance(model, str | PathLike):
-        return Path(model).suffix == ".toml" and bool(load("scene.world_file", "is_world_file")(model))
+        return Path(model).suffix == ".toml" and is_world_file(model)
     return isinstance(model, World | WorldScene)
 
 

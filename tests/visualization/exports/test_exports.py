@@ -441,7 +441,7 @@ main()
     assert run.returncode == 1
     assert run.stderr == (
         "fenics-rom: error: pictures of bodies and files for ParaView need pyvista, which this Python lacks: "
-        "pip install fenics-rom[view]\n"
+        'pip install "fenics-rom[view]"\n'
     )
 
 

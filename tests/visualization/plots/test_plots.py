@@ -394,7 +394,7 @@ main()
     run = subprocess.run([sys.executable, "-c", code, *map(str, words)], capture_output=True, text=True)
     assert (run.returncode, run.stderr) == (
         1,
-        "fenics-rom: error: pictures need Matplotlib: pip install fenics-rom[plot]\n",
+        'fenics-rom: error: pictures need Matplotlib: pip install "fenics-rom[plot]"\n',
     )
 
 
