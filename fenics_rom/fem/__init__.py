@@ -1,5 +1,9 @@
 """The high-fidelity solver: the only folder that imports dolfinx, PETSc and SLEPc."""
 
+from contextlib import suppress
+
+with suppress(ModuleNotFoundError):
+    import dolfinx_solver  # noqa: F401 - FEniCSx as a wheel: loads MPI before all that is linked to it
 import petsc4py
 
 from fenics_rom.fem.jit_cache import provide_jit_cache

@@ -61,7 +61,7 @@ def _carried(nodes: Nodes, part: RigidPart, where: str) -> tuple[scipy.sparse.cs
     facets = patch_triangles(nodes, part, where)
     drawn, operator, _ = surface_gradients(nodes, facets)
     area = triangle_areas(nodes, nodes.surface)[drawn % len(nodes.surface)]
-    mean = scipy.sparse.kron(np.eye(3), area / area.sum())
+    mean = scipy.sparse.kron(scipy.sparse.identity(3), area / area.sum())
     gradient = (mean @ operator[: 3 * len(drawn), ::3]).T.tocsr()  # of u_x; those of u_y and u_z are the same
     over = mean_over(nodes, facets)
     arm = np.array(part.center) - over @ nodes.coordinates

@@ -10,6 +10,7 @@ from fenics_rom.fem.petsc_ctypes import cholesky_numeric, cholesky_symbolic, set
 from fenics_rom.fem.petsc_matrix import CHUNK, PetscMatrix, column_chunks, dense_block
 from fenics_rom.system.columns import apply_to_complex
 
+HAS_CHOLMOD = PETSc.Sys.hasExternalPackage("suitesparse")  # PETSc from PyPI has none: MUMPS takes its place
 # L Lᵀ, which fails for an indefinite matrix; the simplicial L D Lᵀ that CHOLMOD prefers for small ones does not.
 CHOLMOD_OPTIONS = {"mat_cholmod_factor": "SUPERNODAL", "mat_cholmod_print": "0"}
 MUMPS_OPTIONS = {"mat_mumps_icntl_27": str(CHUNK)}  # right-hand sides that it takes at once
@@ -34,7 +35,7 @@ class PetscFactor:
     """L Lᵀ of a symmetric matrix, kept, which is refused unless `definite`; or L D Lᵀ. The matrix belongs to it then.
 
     MUMPS solves many right-hand sides at once and on any number of ranks; CHOLMOD, on one rank, is about three times
-    as fast `one_by_one`, which is what time steps have.
+    as fast `one_by_one`, which is what time steps have. A PETSc without CHOLMOD has MUMPS for these, too.
 
     Raises:
         MemoryShortage: there is less memory than the factor needs, by the analysis of its pattern or as it turned out.
@@ -44,7 +45,7 @@ class PetscFactor:
     notice = ""
 
     def __init__(self, mat: PETSc.Mat, one_by_one: bool = False, definite: bool = True):
-        self._solver = "cholmod" if one_by_one and mat.comm.size == 1 else "mumps"
+        self._solver = "cholmod" if one_by_one and HAS_CHOLMOD and mat.comm.size == 1 else "mumps"
         self._definite = definite
         self._matrix = PetscMatrix(mat)
         mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)

@@ -1,4 +1,4 @@
-"""Every difference between the dolfinx releases that are supported (0.5 to 0.9), and nothing else."""
+"""Every difference between the dolfinx releases that are supported (0.5 to 0.11), and nothing else."""
 
 import inspect
 import logging
@@ -77,7 +77,8 @@ def cell_constants(domain: Any) -> Any:
 
 def cell_nodes(domain: Any) -> np.ndarray:
     """Geometry nodes of each local cell."""
-    return _rows(domain.geometry.dofmap)
+    geometry = domain.geometry
+    return _rows(geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap)
 
 
 def input_nodes(domain: Any) -> np.ndarray:

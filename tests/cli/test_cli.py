@@ -20,6 +20,7 @@ from fenics_rom.cli import display
 from fenics_rom.cli.display import progress
 from fenics_rom.cli.main import main
 from fenics_rom.errors import SceneError
+from fenics_rom.fem.direct import HAS_CHOLMOD
 from fenics_rom.io.stages import Stage
 from fenics_rom.reduction.reduce import BY_NAME
 from fenics_rom.scene.scene import LYAPUNOV
@@ -463,6 +464,7 @@ class TestOptions:
         assert say(*EIGENVECTORS, *words)[0] == 0
         assert [name for name, value in database().items() if not value] == ["fenics_rom_eps_one", "fenics_rom_eps_two"]
 
+    @pytest.mark.skipif(not HAS_CHOLMOD, reason="this PETSc has no CHOLMOD")
     def test_reach_the_factor_of_a_time_step(self, inside, say, database):
         words = ["-fenics_rom_factor_mat_cholmod_factor", "SUPERNODAL", "-fenics_rom_factor_mat_cholmod_fctor", "x"]
         status, out, _ = say("simulate", PLATE, "-o", "run.h5", "--dt", "0.1", *words)

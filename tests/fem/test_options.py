@@ -6,7 +6,7 @@ import pytest
 from petsc4py import PETSc
 
 from fenics_rom.errors import SolverError
-from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.fem.direct import HAS_CHOLMOD, PetscFactor
 from fenics_rom.fem.options import set_options, unused_options
 from fenics_rom.fem.petsc_matrix import combination
 
@@ -48,6 +48,7 @@ def test_options_reach_slepc(plate_system, capfd):
     assert unused_options() == []
 
 
+@pytest.mark.skipif(not HAS_CHOLMOD, reason="this PETSc has no CHOLMOD")
 def test_given_value_wins_over_ours(plate_system):
     """CHOLMOD's simplicial L D Lᵀ takes matrices that are not definite, which is why the default is another."""
     not_definite = (1.0, plate_system.stiffness), (-1e6, plate_system.mass)

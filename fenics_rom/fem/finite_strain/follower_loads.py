@@ -116,7 +116,8 @@ class TendonPull:
         directions = pieces / lengths
         across = (np.eye(3) - directions[:, :, None] * directions[:, None, :]) / lengths[:, :, None]
         differences = scipy.sparse.kron(self.shapes[1:] - self.shapes[:-1], np.eye(3)).tocsr()
-        return (differences.T @ scipy.sparse.block_diag(across) @ differences).tocsr()
+        middle = scipy.sparse.bsr_matrix((across, np.arange(len(across)), np.arange(len(across) + 1)))
+        return (differences.T @ middle @ differences).tocsr()
 
     def stroke(self, u: Array) -> float:
         """As of PressureLoad."""
