@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -37,7 +38,7 @@ def sources(pattern):
     """Files by their names in the project; what demos wrote is left out."""
     files = [
         *ROOT.glob(pattern),
-        *(file for folder in (PACKAGE, DEMOS, ROOT / "tests") for file in folder.rglob(pattern)),
+        *(file for folder in (PACKAGE, DEMOS, ROOT / "tests", ROOT / ".github") for file in folder.rglob(pattern)),
     ]
     names = (file.relative_to(ROOT) for file in files)
     return sorted(str(name) for name in names if "out" not in name.parts)
@@ -199,11 +200,20 @@ def test_links_lead_somewhere(page):
 
 
 def test_release_has_one_number():
-    """Code, where pyproject.toml takes it from; the newest section of the changelog; the citation."""
+    """Code, where pyproject.toml takes it from; and where `.ci/new_version.py` writes it."""
     assert tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dynamic"] == ["version"]
-    newest = re.search(r"^## (\S+)", TEXTS["CHANGELOG.md"], flags=re.M)
-    cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), flags=re.M)
-    assert newest[1] == cited[1] == fr.__version__
+    for file, pattern in runpy.run_path(str(ROOT / ".ci" / "new_version.py"))["PLACES"].items():
+        assert re.findall(pattern, (ROOT / file).read_text(), flags=re.M)[:1] == [fr.__version__], file
+
+
+def test_recipe_of_conda_forge_asks_for_what_the_project_does():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    recipe = (ROOT / "recipe" / "recipe.yaml").read_text()
+    assert f'python_min: "{project["requires-python"].removeprefix(">=")}"' in recipe
+    extras = project["optional-dependencies"]
+    for wanted in (*project["dependencies"], *extras["cli"], *extras["offline"]):
+        package = wanted.replace(">=", " >=")
+        assert f"        - {package}\n" in recipe or package.startswith(project["name"]), package
 
 
 def test_first_page_and_what_is_new_are_short():
