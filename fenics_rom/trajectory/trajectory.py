@@ -139,7 +139,8 @@ class Trajectory:
     @property
     def reaction_series(self) -> dict[str, Series]:
         """The reactions with their units."""
-        units = {name: "N" if name in self.tendons else "Pa" for name in self.reactions}
+        moved = {*self.tendons, *(name for name, given in self.inputs.items() if given.unit == "m")}
+        units = {name: "N" if name in moved else "Pa" for name in self.reactions}
         return {name: Series(force[:, None], units[name]) for name, force in self.reactions.items()}
 
     def __repr__(self) -> str:

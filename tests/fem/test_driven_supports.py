@@ -133,6 +133,19 @@ def test_gradients_go_through_a_support_that_is_driven(models, effects):
     check_gradient(at, u, start, [np.abs(part) * random.standard_normal(part.shape) for part in (u, *start)])
 
 
+def test_runs_know_how_far_a_support_went_and_its_force(bar, tmp_path):
+    table = {"jaw.csv": np.array([[0.0, 0.0], [0.02, 3e-3], [0.04, 1e-3]])}
+    text = RUN.replace("force = [4e-3]", 'table = "jaw.csv"')
+    text = scene_text(bar, effects=MOVING + JAW + SLIDES, run=text, **PARTS)
+    run = fr.simulate(fr.reduce(fr.assemble(parse_scene(text, tables=table)), order=20))
+    fr.write_trajectory(tmp_path / "run.h5", run)
+    back = fr.read_trajectory(tmp_path / "run.h5")
+    assert (back.inputs["jaw"].unit, back.reaction_series["jaw"].unit) == ("m", "N")
+    assert np.abs(back.inputs["jaw"].values - (back.outputs["tip"] @ ALONG)).max() <= 3e-4
+    assert np.ptp(back.reactions["jaw"]) > 0
+    assert back.balance_error <= 1e-12
+
+
 def test_a_driven_clamp_presses_a_body_on_a_ball(models):
     """At full order and reduced the ball's and the clamp's forces are the same; the account closes."""
     down = JAW.replace("[2.0, 0.0, 1.0]", "[0.0, 0.0, -1.0]")
@@ -185,7 +198,7 @@ def test_a_cube_that_is_pulled_both_ways_is_in_biaxial_tension(tmp_path, turn, c
         (('"right"', '"left"'), r"driven_support.jaw: node at \[0.0, .*\] is clamped by supports; allowed is"),
         (
             ('surface = "right"', "along = { points = [[0.31, 0, 0], [0.31, 0.04, 0]] }"),
-            "the nearest is 0.01 m away, at",
+            r"the nearest is 0\.01 m away, at",
         ),
         ((JAW, JAW + JAW.replace("jaw", "other")), "driven_support.jaw: .* is held by another support along where it"),
         (
@@ -201,5 +214,7 @@ def test_supports_that_cannot_be_driven_so_are_refused(bar, change, message):
 
 
 def test_a_support_of_a_frame_that_moves_is_not_driven(bar):
-    with pytest.raises(FenicsRomError, match="driven_support.jaw: allowed is with frame = 'fixed'; effects.base_path"):
+    with pytest.raises(
+        FenicsRomError, match=r"driven_support\.jaw: allowed is with frame = 'fixed'; effects.base_path"
+    ):
         parse_scene('frame = "moving"\n' + scene_text(bar, effects=MOVING + JAW))
