@@ -49,7 +49,8 @@ for name in "numpy", "scipy", "h5py", "dolfinx", "gmsh":  # compiled for each ot
     if not spec or not spec.origin.startswith("/usr/lib/"):
         sys.exit(f"error: .venv does not see Debian's {name}: {spec}")
 for name in (
-    "fenics_rom", "gymnasium", "matplotlib", "mujoco", "numba", "playwright", "pydantic", "pytest", "pyvista", "rich", "tomlkit", "viser", "xdist"
+    "fenics_rom", "furo", "gymnasium", "matplotlib", "mujoco", "myst_parser", "numba", "playwright", "pydantic", "pytest", "pyvista", "rich",
+    "sphinx", "tomlkit", "viser", "xdist"
 ):
     if not find_spec(name):
         sys.exit(f"error: .venv has no {name}")
@@ -85,7 +86,7 @@ make_venv() {
   # Not the python3 on PATH: that may be one of pyenv or conda, which has no dolfinx.
   /usr/bin/python3 -m venv --system-site-packages .venv
   constrain_pip
-  .venv/bin/pip install -q --disable-pip-version-check -c .venv/constraints.txt -e '.[offline,fast,plot,view,test]' \
+  .venv/bin/pip install -q --disable-pip-version-check -c .venv/constraints.txt -e '.[offline,fast,plot,view,docs,test]' \
     -r demos/learning/requirements.txt -r demos/robot/requirements.txt
   check_venv
   echo "$made_from" >.venv/made-from # last: a .venv without it is half-made, and made again
