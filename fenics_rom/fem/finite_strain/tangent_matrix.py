@@ -132,7 +132,8 @@ class TangentMatrix:
         (C, Q, A, _), weights = self._points.shape_gradients.shape, self._points.weights
         blocks = np.empty((C, A, A, 3, 3))
         for first in range(0, C, CELLS_PER_BATCH):
-            cells, points = slice(first, first + CELLS_PER_BATCH), slice(first * Q, (first + CELLS_PER_BATCH) * Q)
+            last = min(first + CELLS_PER_BATCH, C)  # embedded points follow those of all cells
+            cells, points = slice(first, last), slice(first * Q, last * Q)
             here = self._points.shape_gradients[cells]
             blocks[cells] = _cell_blocks(here, F[:, :, points], weights[points] * D[:, :, points])
             if S is not None:
