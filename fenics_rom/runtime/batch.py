@@ -20,7 +20,7 @@ from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.batch_arrays import Bodies, checked_bases, checked_inputs, select_bodies
+from fenics_rom.runtime.batch_arrays import Bodies, checked_bases, checked_inputs, inputs_by_name, select_bodies
 from fenics_rom.runtime.batched_bodies import BatchedBodies
 
 if TYPE_CHECKING:
@@ -256,13 +256,16 @@ class Batch(BatchedBodies):
             self._bodies.take_over(there)  # type: ignore[arg-type]  # others can always
         self._bodies.switch(modes, selected)
 
-    def step(self, u: ArrayLike, *, base: "BaseState | None" = None, on_error: str = "raise") -> Array:
+    def step(
+        self, u: ArrayLike | Mapping[str, Any], *, base: "BaseState | None" = None, on_error: str = "raise"
+    ) -> Array:
         """Advances all bodies by dt, each under its constant input.
 
         Args:
             u: (size, p) N, or (p,) for all: contact columns, filled up to the contact mode that has most, then the
                 actuators' (as of `Simulator.step`). Columns that a body's contact mode lacks do nothing, but must hold
-                finite numbers, too.
+                finite numbers, too. Or a mapping by name, of (size, columns) or (columns,) each; what it does not name
+                is 0, and forces of a contact mode are on the bodies that are in it.
             base: that carries each body, at the end of the step, of arrays (size, 3) and (size, 4), or of one base for
                 all; None: as the environment says, or at rest.
             on_error: what becomes of bodies whose input, base, or state after the step, is not finite or absurdly
@@ -279,6 +282,8 @@ class Batch(BatchedBodies):
         """
         check_known("choice of on_error", on_error, ON_ERROR, StepError)
         bodies = self._bodies
+        if isinstance(u, Mapping):
+            u = inputs_by_name(u, self.rom, bodies.contact)
         u, held = checked_inputs(u, self._shape, bodies.dtype, bodies.input_limit, bodies.steps, on_error)
         if base is not None:
             where = f"step {self.steps}"

@@ -5,7 +5,7 @@ elementwise products need no gathering. A switch only says which contact mode a 
 few rows that are then in another mode's place change places.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from fenics_rom.errors import StepError, check_known
+from fenics_rom.errors import StepError, check_known, shown
 from fenics_rom.mechanics.base_path import UNIT_TOLERANCE, BaseState
 from fenics_rom.mechanics.signals import hides_numbers, real_numbers
 from fenics_rom.rom.midpoint_map import compliance
@@ -98,6 +98,35 @@ def checked_inputs(
             f"{limit:.0e}, in N; all bodies were left as they were"
         )
     return np.where(allowed[:, None], u, 0), held
+
+
+def inputs_by_name(given: Mapping[str, Any], rom: Rom, contact: Array) -> Array:
+    """Inputs (size, p) of a mapping, of bodies in contact modes (size,).
+
+    Raises:
+        StepError: a name that is none, or of a contact mode that no body is in; or numbers of another shape.
+    """
+    size, end = len(contact), max(rom.contacts.values())
+    places = {f"contact-{name}" if name in rom.actuators else name: (0, n, name) for name, n in rom.contacts.items()}
+    for name, columns in rom.actuators.items():
+        places[name], end = (end, columns, ""), end + columns
+    u = np.zeros((size, end))
+    for name, value in given.items():
+        check_known("input", name, places, StepError)
+        start, columns, mode = places[name]
+        rows = contact == mode if mode else np.ones(size, dtype=bool)
+        if not rows.any():
+            raise StepError(f"input {name!r}: no body is in that contact mode; switch some to it first")
+        try:
+            numbers = real_numbers(value)
+            numbers = numbers[:, None] if columns == 1 and numbers.shape == (size,) else numbers
+            numbers = np.broadcast_to(numbers, (size, columns)) if numbers.ndim else np.full((size, 1), numbers)
+        except (TypeError, ValueError):
+            numbers = np.empty(0)
+        if numbers.shape != (size, columns):
+            raise StepError(f"input {name!r}: use {columns} real numbers, or ({size}, {columns}) (got {shown(value)})")
+        u[rows, start : start + columns] = numbers[rows]
+    return u
 
 
 def checked_bases(base: object, count: int, where: str) -> tuple[BaseState, Array]:

@@ -37,6 +37,34 @@ def test_a_name_is_a_place(rom, by_position, by_name):
         np.testing.assert_array_equal(stepped(rom, **by_name), expected)
 
 
+def test_bodies_of_a_batch_are_told_by_name(rom):
+    pulls, forces = np.array([1.0, 2.0, 3.0]), np.arange(9.0).reshape(3, 3)
+    batch, expected = fr.Batch(rom, size=3, dt=1e-3), fr.Batch(rom, size=3, dt=1e-3)
+    for each in (batch, expected):
+        each.switch("top", [1])
+    u = np.zeros((3, 7))
+    u[:, :3], u[:, 3], u[:, 4:] = forces, pulls, [0, 0, 1]
+    u[1, :3] = 0.5
+    batch.step({"right": forces, "top": [0.5, 0.5, 0.5], "pull": pulls, "push": [0, 0, 1]})
+    expected.step(u)
+    np.testing.assert_array_equal(batch.energy, expected.energy)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"pul": 1.0}, "no input 'pul'; there is .*did you mean 'pull'"),
+        ({"top": [0, 0, 1]}, "no body is in that contact mode"),
+        ({"pull": np.zeros((3, 2))}, r"use 1 real numbers, or \(3, 1\)"),
+        ({"push": 1j}, "use 3 real numbers"),
+        ({"push": 1.0}, "use 3 real numbers"),
+    ],
+)
+def test_what_is_no_input_of_a_batch_is_refused(rom, given, message):
+    with pytest.raises(fr.StepError, match=message):
+        fr.Batch(rom, size=3, dt=1e-3).step(given)
+
+
 @pytest.mark.parametrize(
     ("u", "named", "message"),
     [
