@@ -25,6 +25,7 @@ PACKAGE, DEMOS = ROOT / "fenics_rom", ROOT / "demos"
 README = "README.md"
 MOST_WORDS = 1000  # of the first page
 MOST_OF_A_RELEASE = 900  # of its changes
+MOST_OF_A_SENTENCE = 30
 QUICK_COMMANDS = {"reduce", "simulate", "compare", "info", "plot", "export"}  # the others take minutes, or serve
 PRINTED = {  # by a page's Python
     README: "supplied=",
@@ -220,6 +221,17 @@ def test_first_page_and_what_is_new_are_short():
     for page, most in ((README, MOST_WORDS), ("CHANGELOG.md", MOST_OF_A_RELEASE)):
         text = re.sub(r"!?\[(.*?)\]\(.*?\)", r"\1", TEXTS[page]).split("\n## 0.1.0")[0]
         assert len([word for word in text.split() if re.search(r"\w", word)]) <= most
+
+
+@pytest.mark.parametrize(
+    "page", [*PAGES, *(str(page.relative_to(ROOT)) for page in sorted((ROOT / "docs").rglob("*.md")))]
+)
+def test_sentences_are_short(page):
+    text = re.sub(r"^```.*?^```", "", (ROOT / page).read_text(), flags=re.S | re.M)
+    text = re.sub(r"^(?:[|#]|    |:::).*$", "\n", re.sub(r"!?\[(.*?)\]\(.*?\)", r"[\1]", text), flags=re.M)
+    for paragraph in re.split(r"\n\s*\n|\n *[-*\d]+[. ]", text):
+        for sentence in re.split(r"(?<=[.!?:;])\s+", paragraph):
+            assert len([word for word in sentence.split() if re.search(r"\w", word)]) <= MOST_OF_A_SENTENCE, sentence
 
 
 def test_every_folder_has_its_page_and_every_page_is_reached():
