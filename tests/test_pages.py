@@ -23,6 +23,7 @@ from fenics_rom.studies.method_configs import METHOD_CONFIGS, STUDIED_METHODS
 ROOT = Path(__file__).parent.parent
 PACKAGE, DEMOS = ROOT / "fenics_rom", ROOT / "demos"
 README = "README.md"
+PAPER = "demos/paper/paper.md"
 MOST_WORDS = 1000  # of the first page
 MOST_OF_A_RELEASE = 900  # of its changes
 MOST_OF_A_SENTENCE = 30
@@ -215,6 +216,15 @@ def test_recipe_of_conda_forge_asks_for_what_the_project_does():
     for wanted in (*project["dependencies"], *extras["cli"], *extras["offline"]):
         package = wanted.replace(">=", " >=")
         assert f"        - {package}\n" in recipe or package.startswith(project["name"]), package
+
+
+def test_article_cites_what_its_bibliography_has_and_numbers_of_the_first_page():
+    paper, bibliography = TEXTS[PAPER], (ROOT / PAPER).with_name("paper.bib").read_text()
+    assert {*re.findall(r"@(\w+)[\];]", paper)} == {*re.findall(r"^@\w+\{(\w+),", bibliography, flags=re.M)}
+    numbers = re.findall(r"\d+,\d{3}", paper)
+    assert numbers
+    assert all(number in TEXTS[README] for number in numbers)
+    assert 250 <= len(paper.split()) <= 1000  # as the journal asks
 
 
 def test_first_page_and_what_is_new_are_short():
