@@ -224,6 +224,20 @@ def test_files_of_format_1_2_load_for_ever():
     assert again.contact_account.keys() == run.contact_account.keys()
 
 
+def test_files_of_format_2_load_for_ever():
+    """Written on the way to 0.2.0: a rubber box, bent by its cable, then by air, on a rough floor."""
+    rom, run = fr.read_rom(DATA / "rom-2.8.h5"), fr.read_trajectory(DATA / "run-2.8.h5")
+    assert (rom.deformation.law, list(rom.actuators)) == ("neo_hookean", ["air", "cable"])
+    assert run.effects == ("inertia", "damping", "pressure", "tendon", "large_deformation", "contact", "friction")
+    assert run.forces["floor"].any()
+    assert run.balance_error < 3e-14
+    again = fr.simulate(rom, stepper="linearly-implicit")
+    np.testing.assert_allclose(again.snapshots, run.snapshots, rtol=0, atol=1e-9 * abs(run.snapshots).max())
+    np.testing.assert_allclose(
+        again.forces["floor"], run.forces["floor"], rtol=0, atol=1e-6 * run.forces["floor"].max()
+    )
+
+
 def test_later_minor_version_loads(rom_file, rom):
     tampered(rom_file, lambda h5: h5.attrs.update(format_version=np.bytes_("2.9"), remark=np.bytes_("new")))
     assert same(fr.read_rom(rom_file), rom)
