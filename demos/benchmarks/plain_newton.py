@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from solids import tip_under
 
 import fenics_rom as fr
-from fenics_rom.fem.dolfinx_compat import create_tetrahedra, vector_space
+from fenics_rom.fem.dolfinx_compat import create_cells, vector_space
 
 Array = np.ndarray
 TOLERANCE = 1e-6  # of the residual, as a share of the load: round-off leaves a tenth of it
@@ -24,7 +24,7 @@ def time_beside_plain_newton(
 ) -> tuple[float, float, int]:
     """Processor time (s) of an equilibrium here and there, the best of two each, and how many iterations were there."""
     points, cells = brick_cells(bricks)
-    domain = create_tetrahedra(MPI.COMM_WORLD, cells, points * size)
+    domain = create_cells(MPI.COMM_WORLD, cells, points * size)
     space = vector_space(domain, 2)
     held = locate_entities_boundary(domain, 2, lambda x: np.isclose(x[0], 0))
     held = fem.dirichletbc(np.zeros(3), fem.locate_dofs_topological(space, 2, held), space)

@@ -1,4 +1,4 @@
-"""Scenes of boxes of tetrahedra, of any number and proportions."""
+"""Scenes of boxes of tetrahedra, of any number and proportions; boxes of hexahedra."""
 
 import tempfile
 from collections.abc import Callable, Mapping
@@ -13,6 +13,9 @@ from fenics_rom.scene.file import parse_scene
 Array = np.ndarray
 Inside = Callable[[Array], Array]  # of points (N, 3), which are in it
 
+# Gmsh's numbers of elements, by their dimension and number of nodes.
+KINDS = {(2, 3): 2, (2, 6): 9, (2, 4): 3, (2, 8): 16, (2, 9): 10, (3, 4): 4, (3, 10): 11, (3, 8): 5, (3, 20): 17}
+KINDS |= {(3, 27): 12}
 LEFT: dict[str, Inside] = {"left": lambda p: p[:, 0] <= p[:, 0].min()}
 
 
@@ -24,6 +27,35 @@ def brick_cells(bricks: tuple[int, int, int]) -> tuple[Array, Array]:
     corner = np.flatnonzero((grid < count).all(axis=1))
     paths = [np.cumsum([0, *along[list(order)]]) for order in permutations(range(3))]
     return grid / count, np.concatenate([corner[:, None] + path for path in paths])
+
+
+# Corners of Gmsh's hexahedron of 27 nodes in a cube of 2 x 2 x 2, then the middles of its edges and faces, and its own.
+CORNERS = np.array([(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (2, 2, 2), (0, 2, 2)])
+EDGES = [(0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7)]
+FACES = [(0, 3, 2, 1), (0, 1, 5, 4), (0, 4, 7, 3), (1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7)]
+SIDES = {"bottom": 0, "front": 1, "left": 2, "right": 3, "back": 4, "top": 5}  # which of the faces
+
+
+def hexahedra(bricks: tuple[int, int, int], nodes: int = 8) -> tuple[Array, Array, dict[str, Array]]:
+    """Points of a unit cube (N, 3), its hexahedra (C, nodes) of 8, 20 or 27 nodes, and the faces of its six sides."""
+    count = np.array(bricks)
+    middles = [CORNERS[list(corners)].mean(axis=0).astype(int) for corners in (*EDGES, *FACES, range(8))]
+    local = np.concatenate([CORNERS, middles])[:nodes]
+    size = 2 * count + 1
+    along = np.array([size[1] * size[2], size[2], 1])
+    first = 2 * np.stack(np.meshgrid(*map(np.arange, count), indexing="ij"), axis=-1).reshape(-1, 3)
+    every = (first[:, None] + local) @ along
+    used, cells = np.unique(every, return_inverse=True)
+    cells, points = cells.reshape(every.shape), np.stack(np.unravel_index(used, size), axis=1) / (2 * count)
+    numbers = {8: 4, 20: 8, 27: 9}[nodes]
+    faces = {}
+    for name, face in SIDES.items():
+        around = FACES[face]
+        edges = [8 + next(k for k, e in enumerate(EDGES) if set(e) == {around[n - 4], around[n - 3]}) for n in range(4)]
+        axis, end = next((a, e) for a in range(3) for e in (0, 2) if (CORNERS[list(around), a] == e).all())
+        outer = cells[first[:, axis] == (0 if end == 0 else 2 * count[axis] - 2)]
+        faces[name] = outer[:, [*around, *edges, 20 + face][:numbers]]
+    return points, cells, faces
 
 
 def box(
@@ -98,13 +130,13 @@ def msh(points: Array, groups: Mapping[int, Mapping[str, Array]]) -> str:
 
     Args:
         points: (N, 3) m.
-        groups: by dimension, 2 or 3, named triangles or tetrahedra.
+        groups: by dimension, 2 or 3, named faces or cells, of as many nodes as they have, in Gmsh's order.
     """
     named = [(dimension, name, cells) for dimension, of in groups.items() for name, cells in of.items()]
     names = [f'{dimension} {tag} "{name}"' for tag, (dimension, name, _) in enumerate(named, start=1)]
     nodes = [f"{k} {x!r} {y!r} {z!r}" for k, (x, y, z) in enumerate(points.tolist(), start=1)]
     elements = [
-        f"{ {2: 2, 3: 4}[dimension] } 2 {tag} {tag} {' '.join(map(str, cell))}"
+        f"{KINDS[dimension, len(cell)]} 2 {tag} {tag} {' '.join(map(str, cell))}"
         for tag, (dimension, _, cells) in enumerate(named, start=1)
         for cell in (cells + 1).tolist()
     ]

@@ -17,7 +17,7 @@ import numpy as np
 from fenics_rom.errors import MeshError, shown, unknown
 from fenics_rom.fem.mesh_arrays import MeshArrays
 from fenics_rom.fem.mesh_quality import CELL_FACES
-from fenics_rom.scene.foreign_process import edges_of
+from fenics_rom.scene.foreign_process import TETRAHEDRON_10, edges_of
 
 TETRAHEDRA = r"C3D(4|10)[A-Z]*"  # and the number of their nodes
 SOLIDS = r"(?:C3D|CC3D|DC3D|AC3D|SC)(\d+)[A-Z]*"
@@ -349,7 +349,8 @@ def read_abaqus(file: Path) -> MeshArrays:
     refused = Counter(kind for element, (kind, _) in content.solids.items() if element not in content.cells)
     if refused:
         kinds = ", ".join(f"{count} {kind}" for kind, count in refused.items())
-        raise MeshError(f"mesh file {file}: holds {kinds}; allowed are tetrahedra: C3D4, C3D10")
+        others = "hexahedra are read from .msh, .vtk, .vtu and .xdmf"
+        raise MeshError(f"mesh file {file}: holds {kinds}; allowed are tetrahedra: C3D4, C3D10; {others}")
     row_of = {node: row for row, node in enumerate(content.nodes)}
     cell_of = {element: row for row, element in enumerate(content.cells)}
 
@@ -394,4 +395,4 @@ def read_abaqus(file: Path) -> MeshArrays:
         if named:
             surfaces[name] = np.array([cells[row][list(face)] for row, face in named])
     points = np.array([*content.nodes.values()], dtype=float).reshape(-1, 3)
-    return MeshArrays(points, cells, surfaces, regions, edges_of(second[:, :4], second[:, 4:]), content.notes)
+    return MeshArrays(points, cells, surfaces, regions, edges_of(second, TETRAHEDRON_10), content.notes)

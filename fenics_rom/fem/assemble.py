@@ -7,17 +7,19 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_rom.errors import check_type
+from fenics_rom.errors import SceneError, check_type
 from fenics_rom.fem.assembly_warnings import obstacles_inside, obstacles_too_small, warnings_of
 from fenics_rom.fem.body_matrices import BodyMatrices, body_matrices, damping_of_cells, material_of_cells
+from fenics_rom.fem.cell_kinds import TETRAHEDRON
+from fenics_rom.fem.cell_points import checked_nodes
 from fenics_rom.fem.contact_points import contact_points_of, points_between
 from fenics_rom.fem.finite_strain.assemble import assemble_deformation
 from fenics_rom.fem.loads import actuators_of, contact_columns, loads_of
 from fenics_rom.fem.mesh import Mesh, read_mesh
-from fenics_rom.fem.mesh_quality import radius_ratios
+from fenics_rom.fem.mesh_quality import cell_ratios
 from fenics_rom.fem.moving_frame import assemble_frame
 from fenics_rom.fem.named_places import named_surfaces
-from fenics_rom.fem.nodes import Nodes, canonical_nodes
+from fenics_rom.fem.nodes import Nodes
 from fenics_rom.fem.outputs import output_rows
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.places import patch_nodes
@@ -64,7 +66,12 @@ def assemble(scene: Scene, comm: Any = None) -> System:
 
 def _system(scene: Scene, comm: Any) -> System:
     mesh = run_on_rank_0(comm, lambda: read_mesh(scene.mesh_file, scene.mesh_groups, scene.mesh_scale))
-    nodes = run_on_rank_0(comm, lambda: canonical_nodes(mesh, scene.degree))
+    nodes = run_on_rank_0(comm, lambda: checked_nodes(mesh, scene.degree))
+    if scene.integration == "selective" and scene.degree == 1 and mesh.kind is TETRAHEDRON:
+        raise SceneError(
+            f"{scene.source}: mesh.integration = 'selective': allowed is with mesh.degree = 2, or of hexahedra, where "
+            "cells do not change volume evenly"
+        )
     unknowns = unknowns_of(scene, nodes)
     check_drives(scene, nodes)
     scene = replace(scene, bars=tuple(bars_of(scene, nodes)))
@@ -141,7 +148,7 @@ def _with_unknowns(
             kept,
             matrices.node_mass,
             {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()},
-            quality_of(radius_ratios(nodes.coordinates, nodes.cells)),
+            quality_of(cell_ratios(nodes.coordinates, nodes.cells, nodes.kind)),
             points_between(scene, nodes, unknowns),
             matrices.weight,
             named_surfaces(scene, nodes) if scene.environment.contact_law is not None else {},

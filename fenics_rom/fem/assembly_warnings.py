@@ -5,7 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from fenics_rom.errors import StepError, exactly
+from fenics_rom.fem.cell_kinds import TETRAHEDRON
 from fenics_rom.fem.mesh import Mesh
+from fenics_rom.fem.nodes import STRAIGHT
 from fenics_rom.mechanics.active_environment import known_at_start
 from fenics_rom.mechanics.hyperelastic import strain_of_excess_damping
 from fenics_rom.mechanics.obstacles import smallest_radius
@@ -14,27 +16,29 @@ from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
 
 SMALL_STRAIN = 0.05  # what bends a body far strains it by, at least
-STRAIGHT = 1e-6  # share of the body's length that the middle of an edge may be off, as files hold few digits
 
 
 def warnings_of(scene: Scene, mesh: Mesh, rigid: np.ndarray) -> Iterator[str]:
     """Of the mesh file, elements that lock, and supports: whoever clamps a body may not know that some of it moves."""
     yield from mesh.notes
-    if mesh.straightened > STRAIGHT * np.ptp(mesh.points, axis=0).max():
+    if scene.degree == 1 and mesh.bend > STRAIGHT * np.ptp(mesh.points, axis=0).max():
         yield (
-            f"curved edges of second-order cells were made straight: nodes on them are up to {mesh.straightened:.3g} m "
-            "off; a finer mesh follows the curve"
+            f"curved edges of second-order cells were made straight, as mesh.degree is 1: nodes on them are up to "
+            f"{mesh.bend:.3g} m off; mesh.degree = 2 keeps them curved"
         )
     stiffest = max(material.poisson for material in scene.materials.values())
-    if scene.degree == 1 and stiffest > 0.45:
+    cells = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}[mesh.kind.name]
+    selective = 'mesh.integration = "selective"'
+    if scene.degree == 1 and scene.integration == "full" and stiffest > 0.45:
+        cure = "mesh.degree = 2" if mesh.kind is TETRAHEDRON else selective
         yield (
-            f"Poisson's ratio {exactly(stiffest)} on degree 1 tetrahedra: they lock (too stiff, in bending most of "
-            "all); mesh.degree = 2 is the cure"
+            f"Poisson's ratio {exactly(stiffest)} on degree 1 {cells}: they lock (too stiff, in bending most of all); "
+            f"{cure} is the cure"
         )
     if scene.degree == 2 and scene.integration == "full" and stiffest > 0.49:
         yield (
-            f"Poisson's ratio {exactly(stiffest)} on degree 2 tetrahedra: they are too stiff, and their pressure "
-            'oscillates; mesh.integration = "selective" is the cure'
+            f"Poisson's ratio {exactly(stiffest)} on degree 2 {cells}: they are too stiff, and their pressure "
+            f"oscillates; {selective} is the cure"
         )
     yield from _overdamped(scene)
     yield from _read_without_branches(scene)

@@ -15,7 +15,9 @@ import scipy.sparse
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
-from fenics_rom.fem.nodes import Nodes, mean_over, shape_functions, surface_mass, triangle_areas
+from fenics_rom.fem.cell_points import shape_functions
+from fenics_rom.fem.facets import mean_over, surface_mass
+from fenics_rom.fem.nodes import Nodes, triangle_areas
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.fem.readings import surface_gradients
 from fenics_rom.scene.effects import PointMass, RigidPart

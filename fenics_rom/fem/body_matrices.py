@@ -8,23 +8,26 @@ import scipy.sparse
 import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_rom.errors import MeshError, SceneError, check_known
 from fenics_rom.fem.attached_masses import attached_masses
+from fenics_rom.fem.cell_points import quadrature_rule
 from fenics_rom.fem.dolfinx_compat import (
     cell_constants,
     cell_dofs,
     cell_nodes,
-    create_tetrahedra,
+    create_cells,
     input_nodes,
     quiet_compiler,
     vector_space,
 )
 from fenics_rom.fem.fibres import fibre_stiffness
+from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.mesh import Mesh
 from fenics_rom.fem.moving_frame import frame_origin, mass_times
-from fenics_rom.fem.nodes import CELL_EDGES, Nodes
+from fenics_rom.fem.nodes import Nodes
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
 from fenics_rom.fem.places import cells_of
 from fenics_rom.fem.restriction import restrict_matrices
@@ -74,14 +77,12 @@ def body_matrices(
         material: of each cell, as of `material_of_cells`.
         unknowns: that supports leave.
     """
-    root = comm.rank == 0
-    domain = create_tetrahedra(
-        comm, mesh.cells if root else np.empty((0, 4)), mesh.points if root else np.empty((0, 3))
-    )
-    space = vector_space(domain, scene.degree)
-    full = {name: assemble_form(form) for name, form in _forms(space, scene, mesh, material).items()}
+    space = displacement_space(comm, nodes)
+    rule = quadrature_rule(nodes)
+    in_forms = nodes.is_straight  # where one point is the mean over a cell
+    full = {name: assemble_form(form) for name, form in _forms(space, scene, mesh, material, rule, in_forms).items()}
 
-    dolfinx_number = dolfinx_nodes(space, scene.degree, nodes)
+    dolfinx_number = dolfinx_nodes(space, nodes)
     node_mass, translated = node_masses(full["mass"], dolfinx_number)
     springs, dashpots = springs_of(scene, nodes), dashpots_of(scene, nodes)
     (fixed, weight), frame_masses, ties = attached_masses(scene, nodes), None, (None, None)
@@ -89,6 +90,12 @@ def body_matrices(
         ties = springs, _with_springs(dashpots, springs, scene)
         frame_masses = _frame_masses(scene, nodes, full["mass"], translated, fixed, dolfinx_number)
     reduced = restrict_matrices(full, unknowns, dolfinx_number, nodes.coordinates)
+    if scene.integration == "selective" and not in_forms:
+        points = QuadraturePoints(nodes, MPI.COMM_SELF, selective=True)
+        λ, _ = points.shared_moduli(*(points.of_cells(column) for column in material[:, :2].T))
+        of_volume = {"stiffness": λ, "damping": λ * points.of_cells(damping_of_cells(scene, mesh)[:, 1])}
+        for name in of_volume.keys() & reduced.keys():
+            reduced[name] = with_attached(reduced[name], points.dilation_stiffness(of_volume[name]), unknowns)
     reduced["mass"] = with_attached(reduced["mass"], fixed, unknowns)
     springs, dashpots = summed([of_components(springs), sliding_springs_of(scene, nodes)]), of_components(dashpots)
     on_body = None if scene.environment.is_moving else springs
@@ -118,8 +125,14 @@ def _frame_masses(
     return translated, mass_times(mass, arms, dolfinx_number) + of_nodes @ arms, origin
 
 
-def _forms(space: Any, scene: Scene, mesh: Mesh, material: np.ndarray) -> dict[str, Any]:
-    """Weak forms of M and K; where materials damp each in its way of D, and what of it strains nothing."""
+def _forms(
+    space: Any, scene: Scene, mesh: Mesh, material: np.ndarray, rule: tuple[int, int, int], dilates: bool
+) -> dict[str, Any]:
+    """Weak forms of M and K; where materials damp each in its way of D, and what of it strains nothing.
+
+    `rule` as of `quadrature_rule`; `dilates`: whether changes of volume that are integrated selectively are in them.
+    """
+    of_strain, of_mass, of_dilation = (ufl.dx(metadata={"quadrature_degree": degree}) for degree in rule)
     λ, μ, ρ = (_cell_function(space.mesh, column) for column in material.T)
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     ε_u, ε_v = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
@@ -127,17 +140,16 @@ def _forms(space: Any, scene: Scene, mesh: Mesh, material: np.ndarray) -> dict[s
     stress = λ * ufl.tr(ε_u) * ufl.Identity(3) + 2 * μ * ε_u
     selective = scene.integration == "selective"
     elasticity = 2 * μ * ufl.inner(ε_u, ε_v) if selective else ufl.inner(stress, ε_v)
-    middle = ufl.dx(metadata={"quadrature_degree": 1})  # as QuadraturePoints
-    forms = {"mass": inertia * ufl.dx, "stiffness": elasticity * ufl.dx}
-    if selective:
-        forms["stiffness"] += dilation * middle
+    forms = {"mass": inertia * of_mass, "stiffness": elasticity * of_strain}
+    if selective and dilates:
+        forms["stiffness"] += dilation * of_dilation
     if scene.effects.damped.materials:
         α, β = (_cell_function(space.mesh, column) for column in damping_of_cells(scene, mesh).T)
-        forms["damping"] = (α * inertia + β * elasticity) * ufl.dx
-        if selective:
-            forms["damping"] += β * dilation * middle
+        forms["damping"] = α * inertia * of_mass + β * elasticity * of_strain
+        if selective and dilates:
+            forms["damping"] += β * dilation * of_dilation
         if scene.effects.large_deformation is not None:
-            forms["external_damping"] = α * inertia * ufl.dx
+            forms["external_damping"] = α * inertia * of_mass
     return forms
 
 
@@ -212,6 +224,14 @@ def damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
     return values
 
 
+def displacement_space(comm: Any, nodes: Nodes) -> Any:
+    """The space of dolfinx whose nodes these are."""
+    mesh, degree = nodes.mesh, 2 if nodes.is_curved else 1
+    cells, points = (nodes.cell_nodes, nodes.coordinates) if nodes.is_curved else (mesh.cells, mesh.points)
+    arrays = (cells, points) if comm.rank == 0 else (cells[:0], points[:0])
+    return vector_space(create_cells(comm, *arrays, mesh.kind.name, degree), nodes.degree)
+
+
 def assemble_form(form: Any) -> PETSc.Mat:
     """The matrix of a bilinear form, with all degrees of freedom."""
     matrix = assemble_matrix(fem.form(form))
@@ -228,15 +248,19 @@ def _cell_function(domain: Any, values: np.ndarray) -> Any:
     return function
 
 
-def dolfinx_nodes(space: Any, degree: int, nodes: Nodes) -> np.ndarray:
-    """Global dolfinx number of every canonical node."""
+def dolfinx_nodes(space: Any, nodes: Nodes) -> np.ndarray:
+    """Global dolfinx number of every canonical node; the mesh is of the file's points, or of all nodes if curved."""
     domain, dofs = space.mesh, cell_dofs(space)
     index_map = space.dofmap.index_map
     points = input_nodes(domain)[cell_nodes(domain)]
     keys = np.full((index_map.size_local + index_map.num_ghosts, 2), -1, dtype=np.int64)
-    keys[dofs[:, :4].ravel(), 0] = points.ravel()
-    if degree == 2:
-        keys[dofs[:, 4:].ravel()] = np.sort(points[:, CELL_EDGES], axis=2).reshape(-1, 2)
+    if nodes.is_curved:
+        keys[dofs.ravel()] = nodes.keys[points.ravel()]
+    else:
+        vertices = points.shape[1]
+        keys[dofs[:, :vertices].ravel(), 0] = points.ravel()
+        if nodes.degree == 2:
+            keys[dofs[:, vertices:].ravel()] = nodes.kind.middles(points).reshape(-1, 2)
     keys = np.concatenate(domain.comm.allgather(keys[: index_map.size_local]))
     order = np.lexsort((keys[:, 1], keys[:, 0], keys[:, 1] >= 0))
     if not np.array_equal(keys[order], nodes.keys):

@@ -21,16 +21,24 @@ def _rows(adjacency: Any) -> np.ndarray:
     return adjacency.array.reshape(adjacency.num_nodes, -1)
 
 
-def create_tetrahedra(comm: Any, cells: np.ndarray, points: np.ndarray) -> Any:
-    """Distributed mesh of straight tetrahedra from arrays on rank 0 (the other ranks pass none)."""
+def create_cells(comm: Any, cells: np.ndarray, points: np.ndarray, cell: str = "tetrahedron", degree: int = 1) -> Any:
+    """Distributed mesh of cells from arrays on rank 0 (the other ranks pass none).
+
+    Args:
+        comm: an mpi4py communicator.
+        cells: (C, any) nodes in basix' order.
+        points: (N, 3), m.
+        cell: which of basix' cell types.
+        degree: of the coordinates, 2 of curved cells.
+    """
     parameters = inspect.signature(mesh.create_mesh).parameters
     if OLD:
-        shape = ufl.Cell("tetrahedron", geometric_dimension=3)
-        element = ufl.VectorElement(ufl.FiniteElement("Lagrange", shape, 1, variant="equispaced"))
+        shape = ufl.Cell(cell, geometric_dimension=3)
+        element = ufl.VectorElement(ufl.FiniteElement("Lagrange", shape, degree, variant="equispaced"))
     else:
         import basix.ufl
 
-        element = basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))
+        element = basix.ufl.element("Lagrange", cell, degree, basix.LagrangeVariant.equispaced, shape=(3,))
     cells, points = np.ascontiguousarray(cells, dtype=np.int64), np.ascontiguousarray(points, dtype=float)
     owner = bisect_cells(points[cells].mean(axis=1), comm.size)
     arguments: dict[str, Any] = {

@@ -56,6 +56,12 @@ def embedded_points(scene: Scene, nodes: Nodes) -> EmbeddedPoints:
     Raises:
         MeshError, SceneError: a surface does not exist, threads have no direction in it, or a cable leaves the body.
     """
+    named = [f"{kind}.{name}" for kind in ("membranes", "cables") for name in getattr(scene.effects, kind)]
+    if named and not nodes.is_straight:
+        raise SceneError(
+            f"{scene.source}: effects.{named[0]}: membranes and cables are computed in straight tetrahedra; cells of "
+            f"{nodes.mesh.source} are {'curved' if nodes.is_curved else 'hexahedra'}"
+        )
     parts = [_membrane(nodes, each, f"effects.membranes.{name}") for name, each in scene.effects.membranes.items()]
     for name, cable in scene.effects.cables.items():
         parts.append(_cable(nodes, np.array(cable.points), cable.stiffness, f"effects.cables.{name}.points"))

@@ -31,7 +31,7 @@ def has_fibres(scene: Scene) -> bool:
 
 def quadrature_points(scene: Scene, nodes: Nodes, comm: Any) -> QuadraturePoints:
     """The points of a scene's body, and of what is embedded in it."""
-    return QuadraturePoints(nodes, scene.degree, comm, scene.integration == "selective", embedded_points(scene, nodes))
+    return QuadraturePoints(nodes, comm, scene.integration == "selective", embedded_points(scene, nodes))
 
 
 def point_material(scene: Scene, nodes: Nodes, points: QuadraturePoints, moduli: Array) -> PointMaterial:
@@ -44,9 +44,8 @@ def point_material(scene: Scene, nodes: Nodes, points: QuadraturePoints, moduli:
     λ, μ = points.shared_moduli(*points.of_cells(moduli[points.cells]).T)
     cells = points.of_cells(points.cells)
     cells[len(cells) - len(points.embedded_in) :] = -1
-    cells[points.is_middle] = -1
-    inside = cells >= 0
-    places = np.einsum("pv,pvi->pi", points.barycentric[inside], nodes.coordinates[nodes.cells[cells[inside]]])
+    cells[points.is_dilation] = -1
+    inside, places = cells >= 0, points.strain_places
     fibres = []
     for family in fibres_at(scene, nodes.mesh, cells[inside], places):
         rows = np.flatnonzero(inside)[family.points]

@@ -210,7 +210,7 @@ def _free_rows(space: Any, constrained: np.ndarray, mass: PETSc.Mat) -> _FreeRow
         rows = mass.getOwnershipRange()[0] + np.flatnonzero(~constrained)
         return _FreeRows(PETSc.IS().createGeneral(rows.astype(PETSc.IntType), comm=comm))
     nodes = canonical_nodes(_mesh(space.mesh), degree)
-    dolfinx_number = dolfinx_nodes(space, degree, nodes)
+    dolfinx_number = dolfinx_nodes(space, nodes)
     is_free = ~np.concatenate(comm.allgather(constrained)).reshape(-1, 3)[dolfinx_number]
     free = np.flatnonzero(is_free)
     node_mass = node_masses(mass, dolfinx_number)[0]

@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fenics_rom.errors import MeshError
+from fenics_rom.fem.cell_kinds import TETRAHEDRON
 from fenics_rom.fem.cell_overlaps import SAME_PLACE
 from fenics_rom.fem.mesh import Mesh, checked_mesh, read_mesh
 from fenics_rom.fem.mesh_arrays import MeshArrays
@@ -50,6 +51,8 @@ def glue_mesh(file: Path, output: Path, tolerance: float | None = None, scale: f
         FileError: the output cannot be written.
     """
     mesh = read_mesh(file, None, scale)
+    if mesh.kind is not TETRAHEDRON:
+        raise MeshError(f"mesh file {file}: holds hexahedra; allowed to be glued are tetrahedra")
     used = np.unique(mesh.cells)
     points = mesh.points[used]
     if tolerance is None:

@@ -8,7 +8,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
-from fenics_rom.fem.nodes import Nodes, area_vectors, load_weights, mean_over, rim_edges, shape_functions
+from fenics_rom.fem.cell_points import shape_functions
+from fenics_rom.fem.facets import facet_integrals, mean_over
+from fenics_rom.fem.nodes import Nodes, rim_edges
 from fenics_rom.fem.places import patch_area, patch_nodes, patch_triangles
 from fenics_rom.fem.rigid_surfaces import bars_of
 from fenics_rom.fem.supports import support_column
@@ -150,9 +152,7 @@ def wrench_columns(coordinates: Array, weights: Array) -> Array:
 
 def _inward_pressure(nodes: Nodes, triangles: Array) -> Array:
     """Nodal forces (N, 3) of a total of 1 N."""
-    carriers, weight = load_weights(nodes, triangles)
-    inward = -area_vectors(nodes, triangles)
-    inward /= np.linalg.norm(inward, axis=1)[:, None]
+    of = facet_integrals(nodes, triangles)
     force = np.zeros((len(nodes.coordinates), 3))
-    np.add.at(force, carriers, (weight * inward)[:, None, :])
-    return force / (3 * weight.sum())
+    np.add.at(force, of.carriers, -of.vectors)
+    return force / of.shares.sum()

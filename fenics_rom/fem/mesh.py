@@ -1,10 +1,11 @@
-"""A mesh file as plain arrays: points, tetrahedra, named surfaces and regions.
+"""A mesh file as plain arrays: points, cells, named surfaces and regions.
 
 Groups may overlap (a contact patch on a clamp, one patch inside another), which tags of one value per facet could
 not hold. Everything here runs on one rank.
 """
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,30 +13,43 @@ import numpy as np
 
 from fenics_rom.errors import MeshError, check_known
 from fenics_rom.fem.abaqus_file import read_abaqus
+from fenics_rom.fem.cell_kinds import KINDS, TETRAHEDRON, CellKind, halves
 from fenics_rom.fem.cell_overlaps import describe_overlaps
-from fenics_rom.fem.mesh_arrays import MeshArrays
+from fenics_rom.fem.mesh_arrays import NO_EDGES, MeshArrays
 from fenics_rom.fem.mesh_gaps import describe_gaps
-from fenics_rom.fem.mesh_quality import CELL_EDGES, check_filling, signed_volumes
+from fenics_rom.fem.mesh_quality import check_filling, straight_volumes
 from fenics_rom.fem.msh_sections import check_sections
 from fenics_rom.fem.xdmf_file import read_xdmf
 from fenics_rom.scene import foreign_file
 
-TETRAHEDRA = {"Tetrahedron 4", "Tetrahedron 10"}  # what Gmsh calls the only kinds of cells that are allowed
+ALLOWED = "tetrahedra of 4 or 10 nodes, hexahedra of 8, 20 or 27"
+PRISM = re.compile("(?i)prism|.*wedge")
+FROM_VTK = {len(kind.corners): kind.from_vtk for kind in KINDS.values()}
+FLAT = 1e-12  # volume of a cell that has none, of the cube of its longest edge
 SURFACES = (".stl", ".step", ".stp")  # what Gmsh can fill
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Straight tetrahedra."""
+    """Cells of one kind."""
 
     points: np.ndarray  # (N, 3), m
-    cells: np.ndarray  # (C, 4), positively oriented
-    surfaces: Mapping[str, np.ndarray]  # triangles of each named surface, (F, 3) each
+    cells: np.ndarray  # (C, V), positively oriented
+    surfaces: Mapping[str, np.ndarray]  # triangles of each named surface, (F, 3) each; quadrilaterals as `halves`
     regions: Mapping[str, np.ndarray]  # cells of each named region, as rows of `cells`
     source: str  # file name for messages
-    straightened: float = 0.0  # m, by which nodes on edges of second-order cells were off their middles
+    edges: np.ndarray = field(
+        default_factory=lambda: NO_EDGES
+    )  # (E, 3) of second-order cells: two ends, and the node between
     notes: tuple[str, ...] = ()  # what the user should know of the file
     vectors: Mapping[str, np.ndarray] = field(default_factory=dict)  # cell data of three numbers, (C, 3) each
+    kind: CellKind = TETRAHEDRON
+
+    @property
+    def bend(self) -> float:
+        """By how much nodes on edges of second-order cells are off their middles at most, m."""
+        ends, middles = self.points[self.edges[:, :2]], self.points[self.edges[:, 2]]
+        return float(np.linalg.norm(middles - ends.mean(axis=1), axis=1).max(initial=0.0))
 
     def surface(self, name: str) -> np.ndarray:
         """Triangles of a named surface; refuses one that is not there, or empty."""
@@ -58,7 +72,7 @@ class Mesh:
 
 
 def read_mesh(file: Path, groups: Mapping[str, int] | None, scale: float = 1.0) -> Mesh:
-    """Reads a mesh of tetrahedra, whose edges are made straight.
+    """Reads a mesh of tetrahedra or hexahedra.
 
     Args:
         file: path; `.msh` of Gmsh with physical groups, `.inp` of Abaqus with sets, `.vtk` or `.vtu` with cell data of
@@ -68,7 +82,7 @@ def read_mesh(file: Path, groups: Mapping[str, int] | None, scale: float = 1.0) 
         scale: metres that a unit of its coordinates is worth.
 
     Raises:
-        MeshError: the file is missing, unreadable, or holds no usable tetrahedra, or some that overlap.
+        MeshError: the file is missing, unreadable, or holds no usable cells, or some that overlap.
     """
     try:
         if not file.is_file():
@@ -95,42 +109,51 @@ def checked_mesh(found: MeshArrays, file: Path, scale: float = 1.0) -> Mesh:
         scale: metres that a unit of it is worth.
 
     Raises:
-        MeshError: there are no usable tetrahedra, or some overlap their neighbours.
+        MeshError: there are no usable cells, or some overlap their neighbours.
     """
-    check_cells(found.points, found.cells, file)
-    points, straightened, edges = scale * found.points, 0.0, found.edges
-    if len(edges):
-        straightened = float(np.linalg.norm(points[edges[:, 2]] - points[edges[:, :2]].mean(axis=1), axis=1).max())
-    cells, regions, kept = _deduplicate(oriented(points, found.cells), found.regions)
+    check_cells(found, file)
+    points, kind = scale * found.points, found.kind
+    cells, regions, kept = _deduplicate(oriented(points, found.cells, kind), found.regions)
     vectors = {name: values[kept] for name, values in found.vectors.items()}
-    faces = check_filling(points, cells, f"mesh file {file}")
+    parts = kind.tetrahedra(cells)
+    faces = check_filling(points, parts, f"mesh file {file}")
     notes = (
         *found.notes,
-        *describe_gaps(found, points, cells, faces),
-        *describe_overlaps(points, cells, faces, file.name),
+        *describe_gaps(found, points, parts, faces),
+        *describe_overlaps(points, oriented(points, parts), faces, file.name),
     )
-    return Mesh(points, cells, found.surfaces, regions, str(file), straightened, notes, vectors)
+    return Mesh(points, cells, found.surfaces, regions, str(file), found.edges, notes, vectors, kind)
 
 
-def oriented(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """The cells with positive volumes, two vertices of the others exchanged."""
-    inverted, cells = signed_volumes(points, cells) < 0, cells.copy()
-    cells[inverted, :2] = cells[inverted, 1::-1]
+def oriented(points: np.ndarray, cells: np.ndarray, kind: CellKind = TETRAHEDRON) -> np.ndarray:
+    """The cells with positive volumes; of the others the mirror images."""
+    inverted, cells = straight_volumes(points, cells, kind) < 0, cells.copy()
+    cells[inverted] = cells[inverted][:, kind.mirror]
     return cells
 
 
-def check_cells(points: np.ndarray, cells: np.ndarray, file: Path) -> None:
-    """Refuses none at all, and cells without volume; MeshError says which."""
+def check_cells(found: MeshArrays, file: Path) -> None:
+    """Refuses none at all, and cells without volume or with a node twice; MeshError says which."""
+    points, cells = found.points, found.cells
     if len(cells) == 0:
-        raise MeshError(f"mesh file {file}: holds no tetrahedra; a surface alone is no body")
+        raise MeshError(
+            f"mesh file {file}: holds no tetrahedra or hexahedra; a surface alone is no body, and shells are not "
+            "computed: mesh the volume"
+        )
     if not np.isfinite(points).all():
         raise MeshError(f"mesh file {file}: coordinates that are not finite")
-    volume = np.abs(signed_volumes(points, cells))
-    longest = np.max([np.linalg.norm(points[cells[:, i]] - points[cells[:, j]], axis=1) for i, j in CELL_EDGES], axis=0)
-    flat = volume <= 1e-12 * longest**3
+    ends = points[cells[:, found.kind.edges]]
+    longest = np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2).max(axis=1)
+    flat = np.abs(straight_volumes(points, cells, found.kind)) <= FLAT * longest**3
     if flat.any():
         raise MeshError(
             f"mesh file {file}: {flat.sum()} of {len(cells)} cells have no volume, e.g. cell {flat.argmax()}"
+        )
+    collapsed = (np.diff(np.sort(cells, axis=1), axis=1) == 0).any(axis=1)
+    if collapsed.any():
+        raise MeshError(
+            f"mesh file {file}: {collapsed.sum()} of {len(cells)} cells have a node twice, e.g. cell "
+            f"{collapsed.argmax()}; hexahedra that are collapsed to prisms are not computed: mesh with tetrahedra there"
         )
 
 
@@ -168,9 +191,8 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[s
         raise MeshError(f"mesh file {file}: holds no nodes")
     order = np.argsort(arrays["nodes"])
     points, tags = arrays["points"].reshape(-1, 3)[order], arrays["nodes"][order]
-    other_kinds = sorted(set(map(str, arrays["kinds"])) - TETRAHEDRA)
-    if other_kinds:
-        raise MeshError(f"mesh file {file}: holds {', '.join(other_kinds)}; allowed are tetrahedra of 4 or 10 nodes")
+    kind = kind_of(sorted(set(map(str, arrays["kinds"]))), file)
+    corners = len(kind.corners)
 
     def positions(wanted: np.ndarray, among: np.ndarray, what: str) -> np.ndarray:
         rows = np.searchsorted(among, wanted)  # tags may be anything, in any order
@@ -183,7 +205,7 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[s
             )
         return rows
 
-    cells = positions(arrays["cells"].reshape(-1, 4), tags, "nodes")
+    cells = positions(arrays["cells"].reshape(-1, corners), tags, "nodes")[:, FROM_VTK[corners]]
     edges = positions(arrays["edges"].reshape(-1, 3), tags, "nodes")
     by_number = np.argsort(arrays["numbers"])
     every_tag = {int(tag): str(tag) for tag in arrays["tags"]}
@@ -199,11 +221,23 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[s
         if not name:
             continue
         if dimension == 2:
-            triangles = positions(members, tags, "nodes").reshape(-1, 3)
+            around = positions(members, tags, "nodes").reshape(-1, kind.faces.shape[1])
+            triangles = halves(around).reshape(-1, 3)
             surfaces[name] = np.concatenate([surfaces.get(name, triangles[:0]), triangles])
         else:
             rows = by_number[positions(members, arrays["numbers"][by_number], "cells")]
             regions[name] = np.concatenate([regions.get(name, rows[:0]), rows])
     names = map(str, arrays.get("vectors", ()))
     vectors = {name: arrays[f"vector{k}"].reshape(-1, 3) for k, name in enumerate(names)}
-    return MeshArrays(points, cells, surfaces, regions, edges, vectors=vectors)
+    return MeshArrays(points, cells, surfaces, regions, edges, vectors=vectors, kind=kind)
+
+
+def kind_of(held: Sequence[str], file: Path) -> CellKind:
+    """Of a mesh with these kinds of cells that fill a volume; tetrahedra if it has none."""
+    strange = [name for name in held if name not in KINDS]
+    if strange:
+        because = "; of prisms dolfinx 0.5 has no elements" if any(map(PRISM.match, strange)) else ""
+        raise MeshError(f"mesh file {file}: holds {', '.join(held)}; allowed are {ALLOWED}{because}")
+    if len(held) > 1:
+        raise MeshError(f"mesh file {file}: holds {' and '.join(held)} cells; allowed are those of one kind")
+    return KINDS[held[0]] if held else TETRAHEDRON

@@ -8,10 +8,11 @@ from numpy import ndarray as Array
 from scipy.sparse.csgraph import connected_components
 
 from fenics_rom.errors import MeshError
+from fenics_rom.fem.cell_kinds import TETRAHEDRON, CellKind
 from fenics_rom.mechanics.body_facts import NEAR_FLAT, quality_of
 
-CELL_EDGES = np.array([(2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1)])  # node 4 + e of degree 2 is on edge e
-CELL_FACES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # face f is opposite to vertex f, outward
+CELL_EDGES, CELL_FACES = TETRAHEDRON.edges, TETRAHEDRON.faces
+OF_CUBE = np.sqrt(3) - 1  # radius ratio of the tetrahedron at a corner of a cube
 CLOSED = 1e-9  # share of the volume by which the cells' may differ from what the surface encloses, round-off
 
 
@@ -19,6 +20,11 @@ def signed_volumes(points: Array, cells: Array) -> Array:
     """Volumes (C,) of tetrahedra, negative where the fourth vertex is behind the first three."""
     a, b, c, d = (points[cells[:, k]] for k in range(4))
     return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
+
+
+def straight_volumes(points: Array, cells: Array, kind: CellKind) -> Array:
+    """Signed volumes (C,) of cells (C, V) with straight edges, of the tetrahedra that they are divided into."""
+    return signed_volumes(points, kind.tetrahedra(cells)).reshape(len(cells), -1).sum(axis=1)
 
 
 def radius_ratios(points: Array, cells: Array) -> Array:
@@ -34,6 +40,16 @@ def radius_ratios(points: Array, cells: Array) -> Array:
     area = np.linalg.norm(np.cross(b - a, c - a), axis=2).sum(axis=1) / 2
     heron = (p + q + s) * (p + q - s) * (p - q + s) * (q + s - p)
     return 216 * volume**2 / (area * np.sqrt(np.maximum(heron, np.finfo(float).tiny)))
+
+
+def cell_ratios(points: Array, cells: Array, kind: CellKind) -> Array:
+    """Radius ratios (C,) of cells (C, V); of hexahedra the least of the tetrahedra at corners, 1 of a cube."""
+    if kind is TETRAHEDRON:
+        return radius_ratios(points, cells)
+    neighbours = [[*np.setdiff1d(kind.edges[(kind.edges == c).any(axis=1)], c)] for c in range(len(kind.corners))]
+    corners = np.column_stack([np.arange(len(kind.corners)), neighbours])
+    ratios = radius_ratios(points, cells[:, corners].reshape(-1, 4)).reshape(len(cells), -1) / OF_CUBE
+    return np.minimum(ratios.min(axis=1), 1.0)
 
 
 class Faces(NamedTuple):

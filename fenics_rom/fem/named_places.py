@@ -9,9 +9,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import MeshError, SceneError
+from fenics_rom.fem.cell_points import cell_volumes, checked_nodes
 from fenics_rom.fem.mesh import Mesh, read_mesh
-from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES, signed_volumes
-from fenics_rom.fem.nodes import Nodes, canonical_nodes, triangle_areas
+from fenics_rom.fem.nodes import Nodes, triangle_areas
 from fenics_rom.fem.places import held_nodes, patch_nodes, patch_triangles, picked_cells
 from fenics_rom.scene.places import CellPlace, Held, Place, given_piece
 from fenics_rom.scene.scene import ReadingEntry, Scene
@@ -64,7 +64,7 @@ def survey_places(scene: Scene) -> Survey:
         MeshError: the mesh cannot be used.
     """
     mesh = read_mesh(scene.mesh_file, scene.mesh_groups, scene.mesh_scale)
-    nodes = canonical_nodes(mesh, scene.degree)
+    nodes = checked_nodes(mesh, scene.degree)
     supports = {"clamped": scene.clamped, "held": scene.held, "rigid": scene.rigid}
     whole: dict[str, Any] = {"supports": supports, "contacts": scene.contacts, "actuators": scene.actuators}
     whole |= scene.read | {"effects": scene.effects, "materials": scene.materials}
@@ -141,10 +141,8 @@ def _of_triangles(name: str, nodes: Nodes, triangles: Array) -> PickedPlace:
 
 
 def _of_cells(name: str, mesh: Mesh, nodes: Nodes, chosen: Array) -> PickedPlace:
-    cells = nodes.cells[chosen]
-    faces = cells[:, CELL_FACES].reshape(-1, 3)
+    faces = nodes.kind.triangles(nodes.cells[chosen])[0].reshape(-1, 3)
     _, first, times = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    ends = nodes.on_edges(cells[:, CELL_EDGES]) if len(nodes.edges) else cells
-    which, volume = np.unique(np.concatenate([cells.ravel(), ends.ravel()])), signed_volumes(nodes.coordinates, cells)
+    which, volume = np.unique(nodes.cell_nodes[chosen]), float(cell_volumes(nodes)[chosen].sum())
     corners = _corners(nodes.coordinates[which])
-    return PickedPlace(name, "cells", len(cells), which, faces[first[times == 1]], float(volume.sum()), corners)
+    return PickedPlace(name, "cells", int(chosen.sum()), which, faces[first[times == 1]], volume, corners)

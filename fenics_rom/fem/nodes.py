@@ -1,19 +1,21 @@
 """Canonical nodes: a numbering that depends on the mesh file alone, not on the ranks or the dolfinx release.
 
-Vertices first, in the order of the file; then, for degree 2, the mid-points of the edges, in the order of their
-vertices. All weights of patches and outputs are computed in it with NumPy; the same on every rank.
+Vertices first, in the order of the file; then, for degree 2, the nodes between two vertices, in the order of these:
+in the middle of edges, and of faces and cells of hexahedra (`cell_kinds`). Where the file bends second-order cells they
+are there. All weights of patches and outputs are computed in it with NumPy; the same on every rank.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse
 
-from fenics_rom.errors import SceneError
+from fenics_rom.fem.cell_kinds import TETRAHEDRON, CellKind, tabulate
 from fenics_rom.fem.chambers import Hollow, inner_facets
 from fenics_rom.fem.mesh import Mesh
-from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES, triangle_keys
+from fenics_rom.fem.mesh_quality import triangle_keys
+
+STRAIGHT = 1e-6  # share of the body's length that the middle of an edge may be off, as files hold few digits
 
 
 @dataclass(frozen=True)
@@ -21,14 +23,32 @@ class Nodes:
     """The nodes of a Lagrange space of degree 1 or 2."""
 
     coordinates: np.ndarray  # (N, 3), m
-    keys: np.ndarray  # (N, 2) mesh points that a node belongs to: (point, -1) or the two ends of its edge
-    cells: np.ndarray  # (C, 4) vertices of each cell
-    edges: np.ndarray  # (N - vertices, 2) ends of each edge in canonical vertices, sorted; empty for degree 1
-    surface: np.ndarray  # (F, 3) outward triangles of the boundary, between vertices
+    keys: np.ndarray  # (N, 2) mesh points that a node belongs to: (point, -1) or the two that it is between
+    cells: np.ndarray  # (C, V) vertices of each cell
+    cell_nodes: np.ndarray  # (C, A) all nodes of each cell, in basix' order
+    edges: np.ndarray  # (N - vertices, 2) the two vertices that each other is between, sorted; empty for degree 1
+    surface: np.ndarray  # (F, 3) outward triangles of the boundary, between vertices; all first halves, then all others
+    owner: np.ndarray  # (F,) the cell of each
     mesh: Mesh  # where they come from
+    is_curved: bool = False  # whether nodes between vertices are off the middles
+
+    @property
+    def kind(self) -> CellKind:
+        """Of the cells."""
+        return self.mesh.kind
+
+    @property
+    def degree(self) -> int:
+        """Of the space."""
+        return 2 if len(self.edges) else 1
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether cells are tetrahedra with straight edges, whose gradients do not vary and whose faces are flat."""
+        return self.kind is TETRAHEDRON and not self.is_curved
 
     def on_edges(self, ends: np.ndarray) -> np.ndarray:
-        """Nodes at the mid-points of edges given by their canonical vertices, (..., 2) to (...)."""
+        """Nodes between two canonical vertices, (..., 2) to (...)."""
         ends = np.sort(ends, axis=-1)
         count = len(self.coordinates)
         rows = np.searchsorted(self.edges[:, 0] * count + self.edges[:, 1], ends[..., 0] * count + ends[..., 1])
@@ -50,6 +70,20 @@ class Nodes:
         return row[points]
 
     @cached_property
+    def facet_centroids(self) -> np.ndarray:
+        """(F, 3), m, of the faces of cells that the triangles of the surface are, or are halves of."""
+        corners = self.coordinates[self.surface]
+        if self.kind.facet == "triangle":
+            return corners.mean(axis=1)
+        first, second = np.split(corners, 2)
+        centroids = (first.sum(axis=1) + second[:, 1]) / 4
+        return np.concatenate([centroids, centroids])
+
+    def whole_facets(self, chosen: np.ndarray) -> np.ndarray:
+        """Which triangles of the surface (F,) are chosen, of quadrilaterals those of which both halves are."""
+        return chosen if self.kind.facet == "triangle" else np.tile(np.logical_and(*np.split(chosen, 2)), 2)
+
+    @cached_property
     def chambers(self) -> tuple[np.ndarray, list[Hollow]]:
         """Which triangles of the surface are the walls of chambers, (F,), and all hollows."""
         return inner_facets(self.coordinates, self.surface)
@@ -64,18 +98,64 @@ class Nodes:
 
 def canonical_nodes(mesh: Mesh, degree: int) -> Nodes:
     """Numbers the nodes of a mesh."""
+    kind = mesh.kind
     used, cells = np.unique(mesh.cells, return_inverse=True)
-    cells = cells.reshape(-1, 4)
+    cells = cells.reshape(mesh.cells.shape)
     keys = np.stack([used, np.full(len(used), -1)], axis=1)
-    coordinates = mesh.points[used]
+    coordinates, cell_nodes, is_curved = mesh.points[used], cells, False
     edges = np.empty((0, 2), dtype=np.int64)
     if degree == 2:
-        edges = np.unique(np.sort(cells[:, CELL_EDGES], axis=2).reshape(-1, 2), axis=0)
+        pairs = kind.middles(cells)
+        edges, number = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
+        number = number.reshape(pairs.shape[:2])
         keys = np.concatenate([keys, used[edges]])
-        coordinates = np.concatenate([coordinates, coordinates[edges].mean(axis=1)])
-    faces = cells[:, CELL_FACES].reshape(-1, 3)  # of positively oriented cells they point outward
-    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    return Nodes(coordinates, keys, cells, edges, faces[first[count == 1]], mesh)
+        cell_nodes = np.hstack([cells, len(used) + number])
+        straight, bent = middle_places(mesh, used, cells, edges, number)
+        is_curved = float(np.abs(bent - straight).max(initial=0.0)) > STRAIGHT * np.ptp(coordinates, axis=0).max()
+        coordinates = np.concatenate([coordinates, bent if is_curved else straight])
+    triangles, owner = kind.triangles(cells)  # of positively oriented cells they point outward
+    faces = np.sort(cells[:, kind.faces].reshape(len(owner), -1), axis=1)
+    _, first, count = np.unique(faces, axis=0, return_index=True, return_counts=True)
+    outer = first[count == 1]
+    surface, owner = triangles[:, outer].reshape(-1, 3), np.tile(owner[outer], len(triangles))
+    return Nodes(coordinates, keys, cells, cell_nodes, edges, surface, owner, mesh, is_curved)
+
+
+def middle_places(
+    mesh: Mesh, used: np.ndarray, cells: np.ndarray, edges: np.ndarray, number: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where nodes between vertices are if edges are straight, (E, 3), m, and where the file has them.
+
+    Where it has no nodes on faces and in cells of hexahedra, they are where the 20 that it has put them.
+
+    Args:
+        mesh: as read.
+        used: (W,) mesh points of the vertices.
+        cells: (C, V) vertices.
+        edges: (E, 2) vertices of each node.
+        number: (C, M) which node each cell has in each of its middles.
+    """
+    kind, corners = mesh.kind, mesh.points[used][cells]
+    of_corners = np.round(8 * kind.shapes(1, kind.middle_corners)[0]) / 8  # halves, quarters and eighths, exactly
+    straight = np.empty((len(edges), 3))
+    straight[number] = of_corners @ corners
+    if not len(mesh.edges):
+        return straight, straight
+    row = np.full(len(mesh.points), -1, dtype=np.int64)
+    row[used] = np.arange(len(used))
+    given = np.column_stack([np.sort(row[mesh.edges[:, :2]], axis=1), mesh.edges[:, 2]])
+    keys, of_given = edges @ np.array([len(used), 1]), given[:, :2] @ np.array([len(used), 1])
+    place = np.minimum(np.searchsorted(keys, of_given), len(keys) - 1)
+    found = keys[place] == of_given  # diagonals that no node is on are not
+    bent, is_given = straight.copy(), np.zeros(len(edges), dtype=bool)
+    bent[place[found]], is_given[place[found]] = mesh.points[given[found, 2]], True
+    if kind.facet == "quadrilateral" and not is_given[number].all():
+        on_edges = (bent - straight)[number[:, : len(kind.edges)]]
+        inner = number[:, len(kind.edges) :]
+        moved = straight[inner] + kind.serendipity @ on_edges
+        lacking = ~is_given[inner]
+        bent[inner[lacking]] = moved[lacking]
+    return straight, bent
 
 
 def face_keys(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
@@ -90,8 +170,14 @@ def area_vectors(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
 
 
 def triangle_areas(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
-    """(F,), m²."""
-    return np.linalg.norm(area_vectors(nodes, triangles), axis=1) / 2
+    """(F,), m², of curved cells through all nodes."""
+    if not nodes.is_curved:
+        return np.linalg.norm(area_vectors(nodes, triangles), axis=1) / 2
+    _, slopes, weights = tabulate("triangle", 2, 4)
+    bent = np.hstack([triangles, np.roll(nodes.triangle_edges(triangles), -1, axis=1)])
+    tangents = np.einsum("qat,fai->tfqi", slopes, nodes.coordinates[bent])
+    areas: np.ndarray = np.linalg.norm(np.cross(*tangents), axis=2) @ weights
+    return areas
 
 
 def rim_edges(triangles: np.ndarray) -> np.ndarray:
@@ -102,95 +188,7 @@ def rim_edges(triangles: np.ndarray) -> np.ndarray:
     return rim
 
 
-def load_weights(nodes: Nodes, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Integral of each node's shape function over each flat triangle: nodes (F, 3) and weights (F, 1), m².
-
-    Degree 1: a third of the area at each vertex. Degree 2: nothing at the vertices, a third at each mid-side node.
-    """
-    carriers = nodes.triangle_edges(triangles) if len(nodes.edges) else triangles
-    return carriers, triangle_areas(nodes, triangles)[:, None] / 3
-
-
-def mean_over(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
-    """Weights (N,) whose product with nodal values is their mean over a surface."""
-    carriers, weight = load_weights(nodes, triangles)
-    mean = np.zeros(len(nodes.coordinates))
-    np.add.at(mean, carriers, weight)
-    return mean / mean.sum()
-
-
-def surface_mass(nodes: Nodes, triangles: np.ndarray, weights: np.ndarray | None = None) -> scipy.sparse.csr_matrix:
-    """∫ w φ_i φ_j over flat triangles, as a share of their area, (N, N); w (F,) is 1 unless given."""
-    area = triangle_areas(nodes, triangles)
-    share = area / area.sum() * (1.0 if weights is None else weights)
-    if len(nodes.edges):
-        opposite = -4 * np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])
-        element = np.block([[7 * np.eye(3) - 1, opposite], [opposite.T, 16 * (np.eye(3) + 1)]]) / 180
-    else:
-        element = (np.eye(3) + 1) / 12
-    ends = nodes.triangle_nodes(triangles)
-    rows, columns = (np.repeat(ends, len(element), axis=1), np.tile(ends, len(element)))
-    values = share[:, None] * element.ravel()
-    entries = values.ravel(), (rows.ravel(), columns.ravel())
-    return scipy.sparse.csr_matrix(entries, shape=2 * (len(nodes.coordinates),))
-
-
-def cell_at(nodes: Nodes, point: np.ndarray, where: str) -> tuple[int, np.ndarray]:
-    """The cell in which a point is, and its barycentric coordinates (4,) there.
-
-    A point just outside (a marker on a curved surface that the mesh cuts off) is taken to the nearest cell.
-
-    Raises:
-        SceneError: it is farther outside.
-    """
-    corners = nodes.coordinates[nodes.cells]
-    edges = np.transpose(corners[:, 1:] - corners[:, :1], (0, 2, 1))
-    inner = np.linalg.solve(edges, (point - corners[:, 0])[:, :, None])[:, :, 0]
-    barycentric = np.column_stack([1 - inner.sum(axis=1), inner])
-    clipped = np.clip(barycentric, 0, None)
-    clipped /= clipped.sum(axis=1)[:, None]
-    distance = np.linalg.norm(np.einsum("ci,cij->cj", clipped, corners) - point, axis=1)
-    cell = int(distance.argmin())
-    size = np.linalg.norm(np.ptp(nodes.coordinates, axis=0))
-    if distance[cell] > 0.01 * size:
-        raise SceneError(
-            f"{where}: point {point.tolist()} is {distance[cell]:.3g} m outside the body; "
-            f"allowed is 1 % of its size, {0.01 * size:.3g} m (mesh.scale says in which unit the mesh is)"
-        )
-    return cell, clipped[cell]
-
-
-def shape_functions(nodes: Nodes, point: np.ndarray, where: str) -> np.ndarray:
-    """Values (N,) of all shape functions at a point; SceneError as of `cell_at`."""
-    values = np.zeros(len(nodes.coordinates))
-    cell, λ = cell_at(nodes, point, where)
-    vertices = nodes.cells[cell]
-    if len(nodes.edges) == 0:
-        values[vertices] = λ
-    else:
-        values[vertices] = λ * (2 * λ - 1)
-        i, j = CELL_EDGES.T
-        values[nodes.on_edges(vertices[CELL_EDGES])] = 4 * λ[i] * λ[j]
-    return values
-
-
 def facets_and_cells(nodes: Nodes, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which facets of the boundary some are, in its order, and the cell that each is a face of."""
+    """Which triangles of the surface some are, in its order, and the cell that each is on."""
     row = np.flatnonzero(np.isin(face_keys(nodes, nodes.surface), face_keys(nodes, facets)))
-    of_cells = face_keys(nodes, nodes.cells[:, CELL_FACES].reshape(-1, 3))
-    order = np.argsort(of_cells)
-    face = order[np.searchsorted(of_cells[order], face_keys(nodes, nodes.surface[row]))]
-    return row, face // len(CELL_FACES)
-
-
-def shape_gradients(nodes: Nodes, cells: np.ndarray, λ: np.ndarray) -> np.ndarray:
-    """∂N_a/∂X_j (P, A, 3), 1/m, at barycentric coordinates λ (P, 4) of cells (P,)."""
-    corners = nodes.coordinates[nodes.cells[cells]]
-    inner = np.linalg.inv(corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
-    of_λ = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)  # ∂λ_v/∂X_j (P, 4, 3)
-    if not len(nodes.edges):
-        return of_λ
-    i, j = CELL_EDGES.T
-    at_vertices = (4 * λ - 1)[:, :, None] * of_λ
-    on_edges = 4 * (λ[:, i, None] * of_λ[:, j] + λ[:, j, None] * of_λ[:, i])
-    return np.concatenate([at_vertices, on_edges], axis=1)
+    return row, nodes.owner[row]

@@ -5,7 +5,9 @@ import scipy.sparse
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
-from fenics_rom.fem.nodes import Nodes, mean_over, shape_functions
+from fenics_rom.fem.cell_points import shape_functions
+from fenics_rom.fem.facets import mean_over
+from fenics_rom.fem.nodes import Nodes
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.mechanics.readings import MarkerReading
 from fenics_rom.mechanics.triangles import nearest_on_triangles

@@ -11,9 +11,9 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import MeshError, SceneError
 from fenics_rom.fem.chambers import OPEN_SHARE
+from fenics_rom.fem.facets import surface_area
 from fenics_rom.fem.mesh import Mesh
-from fenics_rom.fem.mesh_quality import CELL_FACES
-from fenics_rom.fem.nodes import Nodes, area_vectors, face_keys, load_weights
+from fenics_rom.fem.nodes import Nodes, area_vectors, face_keys
 from fenics_rom.scene.places import CellPlace, Held, Place, given_piece
 
 SAME_PLACE = 1e-6  # share of the body's length within which something is in a plane, in a box or on a line
@@ -46,7 +46,7 @@ def patch_nodes(nodes: Nodes, place: Place, where: str) -> Array:
 
 def patch_area(nodes: Nodes, place: Place, where: str) -> float:
     """Area of the triangles that a place picks, m²."""
-    return 3 * float(load_weights(nodes, patch_triangles(nodes, place, where))[1].sum())
+    return surface_area(nodes, patch_triangles(nodes, place, where))
 
 
 def held_nodes(nodes: Nodes, place: Place, where: str) -> Array:
@@ -91,12 +91,13 @@ def cells_of(place: CellPlace, mesh: Mesh, where: str) -> Array | slice:
 
 
 def _facets(nodes: Nodes, place: Place, where: str) -> Array:
-    """Whether a place picks each triangle of the surface, (F,)."""
-    centroids = nodes.coordinates[nodes.surface].mean(axis=1)
+    """Whether a place picks each triangle of the surface, (F,): of a quadrilateral both halves, or none."""
+    centroids = nodes.facet_centroids
 
     def pick(one: Place | CellPlace, piece: str, at: str) -> Array:
         assert isinstance(one, Place)
-        return {"surface": _named, "plane": _in_plane, "facing": _facing, "inner": _inner}[piece](nodes, one, at)
+        of_piece = {"surface": _named, "plane": _in_plane, "facing": _facing, "inner": _inner}[piece]
+        return nodes.whole_facets(of_piece(nodes, one, at))
 
     facets = _Pickable("surface triangle", "has its centroid", centroids, _length(nodes), pick)
     return _pick(place, facets, where)
@@ -162,9 +163,9 @@ def _named(nodes: Nodes, place: Place, where: str) -> Array:
 def _nodes_of_surface(nodes: Nodes, name: str) -> Array:
     """All nodes of a named surface, inside the body or on its boundary; refuses one that is not of faces of cells."""
     triangles = nodes.vertices(nodes.mesh.surface(name))
-    faces = nodes.cells[:, CELL_FACES].reshape(-1, 3)
+    faces = nodes.kind.triangles(nodes.cells)[0].reshape(-1, 3)
     is_stray = ~np.isin(face_keys(nodes, triangles), face_keys(nodes, faces))
-    _refuse_stray(nodes, name, is_stray, "faces of the tetrahedra")
+    _refuse_stray(nodes, name, is_stray, "faces of the cells")
     return np.unique(nodes.triangle_nodes(triangles))
 
 

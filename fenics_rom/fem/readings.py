@@ -9,10 +9,19 @@ from numpy import ndarray as Array
 from scipy.sparse.csgraph import connected_components
 
 from fenics_rom.errors import SceneError
+from fenics_rom.fem.cell_kinds import TETRAHEDRON, CellKind, points_of_rule
+from fenics_rom.fem.cell_points import (
+    cell_at,
+    cell_volumes,
+    dilation_points,
+    gradients_at,
+    quadrature_rule,
+    strain_points,
+)
+from fenics_rom.fem.facets import contact_facets, volume_within_surface
 from fenics_rom.fem.fibres import fibres_at
 from fenics_rom.fem.full_order_body import FullOrderBody
-from fenics_rom.fem.mesh_quality import CELL_EDGES, signed_volumes, volume_within
-from fenics_rom.fem.nodes import Nodes, cell_at, facets_and_cells, rim_edges, shape_gradients, triangle_areas
+from fenics_rom.fem.nodes import Nodes, facets_and_cells, rim_edges
 from fenics_rom.fem.outputs import marker_reading
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.fem.taxels import touch_reading
@@ -33,6 +42,7 @@ from fenics_rom.system.body import Unknowns
 from fenics_rom.system.system import System
 
 ROUND_OFF = 1e-9  # of sizes and directions
+GAUSS_OF_STRESS = 3  # degree of the rule of 2 x 2 x 2 points
 WHOLE = np.full((1, 3), 1 / 3)
 # Middles of the four parts that a triangle with six nodes is drawn in, in the order of `Nodes.drawn_triangles`.
 PARTS = np.vstack([np.full((3, 3), 1 / 6) + np.eye(3) / 2, WHOLE])
@@ -66,8 +76,9 @@ def _reading(
         return StrokeReading("volume", of, enclosed_volume(nodes, triangles, unknowns, where))
     if entry.quantity == "contact_pressure":
         triangles = patch_triangles(nodes, scene.contacts[of], f"contacts.{of}")
-        touched, facets = np.unique(nodes.triangle_nodes(triangles), return_inverse=True)
-        return ContactPressure(of, touched, facets.reshape(len(triangles), -1), triangle_areas(nodes, triangles))
+        carriers, areas = contact_facets(nodes, triangles)
+        touched, facets = np.unique(carriers, return_inverse=True)
+        return ContactPressure(of, touched, facets.reshape(carriers.shape), areas)
     if entry.point is not None:
         return marker_reading(nodes, np.array(entry.point), unknowns, f"{where}.point")
     if entry.points is not None:
@@ -93,22 +104,18 @@ def surface_gradients(nodes: Nodes, facets: Array) -> tuple[Array, scipy.sparse.
     """
     row, cell = facets_and_cells(nodes, facets)
     parts = PARTS if len(nodes.edges) else WHOLE
-    vertices, facet_vertices = nodes.cells[cell], nodes.surface[row]
-    corner = facet_vertices[:, :, None] == vertices[:, None, :]
-    λ = np.einsum("pk,fkv->pfv", parts, corner).reshape(-1, 4)
+    corner = nodes.surface[row][:, :, None] == nodes.cells[cell][:, None, :]
+    ξ = np.einsum("pk,fkv,vi->pfi", parts, corner, nodes.kind.corners).reshape(-1, 3)
     triangles = (np.arange(len(parts))[:, None] * len(nodes.surface) + row).ravel()
     cell = np.tile(cell, len(parts))
-    return triangles, _gradient_operator(nodes, cell, λ), cell
+    return triangles, _gradient_operator(nodes, cell, gradients_at(nodes, cell, ξ)), cell
 
 
-def _gradient_operator(nodes: Nodes, cells: Array, λ: Array) -> scipy.sparse.csr_matrix:
-    """From displacements of all nodes (3 N,) to H (3, 3, P), 1/m, at barycentric coordinates λ (P, 4) of cells (P,)."""
-    gradients = shape_gradients(nodes, cells, λ)
+def _gradient_operator(nodes: Nodes, cells: Array, gradients: Array) -> scipy.sparse.csr_matrix:
+    """From displacements of all nodes (3 N,) to H (3, 3, P), 1/m, by ∂N_a/∂X_j (P, A, 3) in cells (P,)."""
     P, A = gradients.shape[:2]
-    corners = nodes.cells[cells]
-    cell_nodes = np.hstack([corners, nodes.on_edges(corners[:, CELL_EDGES])]) if len(nodes.edges) else corners
     i, j, p, a = np.meshgrid(range(3), range(3), range(P), range(A), indexing="ij")
-    rows, columns = (3 * i + j) * P + p, 3 * cell_nodes[p, a] + i
+    rows, columns = (3 * i + j) * P + p, 3 * nodes.cell_nodes[cells][p, a] + i
     entries = gradients[p, a, j].ravel(), (rows.ravel(), columns.ravel())
     return scipy.sparse.coo_matrix(entries, shape=(9 * P, 3 * len(nodes.coordinates))).tocsr()
 
@@ -118,37 +125,53 @@ def _point_stresses(
 ) -> StressReading:
     """Stress at points (G, 3), from the cells around the corners of theirs.
 
-    With selective integration a cell has its change of volume, and so λ, in its middle alone.
+    Those of hexahedra are extrapolated from 2 x 2 x 2 points of Gauss, where they are best (Barlow, 1976). With
+    selective integration a cell has its change of volume, and so λ, where this is integrated.
 
     Raises:
         SceneError: a point is outside the body.
     """
-    volumes = signed_volumes(nodes.coordinates, nodes.cells)
+    volumes = cell_volumes(nodes)
     corners, cells, at, shares = [], [], [], []
     for k, point in enumerate(points):
-        home, λ = cell_at(nodes, point, where)
+        home, ξ = cell_at(nodes, point, where)
+        λ = nodes.kind.shapes(1, ξ)[0][0]  # of the corners
         λ = np.where(λ > ROUND_OFF, λ, 0.0)
         for vertex, weight in zip(nodes.cells[home][λ > 0], (λ / λ.sum())[λ > 0], strict=True):
             is_there = nodes.cells == vertex
             around = np.flatnonzero(is_there.any(axis=1) & (material[:, :2] == material[home, :2]).all(axis=1))
             corners.append((k, weight))
             cells.append(around)
-            at.append(is_there[around].astype(float))
+            at.append(is_there[around].argmax(axis=1))
             shares.append(volumes[around] / volumes[around].sum())
     of_point, weights = zip(*corners, strict=True)
-    cell, places = np.concatenate(cells), np.concatenate(at)
+    places, from_places = _sampled_in(nodes.kind, np.concatenate(at))
+    cell = np.repeat(np.concatenate(cells), places.shape[1])
+    places = places.reshape(-1, 3)
     λ, μ, _ = material[cell].T
-    corners_of = nodes.coordinates[nodes.cells[cell]]
-    fibres = fibres_at(scene, nodes.mesh, cell, np.einsum("pv,pvi->pi", places, corners_of))
+    gradients = gradients_at(nodes, cell, places)
+    shapes, _ = nodes.kind.shapes(nodes.degree, places)
+    there = np.einsum("pa,pai->pi", shapes, nodes.coordinates[nodes.cell_nodes[cell]])
+    fibres = fibres_at(scene, nodes.mesh, cell, there)
     if scene.integration == "selective":
-        none = np.zeros(len(cell))
-        cell, places = np.tile(cell, 2), np.concatenate([places, np.full((len(cell), 4), 1 / 4)])
-        λ, μ = np.concatenate([none, λ]), np.concatenate([μ, none])
-    operator = (_gradient_operator(nodes, cell, places) @ unknowns.matrix).tocsr()
+        none, of_dilation = np.zeros(len(cell)), points_of_rule(nodes.kind.name, quadrature_rule(nodes)[2])
+        nearest = np.linalg.norm(places[:, None] - of_dilation, axis=2).argmin(axis=1)
+        dilations, _ = dilation_points(nodes, *strain_points(nodes, cell))
+        gradients = np.concatenate([gradients, dilations[np.arange(len(cell)), nearest]])
+        cell, λ, μ = np.tile(cell, 2), np.concatenate([none, λ]), np.concatenate([μ, none])
+    operator = (_gradient_operator(nodes, cell, gradients) @ unknowns.matrix).tocsr()
     of_corner = np.repeat(np.arange(len(cells)), [len(around) for around in cells])
-    return StressReading(
-        points, np.array(of_point), np.array(weights), of_corner, np.concatenate(shares), operator, λ, μ, fibres
-    )
+    of_values = of_corner, np.concatenate(shares), from_places
+    return StressReading(points, np.array(of_point), np.array(weights), *of_values, operator, λ, μ, fibres)
+
+
+def _sampled_in(kind: CellKind, corner: Array) -> tuple[Array, Array]:
+    """Places (T, R, 3) in the reference cell from which stresses at corners (T,) of it come, and weights (T, R)."""
+    if kind is TETRAHEDRON:
+        return kind.corners[corner][:, None], np.ones((len(corner), 1))
+    points = points_of_rule(kind.name, GAUSS_OF_STRESS)
+    of_corners = np.linalg.inv(kind.shapes(1, points)[0])
+    return np.tile(points, (len(corner), 1, 1)), of_corners[corner]
 
 
 def enclosed_volume(nodes: Nodes, triangles: Array, unknowns: Unknowns, where: str) -> float:
@@ -168,19 +191,22 @@ def enclosed_volume(nodes: Nodes, triangles: Array, unknowns: Unknowns, where: s
     """
     count = len(nodes.coordinates)
     middle = nodes.coordinates[triangles].mean(axis=(0, 1))
-    closed = [nodes.coordinates[triangles] - middle]
+    volume = -volume_within_surface(nodes, triangles, middle)
     rim = rim_edges(triangles)
     graph = scipy.sparse.coo_array((np.ones(len(rim)), rim.T), shape=(count, count))
     _, opening = connected_components(graph, directed=False)
     for one in np.unique(opening[rim[:, 0]]):
         around = rim[opening[rim[:, 0]] == one]
-        ends = nodes.coordinates[around] - middle
+        sides = around
+        if nodes.is_curved:
+            between = nodes.on_edges(around)
+            sides = np.concatenate([np.stack([around[:, 0], between], 1), np.stack([between, around[:, 1]], 1)])
+        ends = nodes.coordinates[sides] - middle
         tip = ends.mean(axis=(0, 1))
         cap = np.stack([ends[:, 1], ends[:, 0], np.broadcast_to(tip, ends[:, 0].shape)], axis=1)
         if _can_sweep(nodes, around, cap, unknowns):
             raise SceneError(f"{where}: the surface has an opening whose rim moves, so that it encloses no volume")
-        closed.append(cap)
-    volume = -volume_within(np.concatenate(closed))
+        volume -= float(np.linalg.det(cap).sum()) / 6
     if volume <= 0:
         raise SceneError(f"{where}: the surface is around the body, not around a chamber in it")
     return volume

@@ -4,7 +4,6 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
-from fenics_rom.fem.mesh_quality import CELL_EDGES
 from fenics_rom.fem.nodes import Nodes
 from fenics_rom.system.body import Unknowns
 from fenics_rom.system.rigid_modes import rigid_fields
@@ -40,11 +39,9 @@ def rigid_motions(nodes: Nodes, node_mass: np.ndarray, unknowns: Unknowns) -> np
 def _parts(nodes: Nodes) -> tuple[int, np.ndarray]:
     """Number of connected parts, and that of each node, (N,)."""
     cells, vertices = nodes.cells, int(nodes.cells.max()) + 1
-    start, end = cells[:, [0, 0, 0]].ravel(), cells[:, 1:].ravel()
+    start, end = np.repeat(cells[:, 0], cells.shape[1] - 1), cells[:, 1:].ravel()
     graph = scipy.sparse.coo_array((np.ones(len(start)), (start, end)), shape=(vertices, vertices))
     count, part = connected_components(graph, directed=False)
     node_part = np.empty(len(nodes.coordinates), dtype=int)
-    node_part[:vertices] = part
-    if len(nodes.edges):
-        node_part[nodes.on_edges(cells[:, CELL_EDGES])] = part[cells[:, :1]]
+    node_part[nodes.cell_nodes] = part[cells[:, :1]]
     return count, node_part

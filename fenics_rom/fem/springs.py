@@ -11,7 +11,8 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
-from fenics_rom.fem.nodes import Nodes, area_vectors, surface_mass, triangle_areas
+from fenics_rom.fem.facets import surface_area, surface_mass
+from fenics_rom.fem.nodes import Nodes, area_vectors
 from fenics_rom.fem.petsc_matrix import PetscMatrix, from_local_rows
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.scene.effects import Spring
@@ -22,7 +23,7 @@ from fenics_rom.system.body import Unknowns
 def springs_of(scene: Scene, nodes: Nodes) -> scipy.sparse.csr_matrix | None:
     """Stiffness S of springs to ground that resist in all directions alike, of all nodes (N, N), N/m."""
     return summed(
-        _stiffness(spring, triangle_areas(nodes, triangles)) * surface_mass(nodes, triangles)
+        _stiffness(spring, nodes, triangles) * surface_mass(nodes, triangles)
         for spring, triangles in _springs(scene, nodes)
         if not spring.sliding
     )
@@ -33,7 +34,7 @@ def sliding_springs_of(scene: Scene, nodes: Nodes) -> scipy.sparse.csr_matrix | 
     parts = []
     for spring, triangles in _springs(scene, nodes):
         if spring.sliding:
-            n, k = area_vectors(nodes, triangles), _stiffness(spring, triangle_areas(nodes, triangles))
+            n, k = area_vectors(nodes, triangles), _stiffness(spring, nodes, triangles)
             n /= np.linalg.norm(n, axis=1)[:, None]
             for row, column in np.ndindex(3, 3):
                 S = k * surface_mass(nodes, triangles, n[:, row] * n[:, column])
@@ -47,9 +48,10 @@ def _springs(scene: Scene, nodes: Nodes) -> Iterator[tuple[Spring, np.ndarray]]:
         yield spring, patch_triangles(nodes, spring, f"effects.springs.{name}")
 
 
-def _stiffness(spring: Spring, areas: np.ndarray) -> float:
+def _stiffness(spring: Spring, nodes: Nodes, triangles: np.ndarray) -> float:
     """Of the whole surface, N/m."""
-    return spring.foundation * float(areas.sum()) if spring.foundation is not None else spring.stiffness or 0.0
+    area = surface_area(nodes, triangles)
+    return spring.foundation * area if spring.foundation is not None else spring.stiffness or 0.0
 
 
 def dashpots_of(scene: Scene, nodes: Nodes) -> scipy.sparse.csr_matrix | None:

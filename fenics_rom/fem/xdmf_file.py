@@ -1,4 +1,4 @@
-"""XDMF files as dolfinx and meshio write them: one mesh of tetrahedra, and its tags as groups.
+"""XDMF files as dolfinx and meshio write them: one mesh of tetrahedra or hexahedra, and its tags as groups.
 
 Not by dolfinx, which a cell of a node that is not there ends by a signal, and which passes over tags of what is no face
 of its cells.
@@ -13,11 +13,16 @@ import h5py
 import numpy as np
 
 from fenics_rom.errors import MeshError
+from fenics_rom.fem.cell_kinds import HEXAHEDRON, TETRAHEDRON, halves
 from fenics_rom.fem.mesh_arrays import MeshArrays
-from fenics_rom.scene.foreign_process import edges_of
+from fenics_rom.scene.foreign_process import FIRST_ORDER, HEXAHEDRON_20, HEXAHEDRON_27, TETRAHEDRON_10, edges_of
 
-CELLS = {"tetrahedron": 4, "tetrahedron_10": 10, "tet_10": 10}  # and their nodes, in VTK's order
+TETRAHEDRA = {"tetrahedron": 4, "tetrahedron_10": 10, "tet_10": 10}  # and their nodes, in VTK's order
+HEXAHEDRA = {"hexahedron": 8, "hexahedron_20": 20, "hex_20": 20, "hexahedron_27": 27, "hex_27": 27}
 TRIANGLES = {"triangle": 3, "triangle_6": 6, "tri_6": 6}
+QUADRILATERALS = {"quadrilateral": 4, "quadrilateral_8": 8, "quad_8": 8, "quadrilateral_9": 9, "quad_9": 9}
+CELLS, FACES = TETRAHEDRA | HEXAHEDRA, TRIANGLES | QUADRILATERALS
+MIDDLES = {10: TETRAHEDRON_10, 20: HEXAHEDRON_20, 27: HEXAHEDRON_27}
 
 
 def read_xdmf(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
@@ -28,7 +33,7 @@ def read_xdmf(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
         groups: as in `mesh.read_mesh`.
 
     Raises:
-        MeshError: it cannot be read, its arrays are not as long as it says, or its cells are no tetrahedra.
+        MeshError: it cannot be read, its arrays are not as long as it says, or its cells are neither.
     """
     try:
         return _read(file, groups)
@@ -42,7 +47,9 @@ def _read(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
         raise ValueError("it has no grid with a topology")
     shape = _shape(grids[0])
     if shape not in CELLS:
-        raise MeshError(f"mesh file {file}: holds no tetrahedra but cells of type {shape}; allowed are tetrahedra")
+        raise MeshError(f"mesh file {file}: holds cells of type {shape}; allowed are tetrahedra and hexahedra")
+    kind = TETRAHEDRON if shape in TETRAHEDRA else HEXAHEDRON
+    corners, faces = len(kind.corners), TRIANGLES if shape in TETRAHEDRA else QUADRILATERALS
     points = _array(grids[0].find("Geometry/DataItem"), file.parent).astype(float)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"its nodes have the shape {points.shape}; allowed are three coordinates each")
@@ -51,7 +58,7 @@ def _read(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
     regions: dict[str, np.ndarray] = {}
     vectors: dict[str, np.ndarray] = {}
     for grid in grids:
-        if _shape(grid) not in CELLS | TRIANGLES:
+        if _shape(grid) not in CELLS | faces:
             continue
         elements = cells if grid is grids[0] else _elements(grid, file.parent, len(points))
         for attribute in grid.iterfind("Attribute[@Center='Cell']"):
@@ -68,16 +75,16 @@ def _read(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
             parts = {group: values == value for group, value in named.items() if (values == value).any()}
             if grid is not grids[0]:
                 parts = {name: np.ones(len(values), dtype=bool)} | parts
-            is_surface = _shape(grid) in TRIANGLES
+            is_surface = _shape(grid) in faces
             for group, chosen in parts.items():
                 if group in (surfaces if is_surface else regions):
                     raise MeshError(f"mesh file {file}: group {group!r} is in {name!r} and in other tags before it")
                 if is_surface:
-                    surfaces[group] = elements[chosen][:, :3]
+                    surfaces[group] = halves(elements[chosen][:, : min(faces.values())]).reshape(-1, 3)
                 else:
-                    regions[group] = _rows(elements[chosen][:, :4], cells[:, :4], name)
-    edges = edges_of(cells[:, :4], cells[:, 4:]) if cells.shape[1] == 10 else cells[:0, :3]
-    return MeshArrays(points, cells[:, :4], surfaces, regions, edges, vectors=vectors)
+                    regions[group] = _rows(elements[chosen][:, :corners], cells[:, :corners], name)
+    edges = edges_of(cells, MIDDLES.get(cells.shape[1], FIRST_ORDER))
+    return MeshArrays(points, cells[:, kind.from_vtk], surfaces, regions, edges, vectors=vectors, kind=kind)
 
 
 def _shape(grid: Element) -> str:
@@ -91,7 +98,7 @@ def _elements(grid: Element, folder: Path, nodes: int) -> np.ndarray:
     topology = grid.find("Topology")
     assert topology is not None
     elements = _array(topology.find("DataItem"), folder).astype(np.int64)
-    told, length = topology.get("NumberOfElements"), (CELLS | TRIANGLES)[_shape(grid)]
+    told, length = topology.get("NumberOfElements"), (CELLS | FACES)[_shape(grid)]
     if elements.ndim != 2 or elements.shape[1] != length:
         raise ValueError(f"its {_shape(grid)}s have the shape {elements.shape}; allowed are {length} nodes each")
     if told is not None and told.split() != [str(len(elements))]:

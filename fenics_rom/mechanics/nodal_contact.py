@@ -3,11 +3,12 @@
 A contact point that is no node, as a place on a face, spreads its force over nodes by its weights. With A_f the areas
 of the facets around node i, of n nodes each, it has the share a_i = Σ A_f / n of the surface, and
 
-    n = 3:  p_i = F_i / a_i
-    n = 6:  p_f = Σ_{i of f} F_i / (6 a_i),   p_i = Σ A_f p_f / (6 a_i)
+    n = 3, 4:  p_i = F_i / a_i
+    n = 6:     p_f = Σ_{i of f} F_i / (6 a_i),   p_i = Σ A_f p_f / (6 a_i)
 
 Σ a_i p_i = Σ F_i exactly. On flat surfaces a uniform pressure is found exactly. On facets of six nodes it may leave
-nothing to the corners, or be shared by area where the four parts of a facet touch.
+nothing to the corners, or be shared by area where the four parts of a facet touch. On quadrilaterals of nine nodes it
+leaves 1/36 to each corner, 1/9 to the middles of sides and 4/9 to the middle: these are shares of A_f, as for n = 4.
 """
 
 from collections.abc import Mapping
@@ -21,6 +22,9 @@ from fenics_rom.mechanics.contact_points import ContactPoints
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.touch import TouchState
+
+
+NINTHS = np.array([1, 1, 1, 1, 4, 4, 4, 4, 16]) / 36  # of a uniform pressure, on a quadrilateral of nine nodes
 
 
 class NodalContact(NamedTuple):
@@ -42,7 +46,7 @@ class FacetShares:
     """Values that belong to nodes, as forces do, over the area of facets around them.
 
     Args:
-        facets: (F, 3) or (F, 6) nodes.
+        facets: (F, 3) or (F, 6) nodes of triangles, (F, 4) or (F, 9) of quadrilaterals: corners, sides, the middle.
         areas: (F,) m².
         count: of nodes.
 
@@ -52,12 +56,14 @@ class FacetShares:
 
     def __init__(self, facets: Array, areas: Array, count: int):
         self._facets, self._of_facets, self._n = facets, areas, facets.shape[1]
-        self.areas = self._sum_at_nodes(areas, count) / self._n
+        self.areas: Array = self._sum_at_nodes(areas, count) / self._n
+        if self._n == 9:
+            self.areas = np.bincount(facets.ravel(), np.outer(areas, NINTHS).ravel(), minlength=count)
 
     def density(self, values: Array) -> Array:
         """Of values (count, ...) by area, (count, ...); 0 on nodes of no facet."""
         direct = _quotient(values, self.areas)
-        if self._n == 3:
+        if self._n != 6:
             return direct
         of_facets = direct[self._facets].sum(axis=1) / self._n
         weighed = (self._of_facets * of_facets.T).T
@@ -87,8 +93,9 @@ class ContactSurface:
 
     def __init__(self, coordinates: Array, triangles: Array, nodes: Array):
         facets, count = facets_of(triangles), len(coordinates)
-        a, b, c = coordinates[facets[:, :3]].swapaxes(0, 1)
-        areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+        areas = _areas(coordinates, facets[:, :3])
+        if facets.shape[1] in (4, 9):
+            areas += _areas(coordinates, facets[:, [0, 2, 3]])
         among = np.isin(facets, nodes).all(axis=1)
         self._shares = FacetShares(facets[among], areas[among], count)
         self.nodes, self.areas = nodes, self._shares.areas.copy()
@@ -185,6 +192,25 @@ class TouchedBody:
 
 
 def facets_of(triangles: Array) -> Array:
+    """Facets that triangles (T, 3) are of, as `Nodes.drawn_triangles` has them.
+
+    Of three nodes (T, 3), or where they are four parts of each, of six, (T / 4, 6). Where these are halves of
+    quadrilaterals, facets of four nodes (T / 2, 4) or nine (T / 8, 9).
+    """
+    facets = _whole(triangles)
+    if not len(facets) or len(facets) % 2:
+        return facets
+    first, second = np.split(facets, 2)
+    shared = [(0, 2), (2, 0), (5, 5)][: 3 if facets.shape[1] == 6 else 2]
+    if not all((first[:, i] == second[:, j]).all() for i, j in shared):
+        return facets
+    corners = np.column_stack([first[:, :3], second[:, 1]])
+    if facets.shape[1] == 3:
+        return corners
+    return np.column_stack([corners, first[:, 3:5], second[:, 3:5], first[:, 5]])
+
+
+def _whole(triangles: Array) -> Array:
     """Facets of three nodes, (F, 3), or where triangles (F, 3) are four parts of each, of six, (F / 4, 6)."""
     if not len(triangles) or len(triangles) % 4:
         return triangles
@@ -194,6 +220,13 @@ def facets_of(triangles: Array) -> Array:
     if not (parts == np.stack([np.stack(each, axis=1) for each in ((ab, ca), (ab, bc), (ca, bc))])).all():
         return triangles
     return np.column_stack([first[:, 0], second[:, 1], third[:, 2], ab, bc, ca])
+
+
+def _areas(coordinates: Array, triangles: Array) -> Array:
+    """(F,), m²."""
+    a, b, c = coordinates[triangles].swapaxes(0, 1)
+    areas: Array = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    return areas
 
 
 def _quotient(values: Array, areas: Array) -> Array:

@@ -65,15 +65,15 @@ class StrokeReading:
 class ContactPressure:
     """Normal forces of obstacles by area, at the nodes of a contact surface, (s,), Pa.
 
-    On facets of three nodes a node has a third of its facets. On those of six, where a uniform pressure leaves nothing
-    to the corners, each facet has its share by area of the forces on its nodes, and a node the mean of its facets, by
-    area. Either way a uniform pressure is found exactly.
+    On facets of three nodes a node has a third of its facets, of four a quarter, of nine its share of a uniform
+    pressure. On those of six, where a uniform pressure leaves nothing to the corners, each facet has its share by area
+    of the forces on its nodes, and a node the mean of its facets, by area. Either way a uniform pressure is exact.
     """
 
     quantity: ClassVar = "contact_pressure"
     of: str  # the contact mode
     nodes: Array  # (s,) of its surface
-    facets: Array  # (F, 3) or (F, 6) rows of `nodes`
+    facets: Array  # (F, any) rows of `nodes`, as `FacetShares` takes them
     areas: Array  # (F,) theirs at rest, m²
 
     def read(self, body: ReadableBody) -> Array:
@@ -121,7 +121,8 @@ class StressReading:
     At each corner of the cell that a point is in, the stresses that the cells of the same material around this corner
     have there are averaged, by volume; between the corners it is interpolated linearly. The spread is how far these
     cells differ: of the component of which it is most, the largest less the smallest of them, interpolated alike.
-    Where the displacement is of second degree the stress of a cell is linear, where it is of first degree constant.
+    In tetrahedra with displacements of second degree the stress of a cell is linear, of first degree constant. That of
+    a hexahedron is extrapolated to its corner.
 
     Attributes:
         points: (G, 3), m, at rest.
@@ -129,8 +130,9 @@ class StressReading:
         corner_weights: (K,) of the interpolation.
         value_corners: (T,) which corner each value of a cell is for, ascending.
         value_shares: (T,) of the cell in the volume around its corner.
-        operator: to H (3, 3, P) of the body's coordinates, (9 P, c), a matrix; 1/m. P is T, or twice T where changes of
-            volume are integrated apart from the rest: then the middles of cells follow.
+        place_weights: (T, R) of the R places in the cell that each value is extrapolated from.
+        operator: to H (3, 3, P) of the body's coordinates, (9 P, c), a matrix; 1/m. P is T R, or twice as many where
+            changes of volume are integrated apart from the rest: then places for these follow.
         first_lame, shear: λ and μ that each has, (P,), Pa.
         fibres: beside them.
     """
@@ -142,6 +144,7 @@ class StressReading:
     corner_weights: Array
     value_corners: Array
     value_shares: Array
+    place_weights: Array
     operator: Any
     first_lame: Array
     shear: Array
@@ -150,7 +153,7 @@ class StressReading:
     def read(self, body: ReadableBody) -> Array:
         """Its values."""
         H = (self.operator @ body.coordinates()).reshape(3, 3, -1)
-        σ = stress_of(body.law, H, self).reshape(6, -1, len(self.value_shares)).sum(axis=1)
+        σ = self._at_corners(stress_of(body.law, H, self)[..., None])[..., 0]
         of_corner = np.searchsorted(self.value_corners, np.arange(len(self.corner_points)))
         spreads = np.maximum.reduceat(σ, of_corner, axis=1) - np.minimum.reduceat(σ, of_corner, axis=1)
         at = self._at_points(np.add.reduceat(σ * self.value_shares, of_corner, axis=1))
@@ -160,9 +163,15 @@ class StressReading:
     def components(self, gradients: Array) -> Array:
         """σ (6, G, m), Pa, of a linear body, from H (3, 3, P, m) of each of m displacements."""
         σ = PointMaterial("", self.first_lame, self.shear, self.fibres).linear_stress(small_strain(gradients))
-        σ = σ.reshape(6, -1, len(self.value_shares), σ.shape[-1]).sum(axis=1) * self.value_shares[:, None]
+        σ = self._at_corners(σ) * self.value_shares[:, None]
         of_corner = np.searchsorted(self.value_corners, np.arange(len(self.corner_points)))
         return self._at_points(np.add.reduceat(σ, of_corner, axis=1))
+
+    def _at_corners(self, σ: Array) -> Array:
+        """(6, T, m) of each cell at its corner, from those (6, P, m) at the places."""
+        at_places = σ.reshape(6, -1, *self.place_weights.shape, σ.shape[-1])
+        values: Array = (at_places * self.place_weights[..., None]).sum(axis=(1, 3))
+        return values
 
     def _at_points(self, of_corners: Array) -> Array:
         """Values (6, G, ...) at the points, from those (6, K, ...) at their corners."""

@@ -71,10 +71,10 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
     error_model/                     what runs need to know their errors; absent if not asked for; rom.error_model_file
     readings/NAME/                   what else is read, absent where nothing is; attributes `quantity`, `of`
         rest (1,) m or m3           of a length or a volume
-        nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes
+        nodes (s,), facets (F, 3, 4, 6 or 9), areas (F,) m^2          of contact_pressure: facets are rows of nodes
         triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of strain, von_mises_stress
-        points (G, 3) m, corner_points (K,), corner_weights (K,), value_corners (T,), value_shares (T,), operator,
-        first_lame, shear as above, of T values or twice as many    of stress at points
+        points (G, 3) m, corner_points (K,), corner_weights (K,), value_corners (T,), value_shares (T,),
+        place_weights (T, R) or absent, operator, first_lame, shear as above, of T R places or twice as many  of stress
         foot (3, k) kg^-1/2, gradients (2, 3, k) kg^-1/2/m, tangents (2, 3), offset (3,) m  of marker; touch: touch_file
 
 Before 2.8 there are no fibres, before 2.7 no static, before 2.6 no error_model, before 2.5 no time_constants (0), but

@@ -34,6 +34,7 @@ STRESS = {
     "corner_weights": Entry("1", ("K",)),
     "value_corners": Entry("1", ("T",), "i"),
     "value_shares": Entry("1", ("T",)),
+    "place_weights": Entry("1", ("T", "R"), optional=True),  # 1 of one place each where it is absent
     "operator": SURFACE["operator"],
     "first_lame": SURFACE["first_lame"],
     "shear": SURFACE["shear"],
@@ -60,8 +61,11 @@ def put_readings(h5: h5py.File, rom: Rom) -> None:
         arrays, sizes = vars(reading), {"k": len(rom.stiffness)}
         if isinstance(reading, SurfaceReading | StressReading):
             operator = reading.operator.reshape(3, 3, len(reading.shear), -1)
-            table = SURFACE if isinstance(reading, SurfaceReading) else STRESS
-            put_arrays(part, table, sizes, arrays | {"operator": operator})
+            table, arrays = SURFACE, arrays | {"operator": operator}
+            if isinstance(reading, StressReading):
+                table, several = STRESS, reading.place_weights.shape[1] > 1
+                arrays["place_weights"] = reading.place_weights if several else None
+            put_arrays(part, table, sizes, arrays)
             put_fibres(part, reading.fibres)
         elif isinstance(reading, MarkerReading):
             foot, gradients = np.split(reading.operator, [3])
@@ -102,6 +106,8 @@ def _take(group: h5py.Group, sizes: dict[str, int]) -> Reading:
     arrays["operator"] = arrays["operator"].reshape(-1, sizes["k"])
     arrays["fibres"] = get_fibres(group)
     if quantity == "stress":
+        if arrays.get("place_weights") is None:
+            arrays["place_weights"] = np.ones((len(arrays["value_shares"]), 1))
         return StressReading(**arrays)
     return SurfaceReading(quantity, of, **arrays)
 
@@ -135,8 +141,8 @@ def check_readings(rom: Rom) -> None:
             check_indices(f"{where}/nodes", reading.nodes, len(rom.nodes))
             check_indices(f"{where}/facets", reading.facets, len(reading.nodes))
             check_known("contact mode", reading.of, rom.contact_models, FileError, f"{where}: ")
-            if reading.facets.shape[1] not in (3, 6) or not (reading.areas > 0).all():
-                raise FileError(f"{where}: facets have 3 or 6 nodes and an area")
+            if reading.facets.shape[1] not in (3, 4, 6, 9) or not (reading.areas > 0).all():
+                raise FileError(f"{where}: facets have 3, 4, 6 or 9 nodes and an area")
             if not np.isin(np.arange(len(reading.nodes)), reading.facets).all():
                 raise FileError(f"{where}: a node has no facets")
         elif isinstance(reading, MarkerReading):
@@ -157,7 +163,9 @@ def _check_stress(where: str, reading: StressReading) -> None:
             raise FileError(f"{where}/{name}: allowed are all numbers below {count}, ascending")
         if not (weights > 0).all() or np.abs(np.bincount(indices, weights) - 1).max() > ROUND_OFF:
             raise FileError(f"{where}/{name}: weights are not positive with the sum 1")
-    samples, values = len(reading.shear), len(reading.value_shares)
+    if np.abs(reading.place_weights.sum(axis=1) - 1).max() > ROUND_OFF:
+        raise FileError(f"{where}/place_weights: their sums are not 1")
+    samples, values = len(reading.shear), reading.place_weights.size
     if (
         samples not in (values, 2 * values)
         or not ((reading.shear >= 0) & (reading.first_lame + reading.shear > 0)).all()

@@ -82,10 +82,6 @@ def _check_together(file: SceneFile) -> None:
 
 def _check_selective(file: SceneFile) -> None:
     """Checks that there is something to integrate selectively."""
-    if file.mesh.degree != 2:
-        raise SceneError(
-            "mesh.integration = 'selective': allowed is with mesh.degree = 2, where cells do not change volume evenly"
-        )
     materials = {"material": file.material} if file.materials is None else file.materials
     for name, material in materials.items():
         if material is not None and material.poisson <= 0:

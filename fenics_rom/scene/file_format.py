@@ -19,16 +19,21 @@ InputValue = Annotated[float, Number(unit="N")]
 
 @dataclass(frozen=True)
 class Mesh:
-    """Tetrahedra of a Gmsh file."""
+    """Tetrahedra or hexahedra of a mesh file."""
 
-    file: Annotated[str, Text(), "a .msh file; its path is relative to the scene's folder"]
+    file: Annotated[
+        str,
+        Text(),
+        "a .msh file of Gmsh, or of another format that `fem` reads; its path is relative to the scene's folder",
+    ]
     degree: Annotated[
-        int, Number(at_least=1, at_most=2, integer=True), "of the displacements in a tetrahedron; 1 is stiff in bending"
+        int, Number(at_least=1, at_most=2, integer=True), "of the displacements in a cell; 1 is stiff in bending"
     ] = 1
     integration: Annotated[
         str,
         Text(choices=INTEGRATIONS),
-        '"selective": changes of volume are taken in the middle of a tetrahedron of degree 2, and rubber does not lock',
+        '"selective": changes of volume are those of the mean of a cell, of a hexahedron of degree 2 at eight points, '
+        "and rubber does not lock; not of tetrahedra of degree 1",
     ] = "full"
     scale: Annotated[
         float, Number(above=0.0), "metres that a unit of its coordinates is worth: 1e-3 of a mesh in millimetres"
@@ -143,7 +148,7 @@ class SceneFile:
 
     __pydantic_config__: ClassVar = {"extra": "forbid"}
     name: Annotated[str, Text(), "of the scene"] = "scene"
-    mesh: Annotated[Mesh, "tetrahedra of a Gmsh file"]
+    mesh: Annotated[Mesh, "tetrahedra or hexahedra of a mesh file"]
     material: Annotated[Elasticity | None, "of the whole body; this or materials"] = None
     materials: Annotated[Mapping[Name, Material] | None, "of cell groups; this or material"] = None
     frame: Annotated[

@@ -17,11 +17,27 @@ import numpy as np
 BASE_MEMORY = 2**30  # bytes of address space that Gmsh may take for any file, of which it takes a fifth by itself
 VTK_MEMORY = 2**32  # and VTK, of which it takes a fifth
 MEMORY_PER_BYTE = 50  # and for each byte of the file, of which they take five to ten
-TRIANGLES = {2: 3, 9: 6}  # Gmsh's numbers of them, and their nodes, the corners first
-TETRAHEDRA = {4: 4, 11: 10}
-GMSH_MIDDLES = [4, 5, 6, 7, 9, 8]  # of the edges 01, 12, 02, 03, 13, 23, the order of VTK and of Abaqus
-VTK_TRIANGLES = {5: 3, 22: 6}  # VTK's numbers, likewise
-VTK_TETRAHEDRA = {10: 4, 24: 10}
+# Nodes of second-order cells between two corners, in the order of VTK and of Abaqus, each as (corner, corner, node).
+# The middle of a face is between both pairs of its opposite corners, that of a hexahedron between all four.
+VTK_EDGES = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)])
+VTK_FACES = [(0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 2, 6, 7), (0, 3, 2, 1), (4, 5, 6, 7)]
+TETRAHEDRON_10 = np.array([(0, 1, 4), (1, 2, 5), (0, 2, 6), (0, 3, 7), (1, 3, 8), (2, 3, 9)])
+HEXAHEDRON_20 = np.column_stack([VTK_EDGES, np.arange(8, 20)])
+CENTRE = np.array([(0, 6, 26), (1, 7, 26), (2, 4, 26), (3, 5, 26)])
+OF_FACES = np.array([(face[k], face[k + 2], 20 + n) for n, face in enumerate(VTK_FACES) for k in range(2)])
+HEXAHEDRON_27 = np.concatenate([HEXAHEDRON_20, OF_FACES, CENTRE])
+GMSH_10 = np.array([(0, 1, 4), (1, 2, 5), (0, 2, 6), (0, 3, 7), (1, 3, 9), (2, 3, 8)])
+GMSH_EDGES = [(0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7)]
+GMSH_FACES = [(0, 3, 2, 1), (0, 1, 5, 4), (0, 4, 7, 3), (1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7)]
+GMSH_20 = np.column_stack([GMSH_EDGES, np.arange(8, 20)])
+GMSH_OF_FACES = np.array([(face[k], face[k + 2], 20 + n) for n, face in enumerate(GMSH_FACES) for k in range(2)])
+GMSH_27 = np.concatenate([GMSH_20, GMSH_OF_FACES, CENTRE])
+FIRST_ORDER = np.empty((0, 3), dtype=int)
+# By the number of corners: numbers of the kinds of cells, and of those of their faces, with their nodes.
+GMSH_KINDS = {4: ({4: 4, 11: 10}, {2: 3, 9: 6}), 8: ({5: 8, 17: 20, 12: 27}, {3: 4, 16: 8, 10: 9})}
+VTK_KINDS = {4: ({10: 4, 24: 10}, {5: 3, 22: 6}), 8: ({12: 8, 25: 20, 29: 27}, {9: 4, 23: 8, 28: 9})}
+GMSH_MIDDLES = {11: GMSH_10, 17: GMSH_20, 12: GMSH_27}
+VTK_MIDDLES = {24: TETRAHEDRON_10, 25: HEXAHEDRON_20, 29: HEXAHEDRON_27}
 AROUND = 48  # triangles around a round face of a STEP file
 FEATURE_ANGLE = np.radians(40.0)  # between triangles of a surface; beyond it an edge stays an edge
 
@@ -74,13 +90,13 @@ def read_arrays(file: str) -> dict[str, Any]:
     Returns:
         nodes: (N,) tags, in any order.
         points: (3 N,) of the nodes, m.
-        kinds: names of the kinds of cells.
-        numbers: (C,) of the tetrahedra.
-        cells: (4 C,) node tags of their corners.
+        kinds: names of the kinds of cells that fill a volume: "tetrahedron", "hexahedron", others as the program says.
+        numbers: (C,) of the hexahedra, where there are any, else of the tetrahedra.
+        cells: (V C,) node tags of their corners, in VTK's order.
         edges: (3 E,) node tags of the edges of second-order ones: both ends and the node between them.
-        dimensions, tags, names: of the physical groups of triangles (2) or tetrahedra (3), of VTK of the values of each
-            array of whole numbers; empty names where there are none. Group k has `group{k}`: node tags of the corners
-            of its triangles, one after the other, or numbers of its cells.
+        dimensions, tags, names: of the physical groups of faces (2) or cells (3), of VTK of the values of each array of
+            whole numbers; empty names where there are none. Group k has `group{k}`: node tags of the corners of its
+            faces, one after the other, or numbers of its cells.
         vectors: of VTK, names of cell data of three numbers; those of array k are `vector{k}`, (3 C,).
     """
     return _read_vtk(file) if program_of(Path(file)) == "VTK" else _read_gmsh(file)
@@ -102,36 +118,47 @@ def _read_gmsh(file: str) -> dict[str, Any]:
     def elements(kinds: dict[int, int], entity: int = -1) -> tuple[Any, Any]:
         """Numbers, and node tags of the corners."""
         found = [(mesh.getElementsByType(kind, entity), count) for kind, count in kinds.items()]
-        corners = 3 if kinds is TRIANGLES else 4
+        corners = min(kinds.values())
         nodes = [nodes.reshape(-1, count)[:, :corners].ravel() for (_, nodes), count in found]
         return np.concatenate([numbers for (numbers, _), _ in found]), np.concatenate(nodes)
 
     tags, coordinates, _ = mesh.getNodes()
-    numbers, cells = elements(TETRAHEDRA)
+    held = mesh.getElementTypes(3)
+    solids, faces = GMSH_KINDS[8 if set(held) & GMSH_KINDS[8][0].keys() else 4]
+    numbers, cells = elements(solids)
     groups = [(dimension, tag) for dimension, tag in gmsh.model.getPhysicalGroups() if dimension in (2, 3)]
     members = {}
     for k, (dimension, tag) in enumerate(groups):
         entities = gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)
-        parts = [elements(TRIANGLES if dimension == 2 else TETRAHEDRA, e)[3 - dimension] for e in entities]
+        parts = [elements(faces if dimension == 2 else solids, e)[3 - dimension] for e in entities]
         members[f"group{k}"] = np.concatenate([np.empty(0, np.uint64), *parts])
-    second = mesh.getElementsByType(11)[1].reshape(-1, 10)
+    middles = [
+        edges_of(mesh.getElementsByType(kind)[1].reshape(-1, count), GMSH_MIDDLES[kind])
+        for kind, count in solids.items()
+        if kind in GMSH_MIDDLES
+    ]
     return members | {
         "nodes": tags,
         "points": coordinates,
-        "kinds": np.array([mesh.getElementProperties(kind)[0] for kind in mesh.getElementTypes(3)], dtype=str),
+        "kinds": np.array([_name(kind, GMSH_KINDS) or mesh.getElementProperties(kind)[0] for kind in held], dtype=str),
         "numbers": numbers,
         "cells": cells,
-        "edges": edges_of(second[:, :4], second[:, GMSH_MIDDLES]).ravel(),
+        "edges": np.concatenate(middles).ravel(),
         "dimensions": np.array([dimension for dimension, _ in groups], dtype=int),
         "tags": np.array([tag for _, tag in groups], dtype=int),
         "names": np.array([gmsh.model.getPhysicalName(*group) for group in groups], dtype=str),
     }
 
 
-def edges_of(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
-    """Ends and middles (6 C, 3) of the edges of tetrahedra of corners (C, 4), middles (C, 6) in VTK's order."""
-    ends = corners[:, [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]]]
-    return np.concatenate([ends, middles[:, :, None]], axis=2).reshape(-1, 3)
+def edges_of(nodes: np.ndarray, middles: np.ndarray) -> np.ndarray:
+    """Both ends and the node between, (M C, 3), of the nodes (C, any) of cells; which of them these are, (M, 3)."""
+    return nodes[:, middles].reshape(-1, 3)
+
+
+def _name(kind: int, kinds: dict[int, tuple[dict[int, int], dict[int, int]]]) -> str:
+    """Of a kind of cells by its number; empty of those that are not read."""
+    corners = next((corners for corners, (solids, _) in kinds.items() if kind in solids), 0)
+    return {4: "tetrahedron", 8: "hexahedron"}.get(corners, "")
 
 
 def _read_vtk(file: str) -> dict[str, Any]:
@@ -140,13 +167,14 @@ def _read_vtk(file: str) -> dict[str, Any]:
 
     grid = _vtk_data(file)
     if not isinstance(grid, vtkUnstructuredGrid):
-        raise ValueError(f"it holds {grid.GetClassName()}; allowed is an unstructured grid of tetrahedra")
+        raise ValueError(f"it holds {grid.GetClassName()}; allowed is an unstructured grid of tetrahedra or hexahedra")
     count = grid.GetNumberOfCells()
     kinds = np.array([grid.GetCellType(k) for k in range(count)], dtype=int)
     starts = vtk_to_numpy(grid.GetCells().GetOffsetsArray()) if count else np.empty(0, int)
     nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray()) if count else np.empty(0, int)
 
-    for kind, number in (VTK_TETRAHEDRA | VTK_TRIANGLES).items():
+    solids, faces = VTK_KINDS[8 if np.isin(kinds, list(VTK_KINDS[8][0])).any() else 4]
+    for kind, number in (solids | faces).items():
         has_others = (np.diff(starts) != number) & (kinds == kind)
         if has_others.any():
             raise ValueError(f"{has_others.sum()} cells of type {kind} do not have {number} nodes")
@@ -154,8 +182,12 @@ def _read_vtk(file: str) -> dict[str, Any]:
     def corners(of: np.ndarray, number: int) -> np.ndarray:
         return nodes[starts[of][:, None] + np.arange(number)]
 
-    tetrahedra, triangles = (np.flatnonzero(np.isin(kinds, list(k))) for k in (VTK_TETRAHEDRA, VTK_TRIANGLES))
-    second = corners(np.flatnonzero(kinds == 24), 10)
+    of_volume, of_surface = (np.flatnonzero(np.isin(kinds, list(k))) for k in (solids, faces))
+    middles = [
+        edges_of(corners(np.flatnonzero(kinds == kind), number), VTK_MIDDLES[kind])
+        for kind, number in solids.items()
+        if kind in VTK_MIDDLES
+    ]
     solid = [int(kind) for kind in np.unique(kinds) if vtkCellTypes.GetDimension(int(kind)) == 3]
     groups: list[tuple[int, int]] = []
     members: dict[str, Any] = {}
@@ -163,23 +195,23 @@ def _read_vtk(file: str) -> dict[str, Any]:
     for k in range(grid.GetCellData().GetNumberOfArrays()):
         array = grid.GetCellData().GetArray(k)
         if array is not None and array.GetNumberOfComponents() == 3:
-            members[f"vector{len(vectors)}"] = vtk_to_numpy(array)[tetrahedra].astype(float).ravel()
+            members[f"vector{len(vectors)}"] = vtk_to_numpy(array)[of_volume].astype(float).ravel()
             vectors.append(array.GetName() or "")
         if array is None or array.GetNumberOfComponents() != 1 or array.GetDataTypeAsString() in ("float", "double"):
             continue
         values = vtk_to_numpy(array)
-        for dimension, cells in ((2, triangles), (3, tetrahedra)):
+        for dimension, cells in ((2, of_surface), (3, of_volume)):
             for tag in np.unique(values[cells]):
                 of = cells[values[cells] == tag]
-                members[f"group{len(groups)}"] = corners(of, 3).ravel() if dimension == 2 else of
+                members[f"group{len(groups)}"] = corners(of, min(faces.values())).ravel() if dimension == 2 else of
                 groups.append((dimension, int(tag)))
     return members | {
         "nodes": np.arange(grid.GetNumberOfPoints()),
         "points": vtk_to_numpy(grid.GetPoints().GetData()).astype(float).ravel() if grid.GetPoints() else np.empty(0),
         "kinds": np.array([_vtk_kind(kind) for kind in solid], dtype=str),
-        "numbers": tetrahedra,
-        "cells": corners(tetrahedra, 4).ravel(),
-        "edges": edges_of(second[:, :4], second[:, 4:]).ravel(),
+        "numbers": of_volume,
+        "cells": corners(of_volume, min(solids.values())).ravel(),
+        "edges": np.concatenate(middles).ravel(),
         "dimensions": np.array([dimension for dimension, _ in groups], dtype=int),
         "tags": np.array([tag for _, tag in groups], dtype=int),
         "names": np.array([""] * len(groups), dtype=str),
@@ -225,8 +257,7 @@ def _check_count_of_cells(file: str) -> None:
 def _vtk_kind(kind: int) -> str:
     from vtkmodules.vtkCommonDataModel import vtkCellTypes
 
-    name = vtkCellTypes.GetClassNameFromTypeId(kind)
-    return f"Tetrahedron {VTK_TETRAHEDRA[kind]}" if kind in VTK_TETRAHEDRA else str(name).removeprefix("vtk")
+    return _name(kind, VTK_KINDS) or str(vtkCellTypes.GetClassNameFromTypeId(kind)).removeprefix("vtk")
 
 
 def read_surface(file: str) -> dict[str, Any]:

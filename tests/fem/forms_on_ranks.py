@@ -20,7 +20,7 @@ from ufl import Identity, dx, grad, inner, sym, tr
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError
-from fenics_rom.fem.dolfinx_compat import OLD, cell_constants, cell_dofs, create_tetrahedra, vector_space
+from fenics_rom.fem.dolfinx_compat import OLD, cell_constants, cell_dofs, create_cells, vector_space
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.user_matrices import spread
 
@@ -39,7 +39,7 @@ class Box:
         mesh = read_mesh(mesh_file, {})
         root = COMM.rank == 0
         cells, points = (mesh.cells, mesh.points) if root else (np.empty((0, 4)), np.empty((0, 3)))
-        self.domain = create_tetrahedra(COMM, cells, points)
+        self.domain = create_cells(COMM, cells, points)
         self.space = vector_space(self.domain, degree)
         ends = mesh.points.max(axis=0)
         faces = {

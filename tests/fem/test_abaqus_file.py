@@ -48,7 +48,7 @@ def test_cells_of_ten_nodes_go_on_after_a_comma_and_may_end_with_one(tmp_path):
     cells = "1, 1, 2, 3, 4, 5, 6, 7, 8, 9,\n10,\n2, 2, 3, 4, 11, 6, 10, 9, 13, 14,\n12,\n"
     mesh = read(tmp_path, f"*NODE, NSET=ALL\n{places}*ELEMENT, TYPE=C3D10, ELSET=BODY\n{cells}")
     assert (len(mesh.points), len(mesh.cells)) == (14, 2)
-    assert mesh.straightened == 0
+    assert mesh.bend == 0
     assert mesh.notes == ()
 
 

@@ -128,7 +128,7 @@ def test_the_same_mesh_comes_from_any_format(box, tmp_path, ending, order):
     written = (points, cells) if order == 1 else second_order(points, cells)
     WRITERS[ending](tmp_path / f"box{ending}", *written, surfaces, regions)
     mesh = read_mesh(tmp_path / f"box{ending}", GROUPS)
-    assert mesh.straightened <= 1e-16
+    assert mesh.bend <= 1e-16
 
     def places(rows):
         return sorted(mesh_points[row].round(12).tolist() for row in rows)
@@ -158,17 +158,17 @@ def second_order_of(add):
 
 def test_cells_of_order_two_are_made_straight_and_curved_ones_told(tmp_path):
     write_gmsh(tmp_path / "box.msh", second_order_of(lambda: gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)))
-    assert read_mesh(tmp_path / "box.msh", {}).straightened <= 1e-15
+    assert read_mesh(tmp_path / "box.msh", {}).bend <= 1e-15
     write_gmsh(tmp_path / "ball.msh", second_order_of(lambda: gmsh.model.occ.addSphere(0, 0, 0, 0.1)))
     mesh = read_mesh(tmp_path / "ball.msh", {})
     faces = np.sort(mesh.cells[:, CELL_FACES].reshape(-1, 3), axis=1)
     outer, count = np.unique(faces, axis=0, return_counts=True)
     ends = mesh.points[outer[count == 1][:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)]
     chord = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max()
-    assert mesh.straightened == pytest.approx(0.1 - np.sqrt(0.1**2 - chord**2 / 4), rel=0.01)
+    assert mesh.bend == pytest.approx(0.1 - np.sqrt(0.1**2 - chord**2 / 4), rel=0.01)
     tip = "[contacts.tip]\nfacing = { direction = [1, 0, 0], angle = 1.0 }"
-    warnings = fr.assemble(parse_scene(scene_text(tmp_path / "ball.msh", supports=None, contacts=tip))).warnings
-    assert any("curved edges of second-order cells were made straight" in warning for warning in warnings)
+    scene = parse_scene(scene_text(tmp_path / "ball.msh", supports=None, contacts=tip))
+    assert any("cells were made straight, as mesh.degree is 1" in warning for warning in fr.assemble(scene).warnings)
 
 
 # --- surfaces that are filled ----------------------------------------------------------------------------------------
@@ -298,7 +298,7 @@ BAD = {
     "empty.inp": ("", "holds no tetrahedra"),
     "shell.inp": (
         INP.replace("C3D4\n1, 1, 2, 3, 4", "S3\n1, 1, 2, 3"),
-        "holds no tetrahedra; a surface alone is no body",
+        "holds no tetrahedra or hexahedra; a surface alone is no body, and shells are not computed",
     ),
     "empty.vtk": ("", "VTK cannot read it: it is damaged, cut, or in no format of VTK's"),
     "torn.vtu": ('<VTKFile type="UnstructuredGrid"><UnstructuredGrid><Piece', "VTK cannot read it"),
@@ -307,10 +307,10 @@ BAD = {
         "POLYGONS 1 4\n3 0 1 2\n",
         "it holds vtkPolyData; allowed is an unstructured grid of tetrahedra",
     ),
-    "brick.vtk": (
-        "# vtk DataFile Version 3.0\nb\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 8 double\n"
-        "0 0 0 1 0 0 1 1 0 0 1 0 0 0 1 1 0 1 1 1 1 0 1 1\nCELLS 1 9\n8 0 1 2 3 4 5 6 7\nCELL_TYPES 1\n12\n",
-        "holds Hexahedron; allowed are tetrahedra of 4 or 10 nodes",
+    "wedge.vtk": (
+        "# vtk DataFile Version 3.0\nb\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 6 double\n"
+        "0 0 0 1 0 0 0 1 0 0 0 1 1 0 1 0 1 1\nCELLS 1 7\n6 0 1 2 3 4 5\nCELL_TYPES 1\n13\n",
+        "holds Wedge; allowed are tetrahedra of 4 or 10 nodes, hexahedra of 8, 20 or 27; of prisms dolfinx 0.5 has no",
     ),
 }
 

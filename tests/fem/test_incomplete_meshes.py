@@ -117,7 +117,7 @@ def test_xdmf_of_meshio_is_the_same_mesh_and_its_mistakes_are_told(box, tmp_path
     mesh = read_mesh(file, {"far": 1})
     np.testing.assert_array_equal(mesh.cells, box[1])
     np.testing.assert_array_equal(mesh.region("far"), np.flatnonzero(tags))
-    assert (mesh.straightened <= 1e-16, mesh.notes) == (True, ())
+    assert (mesh.bend <= 1e-16, mesh.notes) == (True, ())
     for other, said in (
         (text.replace(f'OfElements="{len(cells)}"', 'OfElements="5"'), f"it says 5 elements and holds {len(cells)}"),
         (text.replace('Format="XML">0 ', 'Format="XML">999 ', 1), "nodes that it does not hold: 1, e.g. 999"),

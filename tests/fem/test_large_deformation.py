@@ -16,7 +16,7 @@ import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomWarning, SolverError, StepError
 from fenics_rom.fem.body_matrices import dolfinx_nodes
-from fenics_rom.fem.dolfinx_compat import create_tetrahedra, vector_space
+from fenics_rom.fem.dolfinx_compat import create_cells, vector_space
 from fenics_rom.fem.finite_strain.model import ExternalForce
 from fenics_rom.fem.finite_strain.newton import NotConvergedError
 from fenics_rom.fem.finite_strain.predictor import Predictor
@@ -114,8 +114,8 @@ def test_elastic_force_is_what_dolfinx_makes_of_the_energy(beam, law, degree, in
     model = system.deformation.model
     mesh = read_mesh(system.scene.mesh_file, {})
     nodes = canonical_nodes(mesh, degree)
-    space = vector_space(create_tetrahedra(MPI.COMM_WORLD, mesh.cells, mesh.points), degree)
-    u, place = fem.Function(space), dolfinx_nodes(space, degree, nodes)
+    space = vector_space(create_cells(MPI.COMM_WORLD, mesh.cells, mesh.points), degree)
+    u, place = fem.Function(space), dolfinx_nodes(space, nodes)
     u.x.array.reshape(-1, 3)[place] = model.nodal_field(x)
     λ, μ = model.material.first_lame.max(), model.material.shear.max()
     F = ufl.Identity(3) + ufl.grad(u)

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import fenics_rom as fr
 from fenics_rom.errors import MeshError
-from fenics_rom.fem.dolfinx_compat import create_tetrahedra
+from fenics_rom.fem.dolfinx_compat import create_cells
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.partition import bisect_cells
 from fenics_rom.scene.file import parse_scene
@@ -34,7 +34,7 @@ def regions_of(points, cells):
 
 def write_xdmf(path, points, cells, twice=False):
     """As a user of dolfinx writes it: the mesh, facet tags and cell tags."""
-    domain = create_tetrahedra(MPI.COMM_SELF, cells, points)
+    domain = create_cells(MPI.COMM_SELF, cells, points)
     ends = {"left": (0, 0.0), "right": (0, 1.0), "top": (2, 0.3)}
     facets, values = [], []
     for name, (axis, end) in ends.items():
@@ -178,7 +178,7 @@ def test_clamp_that_is_no_face_of_the_cells_is_refused(arrays, tmp_path):
     points, cells, faces, regions = arrays
     shell = np.array([[0, 1, len(points)]])  # with a node of no cell
     mesh = write_arrays(tmp_path / "b.msh", np.vstack([points, [9, 9, 9]]), cells, faces | {"shell": shell}, regions)
-    with pytest.raises(MeshError, match="surface 'shell': 1 of its 1 triangles are not faces of the tetrahedra"):
+    with pytest.raises(MeshError, match="surface 'shell': 1 of its 1 triangles are not faces of the cells"):
         assembled(mesh, supports='clamped = ["left", "shell"]')
 
 
@@ -264,11 +264,8 @@ def surface_xdmf(path, arrays):
         file.write_mesh(create_unit_square(MPI.COMM_SELF, 2, 2))
 
 
-def hexahedra(path, arrays):
-    from dolfinx.mesh import CellType, create_unit_cube
-
-    with XDMFFile(MPI.COMM_SELF, str(path), "w") as file:
-        file.write_mesh(create_unit_cube(MPI.COMM_SELF, 1, 1, 1, cell_type=CellType.hexahedron))
+def wedges(path, arrays):
+    path.write_text('<Xdmf><Domain><Grid><Topology TopologyType="Wedge"/></Grid></Domain></Xdmf>')
 
 
 BAD_FILES = {
@@ -285,8 +282,8 @@ BAD_FILES = {
     "empty.xdmf": (lambda path, arrays: path.touch(), "cannot be read as XDMF"),
     "other.xdmf": (lambda path, arrays: path.write_text("<html/>"), "cannot be read as XDMF"),
     "torn.xdmf": (without_its_h5, "cannot be read as XDMF"),
-    "surface.xdmf": (surface_xdmf, "holds no tetrahedra"),
-    "hexahedra.xdmf": (hexahedra, "no tetrahedra but cells of type hexahedron"),
+    "surface.xdmf": (surface_xdmf, "holds cells of type triangle; allowed are tetrahedra and hexahedra"),
+    "wedges.xdmf": (wedges, "holds cells of type wedge; allowed are tetrahedra and hexahedra"),
 }
 
 

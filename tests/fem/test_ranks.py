@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bodies import PLATE, box_arrays, scene_text, write_arrays
+from bricks import shaken_bricks, write_bricks
 from ranks import run_ranks
 
 import fenics_rom as fr
@@ -92,7 +93,8 @@ def by_length(*names):
 
 
 def write_scenes(folder):
-    """The plate; a box and a beam of degree 2, the beam too large for dense routes."""
+    """The plate; a box and a beam of degree 2, the beam too large for dense routes; curved hexahedra."""
+    write_bricks(folder / "bricks.msh", *shaken_bricks((1.0, 0.4, 0.3), (3, 2, 2), 20))
     plate = PLATE.read_text().replace("../../meshes", str(PLATE.parent.parent.parent / "meshes"))
     (folder / "plate.toml").write_text(plate[: plate.index("[run]")] + "[run]\n" + RUN)
     for name, bricks in {"box": (3, 1, 1), "beam": (7, 2, 2)}.items():

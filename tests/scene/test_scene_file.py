@@ -174,7 +174,6 @@ force = [0.0, 0.0, 0.5] | force = 1 | force = 1: allowed is a list of at least 1
 force = [0.0, 0.0, 0.5] | force = [0, nan, 0] | run.load[0].force[1] = nan: allowed is a finite number, in N
 force = [0.0, 0.0, 0.5] | table = "force.csv" | force.csv: cannot be read: No such file or directory
 [mesh] | [mesh | is not TOML: Expected ']' at the end of a table declaration (at line 4, column 6)
-[mesh] | [mesh]⏎integration = "selective" | mesh.integration = 'selective': allowed is with mesh.degree = 2
 [reduction] | [effects.large_deformation]⏎material = "yeoh"⏎[reduction] | large_deformation.constants: yeoh has
 poisson = 0.49 | young = 2 | is not TOML: Cannot overwrite a value (at line 9
 """

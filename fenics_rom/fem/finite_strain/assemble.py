@@ -8,6 +8,9 @@ import numpy as np
 import scipy.sparse
 from numpy import ndarray as Array
 
+from fenics_rom.errors import SceneError
+from fenics_rom.fem.cell_kinds import TETRAHEDRON
+from fenics_rom.fem.cell_points import shape_functions
 from fenics_rom.fem.fibres import point_material, quadrature_points
 from fenics_rom.fem.finite_strain.carried_stepper import CarriedFiniteStrainStepper
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, PressureLoad, RigidBar, SupportPush, TendonPull
@@ -15,7 +18,7 @@ from fenics_rom.fem.finite_strain.free_stepper import FreeFiniteStrainStepper
 from fenics_rom.fem.finite_strain.model import FiniteStrainModel
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, HyperelasticMaterial
-from fenics_rom.fem.nodes import Nodes, shape_functions
+from fenics_rom.fem.nodes import Nodes
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.fem.rigid_surfaces import bars_of
@@ -144,6 +147,11 @@ def _follower_loads(scene: Scene, nodes: Nodes) -> dict[str, FollowerLoad]:
     """Pressures, tendons, driven supports and rigid bars of a scene."""
     followers: dict[str, FollowerLoad] = {}
     for name, pressure in scene.effects.pressure.items():
+        if nodes.kind is not TETRAHEDRON:
+            raise SceneError(
+                f"{scene.source}: effects.pressure.{name}: with large deformation it is computed on tetrahedra; the "
+                "mesh is of hexahedra"
+            )
         followers[name] = PressureLoad(nodes, patch_triangles(nodes, pressure, f"effects.pressure.{name}"))
     for name, tendon in scene.effects.tendon.items():
         points = np.array(tendon.points)

@@ -1,37 +1,19 @@
-"""∇ of displacements at the quadrature points of straight tetrahedra, as a sparse matrix, and the forces of stresses.
+"""∇ of displacements at the quadrature points of cells, as a sparse matrix, and the forces of stresses.
 
-The rules are exact for products of two gradients, so that small strains meet the linear stiffness.
+The rules are those of the linear stiffness, so that small strains meet it.
 """
 
 from functools import cached_property
 from typing import Any
 
-import basix
 import numpy as np
 import scipy.sparse
 from numpy import ndarray as Array
 
+from fenics_rom.fem.cell_kinds import tabulate as tabulate
+from fenics_rom.fem.cell_points import dilation_points, gradients_at, quadrature_rule, strain_points
 from fenics_rom.fem.embedded import NOTHING_EMBEDDED, EmbeddedPoints
-from fenics_rom.fem.mesh_quality import CELL_EDGES
-from fenics_rom.fem.nodes import Nodes, shape_gradients
-
-
-def tabulate(cell: str, degree: int, quadrature_degree: int) -> tuple[Array, Array, Array]:
-    """Shape functions of a reference cell at the points of a rule that is exact for a degree.
-
-    Args:
-        cell: "triangle" or "tetrahedron"; basix has its mid-side nodes opposite to vertex 0, 1, 2 and on `CELL_EDGES`.
-        degree: of the Lagrange element.
-        quadrature_degree: of polynomials that the rule integrates exactly (Xiao & Gimbutas, 2010).
-
-    Returns:
-        Values (Q, A), gradients (Q, A, d), and weights (Q,) whose sum is the volume of the reference cell.
-    """
-    shape = getattr(basix.CellType, cell)
-    points, weights = basix.make_quadrature(shape, quadrature_degree)
-    element = basix.create_element(basix.ElementFamily.P, shape, degree, basix.LagrangeVariant.equispaced)
-    table = element.tabulate(1, points)[..., 0]
-    return table[0], table[1:].transpose(1, 2, 0), weights
+from fenics_rom.fem.nodes import Nodes
 
 
 class QuadraturePoints:
@@ -39,45 +21,34 @@ class QuadraturePoints:
 
     Args:
         nodes: all nodes.
-        degree: of the displacements.
         comm: an mpi4py communicator, whose ranks share the cells.
         embedded: points on surfaces and lines in it, which follow all those of cells; they have no volume.
-        selective: whether the middle of each cell follows its points, for changes of volume alone (Hughes, 1980): one
-            condition for each cell does not lock nearly incompressible material.
+        selective: whether fewer points follow those of each cell, for changes of volume alone (Hughes, 1980): its
+            middle, or eight of a hexahedron of degree 2. So few conditions do not lock nearly incompressible material.
 
     Attributes:
         cells: (C here,) which cells of the mesh file.
         cell_nodes: (C here, A) nodes of each.
         shape_gradients: (C here, Q, A, 3), ∂N_a/∂X_j, 1/m, but of embedded points.
-        barycentric: (P here, 4) coordinates of all points in their cells.
         embedded_gradients, embedded_in: of embedded points (E here, A, 3), and their cells as rows of `cells`.
-        weights: (P here,), m³; of the points in the middle and of the others alone their sum is the volume.
+        weights: (P here,), m³; of the points for changes of volume and of the others alone their sum is the volume.
         gradient_matrix: sparse (3 P here, N), ∂/∂X_j of a scalar field, the points of j = 0 first, 1/m.
         node_count: N of the mesh.
     """
 
-    def __init__(
-        self, nodes: Nodes, degree: int, comm: Any, selective: bool = False, embedded: EmbeddedPoints | None = None
-    ):
+    def __init__(self, nodes: Nodes, comm: Any, selective: bool = False, embedded: EmbeddedPoints | None = None):
         self.cells = np.array_split(np.arange(len(nodes.cells)), comm.size)[comm.rank]
-        corners = nodes.cells[self.cells]
-        self.cell_nodes = np.hstack([corners, nodes.on_edges(corners[:, CELL_EDGES])]) if degree == 2 else corners
-        edges = nodes.coordinates[corners[:, 1:]] - nodes.coordinates[corners[:, :1]]  # ∂X_j/∂ξ_k (C, k, j)
-        _, reference_gradients, reference_weights = tabulate("tetrahedron", degree, 2 * (degree - 1))
-        reference = tabulate("tetrahedron", 1, 2 * (degree - 1))[0]
+        self.cell_nodes, self._nodes = nodes.cell_nodes[self.cells], nodes
+        self.shape_gradients, weights = strain_points(nodes, self.cells)
+        self._dilations = 0
         if selective:
-            _, in_the_middle, volume = tabulate("tetrahedron", degree, 1)
-            reference_gradients = np.concatenate([reference_gradients, in_the_middle])
-            reference_weights = np.concatenate([reference_weights, volume])
-            reference = np.concatenate([reference, np.full((1, 4), 1 / 4)])
-        self._selective = selective
-        self.shape_gradients = np.einsum("cjk,qak->cqaj", np.linalg.inv(edges), reference_gradients)
+            gradients, volumes = dilation_points(nodes, self.shape_gradients, weights)
+            self.shape_gradients = np.concatenate([self.shape_gradients, gradients], axis=1)
+            weights, self._dilations = np.concatenate([weights, volumes], axis=1), volumes.shape[1]
         self.embedded = NOTHING_EMBEDDED if embedded is None else embedded.of_cells(self.cells)
-        self.barycentric = np.concatenate([np.tile(reference, (len(corners), 1)), self.embedded.barycentric])
-        self.embedded_gradients = shape_gradients(nodes, self.embedded.cells, self.embedded.barycentric)
+        self.embedded_gradients = gradients_at(nodes, self.embedded.cells, self.embedded.barycentric[:, 1:])
         self.embedded_in = self.embedded.cells - self.cells[:1].sum()
-        volumes = np.outer(np.linalg.det(edges), reference_weights).ravel()
-        self.weights = np.concatenate([volumes, self.embedded.weights])
+        self.weights = np.concatenate([weights.ravel(), self.embedded.weights])
         self._comm, self.node_count = comm, len(nodes.coordinates)
         self.gradient_matrix = self._gradient_matrix()
         self._divergence = (self.gradient_matrix.T @ scipy.sparse.diags(np.tile(self.weights, 3))).tocsr()
@@ -98,21 +69,37 @@ class QuadraturePoints:
         return np.concatenate([at_points, values[self.embedded_in]])
 
     def shared_moduli(self, first_lame: Array, shear: Array) -> tuple[Array, Array]:
-        """λ and μ (P here,) as the points have them: where the middle of a cell has a point, it has all of λ alone.
+        """λ and μ (P here,) as the points have them: where some are for changes of volume, they have all of λ alone.
 
         What is embedded has neither.
         """
-        shares = np.where(self.is_middle, [[1.0], [0.0]], [[0.0 if self._selective else 1.0], [1.0]])
+        shares = np.where(self.is_dilation, [[1.0], [0.0]], [[0.0 if self._dilations else 1.0], [1.0]])
         shares[:, len(shares[0]) - len(self.embedded_in) :] = 0.0
         return shares[0] * first_lame, shares[1] * shear
 
     @property
-    def is_middle(self) -> Array:
-        """(P here,): whether a point is in the middle of a cell for changes of volume alone."""
+    def is_dilation(self) -> Array:
+        """(P here,): whether a point is for changes of volume alone."""
         C, Q, _, _ = self.shape_gradients.shape
-        middle = np.zeros(len(self.weights), dtype=bool)
-        middle[: C * Q] = self._selective & (np.arange(C * Q) % Q == Q - 1)
-        return middle
+        dilation = np.zeros(len(self.weights), dtype=bool)
+        dilation[: C * Q] = np.arange(C * Q) % Q >= Q - self._dilations
+        return dilation
+
+    @property
+    def strain_places(self) -> Array:
+        """Where the points (S here, 3) are that have strain and volume, m."""
+        values, _, _ = tabulate(self._nodes.kind.name, self._nodes.degree, quadrature_rule(self._nodes)[0])
+        places: Array = np.einsum("qa,cai->cqi", values, self._nodes.coordinates[self.cell_nodes]).reshape(-1, 3)
+        return places
+
+    def dilation_stiffness(self, moduli: Array) -> scipy.sparse.csr_matrix:
+        """∫ λ tr ε tr δε of all displacements (3 N, 3 N), N/m; λ (P here,) is 0 but at points for changes of volume."""
+        count = len(self.weights)
+        used = np.flatnonzero(moduli)
+        blocks = [self.gradient_matrix[j * count + used] for j in range(3)]
+        parts = [scipy.sparse.kron(block, np.eye(3)[j : j + 1]) for j, block in enumerate(blocks)]
+        divergence = sum(parts[1:], parts[0]).tocsr()
+        return (divergence.T @ scipy.sparse.diags((moduli * self.weights)[used]) @ divergence).tocsr()
 
     def gradients(self, u: Array) -> Array:
         """H (3, 3, P here, ...) of displacements of all nodes (N, 3, ...), H[i, j] = ∂u_i/∂X_j."""
