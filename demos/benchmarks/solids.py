@@ -1,4 +1,4 @@
-"""Bars of quadratic tetrahedra, and the rows of a table of published numbers."""
+"""Bars of quadratic cells, and the rows of a table of published numbers."""
 
 import sys
 import tempfile
@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "hard_cases"))
-from boxes import brick_cells, msh, outer_triangles
+from boxes import brick_cells, hexahedra, msh, outer_triangles
 
 import fenics_rom as fr
 from fenics_rom.mechanics.step import StepInput
@@ -35,23 +35,35 @@ class Row(NamedTuple):
 
 def bar(bricks: tuple[int, int, int], place: Callable[[Array], Array], young: float, poisson: float, density: float,
         effects: str = LARGE, supports: str = "", clamped: str = '"left"',
-        integration: str = "full", tables: str = "", run: str = "") -> fr.System:  # fmt: skip
-    """A bar of quadratic tetrahedra: bricks of a unit cube that are put in place, clamped where x was 0.
+        integration: str = "full", tables: str = "", run: str = "", nodes: int = 4, degree: int = 2
+) -> fr.System:  # fmt: skip
+    """A bar of tetrahedra, six in a brick, or hexahedra: bricks of a unit cube that are put in place.
 
-    Tables are further ones of the scene: what else is read.
+    Args:
+        bricks: in each direction.
+        place: of points (N, 3) of the unit cube, also of nodes on edges, so that these bend.
+        young, poisson, density: Pa, 1, kg/m3.
+        effects, supports, clamped, integration: of the scene; what is clamped is where x was 0.
+        tables: further ones of the scene: what else is read.
+        run: its table.
+        nodes: 4 of a tetrahedron, 8, 20 or 27 of a hexahedron.
+        degree: of displacements.
     """
-    points, cells = brick_cells(bricks)
-    outer = outer_triangles(cells)
-    faces = {"left": (0, 0.0), "right": (0, 1.0), "bottom": (2, 0.0), "top": (2, 1.0), "front": (1, 0.0),
-             "back": (1, 1.0)}  # fmt: skip
-    surfaces = {name: outer[(points[outer, axis] == end).all(axis=1)] for name, (axis, end) in faces.items()}
+    if nodes == 4:
+        points, cells = brick_cells(bricks)
+        outer = outer_triangles(cells)
+        faces = {"left": (0, 0.0), "right": (0, 1.0), "bottom": (2, 0.0), "top": (2, 1.0), "front": (1, 0.0),
+                 "back": (1, 1.0)}  # fmt: skip
+        surfaces = {name: outer[(points[outer, axis] == end).all(axis=1)] for name, (axis, end) in faces.items()}
+    else:
+        points, cells, surfaces = hexahedra(bricks, nodes)
     with tempfile.TemporaryDirectory() as folder:
         mesh = Path(folder) / "bar.msh"
         mesh.write_text(msh(place(points), {2: surfaces, 3: {"body": cells}}))
         text = f"""
 [mesh]
 file = "{mesh}"
-degree = 2
+degree = {degree}
 integration = "{integration}"
 [material]
 young = {young!r}

@@ -163,12 +163,12 @@ def test_a_point_outside_is_refused(mesh):
 
 
 def test_le10_is_read_by_one_entry(monkeypatch):
-    """NAFEMS: σ_yy = -5.38 MPa at D; 1,532 unknowns come to within 5 %; the cells around differ by 16 %."""
+    """NAFEMS: σ_yy = -5.38 MPa at D; 1,532 unknowns come to within 5 %; curved hexahedra of 5,428 to within 1 %."""
     for folder in ("hard_cases", "benchmarks"):
         monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "demos" / folder))
     monkeypatch.setattr(sys, "path", list(sys.path))
     from nafems import pressed_plate
 
-    (row,) = pressed_plate(True)
-    assert row.published == -5.38
-    assert row.found == pytest.approx(row.published, rel=0.05)
+    for row, off in zip(pressed_plate(True), (0.05, 0.01), strict=True):
+        assert row.published == -5.38
+        assert row.found == pytest.approx(row.published, rel=off)
