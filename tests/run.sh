@@ -1,6 +1,7 @@
 #!/bin/bash
-# bash tests/run.sh [--all] [PYTEST ARGUMENT ...]: installs what is missing, then runs the tests; without --all but the
-# slow ones, of the laws a case of each, and of compiled steps some. Given other arguments, it runs pytest with them.
+# bash tests/run.sh [--all | --elsewhere] [PYTEST ARGUMENT ...]: installs what is missing, then runs the tests; without
+# --all but the slow ones, of the laws a case of each, and of compiled steps some; with --elsewhere also without what is
+# the same on all systems. Given other arguments, it runs pytest with them.
 set -euo pipefail
 cd "$(dirname "$(realpath "$0")")/.."
 
@@ -11,6 +12,8 @@ pytest=(.venv/bin/python -m pytest)
 with_numba=(tests/test_compilation.py tests/mechanics/test_compiled_contact.py tests/runtime/test_compiled_{steps,frames}.py)
 if [ $# -eq 0 ]; then
   set -- --short
+elif [ "$*" = --elsewhere ]; then
+  set -- --short --ignore=tests/{demos,certification,studies,test_{attributes,layers,pages,random_scenes,stand_ins}.py}
 elif [ "$*" = --all ]; then
   with_numba=(tests/test_compilation.py tests/world/test_compiled_{joints,world}.py tests/mechanics/test_{compiled_contact,contact}.py
     tests/runtime/test_{compiled_*,batch_contact,clearance,compliance_in_blocks,differentiation_contact,errors,fast_motion}.py

@@ -5,6 +5,8 @@ from collections import defaultdict
 from collections.abc import Iterable
 from pathlib import Path
 
+import pytest
+
 import fenics_rom
 
 PACKAGE = Path(fenics_rom.__file__).parent
@@ -45,6 +47,7 @@ def _unread(trees: Iterable[ast.Module]) -> set[str]:
     }
 
 
+@pytest.mark.slow
 def test_what_methods_set_is_read_by_somebody() -> None:
     assert _unread(ast.parse(file.read_text()) for file in PACKAGE.rglob("*.py")) == set()
 

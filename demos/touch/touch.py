@@ -37,7 +37,7 @@ THICKNESS, AIR = 0.009, 1e-4  # m: of a tip; before it touches
 CLOSED, PULLED, END = 0.15, 0.4, 1.4  # s: when the grip is closed, when the thread begins to pull, and the end
 HARDEST, BELOW = 0.36, 0.015  # N, how hard it pulls in the end; m, how far below the table is then
 SLIDES, CLOSES = 0.1, 1e-3  # of what presses: where the fingers begin to close, and m/s, how fast
-TRIES = 5  # of squeezes, until the grip is right
+TRIES, FEWER = 5, 3  # of squeezes, until the grip is right; with --quick
 BREAKS = 30.0  # N, that an egg bears
 SIDES = {"left": -1.0, "right": 1.0}
 
@@ -95,7 +95,7 @@ def main() -> None:
     out = HERE / "out" / "quick" if quick else HERE / "out"
     out.mkdir(parents=True, exist_ok=True)
     rom = fr.reduce(fr.assemble(fr.read_scene(HERE / "fingertip.toml")))
-    squeeze = squeeze_for(rom, SPARE * MASS * GRAVITY / (2 * FRICTION))
+    squeeze = squeeze_for(rom, SPARE * MASS * GRAVITY / (2 * FRICTION), FEWER if quick else TRIES)
     numb, feels = (grip(rom, squeeze, feels) for feels in (False, True))
     lost = first(numb.times, numb.slipped > 1e-3)
     shown, gone = first(numb.times, numb.shown > SLIDES), first(numb.times, numb.margin < 0.01)
@@ -154,14 +154,14 @@ def pull(time: float) -> float:
     return HARDEST * max(0.0, time - PULLED) / (END - PULLED)
 
 
-def squeeze_for(rom: fr.Rom, force: float) -> float:
+def squeeze_for(rom: fr.Rom, force: float, tries: int) -> float:
     """How far the fingers close on the egg, m, for a force of each, N; by secants."""
     tried, found = [2e-4, 4e-4], list[float]()
     while True:
         world = world_of(rom, Fingers(tried[len(found)]))
         world.step(count=round(PULLED / DT))
         found.append(abs(float(world.force_between("egg", "left_tip")[0])))
-        if len(found) == TRIES:
+        if len(found) == tries:
             return tried[-1]
         if len(found) > 1:
             (x, y), (f, g) = tried[-2:], found[-2:]

@@ -231,6 +231,7 @@ def test_file_in_the_place_of_the_folder_is_told_before_the_work(scene, tmp_path
     assert (tmp_path / "rom.h5.partial").read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "kept", "said"), [("trained", 4, "4 of 11 training runs were"), ("modal+derivatives", 0, "nothing was")]
 )

@@ -51,7 +51,7 @@ def test_reduced_body_in_all_modes_does_what_full_order_does(mesh, frame):
     assert all(run.balance_error < 1e-11 for run in runs)
 
 
-@pytest.mark.parametrize("frame", ["fixed", "moving"])
+@pytest.mark.parametrize("frame", ["fixed", pytest.param("moving", marks=pytest.mark.slow)])
 def test_body_that_bends_far_is_pushed_as_by_an_actuator_beside_one_contact_mode(mesh, frame):
     """Which has the same forces in other columns; the reduced body comes near that, by its training under both."""
     bent = {"effects.large_deformation": 'material = "st_venant_kirchhoff"'}

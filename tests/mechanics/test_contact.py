@@ -298,7 +298,7 @@ def test_energy_law_in_random_scenes(seed, e, μ):
 
 @pytest.mark.parametrize(
     ("seeds", "refused"),
-    [((904, 2842, 11015), []), ((4848,), [4848]), pytest.param(range(3000), [2501], marks=pytest.mark.slow)],
+    [((904, 2842, 11015), []), ((4848,), [4848]), pytest.param(range(2000, 3000), [2501], marks=pytest.mark.slow)],
     ids=["wedged", "squeezed", "many"],
 )
 def test_hardly_a_random_scene_is_without_forces(seeds, refused):

@@ -58,6 +58,7 @@ def beside(plate, folder):
     return fr.study(plate, folder / "beside", **GRID)
 
 
+@pytest.mark.slow
 def test_errors_are_within_a_factor_of_two_and_the_advice_is_the_same(alone, beside):
     assert len(alone.rows) == len(beside.rows) == 2 * 3 * 2
     for told, measured in zip(alone.rows, beside.rows, strict=True):

@@ -53,7 +53,7 @@ def test_a_box_is_lifted_and_hangs_below_the_mouse(dt):
     assert abs(gap(live)) < 1e-12
 
 
-@pytest.mark.parametrize("dt", [1e-4, 1e-2, 0.1])
+@pytest.mark.parametrize("dt", [pytest.param(1e-4, marks=pytest.mark.slow), 1e-2, 0.1])
 def test_the_mouse_is_stable_at_any_step_and_never_too_strong(dt):
     """Held at a corner, so that the box turns; the mouse leaps to and fro."""
     live = LiveWorld(fr.World({"box": fr.RigidBody(Box((EDGE,) * 3), mass=MASS)}, dt))
