@@ -50,6 +50,7 @@ PARTS = {
     "strokes": {"tendon.rope": f'{ROPE}\ncontrol = "length"'},
     "guides": {"tendon.rope": ROPE, "tendon_friction": "coefficient = 0.3"},
     "volumes": {"pressure.air": 'near = { point = [0, 0, 0], radius = 1.0 }\ncontrol = "volume"'},
+    "gas": {"pressure.air": 'near = { point = [0, 0, 0], radius = 1.0 }\ncontrol = "gas"\ngas = { volume = 1e-4 }'},
     "springs": {"springs.bed": 'surface = "right"\nstiffness = 1.0'},
     "dashpots": {"damping.dashpots.oil": 'surface = "right"\ncoefficient = 0.05'},
     "masses": {
@@ -65,7 +66,7 @@ PARTS = {
     "impacts": {"contact": "restitution = 0.5", "contact.obstacles.floor": FLOOR},
     "penalty": {"contact": 'method = "penalty"\nstiffness = 1e2', "contact.obstacles.floor": FLOOR},
 }
-LARGEST = {"tendons": 0.1, "strokes": 1e-4, "guides": 0.1, "volumes": 1e-8, "loads": 1.0}
+LARGEST = {"tendons": 0.1, "strokes": 1e-4, "guides": 0.1, "volumes": 1e-8, "gas": 1e-6, "loads": 1.0}
 USES = ("full order", "step", "rollout", "batch", "world", "gradient")
 PHYSICS = {  # why a product has no meaning, by what its refusal says
     "no equilibrium": "nothing holds it, so that without inertia it has no equilibrium",
@@ -83,7 +84,7 @@ def scene_of(mesh: Path, law: str, frame: str, part: str) -> str:
         acting = {"damping": "alpha = 0.5\nbeta = 2e-4", **acting}
     run = f"dt = {dt}\nduration = {2 * dt}"
     if part in LARGEST:
-        actuator = "air" if part in ("loads", "volumes") else "rope"
+        actuator = "air" if part in ("loads", "volumes", "gas") else "rope"
         run += f'\n[[run.load]]\nactuator = "{actuator}"\nforce = [{LARGEST[part]}]'
     elif "contact" not in acting:
         run += '\n[[run.load]]\ncontact = "right"\nforce = [0.0, 0.0, 1e-3]'

@@ -12,6 +12,7 @@ from fenics_rom.fem.assembly_warnings import obstacles_inside, obstacles_too_sma
 from fenics_rom.fem.body_matrices import BodyMatrices, body_matrices, damping_of_cells, material_of_cells
 from fenics_rom.fem.cell_kinds import TETRAHEDRON
 from fenics_rom.fem.cell_points import checked_nodes
+from fenics_rom.fem.closed_chambers import chambers_of
 from fenics_rom.fem.contact_points import contact_points_of, points_between
 from fenics_rom.fem.finite_strain.assemble import assemble_deformation
 from fenics_rom.fem.loads import actuators_of, contact_columns, loads_of
@@ -74,7 +75,7 @@ def _system(scene: Scene, comm: Any) -> System:
         )
     unknowns = unknowns_of(scene, nodes)
     check_drives(scene, nodes)
-    scene = replace(scene, bars=tuple(bars_of(scene, nodes)))
+    scene = replace(scene, bars=tuple(bars_of(scene, nodes)), chambers=chambers_of(scene, nodes, unknowns))
     material, moving = material_of_cells(scene, mesh), scene.environment.is_moving
     mesh_of = comm, mesh, nodes, material
     system, matrices, shared = _with_unknowns(scene, mesh_of, unknowns, unknowns)

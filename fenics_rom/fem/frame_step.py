@@ -23,6 +23,7 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator, turning_maps
 from fenics_rom.mechanics.frame_motion import ZERO, Vector
+from fenics_rom.mechanics.gas import Targets
 
 
 class ToFind(NamedTuple):
@@ -31,7 +32,7 @@ class ToFind(NamedTuple):
     actuators: ActuatorForces
     columns: Array  # (rows here, n) of forces of 1
     inputs: Array  # (p,) without them
-    targets: Array  # rates (n,) of strokes
+    targets: Targets  # of the strokes
     loads_of: Callable[[Array], FrameLoads]  # an input (p,)
 
     def acting(self, z: Array) -> FrameLoads:

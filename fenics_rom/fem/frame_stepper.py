@@ -150,7 +150,7 @@ class MovingFrameStepper(ReadInWorldAxes):
         if actuators is not None:
             columns, (forces, given) = self.input_matrix[:, actuators.columns], actuators.split(u)
             strokes, rates = self._body.inner(columns, np.hstack([self.x, self.v])).T
-            found = ToFind(actuators, columns, forces, actuators.rates(given, strokes, rates, self.dt), loads_of)
+            found = ToFind(actuators, columns, forces, actuators.targets(given, strokes, rates, self.dt), loads_of)
         loads = loads_of(u) if found is None else found.acting(self.reactions)
         return FrameStep(self._body, self._now, self.dt, loads, base, self.interface, found, self.reactions)
 

@@ -119,7 +119,7 @@ class FullOrderBody:
         self.reactions = np.empty(0)
         if environment is not None and environment.environment.finds_forces:
             acting = environment.environment
-            self.actuators = ActuatorForces(acting.controls, acting.guides, system.widths)
+            self.actuators = ActuatorForces(acting.controls, acting.guides, system.widths, acting.gases)
             self.reactions = np.zeros(len(self.actuators.columns))
         self.ledger = EnergyLedger() if ledger else None
         self.time_step_monitor = TimeStepMonitor()

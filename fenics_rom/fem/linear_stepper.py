@@ -11,9 +11,9 @@ from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.fem.petsc_matrix import ExtendedMatrix, combination
 from fenics_rom.fem.points_of_step import PointsOfStep
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.actuator_forces import PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.points_held_back import PointsHeldBack
 from fenics_rom.mechanics.points_operator import Operator
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
@@ -184,12 +184,12 @@ class FullOrderStepper(FullOrderBody):
         assert self.actuators is not None
         strokes, rates, freely = self.system.algebra.inner(self._columns, np.hstack([self.x, self.v, free])).T
         if self._has_inertia:
-            targets = self.actuators.rates(given, strokes, rates, self.dt)
+            targets = self.actuators.targets(given, strokes, rates, self.dt)
         else:
-            targets = self.actuators.resting_rates(given, strokes, self.dt)
+            targets = self.actuators.resting_targets(given, strokes, self.dt)
 
-        def touch(z: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
-            delassus = self._held_back.delassus(holding)
+        def touch(z: Array, holding: Array, *, gives: Array | None) -> tuple[ContactSolution | None, Array]:
+            delassus = self._held_back.delassus(holding, gives)
             contact = self._solve_contact(free + self._spread @ z[:, None], obstacles, delassus)
             if contact is None or self._points is None:
                 return contact, np.zeros(len(z))

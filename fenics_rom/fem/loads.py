@@ -14,6 +14,7 @@ from fenics_rom.fem.nodes import Nodes, rim_edges
 from fenics_rom.fem.places import patch_area, patch_nodes, patch_triangles
 from fenics_rom.fem.rigid_surfaces import bars_of
 from fenics_rom.fem.supports import support_column
+from fenics_rom.mechanics.gas import GAS_CONTROLS
 from fenics_rom.mechanics.surface_points import mean_turning_maps
 from fenics_rom.mechanics.tendon import measure_segments, unit_tension_forces
 from fenics_rom.scene.effects import Pressure
@@ -34,7 +35,8 @@ def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Column
     for name, pressure in scene.effects.pressure.items():
         where = f"effects.pressure.{name}"
         columns[name] = patch_columns(nodes, pressure.patch("normal"), unknowns, where)
-        if pressure.control == "volume" and scene.environment.is_moving and not (scene.clamped or scene.held):
+        is_free = scene.environment.is_moving and not (scene.clamped or scene.held)
+        if is_free and pressure.control in ("volume", *GAS_CONTROLS):
             _refuse_open(nodes, pressure, where)
         units[name] = patch_area(nodes, pressure, where)
     for name, tendon in scene.effects.tendon.items():
@@ -94,8 +96,8 @@ def _refuse_open(nodes: Nodes, pressure: Pressure, where: str) -> None:
     """Refuses what a free body is to sweep with an open surface: it does so by every motion as a whole."""
     if len(rim_edges(patch_triangles(nodes, pressure, where))):
         raise SceneError(
-            f"{where}.control = 'volume': the surface has an opening, so that a free body has no volume behind it that "
-            "its motion as a whole would leave; allowed is a closed chamber, or 'pressure'"
+            f"{where}.control = {pressure.control!r}: the surface has an opening, so that a free body has no volume "
+            "behind it that its motion as a whole would leave; allowed is a closed chamber, or 'pressure'"
         )
 
 

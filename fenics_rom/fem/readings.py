@@ -6,9 +6,7 @@ All of it follows from the mesh, so every rank has the whole.
 import numpy as np
 import scipy.sparse
 from numpy import ndarray as Array
-from scipy.sparse.csgraph import connected_components
 
-from fenics_rom.errors import SceneError
 from fenics_rom.fem.cell_kinds import TETRAHEDRON, CellKind, points_of_rule
 from fenics_rom.fem.cell_points import (
     cell_at,
@@ -18,10 +16,11 @@ from fenics_rom.fem.cell_points import (
     quadrature_rule,
     strain_points,
 )
-from fenics_rom.fem.facets import contact_facets, volume_within_surface
+from fenics_rom.fem.closed_chambers import enclosed_volume
+from fenics_rom.fem.facets import contact_facets
 from fenics_rom.fem.fibres import fibres_at
 from fenics_rom.fem.full_order_body import FullOrderBody
-from fenics_rom.fem.nodes import Nodes, facets_and_cells, rim_edges
+from fenics_rom.fem.nodes import Nodes, facets_and_cells
 from fenics_rom.fem.outputs import marker_reading
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.fem.taxels import touch_reading
@@ -172,58 +171,6 @@ def _sampled_in(kind: CellKind, corner: Array) -> tuple[Array, Array]:
     points = points_of_rule(kind.name, GAUSS_OF_STRESS)
     of_corners = np.linalg.inv(kind.shapes(1, points)[0])
     return np.tile(points, (len(corner), 1, 1)), of_corners[corner]
-
-
-def enclosed_volume(nodes: Nodes, triangles: Array, unknowns: Unknowns, where: str) -> float:
-    """Volume that a surface encloses, m³; openings are closed from their middles.
-
-    The rim of an opening must be held, or move in its plane: then what closes it sweeps no volume, and a pressure does
-    the work of the enclosed volume.
-
-    Args:
-        nodes: all nodes.
-        triangles: (F, 3) outward of the body, so inward of the chamber.
-        unknowns: what supports leave.
-        where: name of the reading in messages.
-
-    Raises:
-        SceneError: the surface has an opening that moves otherwise, or encloses the body instead of a chamber.
-    """
-    count = len(nodes.coordinates)
-    middle = nodes.coordinates[triangles].mean(axis=(0, 1))
-    volume = -volume_within_surface(nodes, triangles, middle)
-    rim = rim_edges(triangles)
-    graph = scipy.sparse.coo_array((np.ones(len(rim)), rim.T), shape=(count, count))
-    _, opening = connected_components(graph, directed=False)
-    for one in np.unique(opening[rim[:, 0]]):
-        around = rim[opening[rim[:, 0]] == one]
-        sides = around
-        if nodes.is_curved:
-            between = nodes.on_edges(around)
-            sides = np.concatenate([np.stack([around[:, 0], between], 1), np.stack([between, around[:, 1]], 1)])
-        ends = nodes.coordinates[sides] - middle
-        tip = ends.mean(axis=(0, 1))
-        cap = np.stack([ends[:, 1], ends[:, 0], np.broadcast_to(tip, ends[:, 0].shape)], axis=1)
-        if _can_sweep(nodes, around, cap, unknowns):
-            raise SceneError(f"{where}: the surface has an opening whose rim moves, so that it encloses no volume")
-        volume -= float(np.linalg.det(cap).sum()) / 6
-    if volume <= 0:
-        raise SceneError(f"{where}: the surface is around the body, not around a chamber in it")
-    return volume
-
-
-def _can_sweep(nodes: Nodes, rim: Array, cap: Array, unknowns: Unknowns) -> bool:
-    """Whether triangles (r, 3, 3) that close an opening with the rim (r, 2) can sweep a volume."""
-    on_rim = np.unique(np.concatenate([rim.ravel(), nodes.on_edges(rim)])) if len(nodes.edges) else np.unique(rim)
-    motions = [unknowns.matrix[3 * on_rim + axis] for axis in range(3)]
-    if not any(along.count_nonzero() for along in motions):
-        return False
-    normal = np.cross(cap[:, 1] - cap[:, 0], cap[:, 2] - cap[:, 0]).sum(axis=0)
-    normal /= np.linalg.norm(normal)
-    heights = (cap - cap[0, 2]) @ normal
-    is_flat = np.abs(heights).max() <= ROUND_OFF * np.abs(cap).max()
-    across = sum(component * along for component, along in zip(normal, motions, strict=True))
-    return not is_flat or bool(np.abs(across.data).max(initial=0.0) > ROUND_OFF)
 
 
 def readable(system: System, body: FullOrderBody, touched: Array) -> ReadableBody:

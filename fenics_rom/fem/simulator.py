@@ -1,6 +1,7 @@
 """A full-order body in its environment: loads and obstacles act by themselves, the contact mode follows them."""
 
 from collections.abc import Mapping
+from functools import partial
 from operator import attrgetter
 
 import numpy as np
@@ -11,11 +12,13 @@ from fenics_rom.fem.carried_at_rest import CarriedAtRest
 from fenics_rom.fem.finite_strain.arc_length import ArcLength
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.frame_stepper import MovingFrameStepper
+from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.fem.linear_stepper import FullOrderStepper
 from fenics_rom.fem.readings import readable
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.filling import Filling
 from fenics_rom.mechanics.initial_state import InitialState, lost_messages, missing_share
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.nodal_contact import Touch, TouchedBody
@@ -75,15 +78,27 @@ class FullOrderSimulator(TouchedBody):
         self.switch, self.close = self.stepper.switch, self.stepper.close
         self._follows = environment.switches_itself
         self._sensed, self._steps = SensedTouch(system.readings, self._felt), 0
+        stroke = partial(_stroke, system, self.stepper)
+        widths = {name: columns.shape[1] for name, columns in system.actuators.items()}
+        self.filling = Filling(environment.gases, widths, stroke) if environment.gases else None
         self._touched = np.empty((0, 3))  # velocities (P, 3) of contact points in the middle of the last step, m/s
 
     contact = property(attrgetter("stepper.contact_mode"))
     time = property(attrgetter("stepper.time"))
-    energy = property(attrgetter("stepper.energy"))
     ledger = property(attrgetter("stepper.ledger"))
     pose = property(lambda self: getattr(self.stepper, "pose", None))
     momentum = property(lambda self: getattr(self.stepper, "momentum", None))
     base_wrench = property(lambda self: getattr(self.stepper, "wrench", None))
+
+    @property
+    def energy(self) -> float:
+        """Stored, also in the gas of chambers, J."""
+        return self.stepper.energy + (0.0 if self.filling is None else self.filling.energy)
+
+    @property
+    def gas(self) -> dict[str, float]:
+        """As of a Simulator."""
+        return {} if self.filling is None else dict(self.filling.amounts)
 
     def begin(self, initial: InitialState, history: LoadHistory) -> list[str]:
         """Puts a body that is at rest at the start of a run; what supports do not let it have of that, in words.
@@ -108,6 +123,8 @@ class FullOrderSimulator(TouchedBody):
         lost = {name: missing_share(field, taken[name], body.node_mass) for name, field in fields.items()}
         self.stepper.set_state(x[:, 0] + unknowns["displacement"][rows], unknowns["velocity"][rows])
         self.stepper.check_start()
+        if self.filling is not None:
+            self.filling.resume({})
         return lost_messages(lost, "the body")
 
     def _equilibrium(self, history: LoadHistory) -> Array:
@@ -134,12 +151,18 @@ class FullOrderSimulator(TouchedBody):
                 gaps = interface.solver.gaps(stepper.point_displacement(), self.environment.state.offsets)
                 stepper.switch(interface.points.nearest(gaps, before))
                 u = np.concatenate([np.zeros(self.system.contacts[stepper.contact_mode].shape[1]), u])
+            if self.filling is not None:
+                u = self.filling.blown(u, self.time, stepper.dt)
             inputs = self.environment.step_input(u, stepper.time, stepper.dt)
             stepper.step(inputs)
         except BaseException:
             stepper.switch(before)
             raise
         self.environment.commit(inputs, stepper.dt)
+        if self.filling is not None:
+            gained = self.filling.take(u)
+            if stepper.ledger is not None:
+                stepper.ledger.book(supplied=gained)
         self._steps += 1
         if self._sensed.feels:
             self._touched = (stepper.point_displacement() - start) / stepper.dt
@@ -196,3 +219,8 @@ class FullOrderSimulator(TouchedBody):
         """Forces of the actuators whose strokes are given, in the last step: tensions in N, pressures in Pa."""
         names = self.environment.stroke_names(self.system.actuators)
         return dict(zip(names, map(float, self.stepper.reactions), strict=False))
+
+
+def _stroke(system: System, body: FullOrderBody, actuator: str) -> float:
+    """By how much a chamber is larger than at rest, m³."""
+    return readable(system, body, np.empty((0, 3))).stroke(actuator)

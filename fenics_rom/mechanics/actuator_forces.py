@@ -25,7 +25,8 @@ Contact acts in the same step: its forces are found for points that are held bac
 the forces within their bounds in place of W_c.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -34,13 +35,12 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity.pivoting import solve_by_pivots
 from fenics_rom.mechanics.environment import RIGID
-from fenics_rom.mechanics.points_operator import Operator, held_back
+from fenics_rom.mechanics.gas import Found, Gas, GasStep, Targets, amount_at
+from fenics_rom.mechanics.points_held_back import OfForces, PointsHeldBack, Touch
+from fenics_rom.mechanics.points_operator import Operator
 
 if TYPE_CHECKING:
-    from fenics_rom.mechanics.contact import ContactSolution
     from fenics_rom.mechanics.environment import Guide
-
-Touch = Callable[[Array, Array], "tuple[ContactSolution | None, Array]"]
 
 SHARE = 2 / 3  # of what is missing of a stroke that a step makes up for
 TOGETHER = 4  # rounds in which all forces that are wrong change at once; then they are found by pivots
@@ -61,8 +61,10 @@ class ActuatorForces:
         controls: "length" or "volume" of each actuator whose stroke is given, and "rigid" of each bar, by name.
         guides: by the names of their loads, of each tendon from the anchor on.
         widths: number of input columns of all actuators, then of all loads, by name, in the order of the input.
+        gases: in those of the chambers by name that have "gas" or "valve" for their control.
 
     Attributes:
+        gases: which of the forces they are, with their names.
         names: of the k actuators whose strokes are given, in the order of the input.
         guides: names of all guides' tendons, and how many from its anchor each is.
         columns: (n,) of all forces in the input, counted from its end, so that they hold in every contact mode.
@@ -73,7 +75,13 @@ class ActuatorForces:
         share: (n,) of what is missing of a stroke, that a step makes up for; of the speed of a guide, that it stops.
     """
 
-    def __init__(self, controls: Mapping[str, str], guides: "Mapping[str, Guide]", widths: Mapping[str, int]):
+    def __init__(
+        self,
+        controls: Mapping[str, str],
+        guides: "Mapping[str, Guide]",
+        widths: Mapping[str, int],
+        gases: Mapping[str, Gas] | None = None,
+    ):
         starts = dict(zip(widths, np.cumsum([0, *widths.values()]) - sum(widths.values()), strict=False))
         self.names = tuple(name for name in widths if name in controls)
         self.columns = np.array([starts[name] for name in [*self.names, *guides]], dtype=int)
@@ -97,6 +105,7 @@ class ActuatorForces:
             for tendon in dict.fromkeys(tendons)
         ]
         self._is_guide = np.arange(len(self.columns)) >= len(self.names)
+        self.gases = {self.names.index(name): (name, gas) for name, gas in (gases or {}).items() if name in self.names}
 
     def split(self, u: Array) -> tuple[Array, Array]:
         """An input (p,) without what is found, and what is given for it (n,): strokes, then of guides nothing."""
@@ -114,6 +123,27 @@ class ActuatorForces:
         k = len(self.names)
         return np.concatenate([(given - strokes)[:k] / h, np.zeros(len(given) - k)])
 
+    def targets(self, given: Array, strokes: Array, rates: Array, h: float) -> Targets:
+        """What a step of h, s, leads strokes to: `rates`, and gas as it is given."""
+        return Targets(self.rates(given, strokes, rates, h), self._gas(given, strokes, h, at_rest=False))
+
+    def resting_targets(self, given: Array, strokes: Array, h: float) -> Targets:
+        """The same without inertia."""
+        return Targets(self.resting_rates(given, strokes, h), self._gas(given, strokes, h, at_rest=True))
+
+    def _gas(self, given: Array, strokes: Array, h: float, *, at_rest: bool) -> GasStep | None:
+        if not self.gases:
+            return None
+        places, (names, gases) = np.array(list(self.gases)), zip(*self.gases.values(), strict=True)
+        return GasStep(places, names, gases, given[places], strokes[places], h, at_rest)
+
+    def towards(self, given: Array, strokes: Array, z: Array | None, share: float) -> Array:
+        """What is given (n,) up to a share of a step from strokes (n,); gas from what had z (n,); None: all at once."""
+        start = strokes.copy()
+        for place, (_, gas) in self.gases.items():
+            start[place] = given[place] if z is None else amount_at(gas, strokes[place], z[place])
+        return start + share * (given - start)
+
     @staticmethod
     def holding(delassus: Operator, X: Array, W: Array) -> "PointsHeldBack":
         """What holds contact points back: their operator, what forces here do there, and `compliance`."""
@@ -130,11 +160,11 @@ class ActuatorForces:
         u: Array,
         rates: Array,
         W: Array,
-        targets: Array,
+        targets: Targets,
         before: Array,
         touch: Touch | None,
         angles: Array | None = None,
-    ) -> "tuple[Array, ContactSolution | None]":
+    ) -> Found:
         """The forces z (n,), N or Pa, and contact, of a step.
 
         The search begins with what guides did under forces before: which of them slide, and where to. All that are
@@ -145,15 +175,34 @@ class ActuatorForces:
             u: the input (p,), whose tensions the guides of other tendons are under.
             rates: (n,) of the strokes, without these forces and without contact, per s.
             W: (n, n) rates per force, as `compliance` makes it.
-            targets: c (n,), per s.
+            targets: of the strokes.
             before: z (n,) of an earlier step or iteration; 0: not known.
-            touch: of forces z (n,) and which of them (n,) are within their bounds, what contact does, and the rates
-                (n,) that it adds where they stay as they are; None: nothing can touch.
+            touch: what contact does; None: nothing can touch.
             angles: (n,) by which tendons turn at guides, rad, 0 of strokes; those at rest unless given.
 
         Raises:
             StepError: there are none, as strokes depend on one another, or none were found.
         """
+
+        def solve(W: Array, targets: Array, before: Array, gives: Array | None) -> Found:
+            of_forces = None if touch is None else partial(touch, gives=gives)
+            return self._solve(u, rates, W, targets, before, of_forces, angles)
+
+        if targets.gas is None:
+            return solve(W, targets.rates, before, None)
+        return targets.gas.find(rates, W, targets.rates, before, solve)
+
+    def _solve(
+        self,
+        u: Array,
+        rates: Array,
+        W: Array,
+        targets: Array,
+        before: Array,
+        touch: OfForces | None,
+        angles: Array | None,
+    ) -> Found:
+        """As `solve`, of strokes that go at their targets (n,), per s."""
         if not self._guides and (len(rates) == 1 or not np.isfinite(self._least).any()):
             found_at_once = self._all_held(rates, W, targets, touch)
             if found_at_once is not None:
@@ -217,9 +266,7 @@ class ActuatorForces:
         names = ", ".join([*self.names, *self._guides])
         return StepError(f"no forces found of {names}: not {where}; a smaller dt or less friction may help")
 
-    def _all_held(
-        self, rates: Array, W: Array, targets: Array, touch: Touch | None
-    ) -> "tuple[Array, ContactSolution | None] | None":
+    def _all_held(self, rates: Array, W: Array, targets: Array, touch: OfForces | None) -> Found | None:
         """As `solve`, where all strokes hold; None where one does not, as of a slack cable, or W is singular."""
         missing, contact = targets - rates, None
         try:
@@ -350,23 +397,3 @@ class Chained(NamedTuple):
     by_unknown: Array  # E (n, w)
     known: Array  # e (n,)
     tensions: tuple[Array, Array]  # of cables ahead of their guides, likewise
-
-
-class PointsHeldBack:
-    """Delassus operators (3P, 3P) of points that strokes hold back, of one without, X (3P, n) and W (n, n).
-
-    They are kept, as the solver of contact keeps parts of one that it is given again.
-    """
-
-    def __init__(self, delassus: Operator, X: Array, W: Array):
-        self._free, self._X, self._W, self._kept = delassus, X, W, dict[bytes, Operator]()
-
-    def delassus(self, holding: Array) -> Operator:
-        """Where some (n,) of the forces are within their bounds."""
-        held, key = np.flatnonzero(holding), holding.tobytes()
-        if not len(held):
-            return self._free
-        if key not in self._kept:
-            root = np.linalg.solve(np.linalg.cholesky(self._W[np.ix_(held, held)]), self._X[:, held].T)
-            self._kept[key] = held_back(self._free, root)
-        return self._kept[key]

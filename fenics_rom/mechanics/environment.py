@@ -15,17 +15,15 @@ from fenics_rom.mechanics.signals import Signal
 if TYPE_CHECKING:
     from fenics_rom.mechanics.base_path import BasePath
     from fenics_rom.mechanics.contact import ContactLaw
+    from fenics_rom.mechanics.gas import Gas
     from fenics_rom.mechanics.initial_state import InitialState
     from fenics_rom.mechanics.obstacles import Obstacle
     from fenics_rom.mechanics.viscoelasticity import PronySeries
 
 # Part of the matrices: no run can leave them out.
 PERMANENT_EFFECTS = ("springs", "membranes", "cables", "point_masses", "rigid_parts")
-STROKE_UNITS = {
-    "length": "m",
-    "volume": "m3",
-    "displacement": "m",
-}  # of what is given of an actuator in place of its force
+# Of what is given of an actuator in place of its force.
+STROKE_UNITS = {"length": "m", "volume": "m3", "gas": "m3", "valve": "Pa", "displacement": "m"}
 RIGID = "rigid"  # of a bar whose length stays, as that of a control
 SWITCHINGS = ("energy", "oblique")  # energy-orthogonal, of any basis; of standard balanced truncation
 FRAMES = ("fixed", "moving")  # a body stays near where it was made, or turns as far as it likes
@@ -114,8 +112,11 @@ class Environment:
         residual_compliance: whether contact points yield beyond a reduced basis, where its model knows how.
         contact_switching: "automatic" (the contact mode follows the obstacles) or "scene" (the load history says).
         guides: with friction, by the names of the loads that it is, those of each tendon from its anchor on.
-        controls: of the actuators whose stroke is given, not their force: "length" of a tendon, "volume" of a chamber;
-            and "rigid" of bars, by the names of the loads that they are, whose strokes stay 0.
+        controls: of the actuators whose stroke is given, not their force: "length" of a tendon, "volume" of a chamber,
+            "gas" or "valve" of one with gas; and "rigid" of bars, by the names of the loads that they are, whose
+            strokes stay 0.
+        gases: in these chambers, by name.
+        chambers: volumes at rest behind those pressures whose surface encloses one, m³, which a mesh has.
         built_in: what a model made for this cannot do differently, by its place in the scene, as JSON; the mesh by the
             SHA-256 of its content.
         run: the load history; None where there is none.
@@ -143,6 +144,8 @@ class Environment:
     contact_switching: str = "automatic"
     guides: Mapping[str, Guide] = field(default_factory=dict)
     controls: Mapping[str, str] = field(default_factory=dict)
+    gases: "Mapping[str, Gas]" = field(default_factory=dict)
+    chambers: Mapping[str, float] = field(default_factory=dict)
     built_in: Mapping[str, str] = field(default_factory=dict)
     run: Run | None = None
     source: str = ""
@@ -192,6 +195,18 @@ class Environment:
     def found_loads(self) -> tuple[str, ...]:
         """Names of the loads that are found in steps, at guides and in bars: they act within the body."""
         return (*self.guides, *self.bars)
+
+    def with_chambers(self, volumes: Mapping[str, float]) -> "Environment":
+        """The same with the volumes at rest of chambers; SceneError where one with gas has none."""
+        gases = dict(self.gases)
+        for name, gas in gases.items():
+            if not gas.volume and name not in volumes:
+                raise SceneError(
+                    f"{self.source}: effects.pressure.{name}: its surface encloses no volume that is known, so that "
+                    "gas in it has no pressure; allowed is gas.volume, or a body reduced anew from this scene"
+                )
+            gases[name] = replace(gas, volume=gas.volume or volumes[name])
+        return replace(self, gases=gases, chambers=volumes)
 
     def with_bars(self, names: Collection[str]) -> "Environment":
         """The same with bars of a body, which a mesh has, and no scene says."""

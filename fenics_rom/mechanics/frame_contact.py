@@ -19,13 +19,15 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.actuator_forces import ActuatorForces, Touch
+from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGLIGIBLE_RESIDUAL
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.frame_geometry import Geometry, Push
 from fenics_rom.mechanics.frame_motion import Vector
+from fenics_rom.mechanics.gas import Targets
+from fenics_rom.mechanics.points_held_back import Touch
 from fenics_rom.mechanics.points_operator import Operator
 
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
@@ -62,8 +64,8 @@ class ToFind(Protocol):
         """(p,) without them."""
 
     @property
-    def targets(self) -> Array:
-        """Rates (n,) at which strokes are to go."""
+    def targets(self) -> Targets:
+        """Of the strokes."""
 
 
 class ActuatedBody(Protocol):
@@ -338,9 +340,9 @@ class Held(NamedTuple):
         """
         held = self.actuators.actuators.holding(delassus, moved, self.compliance)
 
-        def touch(tried: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
+        def touch(tried: Array, holding: Array, *, gives: Array | None) -> tuple[ContactSolution | None, Array]:
             by_z = moved.dot(tried - z).reshape(-1, 3)
-            contact = solve_contact(free + by_z, held.delassus(holding))
+            contact = solve_contact(free + by_z, held.delassus(holding, gives))
             return contact, np.zeros(len(z)) if contact is None else moved.T.dot(contact.forces.ravel())
 
         return self._solve(z, touch, self.rates - moved.T.dot(forces.ravel()))

@@ -6,7 +6,9 @@ attributes contact_switching, has_inertia (yes or no), source; residual_complian
 base_path/                   times (T,) s, positions (T, 3) m, rotations (T, 4) w x y z; velocities (T, 3) m/s,
                              angular_velocities (T, 3) rad/s, both or none; absent where none is given
 effects, built_in            groups whose attributes are names and texts, see mechanics.environment
+chambers/NAME/               volume (1,) m³ at rest, of pressures whose surface encloses one; absent where none does
 controls                     another one, absent where no stroke is given
+gases/NAME/                  volume m³, exponent, ambient Pa, orifice m², temperature K (1,); absent without gas
 guides/NAME/                 attribute tendon; friction (1,), angle (1,) rad; absent where no tendon rubs
 loads/NAME/                  loads with signals of their own; columns (1,) and a signal, which may be absent:
     values (w,) or (T, w)    in the unit of the input
@@ -50,6 +52,7 @@ from fenics_rom.mechanics.signals import Signal
 if TYPE_CHECKING:
     from fenics_rom.mechanics.base_path import BasePath
     from fenics_rom.mechanics.contact import ContactLaw
+    from fenics_rom.mechanics.gas import Gas
     from fenics_rom.mechanics.initial_state import InitialState
     from fenics_rom.mechanics.viscoelasticity import PronySeries
 
@@ -87,9 +90,17 @@ ORIGIN = {"origin": Entry("m", (3,))}
 SPAN = {"start": Entry("s", (1,)), "stop": Entry("s", (1,))}
 GUIDE = {"friction": Entry("1", (1,)), "angle": Entry("rad", (1,))}
 SERIES = {"ratios": Entry("1", ("b",)), "times": Entry("s", ("b",))}
+GAS = {
+    "volume": Entry("m3", (1,)),
+    "exponent": Entry("1", (1,)),
+    "ambient": Entry("Pa", (1,)),
+    "orifice": Entry("m2", (1,)),
+    "temperature": Entry("K", (1,)),
+}
+CHAMBER = {"volume": Entry("m3", (1,))}
 GROUPS = (
-    *("base_path", "effects", "built_in", "controls", "guides", "loads", "obstacles", "viscoelasticity"),
-    *("contact_law", "self_contact", "run"),
+    *("base_path", "effects", "built_in", "chambers", "controls", "gases", "guides", "loads", "obstacles"),
+    *("viscoelasticity", "contact_law", "self_contact", "run"),
 )
 COLUMNS = {"columns": Entry("1", (1,), "i")}
 
@@ -116,6 +127,10 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
         put_arrays(part, GUIDE, {}, vars(guide))
     if environment.controls:
         put_text(group.create_group("controls", track_order=True), **environment.controls)
+    for name, gas in environment.gases.items():
+        put_arrays(group.require_group("gases").create_group(name), GAS, {}, vars(gas))
+    for name, volume in environment.chambers.items():
+        put_arrays(group.require_group("chambers").create_group(name), CHAMBER, {}, {"volume": volume})
     loads = group.create_group("loads", track_order=True)
     for name, load in environment.loads.items():
         _put(loads.create_group(name), COLUMNS, vars(load), load.signal, INPUT_UNIT)
@@ -186,6 +201,8 @@ def take_environment(h5: h5py.File) -> Environment:
         contact_switching=switching,
         guides=_guides(get_group(group, "guides")) if "guides" in group else {},
         controls=_controls(get_group(group, "controls")) if "controls" in group else {},
+        gases=_gases(get_group(group, "gases")) if "gases" in group else {},
+        chambers=_chambers(get_group(group, "chambers")) if "chambers" in group else {},
         built_in={name: get_text(texts["built_in"], name) for name in texts["built_in"].attrs},
         run=_run(get_group(group, "run")) if "run" in group else None,
         source=get_text(group, "source"),
@@ -234,6 +251,16 @@ def _controls(group: h5py.Group) -> dict[str, str]:
     for control in controls.values():
         check_known("control", control, [*STROKE_UNITS, RIGID], FileError, f"{group.name}: ")
     return controls
+
+
+def _gases(group: h5py.Group) -> "dict[str, Gas]":
+    from fenics_rom.mechanics.gas import Gas  # here, as few chambers hold gas
+
+    return {name: Gas(**get_record(get_group(group, name), GAS)) for name in group}
+
+
+def _chambers(group: h5py.Group) -> dict[str, float]:
+    return {name: get_record(get_group(group, name), CHAMBER)["volume"] for name in group}
 
 
 def _load(group: h5py.Group) -> Load:

@@ -45,7 +45,7 @@ def fit_environment(
         environment = made_for
     else:
         _check_built_in(rom, environment)
-        environment = environment.with_bars(made_for.bars)
+        environment = environment.with_bars(made_for.bars).with_chambers(made_for.chambers)
     if "damping" in made_for.effects and "damping" not in environment.effects:
         undamped = {name: replace(model, damping=np.zeros(model.order)) for name, model in rom.contact_models.items()}
         residual = rom.residual_compliance

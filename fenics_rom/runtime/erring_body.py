@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError
+from fenics_rom.errors import StepError, unknown
 from fenics_rom.mechanics.environment import given_environment
 from fenics_rom.runtime.error_tolerance import ADVICE, NO_MORE, Exceeded, checked_tolerance, tell
 from fenics_rom.runtime.moving_body import MovingBody
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from os import PathLike
 
     from fenics_rom.mechanics.base_path import BaseState
+    from fenics_rom.mechanics.signals import SignalLike
     from fenics_rom.rom.rom import Rom
     from fenics_rom.runtime.error_watch import ErrorState, ErrorWatch, StatedError
     from fenics_rom.runtime.finer_beside import FinerBeside
@@ -29,6 +30,7 @@ class ErringBody(MovingBody):
 
     errors: "ErrorWatch | None" = None
     beside: "FinerBeside | None" = None  # what states them where a finer ROM takes the same steps
+    _advance: Callable[[Array], float]
     _untold = ""  # why there are none
     _errors_before: "ErrorState | None" = None  # the last step that was noted by itself
     whose, advice = "", ADVICE  # beginning and end of what is said of the tolerance
@@ -87,6 +89,24 @@ class ErringBody(MovingBody):
         if self.beside is not None:
             return self.beside.stated()
         return self._told_errors().estimate(self.contact, self._stepper.state, self.beyond_shared)
+
+    def set_signal(self, name: str, signal: "SignalLike") -> None:
+        """Gives a load or an obstacle another value, or another function of time (s), from the next step on.
+
+        Args:
+            name: of gravity (multiples of its acceleration), a base motion (m/s²), a prescribed force (N) or an
+                obstacle (its displacement, m, or with a motion a BaseState).
+            signal: numbers, or a function that gives them.
+
+        Raises:
+            StepError: there is no such load or obstacle, or not so many numbers.
+        """
+        if self.environment is None:
+            raise StepError(unknown("load or obstacle", name, []))
+        self.environment.set_signal(name, signal)
+        if self.beside is not None:
+            self.beside.finer.set_signal(name, signal)
+        self._advance = self._way_to_advance()
 
     def _told_errors(self) -> "ErrorWatch":
         if self.errors is None:

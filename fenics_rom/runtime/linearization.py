@@ -200,7 +200,12 @@ def _inputs(body: Simulator, u: ArrayLike | None, at: Any) -> Array:
     strokes = readable(body.rom, body.contact, body.state[0], body.shape_coordinates).stroke
     cables = [starts[name].start for name in body.rom.actuators if controls.get(name) == "length"]
     for name in set(controls) & set(body.rom.actuators):
-        u0[starts[name]] = strokes(name)
+        if controls[name] == "valve":
+            raise StepError(
+                f"state_space: chamber {name!r} gets gas through a valve, so that what it holds is a further state; "
+                "allowed is control = 'gas'"
+            )
+        u0[starts[name]] = body.gas.get(name, strokes(name))
     for pull in PULLS if at is None and cables else ():
         there = body.save()
         pulled = u0.copy()

@@ -237,6 +237,10 @@ class MovingBody(SimulatedBody):
             f"step {self.steps}: input {u.tolist()} is so large that the step overflows; the state was left as it was"
         )
 
+    def _with_gas(self, u: Array) -> Array:
+        """An input (p,) of the step to be taken, with what is then blown into chambers."""
+        return u if self.filling is None else self.filling.blown(u, self.time, self._dt)
+
     def _with_base(self, inputs: StepInput) -> StepInput:
         """The inputs of the step to be taken, with the base that was given."""
         base, self.next_base = self.next_base, None

@@ -9,6 +9,7 @@ from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.readable_body import ReadableBody
 from fenics_rom.mechanics.readings import Reading, swept_volume
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import monomials
 from fenics_rom.rom.rom import Rom
 
@@ -30,6 +31,7 @@ def readable(
     shape: Array,
     points: ContactPoints | None = None,
     pressing: Array | None = None,
+    model: ContactModel | None = None,
     **touched: Any,
 ) -> ReadableBody:
     """A state of a ROM, as readings ask for it.
@@ -41,9 +43,10 @@ def readable(
         shape: (k,) in the shared basis, with what contact points yield beyond the contact mode.
         points: what obstacles can touch; None where there are none.
         pressing: normal forces on them in the last step, (P,), N; None where nothing touched.
+        model: of the contact mode with what a switch carried along; None: without.
         touched: what else `ReadableBody` has of contact.
     """
-    model, body = rom.contact_models[contact_mode], rom.deformation
+    model, body = rom.contact_models[contact_mode] if model is None else model, rom.deformation
 
     def stroke(actuator: str) -> float:
         if body is None:

@@ -1,7 +1,7 @@
 """What can be read of a body that is simulated, and what it can be saved as."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,6 +21,7 @@ from fenics_rom.runtime.tension_watch import TensionWatch, push_messages
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ObstacleState
+    from fenics_rom.mechanics.filling import Filling
     from fenics_rom.mechanics.skin_watch import Told
     from fenics_rom.runtime.environment_inputs import EnvironmentInputs
     from fenics_rom.runtime.error_tolerance import Exceeded
@@ -65,6 +66,7 @@ class SimulatorState:
     errors: "ErrorState | BesideState | None" = None  # None where none are kept
     sensed: tuple[Any, ...] = ()  # what sensors remember
     rubbed: tuple[Any, ...] | None = None  # what friction did in the last step
+    gas: Mapping[str, float] = field(default_factory=dict)  # blown into chambers so far, m³
 
 
 class BesideState(NamedTuple):
@@ -92,6 +94,7 @@ class SimulatedBody(ContactReadings):
     _slices: tuple[str, dict[str, slice]] | None = None  # where inputs are, of a contact mode
     _skin: "SkinLooks | None" = None  # None where no obstacle can come through it
     tensions: TensionWatch
+    filling: "Filling | None" = None  # None where no chamber holds gas
 
     def __repr__(self) -> str:
         model, steps = self._stepper.model, f"{self.steps} step{'' if self.steps == 1 else 's'}"
@@ -178,8 +181,30 @@ class SimulatedBody(ContactReadings):
 
     @property
     def energy(self) -> float:
-        """Stored energy ½ vᵀMv + ½ xᵀKx, with large deformation ½ vᵀMv + Φ(x), J."""
-        return self._stepper.energy
+        """Stored energy ½ vᵀMv + ½ xᵀKx, with large deformation ½ vᵀMv + Φ(x), and that of gas in chambers, J."""
+        return self._stepper.energy + (0.0 if self.filling is None else self.filling.energy)
+
+    @property
+    def gas(self) -> dict[str, float]:
+        """What was blown into each chamber so far, m³ at ambient pressure."""
+        return {} if self.filling is None else dict(self.filling.amounts)
+
+    def _fill(self) -> None:
+        """Begins to keep account of gas, if there is any."""
+        if self.environment is None or not self.environment.environment.gases:
+            return
+        from fenics_rom.mechanics.filling import Filling  # here, as few chambers hold gas
+        from fenics_rom.runtime.readings import readable
+
+        def stroke(name: str) -> float:
+            return readable(self.rom, self.contact, self._q, self._q, model=self.model).stroke(name)
+
+        self.filling = Filling(self.environment.environment.gases, self.rom.actuators, stroke)
+
+    def _refill(self, amounts: Mapping[str, float]) -> None:
+        """Goes on with some gas, where the body was put somewhere."""
+        if self.filling is not None:
+            self.filling.resume(amounts)
 
     @property
     def energy_coordinates(self) -> Array:
@@ -282,9 +307,9 @@ class SimulatedBody(ContactReadings):
         reading, state = named_reading(self.rom, name), (self.contact, self._q, self.shape_coordinates)
         points, pushed = self._touch() or (None, None)
         if pushed is None:
-            return reading.read(readable(self.rom, *state, points))
+            return reading.read(readable(self.rom, *state, points, model=self.model))
         touched: dict[str, Any] = {"forces": pushed.forces, "rubbing": self._rubbing, "places": self.node_places}
-        return reading.read(readable(self.rom, *state, points, pushed.pressing, **touched))
+        return reading.read(readable(self.rom, *state, points, pushed.pressing, self.model, **touched))
 
     def node_places(self) -> Array:
         """Of all nodes now, (N, 3) in world axes, m."""

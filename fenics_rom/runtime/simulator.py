@@ -9,7 +9,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.arguments import check_flag, mapping_in
-from fenics_rom.errors import StepError, check_known, unknown
+from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.mechanics.signals import real_numbers, real_numbers_or_nan
@@ -116,6 +116,7 @@ class Simulator(ErringBody):
         self._watch_errors(**told)
         self._begin_sensing()
         self._enter()
+        self._fill()
         self._watch_skin()
 
     @property
@@ -143,6 +144,7 @@ class Simulator(ErringBody):
         if len(given) != 2 or any(part.shape != shape or not np.isfinite(part).all() for part in given):
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
         self._stepper.set_state(*given)
+        self._refill(self.gas)
         self._begin_errors()
         if self._skin is not None:
             self._skin.forget()
@@ -177,29 +179,13 @@ class Simulator(ErringBody):
         check_known("contact mode", contact, self.rom.contact_models, StepError)
         lost = self._stepper.switch(contact)
         self._enter()
+        if self.filling is not None:
+            lost -= self.filling.gained()
         if self.ledger is not None:
             self.ledger.book(lost_in_switching=lost)
             if lost > self.loss.energy:
                 stored = self._stepper.energy + lost
                 self.loss = SwitchLoss(lost, lost / stored, start, contact, self.time)
-
-    def set_signal(self, name: str, signal: "SignalLike") -> None:
-        """Gives a load or an obstacle another value, or another function of time (s), from the next step on.
-
-        Args:
-            name: of gravity (multiples of its acceleration), a base motion (m/s²), a prescribed force (N) or an
-                obstacle (its displacement, m, or with a motion a BaseState).
-            signal: numbers, or a function that gives them.
-
-        Raises:
-            StepError: there is no such load or obstacle, or not so many numbers.
-        """
-        if self.environment is None:
-            raise StepError(unknown("load or obstacle", name, []))
-        self.environment.set_signal(name, signal)
-        if self.beside is not None:
-            self.beside.finer.set_signal(name, signal)
-        self._advance = self._way_to_advance()
 
     def step(
         self, u: Sequence[float] | Array | Mapping[str, Any] = (), *, base: "BaseState | None" = None, **named: Any
@@ -207,9 +193,9 @@ class Simulator(ErringBody):
         """Advances by dt under a constant input.
 
         Args:
-            u: (p,) N; the contact mode's columns, then the actuators' (Pa of a pressure; of those whose stroke is
-                given, what it is to be at the end of the step, m or m³). The actuators' alone, where the scene has
-                loads, strokes, obstacles or no inertia: then nothing pushes at the contact mode besides.
+            u: (p,) N; the contact mode's columns, then the actuators' (Pa of a pressure or a supply; of those whose
+                stroke or gas is given, what it is to be at the end of the step, m or m³). The actuators' alone, where
+                the scene has loads, strokes, obstacles or no inertia: then nothing pushes at the contact mode besides.
                 Or a mapping by name; what it does not name is 0.
             base: that carries the body, at the end of the step; None: as the environment says, or at rest.
             named: the same as arguments, `step(flexor=1.2, tip=[0, 0, 0.5])`: of actuators, and of the contact mode.
@@ -255,7 +241,8 @@ class Simulator(ErringBody):
             before = self.save()
             self.switch(nearest)
         try:
-            inputs = self._with_base(source.step_input(u, self._width, self.time, self._dt))
+            u = self._with_gas(source.full_input(u, self._width))
+            inputs = self._with_base(source.environment.step_input(u, self.time, self._dt))
             energy = self._stepper.step(inputs)
             if not math.isfinite(energy):
                 self._leave_finite(inputs.u)
@@ -264,11 +251,19 @@ class Simulator(ErringBody):
                 self.restore(before)
             raise
         source.environment.commit(inputs, self._dt)
+        self.book_gas(u)
         self.tensions.note(inputs.u)
         self._note_step(inputs.u)
         if self.remembers_touch:
             self.note_touch(1)
         return 2 * energy
+
+    def book_gas(self, blown: Array) -> None:
+        """Ends a step under an input (p,) with what is blown into chambers."""
+        if self.filling is not None:
+            gained = self.filling.take(blown)
+            if self.ledger is not None:
+                self.ledger.book(supplied=gained)
 
     def rollout(
         self,
@@ -324,6 +319,7 @@ class Simulator(ErringBody):
         self._stepper.reset()
         if self.environment is not None:
             self.environment.reset()
+        self._refill({})
         self._begin_errors()
         self._sense_again(())
         self._go_on(SwitchLoss(), SurfaceStrainPeak(), ())
@@ -338,7 +334,7 @@ class Simulator(ErringBody):
         when, peak, belongs = (self._dt, self.steps, self._since), self.surface_peak, self._belongs
         sensed = self._senses
         return SimulatorState(
-            self.contact, *when, stepper, sums, peak, self.loss, obstacles, told, belongs, errors, *sensed
+            self.contact, *when, stepper, sums, peak, self.loss, obstacles, told, belongs, errors, *sensed, self.gas
         )
 
     def restore(self, state: SimulatorState) -> None:
@@ -357,6 +353,7 @@ class Simulator(ErringBody):
         self._stepper.restore(state.contact, state.stepper, state.dt)
         if self.environment is not None and state.obstacles is not None:
             self.environment.state = state.obstacles
+        self._refill(state.gas)
         self._begin_errors(state.errors)
         self._sense_again(state.sensed, state.rubbed)
         self._go_on(state.loss, state.surface_peak, state.told)

@@ -10,6 +10,7 @@ from fenics_rom.mechanics.environment import FACES, AppliedLoad
 from fenics_rom.mechanics.initial_state import SMALL_ROTATION, ZERO
 from fenics_rom.mechanics.isochoric import isochoric_terms
 from fenics_rom.mechanics.touch import TOUCH
+from fenics_rom.scene.chambers import check_filling
 from fenics_rom.scene.contact import Contact, ObstacleMotion
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import Effects, RigidBase, Viscoelasticity
@@ -195,6 +196,8 @@ def _check_effects(effects: Effects, contacts: Collection[str], actuators: Mappi
             raise SceneError(
                 f"effects.tendon.{guide.tendon}: friction at its guide {name!r}: the name is {taken[name]}'s"
             )
+    for name, chamber in effects.pressure.items():
+        check_filling(chamber.control, chamber.gas, chamber.valve, f"effects.pressure.{name}")
     for name, fixed in effects.point_masses.items():
         if fixed.direction is not None and not any(fixed.direction):
             raise SceneError(f"effects.point_masses.{name}.direction: allowed is any but zero")

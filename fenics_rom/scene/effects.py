@@ -11,6 +11,7 @@ import numpy as np
 
 from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.signals import Signal
+from fenics_rom.scene.chambers import ChamberGas, Valve
 from fenics_rom.scene.contact import Contact, Friction
 from fenics_rom.scene.fibres import Cable, Membrane
 from fenics_rom.scene.large_deformation import LargeDeformation
@@ -221,16 +222,21 @@ class Pressure(Place):
     """An actuator: a chamber, or a hand."""
 
     LAW: ClassVar = Law(
-        force="p along the inward normals of a surface; the input is p in Pa, or the volume in m³ that p comes of",
-        supplies="its work",
-        changing=("control",),
+        force="p along the inward normals of a surface; the input is p in Pa, or what p comes of: the volume or gas in "
+        "m³, or the pressure in Pa of a supply behind a valve",
+        stores="in its gas, if any",
+        supplies="its work, or that of gas blown in",
+        changing=("control", "gas", "valve"),
     )
     control: Annotated[
         str,
-        Text(choices=("pressure", "volume")),
-        '"pressure" (the input is in Pa) or "volume" (it is in m³: by how much larger than at rest the chamber behind '
-        "the surface is; its pressure, of either sign, is found)",
+        Text(choices=("pressure", "volume", "gas", "valve")),
+        '"pressure" (the input is in Pa), "volume" (it is in m³: by how much larger than at rest the chamber behind '
+        'the surface is, as of a liquid; its pressure, of either sign, is found), "gas" (m³, at ambient pressure: what '
+        'was blown in so far; 0 is a sealed chamber) or "valve" (Pa: gauge pressure of the supply)',
     ] = "pressure"
+    gas: Annotated[ChamberGas | None, "of a chamber that holds some; {} unless given"] = None
+    valve: Annotated[Valve | None, "through which it comes"] = None
 
 
 @dataclass(frozen=True)

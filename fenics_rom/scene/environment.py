@@ -22,9 +22,11 @@ from fenics_rom.mechanics.environment import (
     RigidMotion,
     Run,
 )
+from fenics_rom.mechanics.gas import GAS_CONTROLS, Gas
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of
 from fenics_rom.mechanics.tendon import turning_angles
 from fenics_rom.mechanics.viscoelasticity import PronySeries
+from fenics_rom.scene.chambers import ChamberGas
 from fenics_rom.scene.contact import RigidObstacle
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, numbers_of
 from fenics_rom.scene.effects import Effects
@@ -71,10 +73,22 @@ def environment_of(effects: Effects, frame: str, run: Run | None, source: str) -
             for name, actuator in getattr(effects, kind).items()
             if actuator.control in STROKE_UNITS
         },
+        gases=gases_of(effects),
         built_in={f"effects.{name}": built_in(name, getattr(effects, name)) for name in effects.names},
         run=run,
         source=source,
     )
+
+
+def gases_of(effects: Effects) -> dict[str, Gas]:
+    """What chambers are filled with, by name."""
+    gases = dict[str, Gas]()
+    for name, pressure in effects.pressure.items():
+        if pressure.control in GAS_CONTROLS:
+            of, valve = pressure.gas or ChamberGas(), pressure.valve
+            through = () if valve is None else (valve.area * valve.discharge, valve.temperature)
+            gases[name] = Gas(of.volume or 0.0, of.exponent, of.ambient, *through)
+    return gases
 
 
 def guides_of(effects: Effects) -> dict[str, Guide]:

@@ -17,7 +17,7 @@ from fenics_rom.arguments import path_in
 from fenics_rom.errors import FileError, SceneError, did_you_mean, exactly, unknown
 from fenics_rom.io.hdf5 import is_sealed
 from fenics_rom.io.units import QUANTITIES
-from fenics_rom.mechanics.environment import AppliedLoad, Run
+from fenics_rom.mechanics.environment import STROKE_UNITS, AppliedLoad, Run
 from fenics_rom.mechanics.initial_state import ZERO, InitialState, Instant
 from fenics_rom.mechanics.load_history import check_pull
 from fenics_rom.mechanics.touch import TOUCH
@@ -154,7 +154,7 @@ def _load_units(raw: dict[str, Any], file: SceneFile) -> dict[str, set[str]]:
     units: dict[str, set[str]] = {}
     for given, load in zip(raw.get("run", {}).get("load", ()), () if file.run is None else file.run.load, strict=True):
         what = actuators[load.actuator].control if load.actuator in actuators else "force"
-        units.setdefault(given.get("table", ""), set()).add(QUANTITIES[what])
+        units.setdefault(given.get("table", ""), set()).add(STROKE_UNITS.get(what) or QUANTITIES[what])
     return units
 
 

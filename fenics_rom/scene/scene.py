@@ -134,6 +134,7 @@ class Scene:
         source: for messages.
         read_files: the file of the scene itself, and those of tables and of a run, which it was read from.
         bars: names of those that keep surfaces rigid which turn far; its mesh has them, once it is assembled.
+        chambers: volumes at rest behind pressures that enclose one, m³, by name; likewise, None until then.
 
     Example:
         >>> scene = fr.read_scene("plate.toml")
@@ -164,6 +165,7 @@ class Scene:
     source: str
     read_files: tuple[Path, ...] = ()
     bars: tuple[str, ...] = ()
+    chambers: Mapping[str, float] | None = None
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -181,7 +183,8 @@ class Scene:
         records["supports"] = {"clamped": clamped, "held": self.held} | ({"rigid": rigid} if rigid else {})
         built_in = {place: as_text(record) for place, record in records.items()}
         built_in["mesh"] = as_text(self._mesh)
-        return replace(environment, built_in={**environment.built_in, **built_in}).with_bars(self.bars)
+        environment = replace(environment, built_in={**environment.built_in, **built_in}).with_bars(self.bars)
+        return environment if self.chambers is None else environment.with_chambers(self.chambers)
 
     @property
     def read(self) -> dict[str, dict[str, Any]]:

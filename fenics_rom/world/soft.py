@@ -186,7 +186,8 @@ class Soft(Simulator, Body):
             self.next_base = mounted(self.carrier.end, self._held_at)
         u = self._by_name((), self._given)
         self.tensions.note(u)
-        inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
+        self._blown = self._with_gas(self._source.full_input(u, self._width))
+        inputs = self._with_base(self._source.environment.step_input(self._blown, self.time, self._dt))
         self._inputs = inputs._replace(obstacles=OTHERS)
         self._handed.point_gaps = np.full(len(self.surface.points), np.inf)
         self._open()
@@ -356,6 +357,7 @@ class Soft(Simulator, Body):
         assert self._source is not None
         self._tried = False
         self._source.environment.commit(self._inputs._replace(obstacles=None), self._dt)
+        self.book_gas(self._blown)
         if not self.has_inertia:
             self._commit_rest()
         if self._twice <= self._monitor_threshold:

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.actuator_forces import MAX_ROUNDS, ActuatorForces, PointsHeldBack
+from fenics_rom.mechanics.actuator_forces import MAX_ROUNDS, ActuatorForces
 from fenics_rom.mechanics.compiled import actuator_forces as loops
 from fenics_rom.mechanics.complementarity.pivoting import solve_by_pivots
 from fenics_rom.mechanics.environment import Guide
+from fenics_rom.mechanics.gas import Targets
+from fenics_rom.mechanics.points_held_back import PointsHeldBack
 
 MODES = 20
 BOTH = pytest.mark.parametrize("control", [{}, {"cable": "length"}], ids=["tension", "length"])
@@ -38,7 +40,7 @@ class Cable:
 
     def solve(self, before=None, touch=None):
         before = np.zeros(len(self.W)) if before is None else before
-        return self.actuators.solve(self.u, self.rates, self.W, self.targets, before, touch, self.angles)
+        return self.actuators.solve(self.u, self.rates, self.W, Targets(self.targets), before, touch, self.angles)
 
     def missed(self, z, rates):
         """By how much the laws of a slack cable and of the capstan are missed, as a share of forces or rates."""
@@ -94,7 +96,7 @@ def test_guides_obey_the_capstan_beside_a_contact(guides, control):
         X, compliance, asked = (cable.point @ cable.columns)[None], np.array([[cable.point @ cable.point]]), -0.1
         held = PointsHeldBack(compliance, X, cable.W)
 
-        def touch(z, holding, cable=cable, X=X, held=held, asked=asked):
+        def touch(z, holding, gives=None, cable=cable, X=X, held=held, asked=asked):
             short = asked - cable.point @ cable.free - X[0] @ z
             force = short / held.delassus(holding)[0, 0]
             return (force, X[0] * force) if short > 0 else (None, 0 * z)
@@ -156,7 +158,7 @@ def test_compiled_rounds_find_what_numpy_finds(guides, control, in_python):
         X, asked = cable.point @ cable.columns, -0.1
         held = PointsHeldBack(np.array([[cable.point @ cable.point]]), X[None], cable.W)
 
-        def touch(z, holding, cable=cable, X=X, held=held, asked=asked):
+        def touch(z, holding, gives=None, cable=cable, X=X, held=held, asked=asked):
             short = asked - cable.point @ cable.free - X @ z
             force = short / held.delassus(holding)[0, 0]
             return (force, X * force) if short > 0 else (None, 0 * z)
@@ -191,7 +193,8 @@ def test_pivots_solve_complementarity_problems_that_are_degenerate():
 def test_a_body_that_is_not_stable_against_strokes_is_told_so():
     """Its strokes do not depend on one another: a step that is too long has led to where its tangent is indefinite."""
     actuators, one = ActuatorForces({"air": "volume"}, {}, {"air": 1}), np.ones(1)
+    nothing = Targets(0 * one)
     with pytest.raises(StepError, match=r"strokes of air: .* not stable against them; a smaller dt"):
-        actuators.solve(one, one, -1e-7 * np.eye(1), 0 * one, one, lambda z, holding: (None, np.nan * z))
+        actuators.solve(one, one, -1e-7 * np.eye(1), nothing, one, lambda z, holding, gives: (None, np.nan * z))
     with pytest.raises(StepError, match="strokes of air: they depend on one another"):
-        actuators.solve(one, one, np.zeros((1, 1)), 0 * one, one, None)
+        actuators.solve(one, one, np.zeros((1, 1)), nothing, one, None)

@@ -8,6 +8,7 @@ from gradient_checks import check_gradient, squares
 from soft_rom import linear, refuse_few_parts, soft_rom
 
 import fenics_rom as fr
+from fenics_rom.mechanics.gas import Gas
 
 STEPS, FEW = 30, 5  # of steps that are found by iteration few
 LAWS = ("st_venant_kirchhoff", "neo_hookean")
@@ -41,6 +42,16 @@ def by_strokes(*names):
     return lambda rom: replace(rom, environment=replace(rom.environment, controls=controls))
 
 
+def filled(control, **gas):
+    """With gas in a chamber, that is given or comes through a valve, beside a cable by its stroke."""
+
+    def changed(rom):
+        given = {"controls": {"cable": "length", "air": control}, "gases": {"air": Gas(1e-5, **gas)}}
+        return replace(rom, environment=replace(rom.environment, **given))
+
+    return changed
+
+
 def both(*changes):
     """One change after the other."""
 
@@ -69,6 +80,13 @@ CASES = {  # law, what is asked of the box, what is changed of it, stepper and t
     "neo-Hookean, contact": (LAWS[1], TOUCHED, None, SHORT),
     "strokes": (LAWS[0], {}, by_strokes("cable", "air"), SHORT),
     "neo-Hookean, a stroke, contact": (LAWS[1], TOUCHED, by_strokes("cable"), SHORT),
+    "gas": (LAWS[0], {}, filled("gas", exponent=1.4), SHORT),
+    "iterated, gas": (LAWS[1], {}, filled("gas", exponent=1.4), NEWTON),
+    "iterated, valve": (LAWS[0], {}, filled("valve", orifice=1e-6), NEWTON),
+    "equilibria, gas": (LAWS[0], REST, filled("gas"), RESTING),
+    "linear, gas, contact": (LAWS[0], TOUCHED, both(without_strain, filled("gas")), SMALL),
+    "linear, valve": (LAWS[0], {}, both(without_strain, filled("valve", orifice=1e-6)), SMALL),
+    "linear equilibria, gas": (LAWS[0], REST, both(without_strain, filled("gas", exponent=1.4)), SMALL),
     "iterated": (LAWS[0], {}, None, NEWTON),
     "iterated, neo-Hookean, contact": (LAWS[1], TOUCHED, None, NEWTON),
     "iterated, strokes": (LAWS[0], {}, by_strokes("cable", "air"), NEWTON),
@@ -113,6 +131,8 @@ class Bent:
             self.u[:, 4] = 1e-3 + 2e-4 * np.sin(time / 3)  # m
         if "air" in self.rom.environment.controls:
             self.u[:, 3] = 2e-7 + 4e-8 * np.cos(time / 4)  # m³
+            if self.rom.environment.controls["air"] == "valve":
+                self.u[:, 3] *= 1e10  # Pa
         falling = 1 / np.arange(1, 13)
         self.start = 1e-3 * falling**2 * random.standard_normal(12), 1e-2 * falling * random.standard_normal(12)
         self.start[1][:] *= not still

@@ -160,7 +160,7 @@ def solve_equilibrium(
         # Where a load is let go no force is left at the solution, but the round-off of those that were there before.
         scale_before = scale_before or scale
         scale = max(scale, scale_before)
-        tell(iteration, size / scale)
+        tell(iteration, size / scale if scale else 0.0)  # of forces whose squares are no numbers
         if size <= CONVERGENCE_TOLERANCE * scale or STAGNATION_TOLERANCE * scale >= size > previous / 2:
             tangent.factor(trial)
             return NewtonIterate(trial, found, residual, direction, size, iteration)

@@ -19,8 +19,9 @@ from fenics_rom.fem.finite_strain.residuals import StepResidual
 from fenics_rom.fem.finite_strain.turned_factor import TurnedFactor
 from fenics_rom.fem.full_order_body import FullOrderInterface
 from fenics_rom.fem.points_of_step import PointsOfStep
-from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
+from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, mean_contact
+from fenics_rom.mechanics.points_held_back import PointsHeldBack
 from fenics_rom.mechanics.points_operator import Operator
 
 
@@ -102,13 +103,13 @@ class ForcesInNewton:
             rates = rates - X.T @ last.contact.forces.ravel()
         W, held = self._actuators.compliance(W), None
 
-        def touch(z: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
+        def touch(z: Array, holding: Array, *, gives: Array | None) -> tuple[ContactSolution | None, Array]:
             nonlocal held
             moved = free + (X @ (z - last.actuators)).reshape(-1, 3)
             if self._is_untouched(moved, last.contact):
                 return None, np.zeros(len(z))
             held = PointsHeldBack(self._points_operator(), X, W) if held is None else held
-            contact = self._touched(moved, last.contact, held.delassus(holding))
+            contact = self._touched(moved, last.contact, held.delassus(holding, gives))
             return contact, np.zeros(len(z)) if contact is None else X.T @ contact.forces.ravel()
 
         z, contact = self._actuators.solve(self._u, rates, W, self._targets, last.actuators, touch, angles)

@@ -20,6 +20,7 @@ from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, MidpointS
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients, TangentMatrix
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
+from fenics_rom.mechanics.gas import Targets
 from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.system.protocols import Algebra
@@ -188,10 +189,10 @@ class MidpointResidual:
         columns = external.columns(self.model, middle)
         return columns, self.model.algebra.inner(columns, v)[:, 0], external.angles(middle)
 
-    def targets(self, actuators: ActuatorForces, given: Array) -> Array:
-        """Rates (n,) at which strokes are to move to those (n,) that are given."""
+    def targets(self, actuators: ActuatorForces, given: Array) -> Targets:
+        """What strokes are to do where some (n,) are given."""
         columns, strokes = self.external.columns(self.model, self.start.u), self.external.strokes(self.start.u)
-        return actuators.rates(given, strokes, self.model.algebra.inner(columns, self.start.v)[:, 0], self.h)
+        return actuators.targets(given, strokes, self.model.algebra.inner(columns, self.start.v)[:, 0], self.h)
 
     def terms(self, trial: TrialStep) -> Array:
         """Forces (rows here, any) that the residual is small against."""
@@ -235,9 +236,9 @@ class QuasiStaticResidual:
         rates[given] = (external.strokes(end) - external.strokes(self.start.u))[given] / self.h
         return columns, rates, angles
 
-    def targets(self, actuators: ActuatorForces, given: Array) -> Array:
+    def targets(self, actuators: ActuatorForces, given: Array) -> Targets:
         """As in MidpointResidual."""
-        return actuators.resting_rates(given, self.external.strokes(self.start.u), self.h)
+        return actuators.resting_targets(given, self.external.strokes(self.start.u), self.h)
 
     def terms(self, trial: TrialStep) -> Array:
         """As in MidpointResidual."""

@@ -228,7 +228,7 @@ class FiniteStrainStepper(FullOrderBody):
     def _advance(self, inputs: StepInput, quasi_static: bool) -> None:
         """Takes a step, in parts where Newton's method does not soon solve it; if none is, nothing has changed."""
         (load, u, given), state = self._load(inputs.u), self._state()
-        strokes = load.strokes(self._start.u)
+        strokes, before = load.strokes(self._start.u), self.reactions if quasi_static else None
         self.newton, products = 0, self._krylov.products
         missing = self._unbalanced(load.ramped(self._following, 0.0)) if quasi_static else None
         parts, found = self._parts_of(quasi_static), list[tuple[float, FoundForces]]()
@@ -237,7 +237,7 @@ class FiniteStrainStepper(FullOrderBody):
             while True:
                 share = parts.share
                 try:
-                    goal = strokes + (done + share) * (given - strokes)
+                    goal = self.actuators.towards(given, strokes, before, done + share) if self.actuators else given
                     self._is_patient = parts.is_patient
                     iterations = self._part(done, share, load, u, goal, inputs.obstacles, missing)
                     break

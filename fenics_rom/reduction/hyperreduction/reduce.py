@@ -21,6 +21,7 @@ from fenics_rom.reduction.hyperreduction.cubature import fit_cubature
 from fenics_rom.reduction.hyperreduction.frame_loads import framed
 from fenics_rom.reduction.hyperreduction.modal_derivatives import modal_derivatives
 from fenics_rom.reduction.hyperreduction.training import Run, TrainingData, is_free, trained
+from fenics_rom.reduction.hyperreduction.training_loads import without_valves
 from fenics_rom.reduction.moving_frame import with_moving_frame
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
@@ -55,6 +56,7 @@ def hyperreduce(problem: ReductionProblem, whole: System, method: str, tolerance
     The problem is of the elastic part of the `whole` body. The tolerance is of the forces of the points that are kept,
     relative; the checkpoint keeps training runs.
     """
+    scene, problem = problem.system.scene, without_valves(problem)
     given = problem.system
     problem = framed(problem, free_spins=method != "trained")
     system = problem.system
@@ -87,7 +89,9 @@ def hyperreduce(problem: ReductionProblem, whole: System, method: str, tolerance
     body = replace(body, trained=_training_range(body, training, np.hstack([states, *held_out])))
     if system is not given:
         rom = _with_inputs(rom, given)
-    return replace(rom, deformation=body, stages=problem.stages.done, warnings=tuple(problem.messages))
+    environment = rom.environment if scene is None else scene.environment
+    stages, warnings = problem.stages.done, tuple(problem.messages)
+    return replace(rom, deformation=body, environment=environment, stages=stages, warnings=warnings)
 
 
 def _with_inputs(rom: Rom, system: System) -> Rom:

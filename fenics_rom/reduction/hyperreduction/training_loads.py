@@ -1,7 +1,7 @@
 """How large the loads of a scene get, and which of them together: what a reduction is to know of."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
@@ -61,6 +61,19 @@ def scene_with_run(system: System) -> tuple[Scene, Run]:
         where = scene.source if scene else "a system of matrices"
         raise SceneError(f"{where}: has no [run], whose loads say how far the body is to be trained to deform")
     return scene, scene.run
+
+
+def without_valves(problem: ReductionProblem) -> ReductionProblem:
+    """The problem with the pressures of supplies in place of valves: those of chambers are no larger."""
+    scene = problem.system.scene
+    if scene is None or "valve" not in scene.environment.controls.values():
+        return problem
+    given = {
+        name: replace(pressure, control="pressure", gas=None, valve=None) if pressure.control == "valve" else pressure
+        for name, pressure in scene.effects.pressure.items()
+    }
+    scene = replace(scene, effects=replace(scene.effects, pressure=given))
+    return replace(problem, system=replace(problem.system, scene=scene))
 
 
 def slowest_period(problem: ReductionProblem) -> float:

@@ -19,6 +19,7 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.differentiation.base_twists import owed_to_twists
+from fenics_rom.runtime.differentiation.gas_taken import GasAfter, GasBefore
 from fenics_rom.runtime.differentiation.gradient import Objective, RolloutGradient, evaluate
 from fenics_rom.runtime.rollout import ConstantInterval
 from fenics_rom.runtime.simulated_body import SimulatorState
@@ -41,6 +42,7 @@ class _Recorded(NamedTuple):
     shapes: Array  # of the coordinates in which it is gone back through, in the shared basis (k, m)
     switches: list[SwitchAdjoint]
     pose: BaseState | None  # of a moving frame after it
+    gas: "tuple[GasBefore, GasAfter] | None"
 
 
 class _Run:
@@ -125,12 +127,16 @@ class _Run:
             switches += self._switched_to(interval.contact)
         if records:  # else the step itself asks
             switches += self._switched_to(body.nearest_contact)
-        body.step(self._u[step], base=None if self._base is None else self._base[step])
+        filling, u, gas = body.filling, self._u[step], None
+        before = GasBefore.of(body, filling, u) if records and filling is not None else None
+        body.step(u, base=None if self._base is None else self._base[step])
         if records:
             loads = NONE if body.environment is None else body.environment.loads
-            taken = body.integrator.adjoint(np.concatenate([self._u[step], loads]))
+            if filling is not None and before is not None:
+                gas, u = (before, GasAfter.of(body, filling)), filling.last(u)
+            taken = body.integrator.adjoint(np.concatenate([u, loads]))
             shapes = body.integrator.adjoint_model.coordinates
-            self._recorded.append(_Recorded(taken, body.contact, shapes, switches, body.pose))
+            self._recorded.append(_Recorded(taken, body.contact, shapes, switches, body.pose, gas))
 
     def _switched_to(self, contact: str) -> list[SwitchAdjoint]:
         """Makes a contact mode active; the switch, if it was not."""
@@ -168,15 +174,25 @@ def differentiate_taken(
     moves, points, led = body.pose is not None, _points_of(rom, names), list[tuple[Array, BaseState]]()
     is_carried, frame = body.base_wrench is not None, np.zeros(15 if moves else 0)
     μ = StateAdjoint(0 * last.state, np.zeros(rom.rigid), 0 * last.auxiliary, frame=frame)
-    for step, (taken, contact, shapes, switches_before, pose) in run.backwards():
+    owed = np.zeros(0 if body.filling is None else len(body.filling.amounts))  # to what was blown in so far
+    for step, (taken, contact, shapes, switches_before, pose, gas) in run.backwards():
         shown, place = slopes[step], NONE
         if pose is not None:
             shown, place = _seen(pose, points + read[step].reshape(-1, 3), shown.reshape(-1, 3))
-        reads = Reads(shown @ shown_rows @ shapes, shown @ beyond_rows, float(energy_slopes[step]), place)
+        by_q = shown @ shown_rows @ shapes
+        if gas is not None:
+            by_q, owed = by_q + energy_slopes[step] * gas[1].by_q, owed + energy_slopes[step] * gas[1].by_amount
+        reads = Reads(by_q, shown @ beyond_rows, float(energy_slopes[step]), place)
         μ, by_inputs, by_frequencies, by_damping, base_ = taken.pull_back(μ, reads)
         if is_carried and pose is not None:
             led.append((base_, pose))
         inputs[step] = by_inputs[: u.shape[1]]
+        if gas is not None:
+            owed, inputs[step, gas[0].columns], at_start = gas[0].pull_back(owed + inputs[step, gas[0].columns])
+            ρ, m = len(μ.rigid), len(at_start)
+            scaled = at_start / taken.ends.ω
+            μ.state[ρ:m] += scaled[ρ:]
+            μ.rigid[:] += at_start[:ρ]
         if taken.span is not None:  # whose γ and D are of what was found
             models, along_ω, along_D = {}, {}, {}
         if models:

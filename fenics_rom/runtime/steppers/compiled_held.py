@@ -327,9 +327,9 @@ class CompiledHeld:
 
 
 def _pull(found: FoundForces, m: int, p: int) -> Pull | None:
-    """Of p inputs, as arrays; None where more is found than forces of cables and chambers, as of bars."""
+    """Of p inputs, as arrays; None where more is found than forces of cables and chambers, as of bars and gas."""
     followers, actuators = found.followers, found.actuators
-    if not followers or not all(isinstance(each, ReducedTendon | Pressure) for each in followers):
+    if actuators.gases or not followers or not all(isinstance(each, ReducedTendon | Pressure) for each in followers):
         return None
     n, k = len(followers), len(actuators.names)
     after, last = np.full(n, -1), dict[str, int]()

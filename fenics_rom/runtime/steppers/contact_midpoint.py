@@ -97,8 +97,8 @@ class ContactMidpoint(FollowingMidpoint):
         times, (beyond, beyond_before) = (0.0, 1.0, 0.0, 0.0), np.zeros((2, 4, 0))
         if self.residual is not None:
             R, times, (beyond, beyond_before) = self.residual.part.operator, self.residual.times, self.residual.states
-        if self._actuators is not None and isinstance(R, BlockOperator):
-            return None  # loops hold back points by W as a whole
+        if self._actuators is not None and (isinstance(R, BlockOperator) or self._actuators.gases):
+            return None  # loops hold back points by W as a whole, and know no gas
         ω, inverse_ω, inputs, A, heat = map(in_plain, (self._ω, self._inverse_ω, self._model.inputs, A, heat))
         at = np.zeros((0, 3)) if solver is None else solver.points
         points, places = map(in_plain, (self._Sᵀ, at))
@@ -313,7 +313,7 @@ class ContactMidpoint(FollowingMidpoint):
         pushed, right, v = self._begin_step(u)
         q = self._coordinates()
         strokes, rates = np.stack([q, self._r]).dot(self._columns)
-        targets = actuators.rates(given, strokes, rates, self.h)
+        targets = actuators.targets(given, strokes, rates, self.h)
         motion = q, self._r, v, self.h, obstacles
         found, contact = self._solve_actuators(u, self._columns, self._spread, targets, *motion)
         by_strokes, rubbed = actuators.parts(self._columns, found)

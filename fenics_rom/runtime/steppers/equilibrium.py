@@ -181,7 +181,7 @@ class Equilibrium(PartedKernel):
         else:
             columns, angles = self._columns, found.angles(q)
             gone = found.strokes(q) - (q - start).dot(columns)
-            targets = found.actuators.resting_rates(sought.strokes, gone, h)
+            targets = found.actuators.resting_targets(sought.strokes, gone, h)
             reactions, contact = self._solve_actuators(
                 sought.u, columns, self._spread, targets, *motion, angles=angles, before=reactions
             )
@@ -198,7 +198,10 @@ class Equilibrium(PartedKernel):
         strokes = np.empty(0) if self._found is None else self._found.strokes(sought.start)
         while share < 1:
             part = min(share + growth, 1.0)
-            towards = sought._replace(strokes=strokes + part * (sought.strokes - strokes))
+            given = sought.strokes
+            if self._found is not None:
+                given = self._found.actuators.towards(given, strokes, self.reactions, part)
+            towards = sought._replace(strokes=given)
             balance = self._balanced(towards, found.q, (1 - part) * unbalanced)
             if balance is None:
                 growth /= 2
@@ -281,10 +284,12 @@ class Equilibrium(PartedKernel):
             self._state_before[: len(self._e)] * self._inverse_ω,
             self._coordinates(),
         )
-        at_rest, after, u, found, given = 0 * q, after.copy(), self.loads.without_found(u), None, None
+        at_rest, after, found, given = 0 * q, after.copy(), None, None
         if self._found is not None:
-            found = FoundIn(self._found, u, z, h, q, at_rest, (after - q) / h, after).resting_slopes()
+            of_input = self._found.actuators.split(u)
+            found = FoundIn(self._found, *of_input, z, h, q, at_rest, (after - q) / h, after).resting_slopes()
             given = self._found.stroke_slopes(q).T
+        u = self.loads.without_found(u)
         (residual, rows), (contact, is_kink) = residual_taken(self.residual), contact_adjoint(self._interface)
         Φ = self.potential
         law = RestingAdjoint(Φ.tangent(after), h, Φ.force(after), after, self._model if self._is_linear else None)

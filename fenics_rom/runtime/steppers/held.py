@@ -290,7 +290,7 @@ class HeldBody(HeldByLoops):
         if strokes is None or self._actuators is None:
             return u
         towards, columns = u.copy(), self._actuators.columns
-        towards[columns] = strokes + share * (u[columns] - strokes)
+        towards[columns] = self._actuators.towards(u[columns], strokes, None, share)
         return towards
 
     def _iterated(self, law: ElasticLaw, u: Array, start: Start) -> tuple[Array, Array, Touched]:

@@ -13,8 +13,10 @@ from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.runtime.steppers.adjoint import NONE, StateAdjoint
 
 if TYPE_CHECKING:
-    from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
+    from fenics_rom.mechanics.actuator_forces import ActuatorForces
     from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
+    from fenics_rom.mechanics.gas import Targets
+    from fenics_rom.mechanics.points_held_back import PointsHeldBack
     from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.parted_adjoint import PartedAdjoint
@@ -307,7 +309,7 @@ class BookedKernel(Kernel):
         u: Array,
         columns: Array,
         spread: Array,
-        targets: Array,
+        targets: "Targets",
         q: Array,
         r: Array,
         free: Array,
@@ -323,7 +325,7 @@ class BookedKernel(Kernel):
             u: the input (p,).
             columns: B (m, n) of the actuators.
             spread: A⁻¹ B (m, n).
-            targets: rates (n,) at which their strokes are to move.
+            targets: of their strokes.
             q, r, free, h, obstacles, quasi_static: as in `_solve_contact`; `free` is without these forces, too.
             angles, before: (n,) turns at guides, rad, unless those at rest; last forces, unless of the step before.
         """
@@ -334,8 +336,8 @@ class BookedKernel(Kernel):
             self._stroke_operators = spread, W, X, self._actuators.holding(self._delassus, X, W)
         _, W, X, held = self._stroke_operators
 
-        def touch(z: Array, holding: Array) -> "tuple[ContactSolution | None, Array]":
-            delassus = held.delassus(holding)
+        def touch(z: Array, holding: Array, *, gives: "Array | None") -> "tuple[ContactSolution | None, Array]":
+            delassus = held.delassus(holding, gives)
             contact = self._solve_contact(q, r, free + spread.dot(z), h, obstacles, quasi_static, delassus)
             return contact, np.zeros(len(z)) if contact is None else X.T.dot(contact.forces.ravel())
 

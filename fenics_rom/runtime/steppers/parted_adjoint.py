@@ -200,8 +200,9 @@ class PartedAdjoint(NamedTuple):
             )
             share = 1 - number / len(self.parts)  # of the way to what is given, at the end of the part
             if part.found is not None:
-                by_u[part.found.places] += share * by_goal
-                to_start = to_start + (1 - share) * by_goal
+                given = np.where(part.found.at_once, 1.0, share)
+                by_u[part.found.places] += given * by_goal
+                to_start = to_start + (1 - given) * by_goal
             found.append((by_u, along, of_damping))
         place_, velocity_, rows_, own_ = state
         forces_, reactions_, tangent_, spin_ = NONE, NONE, NONE, np.zeros(3)

@@ -60,7 +60,7 @@ def make_stepper(
         if acting.finds_forces:
             from fenics_rom.mechanics.actuator_forces import ActuatorForces  # here, as few forces are found
 
-            actuators = ActuatorForces(acting.controls, acting.guides, {**rom.actuators, **rom.loads})
+            actuators = ActuatorForces(acting.controls, acting.guides, {**rom.actuators, **rom.loads}, acting.gases)
     rigid_displacement = np.zeros(rom.rigid)
     if rom.deformation is None:
         if kind is not None:

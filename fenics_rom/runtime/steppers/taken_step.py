@@ -33,7 +33,8 @@ def found_taken(
         return None
     from fenics_rom.runtime.steppers.acts.found_slopes import FoundIn
 
-    return FoundIn(found, found.actuators.split(u)[0], z, *moved).slopes(follows=follows)
+    forces, given = found.actuators.split(u)
+    return FoundIn(found, forces, given, z, *moved).slopes(follows=follows)
 
 
 def linear_taken(

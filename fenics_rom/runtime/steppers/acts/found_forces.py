@@ -6,6 +6,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
+from fenics_rom.mechanics.gas import Targets
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
 from fenics_rom.rom.rom import Rom
@@ -98,7 +99,7 @@ class FoundForces:
     def begin(self, u: Array, q: Array, r: Array, h: float) -> "FoundInStep":
         """In a step of h s under u (p,), from q and r (m,)."""
         forces, given = self.actuators.split(u)
-        targets = self.actuators.rates(given, self.strokes(q), r.dot(self.columns(q)), h)
+        targets = self.actuators.targets(given, self.strokes(q), r.dot(self.columns(q)), h)
         return FoundInStep(self, forces, targets)
 
 
@@ -107,7 +108,7 @@ class FoundInStep(NamedTuple):
 
     body: FoundForces
     inputs: Array  # (p,) without what is found
-    targets: Array  # rates (n,) of strokes
+    targets: Targets  # of the strokes
 
     @property
     def actuators(self) -> ActuatorForces:

@@ -21,6 +21,7 @@ class FoundSlopes(NamedTuple):
     by_rate: Array  # (n, m), of r then
     by_input: Array  # (n, p)
     by_goal: Array  # (n,), of the strokes at the end of the step, 1/s or 1; 0 at guides
+    at_once: Array  # which of them (n,) get what is given in the first part of a step: gas
     by_middle: Array  # (n, m), of q where the forces act, which is in the others as far as that follows q and v̂
 
     def bordered(self, K: Array, columns: Array) -> Array:
@@ -44,6 +45,7 @@ class FoundIn(NamedTuple):
 
     found: FoundForces
     u: Array  # (p,) without them
+    strokes: Array  # that were given in their place, or gas (n,)
     z: Array  # (n,)
     h: float  # s
     q: Array  # at the start (m,)
@@ -53,7 +55,7 @@ class FoundIn(NamedTuple):
 
     def slopes(self, *, follows: bool) -> FoundSlopes:
         """Of a step with inertia, whose middle `follows` v̂, or the v̂ that was expected."""
-        found, (q, r, v, middle), h, k = self.found, self[4:], self.h, len(self.found.actuators.names)
+        found, (q, r, v, middle), h, k = self.found, self[5:], self.h, len(self.found.actuators.names)
         B, B_start = found.columns(middle), found.columns(q)
         share = 1 - found.actuators.share
         rates, targets = B.T.dot(v), found.actuators.rates(np.zeros(len(self.z)), 0 * self.z, r.dot(B_start), h)
@@ -63,12 +65,17 @@ class FoundIn(NamedTuple):
         by_shape = (asked * goals)[:, None] * found.stroke_slopes(q) - (asked * share)[:, None] * found.turned(q, r)
         by_velocity, by_middle = rows.goes[:, None] * B.T, rows.goes[:, None] * found.turned(middle, v)
         by_middle += rows.by_angles[:, None] * found.angle_slopes(middle)
-        by_shape = by_shape + by_middle
+        by_shape, goal = by_shape + by_middle, -asked * goals
+        gas = found.actuators.targets(self.strokes, found.strokes(q), 0 * self.z, h).gas
+        if gas is not None:  # (p - z) / p', p of its rate, which goes as strokes do
+            at, (by_p, by_stroke, by_amount) = gas.places, gas.slopes(rates[gas.places])
+            by_shape[at] = by_middle[at] + (by_stroke / by_p)[:, None] * found.stroke_slopes(q)[at]
+            asked[at], goal[at], rows.by_forces[at, at] = 0.0, by_amount / by_p, -1 / by_p
         if follows:
             by_velocity = by_velocity + h / 2 * by_middle
-        by_rate, goal = -(asked * share)[:, None] * B_start.T, -asked * goals
+        by_rate = -(asked * share)[:, None] * B_start.T
         places = found.actuators.columns + len(self.u)
-        return self._with(rows, places, k, (by_velocity, by_shape, by_rate, goal, by_middle))
+        return self._with(rows, places, (by_velocity, by_shape, by_rate, goal, by_middle))
 
     def resting_slopes(self) -> FoundSlopes:
         """Without inertia, in units of strokes; v̂ leads to the middle, which is where the step ends."""
@@ -83,12 +90,16 @@ class FoundIn(NamedTuple):
         by_velocity = self.h * (by_end + moved)
         by_shape = by_end + moved - sticks * B.T
         goal = -rows.goes * is_stroke
+        gas = found.actuators.resting_targets(self.strokes, found.strokes(self.middle), self.h).gas
+        if gas is not None:  # (p - z) / p', p of its stroke
+            _, by_p, by_amount = gas.slopes(np.zeros(len(gas.places)))
+            goal[gas.places], rows.by_forces[gas.places, gas.places] = by_amount / by_p, -1 / by_p
         places = found.actuators.columns + len(self.u)
-        return self._with(rows, places, k, (by_velocity, by_shape, 0 * by_shape, goal, by_shape))
+        return self._with(rows, places, (by_velocity, by_shape, 0 * by_shape, goal, by_shape))
 
-    @staticmethod
-    def _with(rows: Conditions, places: Array, k: int, slopes: tuple[Array, ...]) -> FoundSlopes:
-        by_velocity, by_shape, by_rate, goal, by_middle = slopes
-        sticks = rows.goes * (np.arange(len(goal)) >= k)
+    def _with(self, rows: Conditions, places: Array, slopes: tuple[Array, ...]) -> FoundSlopes:
+        (by_velocity, by_shape, by_rate, goal, by_middle), actuators = slopes, self.found.actuators
+        each = np.arange(len(goal))
+        sticks, at_once = rows.goes * (each >= len(actuators.names)), np.isin(each, list(actuators.gases))
         own = by_velocity, rows.by_forces, by_shape, by_rate
-        return FoundSlopes(places, sticks, *own, rows.by_inputs, goal, by_middle)
+        return FoundSlopes(places, sticks, *own, rows.by_inputs, goal, at_once, by_middle)

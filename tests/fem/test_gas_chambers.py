@@ -1,0 +1,292 @@
+"""Chambers that hold gas: closed forms, the account, what leaks, what a valve lets in."""
+
+import math
+
+import numpy as np
+import pytest
+from bodies import acted_on, box_arrays, box_surfaces, scene_text, skin_of, write_arrays
+from scipy.optimize import brentq
+
+import fenics_rom as fr
+from fenics_rom.errors import SceneError, StepError
+from fenics_rom.fem.simulator import FullOrderSimulator
+from fenics_rom.mechanics.gas import ATMOSPHERE
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.world.shapes import Box
+
+pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+BOTH = pytest.mark.parametrize("model", ["full", "reduced"])
+EXPONENTS = pytest.mark.parametrize("exponent", [1.0, 1.4])
+EDGES = (0.04, 0.02, 0.02)
+AREA, VOLUME = EDGES[1] * EDGES[2], 2e-5
+MASS = 1000.0 * AREA * EDGES[0]
+GUIDED = "\n".join(
+    f'[[supports.held]]\nsurface = "{side}"\nnormal = {normal}'
+    for side, normal in (("front", [0, 1, 0]), ("back", [0, 1, 0]), ("bottom", [0, 0, 1]), ("top", [0, 0, 1]))
+)
+
+
+def piston(folder, exponent, effects="inertia = {}\n", **gas):
+    """A block that slides between walls, with gas between it and a wall on its left."""
+    mesh = write_arrays(folder / "block.msh", *box_arrays(EDGES, (2, 1, 1)))
+    said = ", ".join(f"{key} = {value}" for key, value in {"exponent": exponent, "volume": VOLUME, **gas}.items())
+    air = f'[effects.pressure.air]\nsurface = "left"\ncontrol = "gas"\ngas = {{ {said} }}\n'
+    contacts, material = '[contacts.right]\nsurface = "right"', "young = 1e9\npoisson = 0.0\ndensity = 1000.0"
+    text = scene_text(mesh, supports=None, effects=effects + air, contacts=contacts, material=material)
+    return fr.assemble(parse_scene(f"{GUIDED}\n{text}"))
+
+
+def body_of(system, model, h, **choices):
+    if model == "full":
+        return FullOrderSimulator(system, h, system.scene.environment)
+    return fr.Simulator(fr.reduce(system, **choices), h)
+
+
+def missed(body):
+    """By how much the account misses, as a share."""
+    ledger = body.ledger
+    gone = ledger.dissipated + ledger.numerical + ledger.lost_in_switching
+    return abs(body.energy - ledger.supplied + gone) / max(body.energy, abs(ledger.supplied), gone)
+
+
+@BOTH
+@EXPONENTS
+def test_a_piston_swings_as_a_gas_spring(tmp_path, model, exponent):
+    """f = √(γ p_a A²/(V₀ m))/2π, which a step of h shifts as the midpoint rule does; nothing is supplied or lost."""
+    body = body_of(piston(tmp_path, exponent), model, 2e-4, order=8, method="modal")
+    expected = math.sqrt(exponent * ATMOSPHERE * AREA**2 / (VOLUME * MASS))
+    body.step(np.array([1e-3, 0.0, 0.0, 0.0]))
+    pushed, places, times = body.ledger.supplied, [], []
+    for _ in range(400):
+        body.step(np.zeros(4))
+        places.append(body.displacement()[:, 0].mean())
+        times.append(body.time)
+    x, t = np.array(places), np.array(times)
+    up = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
+    crossed = t[up] - x[up] * (t[1] - t[0]) / (x[up + 1] - x[up])
+    ω = 2 * np.pi / np.diff(crossed).mean()
+    assert len(up) >= 2
+    assert 1e4 * np.tan(ω * 1e-4) == pytest.approx(expected, rel=1e-4)
+    assert np.abs(x).max() < 1e-3 * VOLUME / AREA
+    assert abs(body.ledger.supplied - pushed) <= 1e-13 * pushed
+    assert missed(body) <= 1e-12
+
+
+@BOTH
+@EXPONENTS
+def test_a_piston_on_a_spring_rests_where_pressures_say(tmp_path, model, exponent):
+    """K x = p A + F with p of V₀ + A x; blown in, then pressed; body, spring and gas store what is supplied."""
+    spring = '[effects.springs.back]\nsurface = "right"\nstiffness = 2e3\n'
+    system = piston(tmp_path, exponent, spring)
+    body = body_of(system, model, 1.0)
+    for force, amount in ((0.0, 1e-5), (20.0, 1e-5), (-40.0, 3e-5), (0.0, 0.0)):
+        inputs = [force, 0.0, 0.0, amount]
+        body.step(np.array(inputs))
+
+        def pressure(s, amount=amount):
+            return ATMOSPHERE * (((VOLUME + amount) / (VOLUME + s)) ** exponent - 1)
+
+        def lack(s, amount=amount, force=force):  # of the left end: what the spring yields, and the block itself
+            return (pressure(s) * AREA + force) / 2e3 + pressure(s) * EDGES[0] / 1e9 - s / AREA
+
+        moved = brentq(lack, -1e-5, 1e-4, xtol=1e-20, rtol=1e-15)
+        assert body.reactions["air"] == pytest.approx(pressure(moved), rel=1e-9, abs=1e-6)
+        assert body.gas == {"air": amount}
+        assert missed(body) <= 1e-11 or not amount
+
+
+def hollow(folder):
+    """A box with a chamber in its middle."""
+    lengths, bricks = (0.05, 0.03, 0.03), (5, 3, 3)
+    points, cells = box_arrays(lengths, bricks)
+    middles = points[cells].mean(axis=1)
+    cells = cells[~((middles > 0.01) & (middles < [0.04, 0.02, 0.02])).all(axis=1)]
+    used, cells = np.unique(cells, return_inverse=True)
+    points, cells = points[used], cells.reshape(-1, 4)
+    skin = skin_of(cells)
+    inner = ((points[skin].mean(axis=1) > 0.005) & (points[skin].mean(axis=1) < [0.045, 0.025, 0.025])).all(axis=1)
+    surfaces = box_surfaces(points, cells) | {"chamber": skin[inner], "part": skin[inner][:-2]}
+    return write_arrays(folder / "hollow.msh", points, cells, surfaces)
+
+
+SOFT = {
+    "material": "young = 1e5\npoisson = 0.3\ndensity = 1000.0",
+    "contacts": '[contacts.right]\nsurface = "right"',
+    "readings.inside": 'quantity = "volume"\nof = "air"',
+}
+AIR = '[effects.pressure.air]\nsurface = "chamber"\ncontrol = "gas"\ngas = {{ exponent = {exponent} }}\n'
+MOVING = "inertia = {}\ndamping = { beta = 1e-3 }\n"
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory):
+    return hollow(tmp_path_factory.mktemp("hollow"))
+
+
+@BOTH
+@EXPONENTS
+@pytest.mark.parametrize("h", [1e-5, 1e-3, 1e-1])
+def test_a_sealed_chamber_in_a_soft_body_supplies_nothing(box, model, exponent, h):
+    """After it was blown up; energy falls, at any step."""
+    body = body_of(fr.assemble(acted_on(box, MOVING + AIR.format(exponent=exponent), **SOFT)), model, h, order=12)
+    for amount in (1e-6, 3e-6):
+        body.step(np.array([0.1, 0.0, 0.05, amount]))
+        assert missed(body) <= 1e-12
+    supplied, energies = body.ledger.supplied, [body.energy]
+    for _ in range(20):
+        body.step(np.array([0.0, 0.0, 0.0, 3e-6]))
+        energies.append(body.energy)
+        assert abs(body.ledger.supplied - supplied) <= 1e-12 * supplied
+        assert missed(body) <= 1e-12
+    assert np.diff(energies).max() <= 1e-13 * energies[0]
+
+
+@BOTH
+@EXPONENTS
+def test_an_equilibrium_has_the_pressure_of_the_volume_that_is_read(box, model, exponent):
+    body = body_of(fr.assemble(acted_on(box, AIR.format(exponent=exponent), **SOFT)), model, 1.0)
+    for amount in (2e-6, -1e-6):
+        body.step(np.array([0.1, 0.0, 0.0, amount]))
+        held = (3e-6 + amount) / float(body.reading("inside"))
+        assert body.reactions["air"] == pytest.approx(ATMOSPHERE * (held**exponent - 1), rel=1e-10)
+        assert missed(body) <= 1e-12
+
+
+@EXPONENTS
+def test_small_amounts_in_a_body_that_deforms_largely_are_the_linear_bodys(box, exponent):
+    """Moving, and from equilibrium to equilibrium."""
+    for around, h in ((MOVING, 1e-3), ("", 1.0)):
+        bodies = []
+        for large in ("", 'large_deformation = { material = "neo_hookean" }\n'):
+            system = fr.assemble(acted_on(box, around + large + AIR.format(exponent=exponent), **SOFT))
+            bodies.append(FullOrderSimulator(system, h, system.scene.environment))
+            for amount in (5e-10, 1e-9, 1e-9):
+                bodies[-1].step(np.array([0.0, 0.0, 0.0, amount]))
+            assert missed(bodies[-1]) <= 1e-9
+        one, other = bodies
+        assert one.reactions["air"] == pytest.approx(other.reactions["air"], rel=2e-4)
+        assert one.energy == pytest.approx(other.energy, rel=1e-3)
+
+
+def test_a_sealed_chamber_of_a_large_body_supplies_next_to_nothing(box):
+    """What its volume changes by and what the middle of a step says differ to the third order; the account closes."""
+    large = 'large_deformation = { material = "neo_hookean" }\n'
+    system, left = fr.assemble(acted_on(box, MOVING + large + AIR.format(exponent=1.4), **SOFT)), []
+    for h in (4e-3, 2e-3):
+        body = FullOrderSimulator(system, h, system.scene.environment)
+        for k in range(round(0.02 / h)):
+            body.step(np.array([0.5 if k * h < 0.008 else 0.0, 0.0, 0.0, 5e-6]))
+            if round((k + 1) * h, 9) == 0.008:
+                supplied = body.ledger.supplied
+        assert missed(body) <= 1e-11
+        left.append(abs(body.ledger.supplied - supplied) / supplied)
+    assert max(left) < 1e-4
+
+
+def test_what_a_valve_lets_in_ends_at_the_supplys_pressure(box):
+    """Choked at first, so that it comes evenly; a chamber that holds 3 times as much gas has twice p_a."""
+    valve = '[effects.pressure.air]\nsurface = "chamber"\ncontrol = "valve"\nvalve = { area = 1e-7 }\n'
+    stiff = SOFT | {"material": "young = 1e9\npoisson = 0.3\ndensity = 1000.0"}
+    body, supply = body_of(fr.assemble(acted_on(box, MOVING + valve, **stiff)), "reduced", 1e-3, order=12), 2e5
+    rest, amounts = float(body.reading("inside")), []
+    for _ in range(400):
+        body.step(air=supply)
+        amounts.append(body.gas["air"])
+        assert missed(body) <= 1e-12
+    rate = 0.6e-7 * math.sqrt(287.05 * 293.15) * 0.68473 * (1 + supply / ATMOSPHERE)
+    np.testing.assert_allclose(amounts[:4], rate * 1e-3 * np.arange(1, 5), rtol=1e-4)
+    assert rest == pytest.approx(3e-6)
+    assert body.reactions["air"] == pytest.approx(supply, rel=1e-6)
+    assert amounts[-1] == pytest.approx(rest * supply / ATMOSPHERE, rel=2e-3)
+    again = fr.Simulator(body.rom, 1e-3)
+    again.restore(body.save())
+    for each in (body, again):
+        each.step(air=-5e4)
+    assert again.gas == body.gas != {"air": amounts[-1]}
+    assert again.energy == body.energy
+
+
+def test_a_rom_made_by_pressure_is_run_with_gas(box, tmp_path):
+    """Whose mesh says what its chamber holds."""
+    effects = MOVING + AIR.format(exponent=1.4)
+    plain = effects.replace('control = "gas"\ngas = { exponent = 1.4 }\n', "")
+    roms = [fr.reduce(fr.assemble(acted_on(box, each, **SOFT)), order=10) for each in (plain, effects)]
+    for number, rom in enumerate(roms):
+        fr.write_rom(tmp_path / f"{number}.h5", rom)
+    one = fr.Simulator(fr.read_rom(tmp_path / "0.h5"), 1e-3, scene=acted_on(box, effects, **SOFT))
+    other = fr.Simulator(fr.read_rom(tmp_path / "1.h5"), 1e-3)
+    for body in (one, other):
+        body.step(air=2e-6)
+    assert one.reactions == pytest.approx(other.reactions, rel=1e-10)
+    assert other.rom.environment.gases["air"].volume == pytest.approx(3e-6)
+
+
+@pytest.mark.parametrize(
+    ("air", "message"),
+    [
+        (
+            'surface = "part"\ncontrol = "gas"',
+            r"effects.pressure.air: the surface has an opening whose rim moves, so that it encloses no volume: "
+            r"\d open edges around \[.*\], about 0.0\d+ m across; allowed are closed surfaces",
+        ),
+        ('surface = "chamber"\ngas = {}', r"air.gas: goes with control = 'gas' or 'valve'; given: 'pressure'"),
+        ('surface = "chamber"\ncontrol = "gas"\nvalve = { area = 1e-6 }', r"air.valve: goes with control = 'valve'"),
+        ('surface = "chamber"\ncontrol = "valve"', r"air.valve is missing: the orifice between the supply and"),
+        (
+            'surface = "chamber"\ncontrol = "valve"\nvalve = { area = 0.0 }',
+            r"valve.area = 0.0: allowed is a finite number and > 0",
+        ),
+        (
+            'surface = "chamber"\ncontrol = "gas"\ngas = { exponent = 0.9 }',
+            r"gas.exponent = 0.9: allowed is a finite number and >= 1",
+        ),
+        (
+            'surface = "chamber"\ncontrol = "gas"\ngas = { volume = 0.0 }',
+            r"gas.volume = 0.0: allowed is a finite number and > 0",
+        ),
+        (
+            'surface = "chamber"\ncontrol = "valve"\nvalve = { area = 1e-6 }\ngas = { exponent = 1.4 }',
+            r"gas.exponent = 1.4: what comes through a valve is as warm as its supply, and stays so; allowed is 1",
+        ),
+    ],
+)
+def test_what_is_no_chamber_with_gas_is_told(box, air, message):
+    with pytest.raises(SceneError, match=message):
+        fr.assemble(acted_on(box, f"{MOVING}[effects.pressure.air]\n{air}\n", **SOFT))
+
+
+def test_gas_that_is_not_there_is_told_with_the_time(box):
+    body = body_of(fr.assemble(acted_on(box, MOVING + AIR.format(exponent=1.0), **SOFT)), "reduced", 1e-3, order=10)
+    body.step(air=1e-6)
+    with pytest.raises(StepError, match=r"t = 0.001 s: chamber 'air': -5e-06 m³ of gas are given; allowed is more"):
+        body.step(air=-5e-6)
+    assert body.gas == {"air": 1e-6}
+
+
+def test_batches_rollouts_and_worlds_are_steps(box):
+    """Of two chambers' gas, that is blown in and that comes through a valve; the account of the world closes."""
+    run = 'dt = 1e-3\nduration = 0.01\nload = [{ actuator = "air", force = [2e-6] }]'
+    for control in ('control = "gas"', 'control = "valve"\nvalve = { area = 1e-6 }'):
+        air, size = AIR.format(exponent=1.0).replace('control = "gas"', control), 1e11 if "valve" in control else 1.0
+        system = fr.assemble(acted_on(box, MOVING + air, **SOFT, run=run.replace("2e-6", str(2e-6 * size))))
+        rom = fr.reduce(system, order=10)
+        single, rolled, batch = fr.Simulator(rom, 1e-3), fr.Simulator(rom, 1e-3), fr.Batch(rom, 2, 1e-3)
+        u = np.zeros((10, single.inputs))
+        u[:, -1] = 2e-6 * size
+        for row in u:
+            single.step(row)
+            batch.step(np.array([row, 0 * row]))
+        rolled.rollout(u)
+        assert batch.reactions["air"][0] == rolled.reactions["air"] == single.reactions["air"]
+        assert batch.energy[0] == rolled.energy == single.energy
+        assert batch.reactions["air"][1] == 0.0
+        full, reduced = fr.simulate(system), fr.simulate(rom)
+        for trajectory in (full, reduced):
+            assert trajectory.balance_error <= 1e-12
+            assert trajectory.reactions["air"][-1] == pytest.approx(single.reactions["air"], rel=5e-3)
+        cube = fr.RigidBody(Box((0.02, 0.02, 0.02)), mass=0.01, position=(0.2, 0.0, 0.0))
+        world = fr.World({"soft": fr.SoftBody(rom), "cube": cube}, 1e-3)
+        for row in u:
+            world.step({"soft": {"air": row[-1]}})
+        assert world.energy == pytest.approx(single.energy, rel=1e-6)
+        assert world.energy == pytest.approx(world.ledger.supplied - world.ledger.dissipated, rel=1e-12)
