@@ -8,6 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import DataError, SceneError
+from fenics_rom.fem.fibres import has_fibres
 from fenics_rom.identification.marker_data import Data, Equilibria, Marker, Motion
 from fenics_rom.identification.parameters import FIRST_CLOCK
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
@@ -122,6 +123,8 @@ def make_experiment(scene: Scene, data: Sequence[Data], system: System, first: i
         SceneError: the scene has a load whose value at rest cannot be told, or none in its run, or no such start.
     """
     (system.scene or scene).environment.check_forces_given("an identification")
+    if has_fibres(scene):
+        raise SceneError(f"{scene.source}: an identification needs materials without fibres, membranes and cables")
     if scene.effects.viscoelasticity is not None:
         raise SceneError(f"{scene.source}: effects.viscoelasticity: an identification needs an elastic material")
     markers = tuple(dict.fromkeys(marker for part in data for marker in part.markers))

@@ -17,6 +17,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, StepError, check_known, check_type
 from fenics_rom.fem.assemble import assemble
+from fenics_rom.fem.fibres import has_fibres
 from fenics_rom.identification.affine import AffineSystem, Matrices
 from fenics_rom.identification.experiment import Experiment, run_experiment
 from fenics_rom.identification.marker_data import Marker
@@ -76,6 +77,8 @@ def differentiate_scene(
     for effect in NOT_LINEAR:
         if getattr(scene.effects, effect):
             raise SceneError(f"{scene.source}: effects.{effect}: allowed are linear bodies without")
+    if has_fibres(scene):
+        raise SceneError(f"{scene.source}: allowed are bodies without fibres, membranes and cables")
     if scene.frame == "moving":
         raise SceneError(f"{scene.source}: frame = 'moving': allowed are linear bodies, with frame = 'fixed'")
     if scene.effects.inertia is None or scene.run is None or scene.run.initial is not None:

@@ -38,6 +38,7 @@ from fenics_rom.rom.deformation import (
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.moving_frame import MovingFrameStepper
 from fenics_rom.runtime.steppers.selection import make_stepper
+from fenics_rom.scene.fibres import HOLZAPFEL, QUADRATIC
 from fenics_rom.system.protocols import Algebra, Deformation, Operator
 from fenics_rom.system.rigid_modes import mass_orthonormal
 from fenics_rom.system.system import System
@@ -109,6 +110,7 @@ def check_law(body: ReducedDeformation, states: Array) -> None:
     Raises:
         SceneError: with the stretch.
     """
+    _check_fibres(body, states)
     if not isochoric_terms(body.law):
         return
     stretches = np.concatenate([principal_stretches(body.strains(q)) for q in states.T])
@@ -117,6 +119,26 @@ def check_law(body: ReducedDeformation, states: Array) -> None:
         check_stable(body.law, min(float(shapes.min()), 1.0), max(float(shapes.max()), 1.0))
     except ValueError as error:
         raise SceneError(f"effects.large_deformation.constants: {body.law} {error}") from None
+
+
+def _check_fibres(body: ReducedDeformation, states: Array) -> None:
+    """Refuses fibres that push harder than the shear modulus of what is around them in states q (m, s).
+
+    From there on rubber (neo-Hookean exactly, others nearly) loses ellipticity: fibres fold within it.
+    """
+    for family in body.fibres:
+        shear = body.shear[family.points]
+        for q in states.T if family.law == QUADRATIC else ():
+            E = body.strains(q)
+            push = -family.modulus * family.slope(E) / np.where(shear > 0, shear, np.inf)
+            if push.max(initial=0.0) > 1:
+                stretch = float(np.sqrt(1 + 2 * family.strains(E)[push.argmax()]))
+                raise SceneError(
+                    f"materials: in training fibres with law = {QUADRATIC!r} are pressed to a stretch of "
+                    f"{stretch:.4g}: they push with {push.max():.3g} times the shear modulus around them, and would "
+                    f"fold; allowed is at most 1; give law = {HOLZAPFEL!r}, whose fibres only pull, softer fibres or "
+                    "less load"
+                )
 
 
 def _training_range(body: ReducedDeformation, training: TrainingData, states: Array) -> TrainingRange:
