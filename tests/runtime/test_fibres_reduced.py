@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gradient_checks import check_gradient
-from soft_rom import soft_rom, swing
+from soft_rom import in_frame, soft_rom, swing
 
 import fenics_rom as fr
 from fenics_rom.mechanics.fibres import Fibres, structure_of
@@ -49,6 +49,7 @@ def test_steps_with_fibres_balance_and_converge(roms, name, stepper):
     rom = roms[name]
     for h in (1e-4, 2e-3, 2e-2):
         assert imbalance(swing(rom, h, stepper, duration=16 * h if h < 1e-3 else 0.32)) < 1e-10
+    assert imbalance(swing(in_frame(rom), 2e-3, stepper, duration=0.1)) < 1e-10
     exact = swing(rom, 2.5e-4, "newton", force=0.1, duration=0.16)
     apart = [
         np.linalg.norm(swing(rom, h, stepper, force=0.1, duration=0.16).state[0] - exact.state[0]) for h in (4e-3, 2e-3)
