@@ -118,8 +118,7 @@ def _read_gmsh(file: str) -> dict[str, Any]:
     def elements(kinds: dict[int, int], entity: int = -1) -> tuple[Any, Any]:
         """Numbers, and node tags of the corners."""
         found = [(mesh.getElementsByType(kind, entity), count) for kind, count in kinds.items()]
-        corners = min(kinds.values())
-        nodes = [nodes.reshape(-1, count)[:, :corners].ravel() for (_, nodes), count in found]
+        nodes = [nodes.reshape(-1, count)[:, : min(kinds.values())].ravel() for (_, nodes), count in found]
         return np.concatenate([numbers for (numbers, _), _ in found]), np.concatenate(nodes)
 
     tags, coordinates, _ = mesh.getNodes()
@@ -168,11 +167,10 @@ def _read_vtk(file: str) -> dict[str, Any]:
     grid = _vtk_data(file)
     if not isinstance(grid, vtkUnstructuredGrid):
         raise ValueError(f"it holds {grid.GetClassName()}; allowed is an unstructured grid of tetrahedra or hexahedra")
-    count = grid.GetNumberOfCells()
+    count, data = grid.GetNumberOfCells(), grid.GetCellData()
     kinds = np.array([grid.GetCellType(k) for k in range(count)], dtype=int)
     starts = vtk_to_numpy(grid.GetCells().GetOffsetsArray()) if count else np.empty(0, int)
     nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray()) if count else np.empty(0, int)
-
     solids, faces = VTK_KINDS[8 if np.isin(kinds, list(VTK_KINDS[8][0])).any() else 4]
     for kind, number in (solids | faces).items():
         has_others = (np.diff(starts) != number) & (kinds == kind)
@@ -190,14 +188,11 @@ def _read_vtk(file: str) -> dict[str, Any]:
     ]
     solid = [int(kind) for kind in np.unique(kinds) if vtkCellTypes.GetDimension(int(kind)) == 3]
     groups: list[tuple[int, int]] = []
-    members: dict[str, Any] = {}
-    vectors: list[str] = []
-    for k in range(grid.GetCellData().GetNumberOfArrays()):
-        array = grid.GetCellData().GetArray(k)
-        if array is not None and array.GetNumberOfComponents() == 3:
-            members[f"vector{len(vectors)}"] = vtk_to_numpy(array)[of_volume].astype(float).ravel()
-            vectors.append(array.GetName() or "")
-        if array is None or array.GetNumberOfComponents() != 1 or array.GetDataTypeAsString() in ("float", "double"):
+    arrays = [array for k in range(data.GetNumberOfArrays()) if (array := data.GetArray(k)) is not None]
+    vectors = [array for array in arrays if array.GetNumberOfComponents() == 3]
+    members = {f"vector{k}": vtk_to_numpy(of)[of_volume].astype(float).ravel() for k, of in enumerate(vectors)}
+    for array in arrays:
+        if array.GetNumberOfComponents() != 1 or array.GetDataTypeAsString() in ("float", "double"):
             continue
         values = vtk_to_numpy(array)
         for dimension, cells in ((2, of_surface), (3, of_volume)):
@@ -215,7 +210,7 @@ def _read_vtk(file: str) -> dict[str, Any]:
         "dimensions": np.array([dimension for dimension, _ in groups], dtype=int),
         "tags": np.array([tag for _, tag in groups], dtype=int),
         "names": np.array([""] * len(groups), dtype=str),
-        "vectors": np.array(vectors, dtype=str),
+        "vectors": np.array([array.GetName() or "" for array in vectors], dtype=str),
     }
 
 
