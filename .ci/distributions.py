@@ -5,16 +5,19 @@ installed and tried. Nothing is uploaded.
 """
 
 import os
+import platform
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import venv
+from ctypes.util import find_library
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "tests" / "data"
+WHEELS = ["dolfinx-solver-real", "gmsh"]  # of a publisher outside FEniCS, for the newest dolfinx
 TOOLS = ["build", "hatchling", "twine", "check-wheel-contents", "cffconvert"]
 INSTALL = ["-m", "pip", "install", "-q", "--no-compile", "--disable-pip-version-check"]
 OLDEST = (3, 11)
@@ -85,6 +88,10 @@ def main(folder):
         print(run(inside, "-I", "-c", REDUCTION, cwd=place), end="")
         run(inside, "-m", "pip", "check")
         run(inside, "-m", "fenics_rom", "info", DATA / "rom-1.0.h5", cwd=place)
+        if sys.platform == "linux" and platform.machine() == "x86_64" and find_library("GLU"):  # Gmsh draws with it
+            run(inside, *INSTALL, *WHEELS)
+            files = ROOT / "demos" / "plate" / "plate.toml", "-o", place / "plate.h5"
+            print(run(inside, "-m", "fenics_rom", "reduce", *files, cwd=place).splitlines()[0])
 
 
 if __name__ == "__main__":
