@@ -44,10 +44,10 @@ def lowest_eigenpairs(
     with _solver(mass, stiffness, solve, count) as eps:
         try:
             eps.solve()
-        except PETSc.Error as error:
+        except (PETSc.Error, SystemError) as error:  # of what `solve` raised petsc4py 3.25 makes the latter
             if solve.failure:
                 raise solve.failure from None
-            raise SolverError(f"SLEPc failed with PETSc error {error.ierr}") from error
+            raise SolverError(f"SLEPc failed with PETSc error {getattr(error, 'ierr', error)}") from error
         converged = eps.getConverged()
         if converged < count:
             reason = reason_name(SLEPc.EPS.ConvergedReason, eps.getConvergedReason())

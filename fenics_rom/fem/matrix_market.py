@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from functools import cache
+from inspect import signature
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from fenics_rom.system.rayleigh_damping import check_damping_choice
 from fenics_rom.system.system import System
 
 File = str | PathLike[str]
+# Sparse matrices, where SciPy's releases from 1.20 on give sparse arrays unless told; those before 1.15 are not told.
+AS_MATRIX = {"spmatrix": True} if "spmatrix" in signature(scipy.io.mmread).parameters else {}
 
 
 def read_system(
@@ -126,7 +129,7 @@ def _read(file: File) -> Any:
             raise StructureError(f"{file}: is not a Matrix Market file: its first line must start with %%MatrixMarket")
         if not {"real", "integer", "double"} & set(banner):
             raise StructureError(f"{file}: holds {' '.join(banner[3:4]) or 'no'} numbers; allowed are real ones")
-        return scipy.io.mmread(file)
+        return scipy.io.mmread(file, **AS_MATRIX)
     except StructureError:
         raise
     except OSError as error:
