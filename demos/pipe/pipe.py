@@ -1,7 +1,7 @@
 """A soft finger finds its way into a pipe with an inner thread: it meets the mouth beside its axis, and slides in.
 
     python demos/pipe/pipe.py           # three minutes
-    python demos/pipe/pipe.py --quick   # a coarser finger, a part of the way
+    python demos/pipe/pipe.py --quick   # a coarser finger, a part of the way, larger steps
 
 Everything is written to demos/pipe/out/. The checks at the end fail if a claim does not hold.
 """
@@ -71,20 +71,20 @@ class Pushed(NamedTuple):
 def main() -> None:
     """Runs the demo; exits with 1 where a claim fails."""
     parser = argparse.ArgumentParser(description="A soft finger finds its way into a threaded pipe.")
-    parser.add_argument("--quick", action="store_true", help="a coarser finger, a part of the way")
+    parser.add_argument("--quick", action="store_true", help="a coarser finger, a part of the way, larger steps")
     quick = parser.parse_args().quick
     out = HERE / "out" / "quick" if quick else HERE / "out"
     out.mkdir(parents=True, exist_ok=True)
-    steps = 450 if quick else 800
+    steps, dt = (225, 2 * STEP) if quick else (800, STEP)
     mesh(out / "finger.msh", 2.5e-3 if quick else 1.8e-3)
     write_pipe(out / "pipe.stl")
-    given = {"friction": FRICTION, "ahead": AHEAD, "aside": ASIDE, "step": STEP, "duration": steps * STEP}
+    given = {"friction": FRICTION, "ahead": AHEAD, "aside": ASIDE, "step": dt, "duration": steps * dt}
     system = fr.assemble(parse_scene(SCENE.format(**given), folder=out))
     scene = system.scene
     assert scene is not None
-    whole = push(FullOrderSimulator(system, STEP, scene.environment, {"pipe": pushed}), steps, "full")
+    whole = push(FullOrderSimulator(system, dt, scene.environment, {"pipe": pushed}), steps, "full")
     roms = [fr.reduce(system, order=order) for order in ((30,) if quick else (20, 40, 80))]
-    models = [push(fr.Simulator(rom, STEP, signals={"pipe": pushed}), steps, order_of(rom)) for rom in roms]
+    models = [push(fr.Simulator(rom, dt, signals={"pipe": pushed}), steps, order_of(rom)) for rom in roms]
 
     points = len(system.points_of_contact().coordinates)
     print(f"{system.elastic_size} unknowns, {points} contact points, {len(pipe()[1])} triangles, {steps} steps\n")
@@ -97,7 +97,7 @@ def main() -> None:
         "steps per second",
     )
     print(markdown(heads, [row_of(each, whole) for each in (*models, whole)]))
-    draw(roms[-1], whole, models[-1], out / "pipe.png")
+    draw(roms[-1], whole, models[-1], dt, out / "pipe.png")
     fr.write_trajectory(out / "run.h5", fr.simulate(roms[-1], signals={"pipe": pushed}), force=True)
     best = models[-1]
     print(
@@ -211,10 +211,10 @@ def push(body: fr.Simulator | FullOrderSimulator, steps: int, order: str) -> Pus
     return Pushed(order, force, *end, touching, abs(left) / gone.supplied, rate)
 
 
-def draw(rom: fr.Rom, whole: Pushed, best: Pushed, file: Path) -> None:
+def draw(rom: fr.Rom, whole: Pushed, best: Pushed, dt: float, file: Path) -> None:
     """The finger in the pipe that is cut open, the pressure on its unrolled skin, and the force over the way."""
     figure, axes = plt.subplots(4, 1, figsize=(9, 9), layout="constrained", height_ratios=(1.3, 1, 1, 1))
-    way = 1e3 * SPEED * STEP * np.arange(1, len(whole.force) + 1)
+    way = 1e3 * SPEED * dt * np.arange(1, len(whole.force) + 1)
     mouth, x = -1e3 * AHEAD - way[-1], np.linspace(0.0, PIPE, 800)
     for side, angle in ((1, np.pi / 2), (-1, -np.pi / 2)):
         inside, outside = 1e3 * (ASIDE + side * bore(x, np.array(angle))), 1e3 * (ASIDE + side * OUTSIDE)
