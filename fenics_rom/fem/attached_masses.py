@@ -45,7 +45,7 @@ def attached_masses(scene: Scene, nodes: Nodes) -> tuple[scipy.sparse.csr_matrix
         inertia = np.diag(part.inertia)
         S = np.trace(inertia) / 2 * np.eye(3) - inertia
         share = part.mass * centre @ centre.T + gradient @ S @ gradient.T
-        parts.append(scipy.sparse.kron(share, np.eye(3), format="csr"))
+        parts.append(scipy.sparse.kron(scipy.sparse.csr_matrix(share), np.eye(3), format="csr"))
         weight += part.mass * centre.toarray()[:, 0]
     return sum(parts[1:], parts[0]) if parts else None, weight
 
