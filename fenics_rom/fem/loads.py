@@ -13,7 +13,7 @@ from fenics_rom.fem.facets import facet_integrals, mean_over
 from fenics_rom.fem.nodes import Nodes, rim_edges
 from fenics_rom.fem.places import patch_area, patch_nodes, patch_triangles
 from fenics_rom.fem.rigid_surfaces import bars_of
-from fenics_rom.fem.supports import support_column
+from fenics_rom.fem.supports import borne_by_base, support_column
 from fenics_rom.mechanics.gas import GAS_CONTROLS
 from fenics_rom.mechanics.surface_points import mean_turning_maps
 from fenics_rom.mechanics.tendon import measure_segments, unit_tension_forces
@@ -47,6 +47,8 @@ def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Column
         where, units[name] = f"effects.driven_support.{name}", 1.0
         columns[name] = support_column(nodes, support, where)
         _refuse_nothing(columns[name], unknowns, where)
+        if scene.environment.is_moving:  # what drives it is on the base
+            columns[name] = columns[name] + borne_by_base(nodes, unknowns, columns[name])
     return columns, units
 
 

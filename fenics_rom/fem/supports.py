@@ -22,6 +22,7 @@ from fenics_rom.fem.rigid_surfaces import affine_ties, leaders, rigid_nodes, rig
 from fenics_rom.scene.effects import DrivenSupport
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
+from fenics_rom.system.rigid_modes import rigid_fields
 
 SMOOTH = 0.8  # cosine of the angle between two triangles, 37°, up to which a surface bends smoothly
 DEPENDENT = 1e-9  # length that is left of a normal of 1 beside others, below which it says what they say
@@ -118,6 +119,16 @@ def node_normals(nodes: Nodes, triangles: Array) -> Iterator[tuple[int, Array]]:
             smooth = beside @ beside[0] >= SMOOTH
             yield node, _unit(weights[smooth] @ beside[smooth])
             beside, weights = beside[~smooth], weights[~smooth]
+
+
+def borne_by_base(nodes: Nodes, unknowns: Unknowns, forces: Array) -> Array:
+    """Forces (3 N, 1) on nodes that a base holds, in balance at rest with forces (3 N, 1) on the others."""
+    count = len(nodes.coordinates)
+    held, borne = np.setdiff1d(np.arange(count), unknowns.moving // 3), np.zeros_like(nodes.coordinates)
+    motions = rigid_fields(nodes.coordinates, np.ones(count))
+    of_held = motions.reshape(count, 3, -1)[held].reshape(3 * len(held), -1)
+    borne[held] = np.linalg.lstsq(of_held.T, -motions.T @ forces[:, 0], rcond=None)[0].reshape(-1, 3)
+    return borne.reshape(-1, 1)
 
 
 def _unit(direction: Sequence[float] | Array) -> Array:

@@ -274,10 +274,10 @@ def _check_frame(file: SceneFile) -> None:
         )
     if effects.base_motion and not carried:
         raise SceneError("effects.base_motion: shakes what is clamped, and nothing is; name supports, or leave it out")
-    for name in effects.driven_support:
+    for name in effects.driven_support if not carried else ():
         raise SceneError(
-            f"effects.driven_support.{name}: allowed is with frame = 'fixed'; effects.base_path moves all that "
-            "supports hold, as far as it likes"
+            f"effects.driven_support.{name}: moves nodes relative to what is clamped, and nothing is; name supports, "
+            "or take frame = 'fixed'"
         )
     for name, spring in effects.springs.items():
         if spring.sliding:

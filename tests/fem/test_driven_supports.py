@@ -213,8 +213,47 @@ def test_supports_that_cannot_be_driven_so_are_refused(bar, change, message):
         fr.assemble(parse_scene(text))
 
 
-def test_a_support_of_a_frame_that_moves_is_not_driven(bar):
+def test_nothing_drives_a_support_of_a_free_body(bar):
     with pytest.raises(
-        FenicsRomError, match=r"driven_support\.jaw: allowed is with frame = 'fixed'; effects.base_path"
+        FenicsRomError, match=r"driven_support\.jaw: moves nodes relative to what is clamped, and nothing"
     ):
-        parse_scene('frame = "moving"\n' + scene_text(bar, effects=MOVING + JAW))
+        parse_scene('frame = "moving"\n' + scene_text(bar, effects=MOVING + JAW, supports=None))
+
+
+def swung(time):
+    """A base that goes and swings about an oblique axis, from rest."""
+    angle, rate = 0.1 * (1 - np.cos(12 * time)), 1.2 * np.sin(12 * time)
+    rotation = np.array([np.cos(angle / 2), *(np.sin(angle / 2) * np.array([0.0, 0.8, 0.6]))])
+    return fr.BaseState(
+        np.array([0.5 * time**2, 0, 0]), rotation, np.array([time, 0, 0]), rate * np.array([0, 0.8, 0.6])
+    )
+
+
+@pytest.mark.filterwarnings("ignore:training. the scene does not say how the base moves")
+@pytest.mark.parametrize(
+    ("effects", "slides", "differ"),
+    [(MOVING, "", 1e-10), (MOVING, SLIDES, 1e-10), ("", "", 1e-10), (LARGE + MOVING, "", 0.02), (LARGE, SLIDES, 0.05)],
+    ids=["small, clamp", "small, plate", "small, at rest", "large, clamp", "large, plate at rest"],
+)
+def test_a_base_carries_what_drives_a_support(bar, effects, slides, differ):
+    """As it stands, the body is the held one, and the base bears nothing in the end; as it swings, all orders agree."""
+    text = scene_text(bar, effects=effects + JAW + slides, run=RUN, **PARTS)
+    held, carried = (fr.assemble(parse_scene(frame + text)) for frame in ("", 'frame = "moving"\n'))
+    large = LARGE in effects
+    rom = fr.reduce(carried, order=14 if large else carried.size, method=f"modal{'+derivatives' * large}")
+    bodies = [FullOrderSimulator(system, 1e-2, system.scene.environment) for system in (held, carried)]
+    for stroke in np.minimum(1.0, np.arange(1, 51) / 10) * 2e-3:
+        for body in bodies:
+            body.step(np.array([0.0, 0.0, 0.0, stroke]))
+    one, other = bodies
+    assert np.abs(other.displacement() - one.displacement()).max() <= 1e-9 * 2e-3
+    assert other.reactions["jaw"] == pytest.approx(one.reactions["jaw"], rel=1e-8)
+    assert np.linalg.norm(other.base_wrench[0]) <= 0.1 * one.reactions["jaw"]  # as some of it rings on
+    moved = [
+        FullOrderSimulator(carried, SHORT, carried.scene.environment, {"base_path": swung}),
+        fr.Simulator(rom, SHORT, signals={"base_path": swung}),
+    ]
+    seen = [np.array([each[-1] for each in drive(body, shaken(15))]) for body in moved]
+    assert np.abs(seen[1] - seen[0]).max() <= differ * np.abs(seen[0]).max()
+    wrench = np.abs(moved[0].base_wrench).max()
+    assert np.abs(moved[1].base_wrench - moved[0].base_wrench).max() <= max(differ * wrench, 1e-9)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.fem.finite_strain.carried_terms import CarriedTerms, CarriedTies
+from fenics_rom.fem.finite_strain.follower_loads import SupportPush
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.residuals import InFrame
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
@@ -139,11 +140,12 @@ class CarriedFiniteStrainStepper(OnBase, FiniteStrainStepper):
         return self._wrench_of((now, after), turn, np.array([inertial, turning]), others, trial.v)
 
     def _of_followers(self, turn: Geometry) -> Push:
-        """What followed the body does on all of its nodes, but for `modal`."""
+        """What followed the body does on all of its nodes, but for `modal`; the base bears what drives supports."""
         (trial,) = self._trial
         u, total = trial.u, np.zeros(6)
         arms = self.system.body.nodes - self._frame.origin + u
-        for value, follower in trial.external.following:
+        following = (each for each in trial.external.following if not isinstance(each[1], SupportPush))
+        for value, follower in following:
             forces = value * follower.force(u)
             total += np.concatenate([forces.sum(axis=0), np.cross(arms, forces).sum(axis=0)])
         force, torque = total.reshape(2, 3) @ (turn.start + turn.end).T / 2
