@@ -31,8 +31,8 @@ def test_example_reads_and_names_every_effect():
 
 def test_example_of_places_reads():
     example, touch = (part.partition("```")[0] for part in INTRODUCTION.read_text().split("```toml\n")[1:])
-    others = "[mesh]\nfile = 'a.msh'\n[contacts.all]\ninner = false\n[effects]\ninertia = {}\n[materials.core]\n"
-    scene = parse_scene(f"{others}cells = 'core'\nyoung = 1\npoisson = 0\ndensity = 1\n{example}")
+    others = "[mesh]\nfile = 'a.msh'\n[contacts.all]\ninner = false\n[effects]\ninertia = {}\n[materials.rest]\n"
+    scene = parse_scene(f"{others}cells = 'rest'\nyoung = 1\npoisson = 0\ndensity = 1\n{example}")
     assert [given_piece(place) for place in (*scene.clamped, *scene.held)] == ["surface", "box", "along"]
     assert given_piece(scene.effects.pressure["air"]) == "all"
     assert given_piece(scene.materials["skin"]) == "none"
