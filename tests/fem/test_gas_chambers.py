@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from bodies import acted_on, box_arrays, box_surfaces, scene_text, skin_of, write_arrays
+from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import fenics_rom as fr
@@ -290,3 +291,51 @@ def test_batches_rollouts_and_worlds_are_steps(box):
             world.step({"soft": {"air": row[-1]}})
         assert world.energy == pytest.approx(single.energy, rel=1e-6)
         assert world.energy == pytest.approx(world.ledger.supplied - world.ledger.dissipated, rel=1e-12)
+
+
+def balloon(folder, control, angle=0.05):
+    """A sector of a thick sphere of rubber between four planes through its centre, and what its chamber holds, m³."""
+    share, tangents = 1.1, np.tan(angle)
+    points, cells = box_arrays((1.0, 1.0, 1.0), (3, 1, 1))
+    surfaces = box_surfaces(points, cells)
+    along = np.column_stack([np.ones(len(points)), tangents * points[:, 1], tangents * points[:, 2]])
+    radii = INNER * (1 + (share - 1) * points[:, 0])
+    points = radii[:, None] * along / np.linalg.norm(along, axis=1)[:, None]
+    volume = abs(np.linalg.det(points[surfaces["left"]])).sum() / 6
+    s, c = float(np.sin(angle)), float(np.cos(angle))
+    planes = {"front": [0.0, 1.0, 0.0], "bottom": [0.0, 0.0, 1.0], "back": [-s, c, 0.0], "top": [-s, 0.0, c]}
+    held = "".join(f'[[supports.held]]\nsurface = "{name}"\nnormal = {normal}\n' for name, normal in planes.items())
+    effects = f'large_deformation = {{ material = "mooney_rivlin", constants = [{C10}, {C01}] }}\n'
+    effects += f'[effects.pressure.air]\nsurface = "left"\ncontrol = "{control}"\n'
+    effects += f"gas = {{ volume = {volume} }}\n" * (control == "gas")
+    poisson = 0.4999
+    material = f"young = {4 * (C10 + C01) * (1 + poisson)}\npoisson = {poisson}\ndensity = 1000.0"
+    contacts, mesh = '[contacts.right]\nsurface = "right"', write_arrays(folder / "sector.msh", points, cells, surfaces)
+    text = scene_text(mesh, supports=None, effects=effects, degree=2, material=material, contacts=contacts)
+    return fr.assemble(parse_scene(held + text)), volume, share
+
+
+INNER, C10, C01 = 0.01, 4.5e4, 4.5e3  # m, Pa
+
+
+@pytest.mark.parametrize("control", ["gas", "volume"])
+def test_a_balloon_is_blown_up_beyond_its_limit_point(tmp_path, control):
+    """p = ∫ W'(λ)/(λ³ - 1) dλ from the outer to the inner stretch of an incompressible sphere; largest at 1.53."""
+    system, volume, share = balloon(tmp_path, control)
+    body = FullOrderSimulator(system, 1.0, system.scene.environment)
+
+    def slope(λ):
+        return (C10 * (4 * λ - 4 * λ**-5) + C01 * (4 * λ**3 - 4 * λ**-3)) / (λ**3 - 1)
+
+    pressures = []
+    for λ in np.linspace(1.05, 3.0, 14):
+        outer = np.cbrt(1 + (λ**3 - 1) / share**3)
+        pressures.append(quad(slope, outer, λ, epsabs=0, epsrel=1e-10)[0])
+        held = 1 + pressures[-1] / ATMOSPHERE if control == "gas" else 1.0
+        body.step(np.array([0.0, 0.0, 0.0, volume * (λ**3 * held - 1)]))
+        assert body.reactions["air"] == pytest.approx(pressures[-1], rel=2e-3)
+        inner = system.body.nodes[:, 0] < INNER * 1.001
+        places = (system.body.nodes + body.displacement())[inner]
+        np.testing.assert_allclose(np.linalg.norm(places, axis=1), INNER * λ, rtol=1e-3)
+    assert np.argmax(pressures) == 3
+    assert body.stepper.negative_pivots == 0

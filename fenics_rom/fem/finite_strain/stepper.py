@@ -15,6 +15,7 @@ from fenics_rom.fem.finite_strain.equilibria import FactoredTangent, solve_equil
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, TendonPull
 from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForces, mean_forces
 from fenics_rom.fem.finite_strain.gmres import Gmres
+from fenics_rom.fem.finite_strain.held_equilibria import chambers_alone, solve_held
 from fenics_rom.fem.finite_strain.kept_factor import KeptFactor
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.newton import MAX_ITERATIONS, NewtonIterate, NotConvergedError, solve_step
@@ -63,12 +64,11 @@ class FiniteStrainStepper(FullOrderBody):
         ledger: bool = True,
     ):
         super().__init__(system, dt, environment, ledger)
-        self.kind, self.reason = "newton", "the body deforms largely"
-        self._model = model
+        self.kind, self.reason, self._model = "newton", "the body deforms largely", model
         self.newton = self.products = self.factors = self.parted = 0
         self.finest = 1.0
         self.report: Report = silent
-        self.negative_pivots, self._unstable = 0, ""
+        self.negative_pivots, self._unstable, self._is_patient = 0, "", True
         self._following: tuple[tuple[float, FollowerLoad], ...] = ()  # the body, at the last equilibrium
         self._forces_in_newton: ForcesInNewton | None = None
         if self.interface is not None or self.actuators is not None:
@@ -81,10 +81,9 @@ class FiniteStrainStepper(FullOrderBody):
         self._rubbing: tuple[TendonPull, ...] = ()
         if self.actuators is not None:
             tendons = {name: load for name, load in model.followers.items() if isinstance(load, TendonPull)}
-            guides = self.actuators.guides
             self._found = tuple(model.followers[name] for name in self.actuators.names)
-            self._found += tuple(tendons[name].up_to(guide) for name, guide in guides)
-            self._rubbing = tuple(tendons[name] for name in dict.fromkeys(name for name, _ in guides))
+            self._found += tuple(tendons[name].up_to(guide) for name, guide in self.actuators.guides)
+            self._rubbing = tuple(tendons[name] for name in dict.fromkeys(name for name, _ in self.actuators.guides))
         self._before: tuple[Any, ...] = ()
         self._frame_terms = residuals.InFrame()
         self._trial = list[residuals.TrialStep]()  # that the last part of a step came to
@@ -95,8 +94,9 @@ class FiniteStrainStepper(FullOrderBody):
         self._predictor = Predictor(model.dot)
         self._parts = StepParts(SMALLEST_PART if self._has_inertia else SMALLEST_LOAD)
         self._kept: KeptFactor | None = None
-        self._is_patient = True
-        self._tangent = FactoredTangent(self._matrix, self._krylov) if self._forces_in_newton is None else None
+        self._chambers = chambers_alone(self.interface, self.actuators, environment)
+        tangent = FactoredTangent(self._matrix, self._krylov)
+        self._tangent = tangent if self._chambers or not self._forces_in_newton else None
         self.set_state(self.x, self.v)
         self.check_start()
 
@@ -104,8 +104,7 @@ class FiniteStrainStepper(FullOrderBody):
     def energy(self) -> float:
         """Stored energy ½ vᵀMv + ½ xᵀK_s x + ∫W and that of branches, J."""
         m, x, v = self._model, self.x, self.v
-        quadratic = m.dot(v, m.mass @ v) + m.dot(x, multiply(m.spring, x))
-        energy = quadratic / 2 + m.points.integrate(self._start.W)
+        energy = (m.dot(v, m.mass @ v) + m.dot(x, multiply(m.spring, x))) / 2 + m.points.integrate(self._start.W)
         return energy if self._branches is None else energy + self._branches.stored
 
     inverted = property(lambda self: self._model.inverted(self._start.H), doc="Points turned inside out, det F <= 0.")
@@ -266,12 +265,11 @@ class FiniteStrainStepper(FullOrderBody):
 
     def _failure(self, u: Array, load: ExternalForce, quasi_static: bool, done: float) -> str:
         """Why a step could not be taken, and what to do; a part of it was `done`."""
-        smallest = f"1/{round(1 / SMALLEST_PART)} of a step of {self.dt:g} s"
-        lower, reached = "the load or dt", ""
+        smallest, lower, reached = f"1/{round(1 / SMALLEST_PART)} of a step of {self.dt:g} s", "the load or dt", ""
         if quasi_static:
             smallest, lower = f"1/{round(1 / SMALLEST_LOAD)} of its load", "the load"
             reached = f" more than the {done:.3g} of it that were put on"
-            if self._tangent is not None:
+            if self._tangent is not None and self._chambers is None:
                 zero, load = np.zeros_like(self.x), load.ramped(self._following, done)
                 here = QuasiStaticResidual(self._model, self._start, load, self.dt, zero).evaluate(zero)
                 reached += self._tangent.limit_point(here, self._model, self.system.body.nodes)
@@ -316,7 +314,7 @@ class FiniteStrainStepper(FullOrderBody):
         self._points = self._points_in(h, missing is not None)
         if self._forces_in_newton is not None:
             self._forces_in_newton.begin(equation, self._points, motion, u, given, self._is_patient)
-        solution = self._solution(equation, done + share)
+        solution = self._solution(equation, done + share, given)
         if missing is not None and self._tangent is not None:
             self._note_stability(self._tangent.negative_pivots, done, share)
         self.newton += solution.iterations
@@ -344,7 +342,7 @@ class FiniteStrainStepper(FullOrderBody):
             self._unstable = self._unstable or unstable_message(self.time, done, share, negative_pivots)
         self.negative_pivots = negative_pivots
 
-    def _solution(self, equation: StepResidual, load: float) -> NewtonIterate:
+    def _solution(self, equation: StepResidual, load: float, given: Array) -> NewtonIterate:
         """Solves the equations to a share of a step's load, with a kept factor if that is good enough."""
         if isinstance(equation, QuasiStaticResidual) and self._tangent is not None:
 
@@ -352,8 +350,10 @@ class FiniteStrainStepper(FullOrderBody):
                 what = f"equilibrium: load {load:.3g}, residual {residual:.0e}, iteration"
                 self.report(what, iteration, MAX_ITERATIONS)
 
-            found = FoundForces(self.contact, self.reactions)
-            return solve_equilibrium(equation, self._tangent, found, self._model.dot, tell)
+            if self._chambers is not None:
+                return solve_held(equation, self._tangent, self._chambers, given, self.reactions, tell)
+            of = FoundForces(self.contact, self.reactions), self._model.dot, tell
+            return solve_equilibrium(equation, self._tangent, *of)
         guesses, products = self._guesses(equation), self._krylov.products
         if self._kept is not None and self._kept.serves(equation):
             with suppress(NotConvergedError):
@@ -367,7 +367,7 @@ class FiniteStrainStepper(FullOrderBody):
         if self._predictor.is_smooth:
             self._predictor.is_smooth = False
             self._forget()
-            return self._solution(equation, load)
+            return self._solution(equation, load, given)
         if self._kept is not None and not self._is_patient:
             raise NotConvergedError
         self._factor(equation, stressed=False)
