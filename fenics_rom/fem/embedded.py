@@ -8,12 +8,13 @@ Weights are areas and lengths, as if membranes were 1 m thick, and cables had a 
 from dataclasses import dataclass
 from itertools import pairwise
 
-import basix
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
-from fenics_rom.fem.nodes import Nodes, area_vectors, facets_and_cells
+from fenics_rom.fem.cell_kinds import tabulate
+from fenics_rom.fem.facets import facet_nodes
+from fenics_rom.fem.nodes import Nodes, facets_and_cells
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.mechanics.fibres import Fibres, structure_of
 from fenics_rom.mechanics.voigt import VOIGT_PAIRS
@@ -30,13 +31,13 @@ class EmbeddedPoints:
 
     Attributes:
         cells: (E,) of the mesh file, ascending.
-        barycentric: (E, 4) in them.
+        places: (E, 3) in the reference cell.
         weights: (E,) area, m², or length, m.
         fibres: what is there, of these points.
     """
 
     cells: Array
-    barycentric: Array
+    places: Array
     weights: Array
     fibres: tuple[Fibres, ...] = ()
 
@@ -44,10 +45,10 @@ class EmbeddedPoints:
         """Those in some of the cells."""
         rows = np.flatnonzero(np.isin(self.cells, cells))
         fibres = tuple(family.at(rows, len(self.cells)) for family in self.fibres)
-        return EmbeddedPoints(self.cells[rows], self.barycentric[rows], self.weights[rows], fibres)
+        return EmbeddedPoints(self.cells[rows], self.places[rows], self.weights[rows], fibres)
 
 
-NOTHING_EMBEDDED = EmbeddedPoints(np.empty(0, dtype=int), np.empty((0, 4)), np.empty(0))
+NOTHING_EMBEDDED = EmbeddedPoints(np.empty(0, dtype=int), np.empty((0, 3)), np.empty(0))
 
 
 def embedded_points(scene: Scene, nodes: Nodes) -> EmbeddedPoints:
@@ -56,11 +57,10 @@ def embedded_points(scene: Scene, nodes: Nodes) -> EmbeddedPoints:
     Raises:
         MeshError, SceneError: a surface does not exist, threads have no direction in it, or a cable leaves the body.
     """
-    named = [f"{kind}.{name}" for kind in ("membranes", "cables") for name in getattr(scene.effects, kind)]
-    if named and not nodes.is_straight:
+    if scene.effects.cables and not nodes.is_straight:
         raise SceneError(
-            f"{scene.source}: effects.{named[0]}: membranes and cables are computed in straight tetrahedra; cells of "
-            f"{nodes.mesh.source} are {'curved' if nodes.is_curved else 'hexahedra'}"
+            f"{scene.source}: effects.cables.{next(iter(scene.effects.cables))}: cables are computed in straight "
+            f"tetrahedra; cells of {nodes.mesh.source} are {'curved' if nodes.is_curved else 'hexahedra'}"
         )
     parts = [_membrane(nodes, each, f"effects.membranes.{name}") for name, each in scene.effects.membranes.items()]
     for name, cable in scene.effects.cables.items():
@@ -73,33 +73,33 @@ def embedded_points(scene: Scene, nodes: Nodes) -> EmbeddedPoints:
             Fibres(each.law, first + each.points, each.structure, each.modulus, each.stiffening) for each in part.fibres
         ]
         first += len(part.cells)
-    cells, barycentric, weights = (
-        np.concatenate([getattr(part, key) for part in parts]) for key in ("cells", "barycentric", "weights")
+    cells, places, weights = (
+        np.concatenate([getattr(part, key) for part in parts]) for key in ("cells", "places", "weights")
     )
-    return EmbeddedPoints(cells, barycentric, weights, tuple(fibres))
+    return EmbeddedPoints(cells, places, weights, tuple(fibres))
 
 
 def _membrane(nodes: Nodes, membrane: Membrane, where: str) -> EmbeddedPoints:
-    """Points that are exact for products of two gradients, on each triangle."""
-    row, cells = facets_and_cells(nodes, patch_triangles(nodes, membrane, where))
-    facets, degree = nodes.surface[row], 2 if len(nodes.edges) else 1
-    reference, weights = basix.make_quadrature(basix.CellType.triangle, 2 * (degree - 1))
-    corners = np.column_stack([1 - reference.sum(axis=1), reference])
-    is_corner = facets[:, :, None] == nodes.cells[cells][:, None, :]
-    barycentric = np.einsum("qk,fkv->fqv", corners, is_corner.astype(float)).reshape(-1, 4)
-    N = area_vectors(nodes, facets)
-    area = np.outer(np.linalg.norm(N, axis=1), weights).ravel()
-    normals, cells = (
-        np.repeat(N / np.linalg.norm(N, axis=1)[:, None], len(weights), axis=0),
-        np.repeat(cells, len(weights)),
-    )
-    places = np.einsum("qk,fki->fqi", corners, nodes.coordinates[facets]).reshape(-1, 3)
+    """Points on each face, exact for products of two gradients where it is flat."""
+    row, of_triangles = facets_and_cells(nodes, patch_triangles(nodes, membrane, where))
+    facets, triangles = facet_nodes(nodes, nodes.surface[row])
+    cells, facet, degree = of_triangles[triangles[:, 0]], nodes.kind.facet, 2 if len(nodes.edges) else 1
+    rule = 2 * (degree - 1) if nodes.is_straight else 2 * degree
+    φ, gradients, weights = tabulate(facet, degree, rule)
+    of_corners, count = tabulate(facet, 1, rule)[0], len(weights)
+    is_corner = facets[:, : of_corners.shape[1], None] == nodes.cells[cells][:, None, :]
+    corners = np.einsum("fkv,vi->fki", is_corner.astype(float), nodes.kind.corners)
+    at = np.einsum("qk,fki->fqi", of_corners, corners).reshape(-1, 3)
+    N = np.cross(*np.einsum("qbt,fbi->tfqi", gradients, nodes.coordinates[facets])).reshape(-1, 3)
+    places = np.einsum("qb,fbi->fqi", φ, nodes.coordinates[facets]).reshape(-1, 3)
+    size = np.linalg.norm(N, axis=1)
+    area, normals, cells = np.tile(weights, len(facets)) * size, N / size[:, None], np.repeat(cells, count)
     if membrane.poisson is not None:
         fibres = _sheet(normals, membrane.stiffness, membrane.poisson)
     else:
         along = [_in_plane(each, normals, places, where) for each in directions_at(membrane, places, where)]
         fibres = tuple(_threads("quadratic", structure_of(each), membrane.stiffness) for each in along)
-    return EmbeddedPoints(cells, barycentric, area, fibres)
+    return EmbeddedPoints(cells, at, area, fibres)
 
 
 def _sheet(normals: Array, stiffness: float, poisson: float) -> tuple[Fibres, ...]:
@@ -163,17 +163,17 @@ def _cable(nodes: Nodes, line: Array, stiffness: float, where: str) -> EmbeddedP
     corners = nodes.coordinates[nodes.cells]
     inner = np.linalg.inv(corners[:, 1:] - corners[:, :1])
     reference, shares = np.polynomial.legendre.leggauss(2 if len(nodes.edges) else 1)
-    cells, barycentric, weights, along = [], [], [], []
+    cells, places, weights, along = [], [], [], []
     for piece, (start, end) in enumerate(pairwise(line)):
         λ = np.stack([_barycentric(corners, inner, place) for place in (start, end)])
         for cell, first, last in _parts(λ, start, end, f"{where}[{piece}]"):
             t = (first + last + (last - first) * reference) / 2
             cells.append(np.full(len(t), cell))
-            barycentric.append((1 - t)[:, None] * λ[0, cell] + t[:, None] * λ[1, cell])
+            places.append((1 - t)[:, None] * λ[0, cell, 1:] + t[:, None] * λ[1, cell, 1:])
             weights.append((last - first) / 2 * np.linalg.norm(end - start) * shares)
             along.append(np.broadcast_to((end - start) / np.linalg.norm(end - start), (len(t), 3)))
     fibres = (_threads("quadratic", structure_of(np.concatenate(along)), stiffness),)
-    return EmbeddedPoints(np.concatenate(cells), np.concatenate(barycentric), np.concatenate(weights), fibres)
+    return EmbeddedPoints(np.concatenate(cells), np.concatenate(places), np.concatenate(weights), fibres)
 
 
 def _barycentric(corners: Array, inner: Array, place: Array) -> Array:

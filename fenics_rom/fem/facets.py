@@ -36,7 +36,7 @@ def facet_integrals(nodes: Nodes, triangles: Array) -> FacetIntegrals:
         normals = area_vectors(nodes, triangles)
         normals /= np.linalg.norm(normals, axis=1)[:, None]
         return FacetIntegrals(carriers, share, share[:, :, None] * normals[:, None])
-    carriers, _ = _facets(nodes, triangles)
+    carriers, _ = facet_nodes(nodes, triangles)
     φ, weights, normals = _at_points(nodes, carriers)
     areas = np.linalg.norm(normals, axis=2)
     shares = np.einsum("q,qb,fq->fb", weights, φ, areas)
@@ -60,7 +60,7 @@ def volume_within_surface(nodes: Nodes, triangles: Array, origin: Array) -> floa
     """Between triangles (F, 3) of the surface and a place (3,), m³: ∫ (x - origin)·n dA/3."""
     if nodes.is_straight:
         return float(np.linalg.det(nodes.coordinates[triangles] - origin).sum()) / 6
-    facets, _ = _facets(nodes, triangles)
+    facets, _ = facet_nodes(nodes, triangles)
     φ, weights, normals = _at_points(nodes, facets)
     places = np.einsum("qb,fbi->fqi", φ, nodes.coordinates[facets]) - origin
     return float(np.einsum("q,fqi,fqi->", weights, places, normals)) / 3
@@ -78,7 +78,7 @@ def surface_mass(nodes: Nodes, triangles: Array, weights: Array | None = None) -
         ends, share = nodes.triangle_nodes(triangles), area / area.sum() * (1.0 if weights is None else weights)
         values = share[:, None, None] * element
     else:
-        ends, of_triangles = _facets(nodes, triangles)
+        ends, of_triangles = facet_nodes(nodes, triangles)
         φ, at, normals = _at_points(nodes, ends)
         areas = np.linalg.norm(normals, axis=2) * at
         values = np.einsum("fq,qa,qb->fab", areas / areas.sum(), φ, φ)
@@ -95,11 +95,11 @@ def contact_facets(nodes: Nodes, triangles: Array) -> tuple[Array, Array]:
     areas = triangle_areas(nodes, triangles)
     if nodes.kind.facet == "triangle":
         return nodes.triangle_nodes(triangles), areas
-    facets, halves = _facets(nodes, triangles)
+    facets, halves = facet_nodes(nodes, triangles)
     return facets, areas[halves].sum(axis=1)
 
 
-def _facets(nodes: Nodes, triangles: Array) -> tuple[Array, Array]:
+def facet_nodes(nodes: Nodes, triangles: Array) -> tuple[Array, Array]:
     """Nodes (Q, B) of the faces that triangles (F, 3) are of, in basix' order, and which triangles (Q, H) each has."""
     if nodes.kind.facet == "triangle":
         of_sides = np.roll(nodes.triangle_edges(triangles), -1, axis=1) if len(nodes.edges) else triangles[:, :0]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 from bodies import acted_on, box_arrays, box_surfaces, write_arrays
+from bricks import shaken_bricks, write_bricks
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError
@@ -22,9 +23,16 @@ CABLE = {"effects.cables.wire": f"points = {LINE}\nstiffness = 50.0"}
 
 
 @pytest.fixture(scope="module")
-def box(tmp_path_factory):
+def boxes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("box")
     points, cells = box_arrays(tuple(LENGTHS), (3, 2, 2), shake=0.2)
-    return write_arrays(tmp_path_factory.mktemp("box") / "box.msh", points, cells, box_surfaces(points, cells))
+    found = {4: write_arrays(folder / "4.msh", points, cells, box_surfaces(points, cells))}
+    return found | {n: write_bricks(folder / f"{n}.msh", *shaken_bricks(tuple(LENGTHS), (3, 2, 2), n)) for n in (8, 27)}
+
+
+@pytest.fixture(scope="module")
+def box(boxes):
+    return boxes[4]
 
 
 def plane_stress(E):
@@ -47,11 +55,15 @@ def embedded_energy(kind, F):
     return sum(np.linalg.norm(d) * stretch_energy(50.0, d, F) for d in np.diff(LINE, axis=0))
 
 
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize(("kind", "added"), [("sheet", SHEET), ("threads", THREADS), ("cable", CABLE)])
-def test_what_is_embedded_stores_what_its_strain_says(box, degree, kind, added):
+EMBEDDED = {"sheet": SHEET, "threads": THREADS, "cable": CABLE}
+CELLS = [(4, 1, kind) for kind in EMBEDDED] + [(4, 2, kind) for kind in EMBEDDED]
+CELLS += [(nodes, degree, kind) for nodes, degree in ((8, 1), (27, 2)) for kind in ("sheet", "threads")]
+
+
+@pytest.mark.parametrize(("nodes", "degree", "kind"), CELLS)
+def test_what_is_embedded_stores_what_its_strain_says(boxes, nodes, degree, kind):
     """Of affine motions, which all cells follow: of small strains K, with β D, and at large ones the potential."""
-    effects = "inertia = {}\ndamping = { beta = 1e-3 }\n"
+    effects, box, added = "inertia = {}\ndamping = { beta = 1e-3 }\n", boxes[nodes], EMBEDDED[kind]
     parts = {"contacts": RIGHT, "material": SOFT, "supports": None, "degree": degree} | added
     bare, small = (fr.assemble(acted_on(box, effects, **(parts | one))) for one in (dict.fromkeys(added), {}))
     large = fr.assemble(acted_on(box, effects + 'large_deformation = { material = "neo_hookean" }\n', **parts))
@@ -136,6 +148,13 @@ def test_beams_with_inextensible_parts_bend_as_composite_ones(beam, kind, stiff)
     tip = fr.simulate(scene).outputs["tip"][-1].ravel()[2]
     expected = 1e-4 * (0.2**3 / (3 * composite(k, y)) + 0.2 / (5 / 6 * 5e4 * 2e-4))
     assert tip == pytest.approx(expected, rel=0.01)
+
+
+def test_cables_in_other_cells_are_refused(boxes):
+    with pytest.raises(
+        FenicsRomError, match=r"wire: cables are computed in straight tetrahedra; .*8\.msh are hexahedra"
+    ):
+        fr.assemble(acted_on(boxes[8], "inertia = {}\n", contacts=RIGHT, **CABLE))
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ class QuadraturePoints:
             self.shape_gradients = np.concatenate([self.shape_gradients, gradients], axis=1)
             weights, self._dilations = np.concatenate([weights, volumes], axis=1), volumes.shape[1]
         self.embedded = NOTHING_EMBEDDED if embedded is None else embedded.of_cells(self.cells)
-        self.embedded_gradients = gradients_at(nodes, self.embedded.cells, self.embedded.barycentric[:, 1:])
+        self.embedded_gradients = gradients_at(nodes, self.embedded.cells, self.embedded.places)
         self.embedded_in = self.embedded.cells - self.cells[:1].sum()
         self.weights = np.concatenate([weights.ravel(), self.embedded.weights])
         self._comm, self.node_count = comm, len(nodes.coordinates)
