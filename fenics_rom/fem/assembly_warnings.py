@@ -11,6 +11,7 @@ from fenics_rom.fem.nodes import STRAIGHT
 from fenics_rom.mechanics.active_environment import known_at_start
 from fenics_rom.mechanics.hyperelastic import strain_of_excess_damping
 from fenics_rom.mechanics.obstacles import smallest_radius
+from fenics_rom.mechanics.readings import OF_VOLUME
 from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
@@ -49,7 +50,8 @@ def warnings_of(scene: Scene, mesh: Mesh, rigid: np.ndarray) -> Iterator[str]:
 def _read_without_branches(scene: Scene) -> Iterator[str]:
     """Of stresses that are read of a material that relaxes."""
     effects = scene.effects
-    read = [name for name, reading in scene.readings.items() if "stress" in reading.quantity]
+    of_stress = ("stress", "von_mises_stress", *OF_VOLUME)
+    read = [name for name, reading in scene.readings.items() if reading.quantity in of_stress]
     if effects.viscoelasticity is not None and read:
         added = sum(effects.viscoelasticity.ratios)
         yield (

@@ -13,6 +13,7 @@ from fenics_rom.fem.cell_points import cell_volumes, checked_nodes
 from fenics_rom.fem.mesh import Mesh, read_mesh
 from fenics_rom.fem.nodes import Nodes, triangle_areas
 from fenics_rom.fem.places import held_nodes, patch_nodes, patch_triangles, picked_cells
+from fenics_rom.mechanics.readings import OF_SURFACE
 from fenics_rom.scene.places import CellPlace, Held, Place, given_piece
 from fenics_rom.scene.scene import ReadingEntry, Scene
 
@@ -103,7 +104,7 @@ def named_surfaces(scene: Scene, nodes: Nodes) -> dict[str, Array]:
 def _places_in(part: Any, where: str) -> Iterator[tuple[str, Place | CellPlace]]:
     """All places in a record, by where they are."""
     if isinstance(part, ReadingEntry):
-        if part.quantity in ("strain", "von_mises_stress") and part.place is not None:
+        if part.quantity in OF_SURFACE and part.place is not None:
             yield where, part.place
     elif isinstance(part, Place | CellPlace):
         if given_piece(part) is not None or (isinstance(part, Held) and part.point is not None):

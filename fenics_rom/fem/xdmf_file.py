@@ -14,8 +14,8 @@ import numpy as np
 
 from fenics_rom.errors import MeshError
 from fenics_rom.fem.cell_kinds import HEXAHEDRON, TETRAHEDRON, halves
-from fenics_rom.fem.mesh_arrays import MeshArrays
-from fenics_rom.scene.foreign_process import FIRST_ORDER, HEXAHEDRON_20, HEXAHEDRON_27, TETRAHEDRON_10, edges_of
+from fenics_rom.fem.mesh_arrays import NO_EDGES, MeshArrays
+from fenics_rom.scene.foreign_process import HEXAHEDRON_20, HEXAHEDRON_27, TETRAHEDRON_10, edges_of
 
 TETRAHEDRA = {"tetrahedron": 4, "tetrahedron_10": 10, "tet_10": 10}  # and their nodes, in VTK's order
 HEXAHEDRA = {"hexahedron": 8, "hexahedron_20": 20, "hex_20": 20, "hexahedron_27": 27, "hex_27": 27}
@@ -83,7 +83,7 @@ def _read(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
                     surfaces[group] = halves(elements[chosen][:, : min(faces.values())]).reshape(-1, 3)
                 else:
                     regions[group] = _rows(elements[chosen][:, :corners], cells[:, :corners], name)
-    edges = edges_of(cells, MIDDLES.get(cells.shape[1], FIRST_ORDER))
+    edges = edges_of(cells, MIDDLES.get(cells.shape[1], NO_EDGES))
     return MeshArrays(points, cells[:, kind.from_vtk], surfaces, regions, edges, vectors=vectors, kind=kind)
 
 

@@ -5,6 +5,7 @@ The same at full order and reduced: a reading asks a body for what it needs (`Re
     ℓ = ℓ_0 - s,  V = V_0 + s     s the stroke: what the actuator's input of 1 does work on
     p = λ / A                      normal forces of contact over the areas of their nodes
     ε, σ of H = ∂u/∂X              at places of the surface, from the gradients in the cell that adjoins each
+    -tr σ / 3, W                   there: the pressure, and the energy that is stored by volume at rest
     σ of H, averaged               at points, from the cells around the corners of theirs
     u + (R - 1) d                  of a marker at d from its foot on a triangle that is displaced by u and turned by R
 
@@ -33,10 +34,15 @@ READING_UNITS = {
     "contact_pressure": "Pa",
     "strain": "1",
     "von_mises_stress": "Pa",
+    "principal_stress": "Pa",
+    "pressure": "Pa",
+    "energy_density": "J/m3",
     "stress": "Pa",
     "marker": "m",
     TOUCH: "N, N m, m, m2, m/s, Pa and 1",
 }
+OF_SURFACE = ("strain", "von_mises_stress", "principal_stress", "pressure", "energy_density")
+OF_VOLUME = OF_SURFACE[2:]  # of them those that changes of volume are in
 COMPONENTS = ("xx", "yy", "zz", "yz", "xz", "xy")
 PRINCIPAL = ("principal 1", "principal 2", "principal 3")
 STRESS_PARTS = (*COMPONENTS, *PRINCIPAL, "von Mises", "spread")  # what is read at a point
@@ -84,13 +90,14 @@ class ContactPressure:
 
 @dataclass(frozen=True)
 class SurfaceReading:
-    """Strain, (P, 6), or von Mises stress, (P,), Pa, in the middle of surface triangles.
+    """Strain, (P, 6), stress or energy in the middle of surface triangles.
 
-    The strain has the components xx, yy, zz, yz, xz, xy of its tensor. The stress is the elastic one: what viscosity
-    adds to it while the body moves is not in it.
+    The strain has the components xx, yy, zz, yz, xz, xy of its tensor. Of the stress it is that of von Mises, (P,), the
+    three principal ones from the largest on, (P, 3), or the pressure, (P,), Pa; of the energy that by volume at rest,
+    (P,), J/m³. The stress is the elastic one: what viscosity adds to it while the body moves is not in it.
 
     Attributes:
-        quantity: "strain" or "von_mises_stress".
+        quantity: one of `OF_SURFACE`.
         of: the surface; empty for all of it.
         triangles: (P,) which of the body's.
         operator: to H (3, 3, P) of the body's coordinates, (9 P, c), a matrix; 1/m.
@@ -111,7 +118,12 @@ class SurfaceReading:
         H = (self.operator @ body.coordinates()).reshape(3, 3, -1)
         if self.quantity == "strain":
             return ((small_strain(H) if body.law is None else strain(H)) / VOIGT_SHEAR).T
-        return von_mises(stress_of(body.law, H, self))
+        if self.quantity == "energy_density":
+            return energy_of(body.law, H, self)
+        σ = stress_of(body.law, H, self)
+        if self.quantity == "pressure":
+            return -σ[:3].mean(axis=0)
+        return principal_stresses(σ) if self.quantity == "principal_stress" else von_mises(σ)
 
 
 @dataclass(frozen=True)
@@ -157,8 +169,7 @@ class StressReading:
         of_corner = np.searchsorted(self.value_corners, np.arange(len(self.corner_points)))
         spreads = np.maximum.reduceat(σ, of_corner, axis=1) - np.minimum.reduceat(σ, of_corner, axis=1)
         at = self._at_points(np.add.reduceat(σ * self.value_shares, of_corner, axis=1))
-        principal = np.linalg.eigvalsh(at[VOIGT_INDEX].transpose(2, 0, 1))[:, ::-1]
-        return np.column_stack([at.T, principal, von_mises(at), self._at_points(spreads).max(axis=0)])
+        return np.column_stack([at.T, principal_stresses(at), von_mises(at), self._at_points(spreads).max(axis=0)])
 
     def components(self, gradients: Array) -> Array:
         """σ (6, G, m), Pa, of a linear body, from H (3, 3, P, m) of each of m displacements."""
@@ -251,6 +262,22 @@ def stress_of(law: str | None, H: Array, at: "SurfaceReading | StressReading") -
     i, j = VOIGT_PAIRS.T
     components: Array = σ[:, i, j].T
     return components
+
+
+def energy_of(law: str | None, H: Array, at: SurfaceReading) -> Array:
+    """W (P,), J/m³ at rest, of displacement gradients (3, 3, P) by a law; None: linear."""
+    material = PointMaterial(law or "", at.first_lame, at.shear, at.fibres)
+    if law is None:
+        ε = small_strain(H)
+        energy: Array = (ε * material.linear_stress(ε)).sum(axis=0) / 2
+        return energy
+    return material.energy_density(strain(H))
+
+
+def principal_stresses(σ: Array) -> Array:
+    """(P, 3), Pa, from the largest to the smallest, of stresses (6, P), Pa."""
+    principal: Array = np.linalg.eigvalsh(σ[VOIGT_INDEX].transpose(2, 0, 1))[:, ::-1]
+    return principal
 
 
 def von_mises(σ: Array) -> Array:

@@ -72,7 +72,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
     readings/NAME/                   what else is read, absent where nothing is; attributes `quantity`, `of`
         rest (1,) m or m3           of a length or a volume
         nodes (s,), facets (F, 3, 4, 6 or 9), areas (F,) m^2          of contact_pressure: facets are rows of nodes
-        triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of strain, von_mises_stress
+        triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of surfaces
         points (G, 3) m, corner_points (K,), corner_weights (K,), value_corners (T,), value_shares (T,),
         place_weights (T, R) or absent, operator, first_lame, shear as above, of T R places or twice as many  of stress
         foot (3, k) kg^-1/2, gradients (2, 3, k) kg^-1/2/m, tangents (2, 3), offset (3,) m  of marker; touch: touch_file

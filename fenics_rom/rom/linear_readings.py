@@ -8,6 +8,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.hyperelastic import small_strain
+from fenics_rom.mechanics.point_material import PointMaterial
 from fenics_rom.mechanics.readings import (
     READING_UNITS,
     READING_WORDS,
@@ -53,11 +54,15 @@ def reading_rows(name: str, reading: Reading, model: ContactModel, inputs: Mappi
         gradients = (reading.operator @ model.coordinates).reshape(3, 3, -1, model.order)
         strains = small_strain(gradients) / VOIGT_SHEAR[:, :, None]
         return ReadRows((strains.shape[1], 6), strains.swapaxes(0, 1).reshape(-1, model.order), unit)
+    if isinstance(reading, SurfaceReading) and reading.quantity == "pressure":
+        gradients = (reading.operator @ model.coordinates).reshape(3, 3, -1, model.order)
+        material = PointMaterial("", reading.first_lame, reading.shear, reading.fibres)
+        return ReadRows((gradients.shape[2],), -material.linear_stress(small_strain(gradients))[:3].mean(axis=0), unit)
     if isinstance(reading, StressReading):
         gradients = (reading.operator @ model.coordinates).reshape(3, 3, -1, model.order)
         stresses = reading.components(gradients)
         return ReadRows((stresses.shape[1], 6), stresses.swapaxes(0, 1).reshape(-1, model.order), unit)
     raise StepError(
         f"reading {name!r}: {READING_WORDS[reading.quantity]} is not linear in displacements; allowed are lengths, "
-        "volumes, strains, stresses at points and markers"
+        "volumes, strains, pressures, stresses at points and markers"
     )

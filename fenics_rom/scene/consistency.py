@@ -9,6 +9,7 @@ from fenics_rom.errors import SceneError, check_known, exactly, unknown
 from fenics_rom.mechanics.environment import FACES, AppliedLoad
 from fenics_rom.mechanics.initial_state import SMALL_ROTATION, ZERO
 from fenics_rom.mechanics.isochoric import isochoric_terms
+from fenics_rom.mechanics.readings import OF_SURFACE, OF_VOLUME
 from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.scene.chambers import check_filling
 from fenics_rom.scene.contact import Contact, ObstacleMotion
@@ -156,9 +157,14 @@ def _check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:
         if reading.points is None:
             raise SceneError(f"{where}.points is missing: the material points whose stress is read")
         if key := "of" if reading.of is not None else given_piece(reading):
-            raise SceneError(f"{where}.{key}: goes with von_mises_stress and strain; stress is read at points")
+            raise SceneError(f"{where}.{key}: goes with {', '.join(OF_SURFACE)}; stress is read at points")
     elif reading.points is not None:
         raise SceneError(f"{where}.points: goes with stress; {reading.quantity} has none")
+    if reading.quantity in OF_VOLUME and file.mesh.integration == "selective":
+        raise SceneError(
+            f"{where}.quantity = {reading.quantity!r}: with mesh.integration = 'selective' changes of volume have no "
+            "value at the surface; allowed is 'stress' at points"
+        )
     if not kind:
         return
     if (piece := given_piece(reading)) is not None:

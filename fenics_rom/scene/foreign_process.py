@@ -19,20 +19,17 @@ VTK_MEMORY = 2**32  # and VTK, of which it takes a fifth
 MEMORY_PER_BYTE = 50  # and for each byte of the file, of which they take five to ten
 # Nodes of second-order cells between two corners, in the order of VTK and of Abaqus, each as (corner, corner, node).
 # The middle of a face is between both pairs of its opposite corners, that of a hexahedron between all four.
-VTK_EDGES = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)])
-VTK_FACES = [(0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 2, 6, 7), (0, 3, 2, 1), (4, 5, 6, 7)]
+CENTRE = np.array([(0, 6, 26), (1, 7, 26), (2, 4, 26), (3, 5, 26)])
+VTK_EDGES = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
+VTK_DIAGONALS = [(0, 7), (4, 3), (1, 6), (2, 5), (0, 5), (1, 4), (3, 6), (2, 7), (0, 2), (3, 1), (4, 6), (5, 7)]
 TETRAHEDRON_10 = np.array([(0, 1, 4), (1, 2, 5), (0, 2, 6), (0, 3, 7), (1, 3, 8), (2, 3, 9)])
 HEXAHEDRON_20 = np.column_stack([VTK_EDGES, np.arange(8, 20)])
-CENTRE = np.array([(0, 6, 26), (1, 7, 26), (2, 4, 26), (3, 5, 26)])
-OF_FACES = np.array([(face[k], face[k + 2], 20 + n) for n, face in enumerate(VTK_FACES) for k in range(2)])
-HEXAHEDRON_27 = np.concatenate([HEXAHEDRON_20, OF_FACES, CENTRE])
-GMSH_10 = np.array([(0, 1, 4), (1, 2, 5), (0, 2, 6), (0, 3, 7), (1, 3, 9), (2, 3, 8)])
+HEXAHEDRON_27 = np.concatenate([HEXAHEDRON_20, np.column_stack([VTK_DIAGONALS, np.arange(40, 52) // 2]), CENTRE])
 GMSH_EDGES = [(0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7)]
-GMSH_FACES = [(0, 3, 2, 1), (0, 1, 5, 4), (0, 4, 7, 3), (1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7)]
+GMSH_DIAGONALS = [(0, 2), (3, 1), (0, 5), (1, 4), (0, 7), (4, 3), (1, 6), (2, 5), (2, 7), (3, 6), (4, 6), (5, 7)]
+GMSH_10 = np.array([(0, 1, 4), (1, 2, 5), (0, 2, 6), (0, 3, 7), (1, 3, 9), (2, 3, 8)])
 GMSH_20 = np.column_stack([GMSH_EDGES, np.arange(8, 20)])
-GMSH_OF_FACES = np.array([(face[k], face[k + 2], 20 + n) for n, face in enumerate(GMSH_FACES) for k in range(2)])
-GMSH_27 = np.concatenate([GMSH_20, GMSH_OF_FACES, CENTRE])
-FIRST_ORDER = np.empty((0, 3), dtype=int)
+GMSH_27 = np.concatenate([GMSH_20, np.column_stack([GMSH_DIAGONALS, np.arange(40, 52) // 2]), CENTRE])
 # By the number of corners: numbers of the kinds of cells, and of those of their faces, with their nodes.
 GMSH_KINDS = {4: ({4: 4, 11: 10}, {2: 3, 9: 6}), 8: ({5: 8, 17: 20, 12: 27}, {3: 4, 16: 8, 10: 9})}
 VTK_KINDS = {4: ({10: 4, 24: 10}, {5: 3, 22: 6}), 8: ({12: 8, 25: 20, 29: 27}, {9: 4, 23: 8, 28: 9})}
@@ -125,7 +122,7 @@ def _read_gmsh(file: str) -> dict[str, Any]:
     held = mesh.getElementTypes(3)
     solids, faces = GMSH_KINDS[8 if set(held) & GMSH_KINDS[8][0].keys() else 4]
     numbers, cells = elements(solids)
-    groups = [(dimension, tag) for dimension, tag in gmsh.model.getPhysicalGroups() if dimension in (2, 3)]
+    groups = [group for group in gmsh.model.getPhysicalGroups() if group[0] in (2, 3)]
     members = {}
     for k, (dimension, tag) in enumerate(groups):
         entities = gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)
@@ -156,8 +153,7 @@ def edges_of(nodes: np.ndarray, middles: np.ndarray) -> np.ndarray:
 
 def _name(kind: int, kinds: dict[int, tuple[dict[int, int], dict[int, int]]]) -> str:
     """Of a kind of cells by its number; empty of those that are not read."""
-    corners = next((corners for corners, (solids, _) in kinds.items() if kind in solids), 0)
-    return {4: "tetrahedron", 8: "hexahedron"}.get(corners, "")
+    return {4: "tetrahedron", 8: "hexahedron"}.get(next((n for n, of in kinds.items() if kind in of[0]), 0), "")
 
 
 def _read_vtk(file: str) -> dict[str, Any]:

@@ -74,9 +74,9 @@ class ReadingSeries:
 
     @property
     def sizes(self) -> Array:
-        """The values; of strains the largest principal one without its sign, (S, P), of a marker its length, (S,).
+        """The values; of strains and principal stresses the largest one without its sign, (S, P).
 
-        Of stress at points that of von Mises, (S, G).
+        Of a marker its length, (S,); of stress at points that of von Mises, (S, G).
         """
         if self.quantity == "stress":
             von_mises: Array = self.values[:, :, VON_MISES]
@@ -86,6 +86,9 @@ class ReadingSeries:
         if self.quantity == "marker":
             lengths: Array = np.linalg.norm(self.values, axis=1)
             return lengths
+        if self.quantity == "principal_stress":
+            largest: Array = np.abs(self.values).max(axis=-1)
+            return largest
         return principal_size(self.values) if self.quantity == "strain" else self.values
 
     @property
@@ -100,9 +103,8 @@ class ReadingSeries:
         """What `sizes` are."""
         if self.quantity == TOUCH:
             return "normal force of touch"
-        return {"strain": "largest principal ", "stress": "von Mises "}.get(self.quantity, "") + READING_WORDS[
-            self.quantity
-        ]
+        of = {"strain": "largest principal ", "principal_stress": "largest ", "stress": "von Mises "}
+        return of.get(self.quantity, "") + READING_WORDS[self.quantity]
 
     @property
     def by_point(self) -> Array:

@@ -9,7 +9,7 @@ from test_large_deformation import start_at
 from test_mesh import write_gmsh
 
 import fenics_rom as fr
-from fenics_rom.errors import MeshError
+from fenics_rom.errors import MeshError, SceneError
 from fenics_rom.fem.cell_points import cell_at, cell_volumes, checked_nodes
 from fenics_rom.fem.facets import facet_integrals, volume_within_surface
 from fenics_rom.fem.finite_strain.model import ExternalForce
@@ -44,6 +44,8 @@ def test_an_even_stress_is_exact(meshes, nodes, degree, integration):
     tables = {"supports": f"clamped = []{ROLLERS}", "run": PRESSED, "outputs.at": f"points = {POINTS}"}
     tables |= {"readings.at": f'quantity = "stress"\npoints = {POINTS}', "readings.skin": 'quantity = "strain"'}
     pressed = 'pressure.air = { surface = "right" }'
+    fields = ("principal_stress", "pressure", "energy_density") if integration == "full" else ()
+    tables |= {f"readings.{quantity}": f'quantity = "{quantity}"\nsurface = "top"' for quantity in fields}
     scene = acted_on(meshes[nodes], pressed, degree=degree, integration=integration, **tables)
     run = fr.simulate(fr.assemble(scene))
     strain = -PRESSURE / YOUNG * np.array([1.0, -POISSON, -POISSON])
@@ -53,6 +55,10 @@ def test_an_even_stress_is_exact(meshes, nodes, degree, integration):
     exact = np.array([-PRESSURE, 0, 0, 0, 0, 0, 0, 0, -PRESSURE, PRESSURE, 0])
     assert np.abs(stress - exact).max() <= ROUND_OFF * PRESSURE
     assert np.abs(run.readings["skin"].values[-1] - [*strain, 0, 0, 0]).max() <= ROUND_OFF * PRESSURE / YOUNG
+    for name, exact in zip(fields, ([0, 0, -PRESSURE], PRESSURE / 3, PRESSURE**2 / (2 * YOUNG)), strict=False):
+        values = run.readings[name].values[-1]
+        assert len(values) == 2 * BRICKS[0] * BRICKS[1] * (4 if degree == 2 else 1)
+        assert np.abs(values - exact).max() <= ROUND_OFF * np.abs(exact).max()
 
 
 @pytest.mark.parametrize(("nodes", "degree"), KINDS)
@@ -245,3 +251,45 @@ def test_an_even_contact_pressure_is_exact(meshes, tmp_path, nodes, degree, mode
     below = np.isclose(system.body.nodes[:, 2], 0.0)
     assert np.abs(body.contact_pressure()[below] / pressure - 1).max() <= 1e-6
     assert np.abs(body.reading("at")[0, [2, 8, 9]] / pressure - [-1, -1, 1]).max() <= 1e-6
+
+
+def test_fields_of_a_reduced_body_are_those_of_full_order_and_are_exported(meshes, tmp_path):
+    """A body that deforms by a few percent: Cauchy's stresses, and energy by volume at rest."""
+    quantities = ("principal_stress", "pressure", "energy_density", "von_mises_stress")
+    tables = {f"readings.{quantity}": f'quantity = "{quantity}"\nsurface = "left"' for quantity in quantities}
+    tables["run"] = 'dt = 1.0\nduration = 1.0\nload = [{ contact = "right", force = [0.0, 0.0, 300.0] }]'
+    tables["contacts"] = '[contacts.right]\nsurface = "right"\nforce = "resultant"'
+    scene = acted_on(meshes[8], 'large_deformation = { material = "neo_hookean" }', **tables)
+    run = fr.simulate(fr.assemble(scene))
+    fr.write_trajectory(tmp_path / "run.h5", run)
+    kept = fr.read_trajectory(tmp_path / "run.h5").readings
+    principal, pressure, energy, von_mises = (kept[quantity].values[-1] for quantity in quantities)
+    assert np.abs(pressure + principal.mean(axis=1)).max() <= ROUND_OFF * np.abs(principal).max()
+    differences = principal - np.roll(principal, 1, axis=1)
+    assert np.abs(von_mises - np.sqrt((differences**2).sum(axis=1) / 2)).max() <= ROUND_OFF * von_mises.max()
+    assert energy.min() > 0
+    assert kept["principal_stress"].sizes[-1].max() == np.abs(principal).max()
+    fr.export(run, tmp_path / "run.vtu")
+    text = (tmp_path / "run.vtu").read_bytes()
+    for quantity in quantities:
+        assert f'Name="reading.{quantity}"'.encode() in text
+
+
+REFUSED = {
+    ("selective", 'quantity = "pressure"'): r"quantity = 'pressure': with mesh.integration = 'selective' changes of",
+    ("full", 'effects.membranes.skin = { surface = "top", stiffness = 1.0, poisson = 0.3 }'): (
+        r"effects.membranes.skin: membranes and cables are computed in straight tetrahedra; .* are hexahedra"
+    ),
+    ("full", "pressure.air"): r"effects.pressure.air: with large deformation it is computed on tetrahedra; the mesh is",
+}
+
+
+@pytest.mark.parametrize(("given", "said"), REFUSED.items(), ids=range(len(REFUSED)))
+def test_what_hexahedra_do_not_have_is_told(meshes, given, said):
+    integration, what = given
+    tables = {"readings.skin": what} if what.startswith("quantity") else {}
+    effects = what.removeprefix("effects.") if what.startswith("effects") else ""
+    if what == "pressure.air":
+        effects = 'large_deformation = {}\npressure.air = { surface = "top" }'
+    with pytest.raises(SceneError, match=said):
+        fr.assemble(acted_on(meshes[8], effects, integration=integration, **tables))

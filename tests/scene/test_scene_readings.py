@@ -83,7 +83,7 @@ MISTAKES = {
     'quantity = "marker"': r"readings.one.point is missing: where the middle of the marker is at rest",
     'quantity = "marker"\nof = "top"\npoint = [0, 0, 0]': r"readings.one.of: a marker is on the triangle",
     'quantity = "stress"': r"readings.one.points is missing: the material points whose stress is read",
-    'quantity = "stress"\nof = "top"\npoints = [[0, 0, 0]]': r"readings.one.of: goes with von_mises_stress and strain",
+    'quantity = "stress"\nof = "top"\npoints = [[0, 0, 0]]': r"readings.one.of: goes with strain, von_mises_stress",
     'quantity = "strain"\npoints = [[0, 0, 0]]': r"readings.one.points: goes with stress; strain has none",
     'quantity = "strain"\nof = "top"\ninner = true': r"readings.one: give of or inner, not both",
     'quantity = "strain"\npoint = [0, 0, 0]': r"readings.one.point: goes with a marker; strain has none",
