@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
+from balloon import balloon
 from beam import tip_of_cantilever, torsion_constant
 from dynamics import flag_that_falls, twisted_column
 from hertz import hertz
@@ -114,7 +115,7 @@ def flag(quick: bool) -> Iterator[Row]:
 
 
 CASES = (princeton, curved_cantilever, heavy_cantilever, flag, tapered_membrane, solid_plate, pressed_plate, cook,
-         pressed_cube, flag_that_falls, twisted_column, toggle, hertz, struck_bar)  # fmt: skip
+         pressed_cube, balloon, flag_that_falls, twisted_column, toggle, hertz, struck_bar)  # fmt: skip
 
 
 def main() -> int:
