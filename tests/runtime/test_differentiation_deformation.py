@@ -102,7 +102,7 @@ CASES = {  # law, what is asked of the box, what is changed of it, stepper and t
     "linear equilibria, strokes": (LAWS[0], REST, both(without_strain, by_strokes("cable", "air")), SMALL),
 }
 QUICK = ["tables", "contact", "strokes", "iterated, neo-Hookean, a stroke, contact"]
-QUICK += ["equilibria, a stroke, contact", "linear, a stroke, contact", "linear equilibria, contact"]
+QUICK += ["linear, valve", "equilibria, a stroke, contact", "linear, a stroke, contact", "linear equilibria, contact"]
 
 pytestmark = pytest.mark.filterwarnings("ignore:the body went", "ignore:the surface is")
 
