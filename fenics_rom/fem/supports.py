@@ -25,6 +25,7 @@ from fenics_rom.system.body import Unknowns
 from fenics_rom.system.rigid_modes import rigid_fields
 
 SMOOTH = 0.8  # cosine of the angle between two triangles, 37°, up to which a surface bends smoothly
+FLAT = 1e-3  # of its size: as near to a plane as that a place is flat
 DEPENDENT = 1e-9  # length that is left of a normal of 1 beside others, below which it says what they say
 
 Ties = list[tuple[int, int, float]]  # components that follow, what they follow, and its weight
@@ -165,11 +166,24 @@ def _add_driven(conditions: dict[int, list[Condition]], scene: Scene, nodes: Nod
     for k, (name, support) in enumerate(supports.items()):
         numbers, direction = held_nodes(nodes, support, f"effects.driven_support.{name}"), _unit(support.direction)
         normals = [direction] if support.sliding else np.eye(3)
+        if support.sliding:
+            _check_flat(scene, name, nodes.coordinates[numbers])
         of_each = [Condition(normal, (normal @ direction) * np.eye(len(supports))[k]) for normal in normals]
         for node in numbers.tolist():
             if clamped[node]:
                 raise _refused(scene, name, nodes, node, "is clamped by supports")
             conditions[node] += of_each
+
+
+def _check_flat(scene: Scene, name: str, places: Array) -> None:
+    """Refuses (SceneError) a plate whose nodes, at places (n, 3), are not in a plane."""
+    arms = places - places.mean(axis=0)
+    off = float(np.abs(arms @ np.linalg.eigh(arms.T @ arms)[1][:, 0]).max())
+    if off > FLAT * np.abs(arms).max():
+        raise SceneError(
+            f"{scene.source}: effects.driven_support.{name}: sliding = true is of a plate, and its nodes are up to "
+            f"{off:.3g} m off a plane; allowed is a flat place, sliding = false, or an obstacle that moves"
+        )
 
 
 def _refused(scene: Scene, name: str, nodes: Nodes, node: int, why: str) -> SceneError:

@@ -202,6 +202,10 @@ def test_a_cube_that_is_pulled_both_ways_is_in_biaxial_tension(tmp_path, turn, c
         ),
         ((JAW, JAW + JAW.replace("jaw", "other")), "driven_support.jaw: .* is held by another support along where it"),
         (
+            ('surface = "right"', 'any = ["right", "top"]\nsliding = true'),
+            r"driven_support\.jaw: sliding = true is of a plate, and its nodes are up to 0\.0\d+ m off a plane",
+        ),
+        (
             (JAW, JAW + "[run]\n" + RUN.replace("4e-3", "0.4")),
             r"run.load\[0\]: .* 'jaw' moves by 0.4 m within a step, at 0 s, more than the size .* 0.304 m",
         ),
