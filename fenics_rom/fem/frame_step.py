@@ -24,6 +24,7 @@ from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator, turning_maps
 from fenics_rom.mechanics.frame_motion import ZERO, Vector
 from fenics_rom.mechanics.gas import Targets
+from fenics_rom.mechanics.points_operator import Operator, operator_of
 
 
 class ToFind(NamedTuple):
@@ -156,8 +157,7 @@ class FrameStep(FrameBalance):
 
     def delassus(self, near: Array, turn: Geometry, arms: Array) -> Array:
         """Mid-step velocities (3 s, 3 s) of those points (s,), at arms (s, 3), per force, m/s/N."""
-        rows = (3 * near[:, None] + np.arange(3)).ravel()
-        W = turned_operator(turn.middle, self._inside[rows[:, None], rows], turn.middle)
+        W = turned_operator(turn.middle, operator_of(self._inside, near), turn.middle)
         if self._base is None:
             coupling, maps = self._body.coupling, turning_maps(turn, arms)
             assert coupling is not None
@@ -186,8 +186,8 @@ class FrameStep(FrameBalance):
         return places
 
     @property
-    def _inside(self) -> Array:
-        """S A⁻¹ Sᵀ (3 P, 3 P)."""
+    def _inside(self) -> Operator:
+        """S A⁻¹ Sᵀ."""
         return self._body.compliance(self.h, self._touched)
 
     @property

@@ -1,19 +1,26 @@
 """What the full-order steppers share: a state on many ranks, how it is read, and where it can be touched."""
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.sparse
 from numpy import ndarray as Array
 
+from fenics_rom.fem.solved_rows import SolvedRows
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.kept_rows import RowsOperator
 from fenics_rom.mechanics.make_contact_solver import make_contact_solver
+from fenics_rom.mechanics.points_operator import Operator, components
 from fenics_rom.mechanics.skin_path import Instant, Placement, moved_between
 from fenics_rom.mechanics.skin_watch import SkinWatch, displaced
 from fenics_rom.mechanics.surface_checks import check_apart
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.system.system import System
+
+MOST_WHOLE = 300  # points, of which W is made as a whole
 
 
 class FullOrderInterface:
@@ -23,7 +30,7 @@ class FullOrderInterface:
         points: that can be touched.
         solver, solve: of the contact law; its `solve`.
         touches_itself: whether the body may.
-        Sᵀ: (rows here, 3P) unit forces on the points.
+        Sᵀ: (rows here, 3P) unit forces on the points, sparse.
     """
 
     def __init__(self, system: System, environment: ActiveEnvironment):
@@ -41,8 +48,10 @@ class FullOrderInterface:
         self.solve, self._environment = self.solver.solve, environment
         self._watch = SkinWatch(system.skin())
         self._seen: Instant | None = None
-        self.Sᵀ = self.points.columns(system.at_nodes)
-        self._sparse = scipy.sparse.csr_matrix(self.Sᵀ)
+        of, nodes, weights = self.points.weights()
+        shares = scipy.sparse.csr_matrix((weights, (of, nodes)), shape=(len(self.points.coordinates), len(body.nodes)))
+        fields = body.unknowns.matrix[:, system.algebra.rows()]
+        self.Sᵀ = scipy.sparse.csr_matrix((scipy.sparse.kron(shares, np.eye(3)) @ fields).T)
 
     def check_start(self, displacement: Array, field: Array) -> None:
         """A StepError where points moved by (P, 3), m, or a body displaced by a field (N, 3), m, are in an obstacle."""
@@ -71,18 +80,30 @@ class FullOrderInterface:
 
     def at_points(self, x: Array) -> Array:
         """What a field (rows here, 1) is at the contact points, (P, 3)."""
-        return self._algebra.inner(self._sparse, x).reshape(-1, 3)
+        return self._algebra.inner(self.Sᵀ, x).reshape(-1, 3)
 
     def force(self, contact: ContactSolution | None) -> Array:
         """The contact force (rows here, 1), N."""
         if contact is None:
-            return np.zeros((len(self.Sᵀ), 1))
-        force: Array = self._sparse @ contact.forces.reshape(-1, 1)
+            return np.zeros((self.Sᵀ.shape[0], 1))
+        force: Array = self.Sᵀ @ contact.forces.reshape(-1, 1)
         return force
+
+    def operator(self, solve: Callable[[Array], Array]) -> Operator:
+        """W of the points, m/s/N, from what gives A⁻¹ times columns: of many points it is found where forces act."""
+        P = len(self.points.coordinates)
+        if P > MOST_WHOLE:
+            return RowsOperator(SolvedRows(P, lambda some: self._algebra.inner(self.Sᵀ, solve(self.columns(some)))))
+        return self.delassus(solve(self.Sᵀ.toarray()))
+
+    def columns(self, some: Array) -> Array:
+        """Sᵀ of some points (s,), (rows here, 3 s): unit forces."""
+        columns: Array = self.Sᵀ[:, components(some)].toarray()
+        return columns
 
     def delassus(self, solved: Array) -> Array:
         """W (3P, 3P), m/s/N, from A⁻¹ Sᵀ (rows here, 3P)."""
-        W = self._algebra.inner(self._sparse, solved)
+        W = self._algebra.inner(self.Sᵀ, solved)
         return (W + W.T) / 2
 
 

@@ -279,7 +279,7 @@ class FullOrderStepper(FullOrderBody):
                 terms += ((-self._stiffening_time, s.springs),)
             self._factored = h, PetscFactor(combination(*terms), one_by_one=True)
             if self.interface is not None:
-                self._delassus = self.interface.delassus(self._factored[1].solve(self.interface.Sᵀ))
+                self._delassus = self.interface.operator(self._factored[1].solve)
             if self.actuators is not None:
                 self._columns = self.input_matrix[:, self.actuators.columns]
                 self._spread, inner = self._factored[1].solve(self._columns), self.system.algebra.inner

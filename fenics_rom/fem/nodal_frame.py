@@ -9,6 +9,7 @@ K_kl is the geometric stiffness of turning. The same as reduced, without a basis
 Gerstmayr, 2021).
 """
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from fenics_rom.fem.nodal_motion import Motion, Rate
 from fenics_rom.fem.petsc_matrix import ExtendedMatrix, PetscMatrix, combination
 from fenics_rom.fem.springs import of_components, with_attached
 from fenics_rom.mechanics.frame_geometry import TOO_FAR
+from fenics_rom.mechanics.points_operator import Operator
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches, PronySeries
 from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.system.system import System
@@ -58,7 +60,7 @@ class NodalFrame:
         self._resisting = (ExtendedMatrix(K.mat), *centrifugal_stiffness(system))
         self._MR = self._system.mass @ self._system.rigid
         self._factored: tuple[float, PetscFactor, Array] | None = None
-        self._compliance: tuple[float, Array] | None = None
+        self._compliance: tuple[float, Operator] | None = None
         self.coupling: Coupling | None = None
         self.ties = None if self.frame.tie_forces is None else NodalTies(self._system)
         self.branches: MaxwellBranches | None = None
@@ -199,10 +201,10 @@ class NodalFrame:
             x = x - reactions @ np.linalg.solve(inner(self._MR, reactions), inner(self._MR, x))
         return self._strained(x)
 
-    def compliance(self, h: float, interface: FullOrderInterface) -> Array:
-        """S A⁻¹ Sᵀ (3 P, 3 P) of the contact points, m/s/N."""
+    def compliance(self, h: float, interface: FullOrderInterface) -> Operator:
+        """S A⁻¹ Sᵀ of the contact points, m/s/N."""
         if self._compliance is None or self._compliance[0] != h:
-            self._compliance = h, interface.delassus(self.inverted(interface.Sᵀ, h))
+            self._compliance = h, interface.operator(partial(self.inverted, h=h))
         return self._compliance[1]
 
     def close(self) -> None:

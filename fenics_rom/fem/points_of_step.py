@@ -10,7 +10,7 @@ from fenics_rom.fem.nodal_motion import Motion
 from fenics_rom.mechanics.contact import ContactSolution, PointMotion
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator
 from fenics_rom.mechanics.frame_motion import cross_matrix
-from fenics_rom.mechanics.points_operator import Operator, whole_of
+from fenics_rom.mechanics.points_operator import Operator, TurnedPoints
 
 
 class PointsOfStep:
@@ -95,7 +95,7 @@ class CarriedPoints(PointsOfStep):
         self._places = rest - origin + interface.at_points(state[0])
         self.displacement = start.position + self._places @ start.R.T - rest
         self._start, self._moved = start, interface.at_points(state[1])
-        self._at_rest, self._turned = twist is None, cast("tuple[Operator, Array] | None", None)
+        self._at_rest, self._turned = twist is None, cast("tuple[Operator, Operator] | None", None)
         if twist is None:
             self._inward = self._outward = turn.end
             self._given = (end - start.position) / h + self._places @ (turn.end - start.R).T / h
@@ -144,7 +144,7 @@ class CarriedPoints(PointsOfStep):
         """As in PointsOfStep; its symmetric part, to the first order of the turn."""
         if self._turned is None or self._turned[0] is not W:
             mean = (self._inward + self._outward) / 2
-            self._turned = W, turned_operator(mean, whole_of(W), mean)
+            self._turned = W, turned_operator(mean, W, mean) if isinstance(W, np.ndarray) else TurnedPoints(W, mean)
         return self._turned[1]
 
     def spread(self, X: Array) -> Array:

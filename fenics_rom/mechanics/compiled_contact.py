@@ -6,10 +6,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, or_numpy
+from fenics_rom.compilation import in_plain, jit, or_numpy
 from fenics_rom.mechanics import braking
 from fenics_rom.mechanics.compiled import contact_law, springs
-from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, Pairs, ask, pairs_from
+from fenics_rom.mechanics.compiled.contact_law import (
+    FOUND,
+    MOST_ROUNDS,
+    NOTHING,
+    OTHERWISE,
+    Found,
+    Law,
+    Pairs,
+    ask,
+    pairs_from,
+)
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside
 from fenics_rom.mechanics.compiled.shapes import measure
@@ -21,13 +31,39 @@ from fenics_rom.mechanics.contact_pairs import Pairs as AskedPairs
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Obstacle
-from fenics_rom.mechanics.points_operator import Operator
+from fenics_rom.mechanics.points_operator import Operator, PointsOperator, moved_by
 
 Known = Callable[[], tuple[AskedPairs | None, SolvedPairs | None]]
 UNKNOWN = in_one_piece(np.empty((0, 0)))  # inverse of an operator
 _SWUNG = ContactSearch._fields.index("swung")
 NO_OUTWARDS, _NOWHERE = np.empty(0), np.empty((0, 3))
 find_forces, ask_springs = jit(contact_law.find_forces), jit(springs.ask_springs)
+
+
+def find_near_forces(law: Law, W: PointsOperator, P: int, swung: Array, pairs: Pairs) -> Found:
+    """As `find_forces`, of points alone that take part: the operator of all is never made as a whole."""
+    at, sweeps = np.arange(len(pairs.chosen)) % P, 0
+    is_near = np.zeros(P, dtype=bool)
+    for _ in range(MOST_ROUNDS):
+        is_near[at[pairs.chosen]] = True
+        near = is_near[at]
+        if not near.any():
+            return Found(NOTHING, 0, 0.0)
+        few, some = Pairs(*(each[near] for each in pairs)), is_near.nonzero()[0]
+        found = find_forces(law, in_plain(W.among(some)), UNKNOWN, len(some), swung[near], few)
+        sweeps += found.sweeps
+        if found.status != FOUND:
+            return found._replace(sweeps=sweeps)
+        pairs.forces[:] = 0.0
+        pairs.forces[near], pairs.chosen[near] = few.forces, few.chosen
+        moved = moved_by(W, pairs.forces.reshape(-1, P, 3).sum(axis=0)).reshape(-1, 3)
+        outwards = pairs.free[:, 0] + (pairs.axes[:, 0] * moved[at]).sum(axis=1)
+        missed = (outwards < pairs.level) & ~near
+        if not missed.any():
+            pairs.target[near], pairs.helped[near] = few.target, few.helped
+            return found._replace(sweeps=sweeps)
+        pairs.chosen[missed] = True
+    return Found(OTHERWISE, sweeps, 0.0)
 
 
 def keep_decided(pairs: Pairs, decided: Decided, some: Array | slice) -> None:
@@ -229,7 +265,10 @@ class CompiledContact(ContactSolver):
             if decided.braking is not None:
                 swung = decided.braking.swung_before
         swings = self._nothing_swung if swung is None else swung
-        found = find_forces(law, np.ascontiguousarray(delassus), UNKNOWN, P, swings, pairs)
+        if isinstance(delassus, np.ndarray):
+            found = find_forces(law, np.ascontiguousarray(delassus), UNKNOWN, P, swings, pairs)
+        else:
+            found = find_near_forces(law, delassus, P, swings, pairs)
         if found.status == OTHERWISE:
             return None
         forces = pairs.forces if len(self.shapes) == 1 else pairs.forces.reshape(-1, P, 3).sum(axis=0)

@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.complementarity import Frames, KeptLaw
 from fenics_rom.mechanics.contact import ContactResidual, HeldBack
 
+MANY = 64  # points that are near
 _MOST_SETS = 3  # of pairs that took part, of which laws are kept: points that slide on what is round hop
 
 
@@ -20,6 +21,25 @@ PUSHING = 1e-9  # of the largest force: what is less may be round-off, which is 
 def pushing(forces: Array) -> Array:
     """Which sizes of forces (P, ...) are those of pairs that push, beside the largest of all pairs, (1, ...)."""
     return forces > PUSHING * forces.max(axis=0)
+
+
+def near_points(gaps: Array, reach: float, forces: Array) -> Array:
+    """Points that need forces in a step, or would if they went twice as fast; none where no point needs any.
+
+    Of many these are the nearest ones, and those that were pushed before: others may need forces, too.
+
+    Args:
+        gaps: of points (P,), m.
+        reach: with which a point may need forces at most, m.
+        forces: of pairs in the step before (N, 3), obstacle after obstacle.
+    """
+    if gaps.min() > reach:
+        return np.empty(0, dtype=int)
+    near = np.flatnonzero(gaps <= 2 * reach)
+    if len(near) <= MANY:
+        return near
+    pushed = forces.any(axis=1).nonzero()[0] % len(gaps)
+    return np.union1d(near[np.argpartition(gaps[near], MANY)[:MANY]], pushed)
 
 
 class TangentPlanes(NamedTuple):

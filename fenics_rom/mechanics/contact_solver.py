@@ -39,7 +39,7 @@ from fenics_rom.mechanics.complementarity.solution import ADVICE, advice_of, lar
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_look import Look, look_at, relative_velocities
 from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled, SolvedPairs, kept_out, passive_forces
-from fenics_rom.mechanics.contact_search import ContactSearch, TangentPlanes
+from fenics_rom.mechanics.contact_search import ContactSearch, TangentPlanes, near_points
 from fenics_rom.mechanics.followed_contact import Followed, LawToFollow, PairsMotion, follow_contact
 from fenics_rom.mechanics.obstacle_poses import distances_from
 from fenics_rom.mechanics.obstacles import Obstacle
@@ -113,10 +113,9 @@ class ContactSolver:
         return 0.0
 
     def within_reach(self, points: PointMotion, dt: float, obstacles: ObstacleMotion) -> Array:
-        """Points that may need contact forces in a step as of `solve`, or twice as fast; none where no point does."""
+        """Points that may need contact forces in a step as of `solve`: see `near_points`."""
         gaps = self.gaps(points.displacement, obstacles.start)
-        reach = self._reach(points, obstacles, dt)
-        return np.flatnonzero(gaps <= 2 * reach) if gaps.min() <= reach else np.empty(0, dtype=int)
+        return near_points(gaps, self._reach(points, obstacles, dt), self.search.forces)
 
     def solve(
         self,

@@ -28,7 +28,7 @@ from fenics_rom.mechanics.frame_geometry import Geometry, Push
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.mechanics.gas import Targets
 from fenics_rom.mechanics.points_held_back import Touch
-from fenics_rom.mechanics.points_operator import Operator
+from fenics_rom.mechanics.points_operator import OfSome, Operator, moved_by
 
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
 ROUND_OFF = 1e-14  # of them: a change that is none
@@ -220,7 +220,7 @@ def touch(
         found, before, z_before, by_actuators = forces, contact, z, 0.0
         if not found_all:
             W = _operator(body, turn, arms, near, proximal)
-            free = moving - W.dot(forces.ravel()).reshape(forces.shape)
+            free = moving - moved_by(W, forces).reshape(forces.shape)
             if actuated is None:
                 contact = solved(free, W)
             else:
@@ -230,8 +230,9 @@ def touch(
                 moved[rows] = actuated.moved(near, turn, arms[near], held.spread)
                 z, contact = held.solve_with(moved, W, free, forces, z, solved)
             if contact is not None and len(near) < len(forces) and not is_near[contact.touched_points].all():
-                near, solver.search, contact, z = np.arange(len(forces)), search_before, before, z_before
-                continue  # others are reached, too
+                is_near[contact.touched_points] = True  # others are reached, too
+                near, solver.search, contact, z = is_near.nonzero()[0], search_before, before, z_before
+                continue
             if solver.search.residual != search_before.residual:
                 least = min(proximal / LESS**2, PROXIMAL)
             proximal = max(LESS * proximal, least)
@@ -323,7 +324,7 @@ class Held(NamedTuple):
     def solve_with(
         self,
         moved: Array,
-        delassus: Array,
+        delassus: Operator,
         free: Array,
         forces: Array,
         z: Array,
@@ -333,7 +334,7 @@ class Held(NamedTuple):
 
         Args:
             moved: velocities (3P, n) of contact points per z.
-            delassus: W (3P, 3P) of the points where z stays.
+            delassus: W of the points where z stays.
             free: velocities of the points without contact, (P, 3), m/s, under z.
             forces, z: that x is under.
             solve_contact: with the velocities of points without contact, (P, 3), and an operator.
@@ -369,14 +370,10 @@ def _passive(contact: ContactSolution, velocities: Array) -> ContactSolution:
     return contact._replace(normal_power=min(max(whole, float(pressures.dot(speeds))), 0.0))
 
 
-def _operator(body: FrameBody, turn: Geometry, arms: Array, near: Array, proximal: float) -> Array:
-    """W (3 P, 3 P) of the points that are near (s,), 0 of all others."""
+def _operator(body: FrameBody, turn: Geometry, arms: Array, near: Array, proximal: float) -> Operator:
+    """W of the points that are near (s,), 0 of all others."""
     W = body.delassus(near, turn, arms[near])
     W = (W + W.T) / 2
     if not body.tells_apart:  # so that sweeps do not exchange forces for ever
         W.ravel()[:: len(W) + 1] += proximal * W.trace() / len(W)
-    if len(near) == len(arms):
-        return W
-    whole, rows = np.zeros((3 * len(arms),) * 2), (3 * near[:, None] + np.arange(3)).ravel()
-    whole[rows[:, None], rows] = W
-    return whole
+    return W if len(near) == len(arms) else OfSome(W, near, len(arms))

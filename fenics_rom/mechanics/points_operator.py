@@ -31,6 +31,86 @@ class PointsOperator(Protocol):
 Operator = Array | PointsOperator  # an array is (3P, 3P)
 
 
+class OfSome:
+    """A PointsOperator that only some points have a part in.
+
+    Args:
+        W: of these, (3 s, 3 s), symmetric.
+        some: which they are (s,), ascending.
+        P: how many points there are.
+    """
+
+    def __init__(self, W: Array, some: Array, P: int):
+        self._W, self._some, self._rows, self._count = W, some, components(some), 3 * P
+
+    def among(self, some: Array) -> Array:
+        """As in PointsOperator."""
+        part: Array = self._rows_of(self._rows_of(self._W, some).T, some)
+        return part
+
+    def columns(self, some: Array) -> Array:
+        """As in PointsOperator."""
+        columns = np.zeros((self._count, 3 * len(some)))
+        columns[self._rows] = self._rows_of(self._W, some).T
+        return columns
+
+    def moved_by(self, forces: Array) -> Array:
+        """As in PointsOperator."""
+        moved = np.zeros(self._count)
+        moved[self._rows] = self._W.dot(forces[self._some].ravel())
+        return moved
+
+    def whole(self) -> Array:
+        """As in PointsOperator."""
+        return self.columns(np.arange(self._count // 3))
+
+    def plus(self, U: Array, V: Array) -> "OfSome":
+        """As in PointsOperator, where U and V have nothing of the others."""
+        return OfSome(self._W + U[self._rows] @ V[self._rows].T, self._some, self._count // 3)
+
+    def _rows_of(self, W: Array, some: Array) -> Array:
+        """Rows (3 k, any) of points, of W (3 s, any): 0 of those that it has no part of."""
+        rows, at = np.zeros((len(some), 3, W.shape[1])), np.searchsorted(self._some, some)
+        has = at < len(self._some)
+        has[has] = self._some[at[has]] == some[has]
+        rows[has] = W.reshape(-1, 3, W.shape[1])[at[has]]
+        return rows.reshape(3 * len(some), -1)
+
+
+class TurnedPoints:
+    """A PointsOperator M W Mᵀ of each two points, with a matrix M (3, 3) for all of them."""
+
+    def __init__(self, W: PointsOperator, M: Array):
+        self._W, self._M = W, M
+
+    def among(self, some: Array) -> Array:
+        """As in PointsOperator."""
+        return self._turned(self._W.among(some))
+
+    def columns(self, some: Array) -> Array:
+        """As in PointsOperator."""
+        return self._turned(self._W.columns(some))
+
+    def moved_by(self, forces: Array) -> Array:
+        """As in PointsOperator."""
+        moved: Array = self._W.moved_by(forces @ self._M).reshape(-1, 3) @ self._M.T
+        return moved.ravel()
+
+    def whole(self) -> Array:
+        """As in PointsOperator."""
+        return self._turned(self._W.whole())
+
+    def plus(self, U: Array, V: Array) -> "TurnedPoints":
+        """As in PointsOperator."""
+        inverse = np.linalg.inv(self._M)
+        U, V = ((inverse @ part.reshape(-1, 3, part.shape[1])).reshape(part.shape) for part in (U, V))
+        return TurnedPoints(self._W.plus(U, V), self._M)
+
+    def _turned(self, A: Array) -> Array:
+        turned: Array = np.einsum("ij,pjqk,lk->piql", self._M, A.reshape(len(A) // 3, 3, -1, 3), self._M, optimize=True)
+        return turned.reshape(A.shape)
+
+
 def components(points: Array) -> Array:
     """Numbers (3 s,) of the components of points (s,)."""
     numbers: Array = (3 * points[:, None] + np.arange(3)).ravel()

@@ -10,7 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.rom.block_operator import BlockOperator, KeptRows
+from fenics_rom.mechanics.kept_rows import RowsOperator
+from fenics_rom.rom.block_rows import BlockRows
 from fenics_rom.rom.contact_model import ContactModel, strained_coordinates
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 
@@ -34,7 +35,7 @@ class ResidualPart:
     points: Array
     basis: Array
     basis_points: Array
-    operator: Array | BlockOperator
+    operator: Array | RowsOperator[BlockRows]
     time_constant: float
     root: Array | None = None
 
@@ -69,7 +70,7 @@ def residual_part(κ: Array, model: ContactModel, H: Array, residual: ResidualCo
     # Inertia that shapes within Q share with those beyond is neglected. Each shape counts alike, however much it
     # yields: the few that yield most are slow, but what yields between neighbours, on which friction depends, is not.
     if residual.static is not None:  # of many points about as many shapes are lacking
-        R = BlockOperator(KeptRows(residual.static, residual.floor, HY))
+        R = RowsOperator(BlockRows(residual.static, residual.floor, HY))
         shares = 1 - np.square(Y).sum(axis=1)
         τ2 = (shares @ τ2_within + τ2_beyond.sum()) / (shares.sum() + len(τ2_beyond))
         return ResidualPart(H, Y, HY, R, float(np.sqrt(τ2)))

@@ -15,7 +15,7 @@ from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, Spots
 from fenics_rom.world.compiled.many_steps import exchange_pairs, take_steps
 from fenics_rom.world.compiled.tables import ENDED, GIVEN, IS_DUE, PAIRS, SINCE, SWUNG, TAKEN, GivenContacts, Near
-from fenics_rom.world.compiled.world_step import NEEDS_CONTACTS, OTHERWISE, count_pushing, force_on
+from fenics_rom.world.compiled.world_step import NEEDS_CONTACTS, NEEDS_ROWS, OTHERWISE, count_pushing, force_on
 from fenics_rom.world.contact_step import Found
 from fenics_rom.world.driven import Driven
 from fenics_rom.world.free_soft import FreeSoft
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from fenics_rom.world.make_bodies import AnyBody
     from fenics_rom.world.step_pairs import StepPairs
 
+MOST_ASKED = 3  # times in a step for rows of residual compliance: the first may leave no room for those of others
 LONGEST_PAUSE = 64  # steps, in which what compiled functions did not take again and again is not asked of them
 
 
@@ -205,9 +206,8 @@ class CompiledWorld:
 
     def _take_steps(self, most: int) -> tuple[int, int]:
         """Takes so many steps at most, of which all is set: how many, and as of `take_steps` why they end."""
-        taken, given, told, none = 0, self._no_contacts, self._told, None
+        taken, given, told, goes_on, asked = 0, self._no_contacts, self._told, False, 0
         while True:
-            goes_on = none is not None
             ends, told[TAKEN] = self._given.ends[taken:most], 0
             try:
                 take_steps(
@@ -220,9 +220,19 @@ class CompiledWorld:
             of_these, C, sweeps, ended = told.tolist()
             if of_these:
                 taken, self._count, self.sweeps = taken + of_these, C, sweeps
-            if ended != NEEDS_CONTACTS:
+            asked = asked + 1 if ended == NEEDS_ROWS and not of_these else 0
+            if asked > MOST_ASKED:  # there is no room for them
+                exchange_pairs(self._table)
+                return taken, OTHERWISE
+            if ended not in (NEEDS_CONTACTS, NEEDS_ROWS):
                 return taken, ended
-            given = table_of(none := self._find_contacts())  # kept, as the table is of its arrays
+            goes_on = True
+            if ended == NEEDS_ROWS:
+                for table in self._tables.values():
+                    table.keep_rows()
+                continue
+            contacts = self._find_contacts()  # kept, as the table is of its arrays
+            given = table_of(contacts)
 
     def _nearest_to(self, number: int) -> tuple[Array, Array]:
         """Contact points (k,) of a soft body that others are near to, and the gaps when the step began, m."""

@@ -341,7 +341,7 @@ class Soft(Simulator, Body):
             return None
         kernel = self._kernel
         assert isinstance(kernel, KICKED)
-        return self._operator(points, partial(operator_of, kernel.inverse_mass))
+        return self._operator(points, kernel.inverse_mass)
 
     def kick(self, points: Points, impulses: Array) -> None:
         """As in Body; what a base takes of it is supplied."""

@@ -9,6 +9,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import in_plain
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.frame_motion import ZERO, rotation_matrix
+from fenics_rom.mechanics.kept_rows import RowsOperator
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.compiled.contact_points import Points
@@ -100,6 +101,13 @@ class SoftTable(NamedTuple):
     step: Step
     arrays: list[Array]  # all of them, which the table has the addresses of
     table: Array
+
+    def keep_rows(self) -> None:
+        """Keeps the rows of residual compliance that compiled steps ask for."""
+        residual = self.kernel.residual
+        R = None if residual is None else residual.part.operator
+        if isinstance(R, RowsOperator):
+            R.rows.keep_wanted()
 
 
 def soft_table(body: Soft) -> SoftTable | None:

@@ -8,7 +8,9 @@ from bodies import box_arrays, scene_text, write_arrays
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
+from fenics_rom.fem import full_order_body
 from fenics_rom.fem.simulator import FullOrderSimulator
+from fenics_rom.fem.solved_rows import SolvedRows
 from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.scene.file import parse_scene
@@ -30,11 +32,11 @@ def mesh(tmp_path_factory):
     return write_arrays(tmp_path_factory.mktemp("frame") / "beam.msh", *box_arrays((0.3, 0.03, 0.02), (4, 1, 1)))
 
 
-def scene_of(mesh, supports=None, young=5e5, **parts):
+def scene_of(mesh, supports=None, young=5e5, frame="moving", **parts):
     material = f"young = {young}\npoisson = 0.4\ndensity = 1100.0"
     effects = FLOOR if supports is None else FLOOR + "\nbase_path = { origin = [0.0, 0.015, 0.01] }"
     parts = {"material": material, "effects": effects, "contacts": SURFACES, "supports": supports} | parts
-    return parse_scene('frame = "moving"\n' + scene_text(mesh, **parts))
+    return parse_scene(f'frame = "{frame}"\n' + scene_text(mesh, **parts))
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +124,39 @@ def test_a_tied_body_that_touches_is_the_reduced_one_and_closes_its_account(mesh
     assert account.contact > 1e-6
     gap = full.energy - start - account.supplied + account.dissipated + account.lost_in_switching
     assert abs(gap) <= LEFT * scale
+
+
+RESTING = FLOOR.replace("inertia = {}\n", "").replace("damping = { beta = 1e-3 }\n", "")
+KINDS = {
+    "free": {},
+    "carried": {"supports": CARRIED},
+    "carried, without inertia": {"supports": CARRIED, "effects": f"{RESTING}\nbase_path = {{}}"},
+    "held": {"frame": "fixed", "supports": CARRIED, "effects": FLOOR},
+}
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_the_operator_of_many_points_is_solved_where_forces_act(mesh, kind, monkeypatch):
+    """It is that of all points, by motion and forces of 40 steps. Before something is near nothing is solved."""
+    system, found, rows = fr.assemble(scene_of(mesh, **KINDS[kind])), [], list[SolvedRows]()
+    made = SolvedRows.__init__
+    monkeypatch.setattr(SolvedRows, "__init__", lambda self, *given: (rows.append(self), made(self, *given))[1])
+    for most in (full_order_body.MOST_WHOLE, 0):
+        monkeypatch.setattr(full_order_body, "MOST_WHOLE", most)
+        environment, told = system.scene.environment, []
+        signals = {"base_path": lowered} if environment.is_moving and system.moving_frame.carried else {}
+        body = FullOrderSimulator(system, 2e-3, environment, signals)
+        if kind == "free":
+            body.stepper.place(thrown(system.moving_frame.origin))
+        for step in range(40):
+            body.step(np.zeros(0))
+            if step == 0 and kind in ("carried", "held"):
+                assert not any((each.slots >= 0).any() for each in rows)  # as nothing is near
+            told.append(np.concatenate([body.displacement().ravel(), body.obstacle_forces().ravel()]))
+        found.append(np.array(told))
+    assert np.abs(found[0][:, -3:]).max() > 0
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-9 * np.abs(found[0]).max())
+    assert any((each.slots >= 0).any() for each in rows)
 
 
 @pytest.mark.parametrize("supports", [None, CARRIED])

@@ -8,16 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import box_arrays, write_arrays
+from in_blocks import in_blocks, made_as_a_whole, whole_part
+from soft_rom import in_frame, linear, soft_rom
+from test_moving_frame import reduced
 from test_residual_compliance import CLOSES_TO, FLOOR, LENGTHS, MOVING, PUSH, ROUGH, Models, Reduced
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.compilation import compiled, numpy_alone
 from fenics_rom.errors import FenicsRomWarning, RomFileError
+from fenics_rom.mechanics import kept_rows
 from fenics_rom.reduction import block_compression
 from fenics_rom.reduction import residual_compliance as offline
-from fenics_rom.rom import block_operator
-from fenics_rom.rom.residual_part import residual_part
+from fenics_rom.rom import block_rows
 from fenics_rom.runtime.batch_contact_mode import by_axis, part_by_axis
 from fenics_rom.runtime.steppers import residual_motion
 from fenics_rom.runtime.steppers.compiled_step import CompiledStep
@@ -98,11 +101,6 @@ def many_points(tmp_path_factory):
         return Models(mesh, MOVING + PUSH + FLOOR + ROUGH, contacts=contacts).rom
 
 
-def whole_part(*given):
-    part = residual_part(*given)
-    return replace(part, operator=part.operator.whole())
-
-
 def pushed(rom, kind):
     """Displacements of a body, and forces on its points, under pushes that others follow in every step."""
     signals = {
@@ -139,11 +137,65 @@ def test_steps_are_those_of_the_whole(both, kind, monkeypatch):
     if kind == "by blocks":
         monkeypatch.setattr(CompiledStep, "keep_rows", lambda step: None)
     if "little" in kind:
-        monkeypatch.setattr(block_operator, "MOST", 4)
-        monkeypatch.setattr(block_operator, "AT_ONCE", 4)
+        monkeypatch.setattr(block_rows, "MOST", 4)
+        monkeypatch.setattr(kept_rows, "AT_ONCE", 4)
     found, _ = pushed(both.rom, kind)
     assert np.max(taken) > 0
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+FALLING = """inertia = {}
+damping = { alpha = 0.0, beta = 2e-5 }
+gravity = { acceleration = [0.0, 0.0, -9.81] }
+friction.coefficient = 0.4
+contact.obstacles.floor = { shape = "half-space", point = [0.0, 0.0, -0.002], normal = [0.0, 0.0, 1.0] }"""
+OTHERS = {
+    "large": lambda: soft_rom(order=8, contact=True, touched_from=0.05),
+    "large, carried": lambda: in_frame(soft_rom(order=8, contact=True, touched_from=0.05)),
+    "carried": lambda: linear(in_frame(soft_rom(order=8, contact=True, touched_from=0.05))),
+    "without inertia": lambda: linear(soft_rom(order=8, contact=True, touched_from=0.05, inertia=False)),
+}
+
+
+@pytest.fixture(scope="module")
+def falling(tmp_path_factory):
+    """A free beam above a floor."""
+    parts = {"effects": FALLING, "contacts": '[contacts.bottom]\nsurface = "bottom"'}
+    return reduced(tmp_path_factory.mktemp("falling"), order=10, **parts)
+
+
+def pressed(rom):
+    """Places and forces of a body that is pressed on the floor, and gaps of its account, as shares of its size."""
+    body, told = fr.Simulator(rom, dt=1e-3), []
+    if body.pose is not None and not body.is_carried:
+        body.place(body.pose._replace(velocity=np.array([0.3, 0.0, -0.5]), angular_velocity=np.array([0.5, 2.0, 0.0])))
+    start = peak = body.energy
+    for step in range(60):
+        force = np.zeros(body.inputs)
+        force[:3] = np.array([0.1, 0.05, -0.6]) * (step < 40)
+        body.step(force)
+        peak = max(peak, body.energy)
+        told.append(np.concatenate([1e3 * body.displacement(), body.contact_forces()]))
+    account = body.ledger
+    size = max(peak, abs(account.supplied), account.dissipated)
+    gap = body.energy - start - account.supplied + account.dissipated + account.numerical
+    return np.array(told), len(body.contact_points), abs(gap) / size
+
+
+@pytest.mark.parametrize("way", [pytest.param("compiled", marks=COMPILED), "NumPy"])
+@pytest.mark.parametrize("kind", [*OTHERS, "free"])
+def test_other_steps_are_those_of_the_whole(falling, kind, way, monkeypatch):
+    """To what sweeps and searches leave of forces, 1e-12 of velocities in each of 60 steps; accounts close."""
+    rom = in_blocks(falling if kind == "free" else OTHERS[kind]())
+    with numpy_alone() if way == "NumPy" else nullcontext():
+        with monkeypatch.context() as patch:
+            patch.setattr(residual_motion, "residual_part", whole_part)
+            expected, _, _ = pressed(rom)
+        monkeypatch.setattr(block_rows.BlockRows, "whole", made_as_a_whole)
+        found, points, gap = pressed(rom)
+    assert np.abs(expected[-30:, -points:]).max() > 0
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    assert gap <= CLOSES_TO
 
 
 @pytest.mark.parametrize("kind", [*WAYS, "NumPy"])
@@ -154,8 +206,8 @@ def test_no_operator_of_many_points_is_made_as_a_whole(many_points, kind, monkey
     NumPy the 100 pairs that touch have matrices of their own, which take as much.
     """
     rom = many_points
-    monkeypatch.setattr(block_operator, "MOST", 32)
-    monkeypatch.setattr(block_operator, "AT_ONCE", 32)
+    monkeypatch.setattr(block_rows, "MOST", 32)
+    monkeypatch.setattr(kept_rows, "AT_ONCE", 32)
     pushed(rom, kind)  # what is compiled, and made once
     tracemalloc.start()
     try:

@@ -1,16 +1,19 @@
 """Compiled steps of worlds are those of NumPy: the same law of all pairs, the same bodies, the same runs."""
 
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from in_blocks import in_blocks, made_as_a_whole, whole_part
 from test_soft_motion import CLAMPED, LIES, TOUCHED, momenta, reduced
 
 import fenics_rom as fr
 from fenics_rom.compilation import compiled, jit, numpy_alone
+from fenics_rom.mechanics import kept_rows
 from fenics_rom.mechanics.braking import SWINGS, Braking
 from fenics_rom.mechanics.compiled import contact_law
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, pairs_from
@@ -19,6 +22,8 @@ from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.mechanics.placed_surface import PlacedSurface
 from fenics_rom.mechanics.rounded_surface import rounding_of
+from fenics_rom.rom import block_rows
+from fenics_rom.runtime.steppers import residual_motion
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Points
 from fenics_rom.world.collision.soft_surfaces import soft_on_soft
 from fenics_rom.world.compiled import rigid_bodies
@@ -552,6 +557,33 @@ def test_of_many_steps_those_before_a_refused_one_are_taken(held):
     with pytest.raises(ValueError, match="no more"):
         worlds[0].step({}, 50)
     assert worlds[0].steps == 40
+
+
+@pytest.mark.parametrize("room", [256, 8])
+@pytest.mark.parametrize("kind", ["held", "free on carried"])
+def test_residual_compliance_in_blocks_is_that_of_the_whole(kind, room, held, carried, free, monkeypatch):
+    """Steps are compiled once rows of what is near are kept; where there is no room for these they are NumPy's."""
+    monkeypatch.setattr(block_rows, "MOST", room)
+    monkeypatch.setattr(kept_rows, "AT_ONCE", min(room, kept_rows.AT_ONCE))
+    made = [in_blocks(rom) for rom in ((held,) if kind == "held" else (carried, free))]
+    make = partial(beam_and_boxes, *made) if kind == "held" else partial(landing, *made, 0)
+    with monkeypatch.context() as patch:
+        patch.setattr(residual_motion, "residual_part", whole_part)
+        whole, expected = make(), []
+        for _ in range(70):
+            whole.step()
+            expected.append(told(whole))
+    monkeypatch.setattr(block_rows.BlockRows, "whole", made_as_a_whole)
+    world, touching = make(), 0
+    start = world.energy
+    for known in expected:
+        world.step()
+        touching = max(touching, world.touching)
+        np.testing.assert_allclose(told(world), known, atol=1e-8)
+    assert touching > 1
+    assert_closes(world, start, 70)
+    if room == 256:
+        assert world.compiled_steps > 0.7 * 70
 
 
 @pytest.mark.parametrize("count", [0, -1, 2.5, True, "x", None])

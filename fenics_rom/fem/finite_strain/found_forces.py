@@ -160,7 +160,7 @@ class ForcesInNewton:
         assert self._interface is not None
         assert self._points is not None
         if self._spread is None:
-            self._spread = np.asfortranarray(self._factor.solve(self._interface.Sᵀ))
+            self._spread = np.asfortranarray(self._factor.solve(self._interface.Sᵀ.toarray()))
             self._delassus = self._interface.delassus(self._spread)
         return self._points.operator(self._delassus)
 

@@ -12,12 +12,13 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
 from fenics_rom.compiled_arrays import flat
-from fenics_rom.mechanics.compiled.copying import copy_rows
+from fenics_rom.mechanics.compiled.copying import add_row, copy_rows, fill
 from fenics_rom.mechanics.compiled.work_space import work_space
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
+from fenics_rom.rom.block_rows import WANTED
 from fenics_rom.runtime.compiled.frames import added, combine, cross, mean, put, rotated, seen, vector
 from fenics_rom.runtime.compiled.touching import FORGOTTEN
-from fenics_rom.runtime.compiled.yielding import set_yielding_of, step_beyond
+from fenics_rom.runtime.compiled.yielding import step_beyond
 
 INERTIA, WHOLE, LOST, TAU = range(4)  # in `Points.times`, s: 2τ²/h, a, β + (θ - ½) h and τ
 
@@ -27,7 +28,7 @@ class Points(NamedTuple):
 
     rest: Array  # X (P, 3) from the frame's origin, m
     rows: Array  # Vᵀ (m, 3P)
-    R: Array  # residual compliance (3P, 3P), m/N; (0, 0) where there is none
+    R: Array  # rows of residual compliance that are kept (K, 3, 3P), m/N; (0, 0, 0) where there is none
     times: Array  # (4,), s
     beyond: Array  # g, y and their rates, (4, 3P)
     beyond_before: Array  # the same before the step
@@ -40,6 +41,7 @@ class Points(NamedTuple):
     pushed: Array  # (P,) whether a force acts there
     spread: Array  # A⁻¹ V (m, 3P), and
     is_spread: Array  # (P,) of which points it is known
+    slots: Array  # (P,) where in R those of a point are; below 0: they are not kept
 
 
 class Beyond(NamedTuple):
@@ -50,6 +52,15 @@ class Beyond(NamedTuple):
     whole: float
     lost: float
     τ: float
+
+
+@jit_part
+def lacks_rows(points: Points, p: int) -> bool:
+    """Whether rows of R of a point are needed, and not kept; that is noted."""
+    if len(points.R) == 0 or points.slots[p] >= 0:
+        return False
+    points.slots[p] = WANTED
+    return True
 
 
 @jit_part
@@ -156,9 +167,7 @@ def add_yielding(points: Points, inside: Array) -> None:
         for p in range(len(points.rest)):
             if points.pushed[p]:
                 for k in range(3):
-                    row, by = points.R[3 * p + k], points.seen[p, k] / points.times[WHOLE]
-                    for j in range(len(inside)):
-                        inside[j] += row[j] * by
+                    add_row(points.R[points.slots[p], k], points.seen[p, k] / points.times[WHOLE], inside)
 
 
 @jit_part
@@ -181,7 +190,10 @@ def end_points(points: Points, h: float, pull: Array) -> tuple[float, float]:
     times, f = points.times, points.seen.reshape(n)
     yielding = Beyond(points.R, times[INERTIA], times[WHOLE], times[LOST], times[TAU])
     rates = np.empty(n)
-    set_yielding_of(points.R, f, rates)
+    fill(rates, 0.0)
+    for p in range(len(points.rest)):
+        for k in range(3 if points.pushed[p] else 0):
+            add_row(points.R[points.slots[p], k], points.seen[p, k], rates)
     lost, _, stored = step_beyond(yielding, h, points.beyond, pull, f, rates, work_space(n))
     if not points.pushed.any() and stored < 2 * FORGOTTEN and not len(pull):
         points.beyond[:] = 0.0

@@ -98,7 +98,7 @@ def _among_of(near: Near, space: _StepSpace, b: int) -> Among:
     copy(near.begun.forces[b], found.pairs.forces)
     fill(found.pairs.friction, near.friction[b])
     own, moved, beyond = rubbed(near.law, near.friction[b]), space.points, (near.beyond[b], near.beyond_before[b])
-    of_step = moved[0], moved[1], moved[2], moved[3], moved[4], space.pushed[0], space.spread, space.pushed[1]
+    of_step = moved[0], moved[1], moved[2], moved[3], moved[4], space.pushed[0], space.spread, space.pushed[1], of.slots
     points, moving = Points(of.rest, of.rows, of.R, of.times, *beyond, *of_step), moving_in(near.obstacles, b)
     past = Begun(near.begun.forces[b], near.begun.swung[b])
     return Among(own, near.shapes, moving, past, points, near.at_rest, found, space.W)

@@ -5,7 +5,7 @@ forces are found anew, as `contact_law` does of pairs. Of the Delassus operator 
 
     W = T Tᵀ + R/a,    A⁻¹ = L Lᵀ,    T = S L,    R = B + ε - S γ⁻¹ Sᵀ
 
-rows of T are known, and B by blocks. Rows of R are kept of points that touched before (`rom.block_operator`). Points
+rows of T are known, and B by blocks. Rows of R are kept of points that touched before (`rom.block_rows`). Points
 that are not among these are noted, so that Python keeps theirs for the steps that follow.
 """
 

@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, Found, Law, ask, find_forces
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE as UNKNOWN
-from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
+from fenics_rom.mechanics.compiled.copying import add_row, copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving, begin_beside, look, moving_in, room_beside
 from fenics_rom.mechanics.compiled.springs import ask_springs, held_by
@@ -142,7 +142,7 @@ def begin_sweeps(among: Among, h: float, q: Array, r: Array, R: Rotation, origin
 def move_inside(points: Points, rate: Array) -> None:
     """Sets how points move in the frame at r̂ (m,), under the forces that it sees."""
     n = 3 * len(points.rest)
-    inside, forces = points.inside.reshape(n), points.seen.reshape(n)
+    inside = points.inside.reshape(n)
     copy(points.free, points.inside)
     for i in range(len(rate)):
         row, by = points.rows[i], rate[i]
@@ -151,10 +151,8 @@ def move_inside(points: Points, rate: Array) -> None:
     if len(points.R):
         for p in range(len(points.rest)):
             if points.pushed[p]:
-                for k in range(3 * p, 3 * p + 3):
-                    row, by = points.R[k], forces[k] / points.times[WHOLE]
-                    for j in range(n):
-                        inside[j] += row[j] * by
+                for k in range(3):
+                    add_row(points.R[points.slots[p], k], points.seen[p, k] / points.times[WHOLE], inside)
 
 
 @jit_part
@@ -291,7 +289,8 @@ def set_operator(among: Among, sweep: Sweep, turn: Turn, inverse: Array, by_forc
     part = np.dot(np.dot(maps, inverse), maps.T)
     for i in range(s if len(points.R) else 0):
         for j in range(s):
-            _add_block(turn.middle, points.R, 3 * near[i], 3 * near[j], points.times[WHOLE], part, 3 * i, 3 * j)
+            C = points.R[points.slots[near[i]]]
+            _add_block(turn.middle, C, 3 * near[j], points.times[WHOLE], part, 3 * i, 3 * j)
     for i in range(3 * P):
         for j in range(3 * P):
             W[i, j] = 0.0
@@ -303,9 +302,9 @@ def set_operator(among: Among, sweep: Sweep, turn: Turn, inverse: Array, by_forc
 
 
 @jit_part
-def _add_block(R: Rotation, C: Array, at: int, to: int, whole: float, W: Array, i: int, j: int) -> None:
-    """Adds R C Rᵀ/a of two points."""
-    rows = rotated(R, vector(C[at], to)), rotated(R, vector(C[at + 1], to)), rotated(R, vector(C[at + 2], to))
+def _add_block(R: Rotation, C: Array, to: int, whole: float, W: Array, i: int, j: int) -> None:
+    """Adds R C Rᵀ/a of two points, one of which has the rows C (3, 3P)."""
+    rows = rotated(R, vector(C[0], to)), rotated(R, vector(C[1], to)), rotated(R, vector(C[2], to))
     for k in range(3):
         x, y, z = rotated(R, (rows[0][k], rows[1][k], rows[2][k]))
         W[i, j + k] += x / whole
@@ -335,7 +334,7 @@ def act_on_points(among: Among, sweep: Sweep, contact: Found, turn: Turn) -> flo
 def end_touched(among: Among, step: Step, contact: Found, by_obstacles: float) -> Touched:
     """Ends a step that was taken under forces with which points move by MOVED: what they yield, and what works did."""
     h, found, power = among.law.h, among.found, 0.0
-    lost, stored = end_points(among.points, h, among.points.R[:0])
+    lost, stored = end_points(among.points, h, among.points.rows[:0])
     step = Step(step.status, step.square + stored, step.within, step.supplied, step.dissipated + lost)
     if contact.status == NOTHING:
         return Touched(step, contact, 0.0, 0.0, 0.0)

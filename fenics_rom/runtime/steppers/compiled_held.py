@@ -155,6 +155,8 @@ class CompiledHeld:
         """
         if not (is_known(law, body) and (solver is None or isinstance(solver, CompiledContact))):
             return None
+        if residual is not None and not residual.is_whole:
+            return None  # loops have the operators of all points as a whole
         pull = None if found is None else _pull(found, *loads.dead.shape)
         if found is not None and pull is None:
             return None

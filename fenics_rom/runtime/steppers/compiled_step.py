@@ -16,8 +16,9 @@ from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointM
 from fenics_rom.mechanics.contact_pairs import Pairs as AskedPairs
 from fenics_rom.mechanics.contact_pairs import SolvedPairs
 from fenics_rom.mechanics.contact_search import ContactSearch
+from fenics_rom.mechanics.kept_rows import RowsOperator
 from fenics_rom.mechanics.points_operator import Operator
-from fenics_rom.rom.block_operator import BlockOperator
+from fenics_rom.rom.block_rows import BlockRows
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.compiled.block_products import Blocks
 from fenics_rom.runtime.compiled.linear_step import Body, State, Step
@@ -60,7 +61,7 @@ YIELDS_AS_A_WHOLE = Yielding(
 )
 
 
-def yielding_of(R: BlockOperator, roots: Array) -> Yielding:
+def yielding_of(R: RowsOperator[BlockRows], roots: Array) -> Yielding:
     """Residual compliance as loops take it; roots: T (3P, m) of `near_points`."""
     kept, given = R.rows, R.rows.blocks
     table = np.column_stack([given.blocks, given.starts])
@@ -203,7 +204,7 @@ class CompiledStep:
         relaxing: Sequence[Relaxing],
     ):
         self.body, self.state, self._solver, self._h, self._relaxing = body, state, solver, h, relaxing
-        self._operator, self._rows = operator, operator.rows if isinstance(operator, BlockOperator) else None
+        self._operator, self._rows = operator, operator.rows if isinstance(operator, RowsOperator) else None
         shapes, self._points = NO_SHAPES if solver is None else solver.shapes, len(body.places)
         self._pairs, self._nothing = len(shapes) * self._points, NO_LAW._replace(h=h)
         self._size, self._after = size_of_record(self._pairs, self._points), after_in_record(self._pairs, self._points)

@@ -23,13 +23,14 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import compiled, in_plain
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion
-from fenics_rom.mechanics.points_operator import operator_of, whole_of
-from fenics_rom.rom.block_operator import BlockOperator
+from fenics_rom.mechanics.kept_rows import RowsOperator
+from fenics_rom.mechanics.points_operator import components, operator_of, whole_of
+from fenics_rom.rom.block_rows import BlockRows
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.runtime.steppers.adjoint import contact_adjoint
 from fenics_rom.runtime.steppers.clearance import Clearance
 from fenics_rom.runtime.steppers.following_midpoint import FollowingMidpoint
-from fenics_rom.runtime.steppers.kernel import BOOKED_TOGETHER, ContactWorks, StepWork, symmetric
+from fenics_rom.runtime.steppers.kernel import BOOKED_TOGETHER, ContactWorks, StepWork
 from fenics_rom.runtime.steppers.taken_step import found_taken, linear_taken, residual_taken
 
 MOST_FOUND = 50  # forces of actuators, of which loops tell in one number
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
 class ContactMidpoint(FollowingMidpoint):
     """The midpoint step with contact. Arguments and attributes as in BookedKernel."""
 
-    _inverse_mass: Array | None = None
     compiled_step: "CompiledStep | None" = None  # what takes steps by loops; None where they do not
 
     @property
@@ -93,11 +93,11 @@ class ContactMidpoint(FollowingMidpoint):
         if branches is not None:
             coefficients, share = branches.numbers, share if branches.share is None else in_plain(branches.share)
         A, heat = (each if each.ndim == 2 else np.diag(each) for each in (self._a, self._Ra))
-        R: Array | BlockOperator = np.empty((0, 0))
+        R: Array | RowsOperator[BlockRows] = np.empty((0, 0))
         times, (beyond, beyond_before) = (0.0, 1.0, 0.0, 0.0), np.zeros((2, 4, 0))
         if self.residual is not None:
             R, times, (beyond, beyond_before) = self.residual.part.operator, self.residual.times, self.residual.states
-        if self._actuators is not None and (isinstance(R, BlockOperator) or self._actuators.gases):
+        if self._actuators is not None and (isinstance(R, RowsOperator) or self._actuators.gases):
             return None  # loops hold back points by W as a whole, and know no gas
         ω, inverse_ω, inputs, A, heat = map(in_plain, (self._ω, self._inverse_ω, self._model.inputs, A, heat))
         at = np.zeros((0, 3)) if solver is None else solver.points
@@ -248,12 +248,10 @@ class ContactMidpoint(FollowingMidpoint):
         """A⁻¹, diagonal (m,) or whole, Sᵀ (m, 3P), and [e, r] (2, m), now and before the last step."""
         return self._a, self._Sᵀ, self._halves, self._state_before.reshape(2, -1)
 
-    @property
-    def inverse_mass(self) -> Array:
-        """Velocities within the basis of the contact points per impulse on them between two steps, (3P, 3P), 1/kg."""
-        if self._inverse_mass is None:
-            self._inverse_mass = symmetric(self._Sᵀ.T @ self._Sᵀ)
-        return self._inverse_mass
+    def inverse_mass(self, some: Array) -> Array:
+        """Velocities within the basis of contact points per impulse on them between two steps, (3 s, 3 s), 1/kg."""
+        rows = self._Sᵀ[:, components(some)]
+        return rows.T @ rows
 
     @property
     def basis_velocities(self) -> Array:

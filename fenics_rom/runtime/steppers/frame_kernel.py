@@ -199,8 +199,8 @@ class FrameKernel(CompilableFrame):
 
         if not isinstance(solver, CompiledContact) or (residual is None and solver.law.stiffness is None):
             return None
-        if residual is not None and residual.relaxes:
-            return None
+        if residual is not None and (residual.relaxes or not residual.is_whole):
+            return None  # loops have the operators of all points as a whole
         return frame_touch.FrameTouch(solver, frame_touch.points_of(self.points, residual), self.h)
 
     def reset_buffer(self) -> None:

@@ -7,6 +7,8 @@ from fenics_rom.compilation import in_plain
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.compiled_contact import CompiledContact
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
+from fenics_rom.mechanics.kept_rows import RowsOperator
+from fenics_rom.rom.block_rows import BlockRows
 from fenics_rom.runtime.compiled.contact_points import Points
 from fenics_rom.runtime.compiled.touched_frame import Among, Touched
 from fenics_rom.runtime.compiled.touching import Last, StepContact
@@ -19,13 +21,20 @@ def points_of(points: FramePoints, residual: ResidualMotion | None) -> Points:
     """Contact points of a body as compiled steps take them."""
     rest, rows = in_plain(points.rest), in_plain(points.rows)
     P, m = len(rest), len(rows)
-    R, times, beyond = np.empty((0, 0)), np.zeros(4), (np.zeros((4, 0)), np.zeros((4, 0)))
+    R, times, beyond, slots = np.empty((0, 0, 0)), np.zeros(4), (np.zeros((4, 0)), np.zeros((4, 0))), np.arange(P)
     if residual is not None:
-        R, *numbers = residual.numbers
-        times, beyond = np.array(numbers), residual.states
+        (R, slots), times, beyond = _rows_of(residual.part.operator), np.array(residual.times), residual.states
     moved: list[Array] = [np.zeros((P, 3)) for _ in range(5)]
-    moved += [np.zeros(P), np.zeros((m, 3 * P)), np.zeros(P)]
-    return Points(rest, rows, np.ascontiguousarray(R), times, *beyond, *moved)
+    moved += [np.zeros(P), np.zeros((m, 3 * P)), np.zeros(P), slots]
+    return Points(rest, rows, R, times, *beyond, *moved)
+
+
+def _rows_of(R: Array | RowsOperator[BlockRows]) -> tuple[Array, Array]:
+    """Rows of R of points that are kept, (slots, 3, 3P), and where those of each are, (P,): of an array all are."""
+    if isinstance(R, RowsOperator):
+        return R.rows.rows, R.rows.slots
+    P = len(R) // 3
+    return in_plain(R).reshape(P, 3, 3 * P), np.arange(P)
 
 
 class FrameTouch(ContactInLoops):

@@ -29,9 +29,9 @@ class HeldContact(ContactInLoops):
     def __init__(self, solver: CompiledContact, points: Array, residual: ResidualMotion | None, h: float):
         super().__init__(solver, h)
         self._residual = residual
-        (R, *times), beyond = (np.empty((0, 0)), 0.0, 1.0, 0.0, 0.0), (np.zeros((4, 0)), np.zeros((4, 0)))
+        R, times, beyond = np.empty((0, 0)), (0.0, 1.0, 0.0, 0.0), (np.zeros((4, 0)), np.zeros((4, 0)))
         if self._residual is not None:
-            (R, *times), beyond = self._residual.numbers, self._residual.states
+            R, times, beyond = self._residual.part.compliance, self._residual.times, self._residual.states
         self.touch, self._beyond = Touch(in_plain(points), in_plain(self._solver.points), in_plain(R), *times), beyond
         branches, n = None if residual is None else residual.branches, points.shape[1]
         self._relaxing = Relaxing(branches, 0 if branches is None else len(branches.state), n)

@@ -103,14 +103,14 @@ class ResidualMotion:
         return self.state.reshape(4, -1), self._before.reshape(4, -1)
 
     @property
-    def numbers(self) -> tuple[Array, float, float, float, float]:
-        """R (3P, 3P), m/N, as a whole, and 2τ²/h, a, β + (θ - ½) h and τ, s."""
-        return self._part.compliance, *self.times
-
-    @property
     def times(self) -> tuple[float, float, float, float]:
         """2τ²/h, a, β + (θ - ½) h and τ, s."""
         return *self._relaxation, self._τ
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether R is an array, and not asked for what few points do."""
+        return isinstance(self._R, np.ndarray)
 
     @property
     def branches(self) -> "MaxwellBranches | None":

@@ -14,6 +14,8 @@ from fenics_rom.runtime.steppers.frame_state import in_frame
 class TouchedFrame(FrameKernel):
     """Arguments and attributes as in FrameKernel."""
 
+    _yields: tuple[object, Array] = None, np.empty((0, 0))  # what points that are near yield, by which, and how turned
+
     def yielding(self, turn: Geometry, contact: ContactSolution | None) -> Array | None:
         """Mid-step velocity (P, 3) in the frame of the points in the residual part; None where there is none."""
         if self.residual is None or (contact is None and self.residual.is_at_rest):
@@ -57,7 +59,10 @@ class TouchedFrame(FrameKernel):
         W: Array = maps.dot(self._inverse_slopes).dot(maps.T)
         if self.residual is None:
             return W
-        return W + turned_operator(turn.start, self.residual.delassus_of(near), turn.start)
+        key = near.tobytes(), turn.before, self.residual.times
+        if self._yields[0] != key:  # as in sweeps before
+            self._yields = key, turned_operator(turn.start, self.residual.delassus_of(near), turn.start)
+        return W + self._yields[1]
 
     def moved(self, near: Array, turn: Geometry, arms: Array, change: Array) -> Array:
         """As in ActuatedBody of mechanics.frame_contact."""
@@ -105,10 +110,10 @@ class TouchedFrame(FrameKernel):
         velocities: Array = inside.dot(self._rotation.T) + self.frame.velocity
         return velocities
 
-    @property
-    def inverse_mass(self) -> Array:
-        """Velocities (3P, 3P), 1/kg, that impulses on the contact points give the shape in a frame that is moved."""
-        return turned_operator(self._rotation, self.points.rows.T.dot(self.points.rows), self._rotation)
+    def inverse_mass(self, some: Array) -> Array:
+        """Velocities (3 s, 3 s), 1/kg, that impulses on contact points give the shape in a frame that is moved."""
+        rows = self.points.of(some).rows
+        return turned_operator(self._rotation, rows.T.dot(rows), self._rotation)
 
     def kick(self, impulses: Array) -> None:
         """Adds these (P, 3), N s, between two steps, without booking them."""

@@ -177,8 +177,9 @@ def _moved(points: Points) -> _Moved:
             for i in range(m):
                 rows[i, to] = points.rows[i, at]
             for j in range(len(some) if len(points.R) else 0):
+                row = points.R[points.slots[some[s]], k]
                 for c in range(3):
-                    compliance[to, 3 * j + c] = points.R[at, 3 * some[j] + c] / points.times[WHOLE]
+                    compliance[to, 3 * j + c] = row[3 * some[j] + c] / points.times[WHOLE]
     return _Moved(some, rows, compliance)
 
 
@@ -289,7 +290,7 @@ def _end(table: Array, h: float, bent: Bending | None) -> bool:
     taken = end_free_step(body, loads, begun, step.changed, push, state, watch_at(table), bent)
     if taken.status == OTHERWISE:
         return False
-    lost, stored = end_points(points, h, points.R[:0])
+    lost, stored = end_points(points, h, points.rows[:0])
     told[SQUARE], told[WITHIN] = taken.square + stored, taken.within
     told[SUPPLIED], told[DISSIPATED], told[BY_OTHERS] = taken.supplied, taken.dissipated + lost, h * turn[POWER]
     return True

@@ -182,7 +182,7 @@ def _mean_rows(points: Points, pushes: Pushes) -> tuple[Array, Array]:
             for d in range(3 if size else 0):
                 for e in range(3):
                     if Q[d][e] != 0.0:
-                        _add_columns(once[3 * i + d], Q[d][e], points.R[at + e], used)
+                        _add_columns(once[3 * i + d], Q[d][e], points.R[points.slots[pushes.nodes[i, a]], e], used)
     for j in range(k if size else 0):
         for b in range(wide):
             if pushes.weights[j, b] == 0.0:

@@ -51,7 +51,7 @@ def take_steps(
             is looked at; `SINCE`, set: how many there were. `RADIUS`: how far e may be from those of the last look, √J,
             without another one. `IS_DUE`, set: whether one is due, which ends steps.
         looked_at: these e, (S, m).
-        told: (4,) set, see `TAKEN`; the last is 0, or OTHERWISE or NEEDS_CONTACTS of a step that was not taken.
+        told: (4,) set, see `TAKEN`; the last is 0, or why a step was not taken, as of `take_step`.
     """
     driven = driven_at(world)
     told[TAKEN] = told[ENDED] = 0

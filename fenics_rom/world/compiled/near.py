@@ -9,10 +9,11 @@ from fenics_rom.compilation import jit_apart, jit_part
 from fenics_rom.mechanics.compiled.copying import copy, copy_rows, fill
 from fenics_rom.mechanics.compiled.shapes import distance
 from fenics_rom.mechanics.frame_motion import Vector
+from fenics_rom.runtime.compiled.contact_points import lacks_rows
 from fenics_rom.runtime.compiled.frames import added, cross, dot, put, rotated, rotated_back, vector
 from fenics_rom.world.compiled.bodies import start_velocity_of_driven, start_velocity_of_rigid
 from fenics_rom.world.compiled.joint_points import set_joints
-from fenics_rom.world.compiled.soft_bodies import SPUN, rows_in, step_at
+from fenics_rom.world.compiled.soft_bodies import SPUN, points_at, rows_in, step_at
 from fenics_rom.world.compiled.soft_collision import NONE, find_nearest
 from fenics_rom.world.compiled.tables import (
     DRIVEN,
@@ -76,6 +77,20 @@ def look_at_margins(world: Array) -> bool:
 def _height(placed: Array, between: Vector) -> float:
     """Over a half-space."""
     return placed[5] * between[0] + placed[8] * between[1] + placed[11] * between[2]
+
+
+@jit_part
+def lack_rows(world: Array, C: int) -> bool:
+    """Whether C contacts and joints need residual compliance of contact points that is not kept; it is noted."""
+    bodies, near, softs, some = bodies_at(world), near_at(world), softs_at(world), False
+    for c in range(C + len(joined_at(world).ends)):
+        for side in range(2):
+            b = near.ends[c, side]
+            if is_soft(bodies.kinds[b]):
+                points = points_at(softs[bodies.numbers[b]])
+                for k in range(near.nodes.shape[2]):
+                    some = (near.weights[c, side, k] != 0.0 and lacks_rows(points, near.nodes[c, side, k])) or some
+    return some
 
 
 @jit_part

@@ -12,7 +12,14 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_apart, jit_part
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
-from fenics_rom.runtime.compiled.arrays_at import integer_cube_at, integer_rows_at, matrix_at, vector_at
+from fenics_rom.runtime.compiled.arrays_at import (
+    cube_at,
+    integer_cube_at,
+    integer_rows_at,
+    integers_at,
+    matrix_at,
+    vector_at,
+)
 from fenics_rom.runtime.compiled.bent_frame import Bending, pressed_rims, remember_shape
 from fenics_rom.runtime.compiled.carried_step import (
     IS_COUPLED,
@@ -67,7 +74,7 @@ from fenics_rom.world.compiled.relaxing_bodies import (
 
 # Rows of the table of a body: after those of `frame_tables`, of `contact_points.Points`, then of `Step`, then what
 # one has that deforms largely, as in `frame_tables`, and what one has that relaxes: addresses of others are 0.
-POINTS, STEP, BENT, RELAXED, ROWS = FRAME_ROWS, 38, 52, 89, 95
+POINTS, STEP, BENT, RELAXED, ROWS = FRAME_ROWS, 39, 53, 90, 96
 SQUARE, WITHIN, SUPPLIED, DISSIPATED, BY_OTHERS = range(5)  # in `Step.told`
 START, END, MIDDLE, TURN, V, Ω, V_END, Ω_END, ORIGIN, SPUN = 0, 9, 18, 27, 30, 33, 36, 39, 42, 45  # in `Step.turn`
 CENTRE, FORCE, TORQUE, POWER, RIMS, TURNS = 48, 51, 54, 57, 58, 64  # there, of free bodies
@@ -99,12 +106,12 @@ class Step(NamedTuple):
 def points_at(table: Array) -> Points:
     """The same of its contact points."""
     t = table[POINTS:]
-    given = matrix_at(t[0]), matrix_at(t[1]), matrix_at(t[2]), vector_at(t[3]), matrix_at(t[4]), matrix_at(t[5])
+    given = matrix_at(t[0]), matrix_at(t[1]), cube_at(t[2]), vector_at(t[3]), matrix_at(t[4]), matrix_at(t[5])
     rest, rows, R, times, beyond, before = given
     moved = matrix_at(t[6]), matrix_at(t[7]), matrix_at(t[8]), matrix_at(t[9]), matrix_at(t[10])
     start, free, inside, forces, seen_ = moved
-    pushed, spread, is_spread = vector_at(t[11]), matrix_at(t[12]), vector_at(t[13])
-    return Points(rest, rows, R, times, beyond, before, start, free, inside, forces, seen_, pushed, spread, is_spread)
+    known = vector_at(t[11]), matrix_at(t[12]), vector_at(t[13]), integers_at(t[14])
+    return Points(rest, rows, R, times, beyond, before, start, free, inside, forces, seen_, *known)
 
 
 @jit_part
@@ -344,7 +351,7 @@ def _end(table: Array, h: float, bent: Bending | None, relaxed: Relaxed | None) 
     watch = watch_at(table)
     taken = end_carried_step(body, loads, begun, step.base, step.changed, push, state, watch, bent)
     if relaxed is None:
-        lost, stored = end_points(points, h, points.R[:0])
+        lost, stored = end_points(points, h, points.rows[:0])
     else:
         of_points, within = relax_points(relaxed, points, h), relax(relaxed, body.ω, step.changed)
         lost, stored = of_points[0] + within[0], of_points[1] + within[1]

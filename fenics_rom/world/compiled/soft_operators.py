@@ -92,10 +92,10 @@ def _add_yielding(points: Points, places: Places, W: Array) -> None:
                 for b in range(wide):
                     share = weights[i, a] * weights[j, b] / points.times[WHOLE]
                     if share != 0.0:
-                        at, to = 3 * nodes[i, a], 3 * nodes[j, b]
+                        rows, to = points.R[points.slots[nodes[i, a]]], 3 * nodes[j, b]
                         for k in range(3):
                             for n in range(3):
-                                W[3 * i + k, 3 * j + n] += share * points.R[at + k, to + n]
+                                W[3 * i + k, 3 * j + n] += share * rows[k, to + n]
 
 
 @jit_apart
@@ -104,13 +104,14 @@ def _add_yielding_of_surfaces(points: Points, places: Places, outward: Rotation,
     nodes, weights, (s, wide), whole = places.nodes, places.weights, places.weights.shape, points.times[WHOLE]
     for i in range(s):
         for a in range(wide):
-            left, at = _map_of(places, i, a, outward), 3 * nodes[i, a]
+            left = _map_of(places, i, a, outward)
             for j in range(s if weights[i, a] != 0.0 else 0):
+                rows = points.R[points.slots[nodes[i, a]]]
                 for b in range(wide):
                     right, to = _map_of(places, j, b, middle), 3 * nodes[j, b]
                     for n in range(3):
-                        x = dot(right[n], vector(points.R[at], to)) / whole
-                        y = dot(right[n], vector(points.R[at + 1], to)) / whole
-                        z = dot(right[n], vector(points.R[at + 2], to)) / whole
+                        x = dot(right[n], vector(rows[0], to)) / whole
+                        y = dot(right[n], vector(rows[1], to)) / whole
+                        z = dot(right[n], vector(rows[2], to)) / whole
                         for k in range(3):
                             W[3 * i + k, 3 * j + n] += dot(left[k], (x, y, z))

@@ -23,7 +23,7 @@ from fenics_rom.world.compiled.forces import Found, find_forces
 from fenics_rom.world.compiled.free_bodies import begin_bent_free, begin_free, end_bent_free, end_free, undo_free
 from fenics_rom.world.compiled.joint_impulses import stop_joints
 from fenics_rom.world.compiled.letting_out import leave_in, overdraws, set_speeds_out
-from fenics_rom.world.compiled.near import find_near, look_at_margins
+from fenics_rom.world.compiled.near import find_near, lack_rows, look_at_margins
 from fenics_rom.world.compiled.operators import be_ready
 from fenics_rom.world.compiled.soft_bodies import (
     BY_OTHERS,
@@ -68,7 +68,7 @@ from fenics_rom.world.compiled.tables import (
 from fenics_rom.world.tolerances import LARGEST, SWERVES
 
 LARGEST_SPEED = 1e100  # m/s: beyond it works overflow
-OTHERWISE, NEEDS_CONTACTS = -1, -2  # in place of how many contacts there are
+OTHERWISE, NEEDS_CONTACTS, NEEDS_ROWS = -1, -2, -3  # in place of how many contacts there are
 
 
 @jit_part
@@ -84,8 +84,8 @@ def take_step(world: Array, given: Array, h: float, row: int, goes_on: bool, fre
         free: as of `find_forces`.
 
     Returns:
-        OTHERWISE: the step is to be taken otherwise, and nothing is changed but what was begun. NEEDS_CONTACTS: it has
-        begun, and goes on with these.
+        OTHERWISE: the step is to be taken otherwise, and nothing is changed but what was begun. NEEDS_CONTACTS,
+        NEEDS_ROWS: it has begun, and goes on with these contacts, or once rows of residual compliance are kept.
     """
     if not goes_on:
         if not _begin_step(world, h):
@@ -97,6 +97,8 @@ def take_step(world: Array, given: Array, h: float, row: int, goes_on: bool, fre
     C = find_near(world, given, h)
     if C < 0:
         return OTHERWISE, 0
+    if lack_rows(world, C):
+        return NEEDS_ROWS, 0
     law, start = _law_of(world, h), near_at(world).forces[: C + len(joined_at(world).ends)].copy()
     found = find_forces(world, C, law, free)
     if not _is_to_be_taken(world, C, found, h):
