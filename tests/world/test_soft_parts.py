@@ -105,7 +105,7 @@ def test_points_of_a_body_that_a_stroke_holds_answer_forces_as_they_then_move(fr
         slopes, size = np.reshape(answers, (12, 12)).T / (2 * small.sum(axis=(1, 2))), np.sqrt(W.diagonal())
         np.testing.assert_allclose((W - slopes) / np.outer(size, size), 0, atol=1e-7)
         rates, *_ = kernel.found_at(step._x)
-        np.testing.assert_allclose(rates, kernel.found.targets, rtol=1e-10)
+        np.testing.assert_allclose(rates, kernel.found.targets.rates, rtol=1e-10)
         assert kernel.reactions_found[0] > 0.1
         step.close(None)
     assert kernel.reactions[0] > 0.1
