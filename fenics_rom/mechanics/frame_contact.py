@@ -371,9 +371,9 @@ def _passive(contact: ContactSolution, velocities: Array) -> ContactSolution:
 
 
 def _operator(body: FrameBody, turn: Geometry, arms: Array, near: Array, proximal: float) -> Operator:
-    """W of the points that are near (s,), 0 of all others."""
+    """W of the points that are near (s,); of others what serves to tell that they are reached."""
     W = body.delassus(near, turn, arms[near])
     W = (W + W.T) / 2
     if not body.tells_apart:  # so that sweeps do not exchange forces for ever
         W.ravel()[:: len(W) + 1] += proximal * W.trace() / len(W)
-    return W if len(near) == len(arms) else OfSome(W, near, len(arms))
+    return W if len(near) == len(arms) else OfSome(W, near, len(arms), W.trace() / len(W))

@@ -32,31 +32,37 @@ Operator = Array | PointsOperator  # an array is (3P, 3P)
 
 
 class OfSome:
-    """A PointsOperator that only some points have a part in.
+    """A PointsOperator of which only some points are known; the others yield by themselves.
 
     Args:
         W: of these, (3 s, 3 s), symmetric.
         some: which they are (s,), ascending.
         P: how many points there are.
+        others: by what each of the others yields.
     """
 
-    def __init__(self, W: Array, some: Array, P: int):
-        self._W, self._some, self._rows, self._count = W, some, components(some), 3 * P
+    def __init__(self, W: Array, some: Array, P: int, others: float):
+        self._W, self._some, self._rows, self._count, self._others = W, some, components(some), 3 * P, others
 
     def among(self, some: Array) -> Array:
         """As in PointsOperator."""
-        part: Array = self._rows_of(self._rows_of(self._W, some).T, some)
+        known, at = self._places(some)
+        rows, of = components(known.nonzero()[0]), components(at[known])
+        part = np.diag(np.repeat(np.where(known, 0.0, self._others), 3))
+        part[rows[:, None], rows] = self._W[of[:, None], of]
         return part
 
     def columns(self, some: Array) -> Array:
         """As in PointsOperator."""
-        columns = np.zeros((self._count, 3 * len(some)))
-        columns[self._rows] = self._rows_of(self._W, some).T
+        known, at = self._places(some)
+        columns, own = np.zeros((self._count, 3 * len(some))), np.arange(3 * len(some))
+        columns[components(some), own] = self._others
+        columns[self._rows[:, None], components(known.nonzero()[0])] = self._W[:, components(at[known])]
         return columns
 
     def moved_by(self, forces: Array) -> Array:
         """As in PointsOperator."""
-        moved = np.zeros(self._count)
+        moved: Array = self._others * forces.ravel()
         moved[self._rows] = self._W.dot(forces[self._some].ravel())
         return moved
 
@@ -66,15 +72,13 @@ class OfSome:
 
     def plus(self, U: Array, V: Array) -> "OfSome":
         """As in PointsOperator, where U and V have nothing of the others."""
-        return OfSome(self._W + U[self._rows] @ V[self._rows].T, self._some, self._count // 3)
+        W = self._W + U[self._rows] @ V[self._rows].T
+        return OfSome(W, self._some, self._count // 3, self._others)
 
-    def _rows_of(self, W: Array, some: Array) -> Array:
-        """Rows (3 k, any) of points, of W (3 s, any): 0 of those that it has no part of."""
-        rows, at = np.zeros((len(some), 3, W.shape[1])), np.searchsorted(self._some, some)
-        has = at < len(self._some)
-        has[has] = self._some[at[has]] == some[has]
-        rows[has] = W.reshape(-1, 3, W.shape[1])[at[has]]
-        return rows.reshape(3 * len(some), -1)
+    def _places(self, some: Array) -> tuple[Array, Array]:
+        """Which points (k,) are known, and where each of these is among them."""
+        at = np.minimum(np.searchsorted(self._some, some), len(self._some) - 1)
+        return self._some[at] == some, at
 
 
 class TurnedPoints:
