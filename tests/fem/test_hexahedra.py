@@ -1,5 +1,7 @@
 """Hexahedra, and curved cells: exact where the elements hold the field, refused where they are inside out."""
 
+from pathlib import Path
+
 import gmsh
 import numpy as np
 import pytest
@@ -293,3 +295,12 @@ def test_what_hexahedra_do_not_have_is_told(meshes, given, said):
         effects = 'large_deformation = {}\npressure.air = { surface = "top" }'
     with pytest.raises(SceneError, match=said):
         fr.assemble(acted_on(meshes[8], effects, integration=integration, **tables))
+
+
+@pytest.mark.parametrize(("integration", "rise"), [("full", (0.2, 0.5)), ("selective", (0.94, 1.0))])
+def test_hexahedra_of_degree_1_lock_unless_integrated_selectively(monkeypatch, integration, rise):
+    """Cook's membrane, ν = 0.4999, of 8 x 8 x 1 cells: its corner rises by 6.9."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "demos" / "benchmarks"))
+    from rubber import cook_of
+
+    assert rise[0] < cook_of((8, 8, 1), integration, 8, 1)[1] / 6.9 < rise[1]
