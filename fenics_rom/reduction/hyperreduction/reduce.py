@@ -227,7 +227,17 @@ def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, 
         return (matrix + matrix.T) / 2
 
     here = sampled.points
-    first, families = algebra.row_offset(len(here)), body.material.at(here).fibres
+    first = algebra.row_offset(len(here))
+    fibres = [
+        Fibres(
+            family.law,
+            gathered(first + family.points),
+            gathered(family.structure.T).T,
+            gathered(family.modulus),
+            gathered(family.stiffening),
+        )
+        for family in body.material.at(here).fibres
+    ]
     return ReducedDeformation(
         law=body.law,
         gradients=gathered(gradients[:, :, here].transpose(2, 0, 1, 3)).transpose(1, 2, 0, 3),
@@ -244,16 +254,7 @@ def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, 
         tendons=tendons,
         bars=bars,
         rims=rims,
-        fibres=tuple(
-            Fibres(
-                family.law,
-                gathered(first + family.points),
-                gathered(family.structure.T).T,
-                gathered(family.modulus),
-                gathered(family.stiffening),
-            )
-            for family in families
-        ),
+        fibres=tuple(family for family in fibres if len(family.points)),
     )
 
 
