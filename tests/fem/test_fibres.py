@@ -151,6 +151,40 @@ def test_directions_of_cell_data_are_those_of_a_vector(tmp_path):
         of_file(given, "thread")
 
 
+def test_directions_of_an_xdmf_file_are_those_of_a_vector(tmp_path):
+    points, cells = box_arrays((1.0, 1.0, 1.0), (1, 1, 1))
+
+    def item(values, kind):
+        numbers = " ".join(map(str, values.ravel().tolist()))
+        shape = " ".join(map(str, values.shape))
+        return f'<DataItem Dimensions="{shape}" NumberType="{kind}" Format="XML">{numbers}</DataItem>'
+
+    (tmp_path / "cube.xdmf").write_text(
+        '<Xdmf Version="3.0"><Domain><Grid Name="mesh" GridType="Uniform">'
+        f'<Topology TopologyType="Tetrahedron" NumberOfElements="{len(cells)}">{item(cells, "Int")}</Topology>'
+        f'<Geometry GeometryType="XYZ">{item(points, "Float")}</Geometry>'
+        f'<Attribute Name="fibre" AttributeType="Vector" Center="Cell">'
+        f"{item(np.tile([1.0, 2.0, 2.0], (len(cells), 1)), 'Float')}</Attribute></Grid></Domain></Xdmf>"
+    )
+    contacts = "[contacts.right]\nplane = { point = [1, 0, 0], normal = [1, 0, 0] }"
+    parts = {"contacts": contacts, "supports": None}
+    found, given = (
+        fr.assemble(acted_on(tmp_path / "cube.xdmf", "inertia = {}\n", material=PULL % fibres, **parts))
+        for fibres in ('data = ["fibre"]', "directions = [[1, 2, 2]]")
+    )
+    K, expected = (system.stiffness @ np.eye(system.size) for system in (found, given))
+    np.testing.assert_allclose(K, expected, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("of", ["fibres", "cable"])
+def test_derivatives_by_parameters_refuse_fibres(cube, of):
+    cable = {"effects.cables.wire": "points = [[0, 0, 0], [1, 1, 1]]\nstiffness = 1.0"} if of == "cable" else {}
+    material = PULL % "directions = [[1, 2, 2]]" if of == "fibres" else "young = 1e5\npoisson = 0.3\ndensity = 1000.0"
+    scene = acted_on(cube, "inertia = {}\n", material=material, run="dt = 1e-3\nduration = 1e-2", **cable)
+    with pytest.raises(SceneError, match="allowed are bodies without fibres, membranes and cables"):
+        fr.differentiate_scene(scene, lambda outputs, energies: (0.0, {}, None))
+
+
 @pytest.mark.parametrize(
     ("fibres", "says"),
     [
