@@ -89,10 +89,15 @@ class FullOrderInterface:
         force: Array = self.Sᵀ @ contact.forces.reshape(-1, 1)
         return force
 
+    @property
+    def has_many(self) -> bool:
+        """Whether there are so many points that W is found where forces act."""
+        return len(self.points.coordinates) > MOST_WHOLE
+
     def operator(self, solve: Callable[[Array], Array]) -> Operator:
         """W of the points, m/s/N, from what gives A⁻¹ times columns: of many points it is found where forces act."""
-        P = len(self.points.coordinates)
-        if P > MOST_WHOLE:
+        if self.has_many:
+            P = len(self.points.coordinates)
             return RowsOperator(SolvedRows(P, lambda some: self._algebra.inner(self.Sᵀ, solve(self.columns(some)))))
         return self.delassus(solve(self.Sᵀ.toarray()))
 

@@ -132,6 +132,11 @@ KINDS = {
     "carried": {"supports": CARRIED},
     "carried, without inertia": {"supports": CARRIED, "effects": f"{RESTING}\nbase_path = {{}}"},
     "held": {"frame": "fixed", "supports": CARRIED, "effects": FLOOR},
+    "held, large": {
+        "frame": "fixed",
+        "supports": CARRIED,
+        "effects": FLOOR + '\nlarge_deformation = { material = "neo_hookean" }',
+    },
 }
 
 

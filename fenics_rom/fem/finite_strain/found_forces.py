@@ -22,7 +22,7 @@ from fenics_rom.fem.points_of_step import PointsOfStep
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, mean_contact
 from fenics_rom.mechanics.points_held_back import PointsHeldBack
-from fenics_rom.mechanics.points_operator import Operator
+from fenics_rom.mechanics.points_operator import Operator, moved_by
 
 
 class FoundForces(NamedTuple):
@@ -51,8 +51,8 @@ class ForcesInNewton:
         self._is_rigid = interface is not None and not interface.solver.law.stiffness
         self._factor: TurnedFactor | None = None
         self._points: PointsOfStep | None = None
-        self._spread: Array | None = None  # A⁻¹ Sᵀ
-        self._delassus = np.empty((0, 0))
+        self._spread: Array | None = None  # A⁻¹ Sᵀ, of few points
+        self._delassus: Operator | None = None
 
     def begin(
         self,
@@ -77,18 +77,18 @@ class ForcesInNewton:
 
     def use(self, factor: TurnedFactor) -> None:
         """The factor of A, as it is now; W (3P, 3P), m/s/N, is made of it as soon as an obstacle is within reach."""
-        self._factor, self._spread = factor, None
+        self._factor, self._spread, self._delassus = factor, None, None
 
     def depend_on(self, factor: TurnedFactor) -> bool:
         """Whether W was made of a factor, as dear as a good part of it."""
-        return self._factor is factor and self._spread is not None
+        return self._factor is factor and self._delassus is not None
 
     def resolve(self, v: Array, last: FoundForces) -> FoundForces:
         """Forces at a mid-step velocity (rows here, 1) that was found with the last ones of this step."""
         self.rollback()
         free, self._near = np.empty((0, 3)) if self._points is None else self._points.velocities(v), v
         if last.contact is not None:
-            free = free - (self._points_operator() @ last.contact.forces.ravel()).reshape(-1, 3)
+            free = free - moved_by(self._points_operator(), last.contact.forces).reshape(-1, 3)
         if self._actuators is None:
             return FoundForces(self._touched(free, last.contact), last.actuators)
         assert self._factor is not None
@@ -144,11 +144,13 @@ class ForcesInNewton:
         pushed = np.flatnonzero(change)
         if not len(pushed) or self._points is None:
             return moved
-        change = self._points.seen(change).ravel()
-        pushed = np.flatnonzero(change)
+        change = self._points.seen(change).reshape(-1, 1)
         self._points_operator()
-        assert self._spread is not None
-        return moved + self._spread[:, pushed] @ change[pushed, None]
+        if self._spread is None:
+            assert self._factor is not None
+            return moved + self._factor.solve(self._points.interface.Sᵀ @ change)
+        pushed = np.flatnonzero(change)
+        return moved + self._spread[:, pushed] @ change[pushed]
 
     def rollback(self) -> None:
         """Forgets the contact that was found since `begin`."""
@@ -159,7 +161,9 @@ class ForcesInNewton:
         assert self._factor is not None
         assert self._interface is not None
         assert self._points is not None
-        if self._spread is None:
+        if self._delassus is None and self._interface.has_many:
+            self._delassus = self._interface.operator(self._factor.solve)
+        elif self._delassus is None:
             self._spread = np.asfortranarray(self._factor.solve(self._interface.Sᵀ.toarray()))
             self._delassus = self._interface.delassus(self._spread)
         return self._points.operator(self._delassus)
