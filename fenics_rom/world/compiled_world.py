@@ -12,13 +12,13 @@ from fenics_rom.compilation import or_numpy
 from fenics_rom.mechanics.base_path import base_in
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.runtime.compiled.arrays_at import table_of
+from fenics_rom.runtime.steppers.free_frame import FreeFrame
 from fenics_rom.world.collision.contacts import Contacts, Placed, PlacedShape, Spots
 from fenics_rom.world.compiled.many_steps import exchange_pairs, take_steps
 from fenics_rom.world.compiled.tables import ENDED, GIVEN, IS_DUE, PAIRS, SINCE, SWUNG, TAKEN, GivenContacts, Near
 from fenics_rom.world.compiled.world_step import NEEDS_CONTACTS, NEEDS_ROWS, OTHERWISE, count_pushing, force_on
 from fenics_rom.world.contact_step import Found
 from fenics_rom.world.driven import Driven
-from fenics_rom.world.free_soft import FreeSoft
 from fenics_rom.world.joints import JointPoints
 from fenics_rom.world.meetings import Meeting, is_still
 from fenics_rom.world.pushes import Pushes
@@ -74,7 +74,7 @@ class CompiledWorld:
         self._driven = [(n, body) for n, body in enumerate(self._bodies) if isinstance(body, Driven)]
         soft = [(n, name, body) for n, (name, body) in enumerate(bodies.items()) if isinstance(body, Soft)]
         self._soft = [SoftOne(n, name, body, tables[n]) for n, name, body in soft]
-        self._free = any(isinstance(body, FreeSoft) for body in self._bodies)
+        self._free = any(isinstance(each.kernel, FreeFrame) or len(each.kernel.reactions) for each in tables.values())
         self._bends = any(table.frame.bent is not None for table in tables.values())
         self._switching = [each for each in self._soft if len(each.body.rom.contact_models) > 1]
         orders = [each.order for each in self._soft]
@@ -359,4 +359,7 @@ def compiled_world(
             if table is None:
                 return None
             tables[number] = table
+    pulled = {number for number, table in tables.items() if len(table.kernel.reactions)}
+    if any(len(joint.on_first.couples) and joint.first in pulled for joint in joints):
+        return None  # how such a surface turns is known in a try alone
     return CompiledWorld(bodies, meetings, joints, tables, pairs, met, h)

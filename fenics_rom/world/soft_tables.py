@@ -28,7 +28,7 @@ from fenics_rom.runtime.steppers.frame_touch import points_of
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
 from fenics_rom.runtime.steppers.held import HeldBody
 from fenics_rom.world.compiled.relaxing_bodies import Relaxed
-from fenics_rom.world.compiled.soft_bodies import RELAXED, TURNS, Step
+from fenics_rom.world.compiled.soft_bodies import PULLED, RELAXED, TURNS, Step
 from fenics_rom.world.compiled.soft_bodies import ROWS as WORLD_ROWS
 from fenics_rom.world.handed_forces import Handed, handed_in
 from fenics_rom.world.soft import Soft
@@ -64,31 +64,45 @@ class HeldBent(BentInLoops):
         return handed_in(forces.dot(self._R))
 
 
-class HeldRelaxing:
-    """Branches of the material of a held body of small strains, within its basis and beyond; see `Relaxed`.
+class HeldBeside:
+    """What a held body of small strains has beside its shape.
 
-    Args:
-        kernel: of the body.
-        branches: within its basis.
+    These are branches of its material, within its basis and beyond, and forces that are found in steps.
+
+    Attributes:
+        arrays: what `Relaxed` and `PulledHere` are made of, by their first row in the table.
     """
 
-    def __init__(self, kernel: ContactMidpoint, branches: MaxwellBranches):
+    def __init__(self, kernel: ContactMidpoint):
+        self._kernel, self._relaxing, self.arrays = kernel, list[Relaxing](), dict[int, list[Array]]()
+        self._reactions = np.zeros_like(kernel.reactions)
+        if kernel.branches is not None:
+            self._relax(kernel, kernel.branches)
+        if n := len(self._reactions):
+            of = kernel.pulled
+            self.arrays[PULLED] = [*of.actuators, *of[1:], self._reactions, np.zeros(n), np.zeros(n)]
+
+    def _relax(self, kernel: ContactMidpoint, branches: MaxwellBranches) -> None:
         N, (m, n), residual = len(branches.state), kernel.arrays[1].shape, kernel.residual
-        self._within = Relaxing(branches, N, m)
-        self._beyond = Relaxing(None if residual is None else residual.branches, N, 0 if residual is None else n)
+        within = Relaxing(branches, N, m)
+        beyond = Relaxing(None if residual is None else residual.branches, N, 0 if residual is None else n)
         share, numbers = np.empty((0, 0)) if branches.share is None else in_plain(branches.share), branches.numbers
-        of_both = self._within.rows, self._within.rows_before, self._beyond.rows, self._beyond.rows_before
-        self.arrays = Relaxed(numbers, share, *of_both)
+        self._relaxing = [within, beyond]
+        of_both = within.rows, within.rows_before, beyond.rows, beyond.rows_before
+        self.arrays[RELAXED] = [*Relaxed(numbers, share, *of_both)]
 
     def tell_loops(self) -> None:
         """As in CompilableFrame."""
-        self._within.begin()
-        self._beyond.begin()
+        for each in self._relaxing:
+            each.begin()
+        self._reactions[:] = self._kernel.reactions
 
     def end_in_world(self, u: Array, square: float, within: float) -> None:
         """As in CompilableFrame."""
-        self._within.end()
-        self._beyond.end()
+        for each in self._relaxing:
+            each.end()
+        if len(self._reactions):
+            self._kernel.reactions = self._reactions.copy()
 
 
 class SoftTable(NamedTuple):
@@ -96,7 +110,7 @@ class SoftTable(NamedTuple):
 
     kernel: CarriedFrame | FreeFrame | ContactMidpoint | HeldBody
     frame: CompiledFrame
-    beside: CompilableFrame | HeldBent | HeldRelaxing | None  # what is told when compiled steps begin and end
+    beside: CompilableFrame | HeldBent | HeldBeside | None  # what is told when compiled steps begin and end
     points: Points
     step: Step
     arrays: list[Array]  # all of them, which the table has the addresses of
@@ -125,10 +139,8 @@ def soft_table(body: Soft) -> SoftTable | None:
         return None
     if frame is None:
         return None
-    relaxing = None
-    if isinstance(kernel, ContactMidpoint) and kernel.branches is not None:
-        relaxing = HeldRelaxing(kernel, kernel.branches)
-    elif kernel.residual is not None and kernel.residual.relaxes:
+    held = HeldBeside(kernel) if isinstance(kernel, ContactMidpoint) else None
+    if held is None and kernel.residual is not None and kernel.residual.relaxes:
         return None
     of_body, loads = frame.parts
     m, P, p = len(of_body.ω), len(rest), loads.push.shape[0]
@@ -142,22 +154,25 @@ def soft_table(body: Soft) -> SoftTable | None:
     linear, bent = frame.arrays[:FRAME_ROWS], frame.arrays[FRAME_ROWS:]
     arrays, table = [*linear, *points, *step, *bent], np.zeros((WORLD_ROWS, 4), dtype=np.int64)
     table[: len(arrays)] = table_of(arrays)
-    if relaxing is not None:
-        arrays += relaxing.arrays
-        table[RELAXED:] = table_of(relaxing.arrays)
-    beside = kernel if isinstance(kernel, CompilableFrame) else frame.bent or relaxing
-    assert beside is None or isinstance(beside, CompilableFrame | HeldBent | HeldRelaxing)
+    for first, more in held.arrays.items() if held is not None else ():
+        arrays += more
+        table[first : first + len(more)] = table_of(more)
+    beside = kernel if isinstance(kernel, CompilableFrame) else frame.bent or (held if held and held.arrays else None)
+    assert beside is None or isinstance(beside, CompilableFrame | HeldBent | HeldBeside)
     return SoftTable(kernel, frame, beside, points, step, arrays, table)
 
 
 def _held(body: Soft, kernel: ContactMidpoint) -> CompiledFrame | None:
     """A linear body that nothing carries: its frame stands still."""
-    if not kernel.answers_linearly or body.rom.rigid:
+    if body.rom.rigid or kernel.has_gas:
         return None
-    (A, _, halves, before), D = kernel.arrays, body.model.damping
+    (A, _, halves, before), D, pushed = kernel.arrays, body.model.damping, body.model.inputs.T
+    if len(kernel.reactions):
+        pushed = pushed.copy()
+        pushed[kernel.pulled.actuators.columns] = 0.0
     D, A = (np.ascontiguousarray(np.diag(each) if each.ndim == 1 else each) for each in (D, A))
     m = body.model.order
-    return _still(body, body.model.inputs.T, D, np.zeros((10, m * m)), A, (halves, before), None)
+    return _still(body, pushed, D, np.zeros((10, m * m)), A, (halves, before), None)
 
 
 def _held_largely(body: Soft, kernel: HeldBody) -> CompiledFrame | None:

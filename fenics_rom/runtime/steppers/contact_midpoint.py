@@ -97,7 +97,7 @@ class ContactMidpoint(FollowingMidpoint):
         times, (beyond, beyond_before) = (0.0, 1.0, 0.0, 0.0), np.zeros((2, 4, 0))
         if self.residual is not None:
             R, times, (beyond, beyond_before) = self.residual.part.operator, self.residual.times, self.residual.states
-        if self._actuators is not None and (isinstance(R, RowsOperator) or self._actuators.gases):
+        if self.has_gas or (self._actuators is not None and isinstance(R, RowsOperator)):
             return None  # loops hold back points by W as a whole, and know no gas
         ω, inverse_ω, inputs, A, heat = map(in_plain, (self._ω, self._inverse_ω, self._model.inputs, A, heat))
         at = np.zeros((0, 3)) if solver is None else solver.points
@@ -118,6 +118,11 @@ class ContactMidpoint(FollowingMidpoint):
         before = self._state_before.reshape(2, -1), self._rigid_before, beyond_before
         state = State(*now, reactions[0], *before, within.rows_before, outside.rows_before, reactions[1])
         return CompiledStep(body, self._delassus, state, solver, self.h, (within, outside))
+
+    @property
+    def has_gas(self) -> bool:
+        """Whether some of the forces that are found are those of gas."""
+        return self._actuators is not None and bool(self._actuators.gases)
 
     @property
     def pulled(self) -> "Pulled":

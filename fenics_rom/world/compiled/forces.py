@@ -49,7 +49,7 @@ def find_forces(world: Array, C: int, law: Law, free: bool) -> Found:
         world: whose bodies have begun the step; its pairs have forces to begin with.
         C: how many contacts these are.
         law: h, friction at most, and what swings; nothing else is asked of it.
-        free: whether some soft body is.
+        free: whether some soft body is, or has strokes or guides that rub, so that W is not all of its answer.
     """
     near, J = near_at(world), len(joined_at(world).ends)
     n, h, none = C + J, law.h, np.zeros((C + J, 3))
@@ -230,7 +230,7 @@ def _find_among(
             size = _changed(Wᵀ, forces, tried, moved)
         copy(forces, tried)
         if size > SLOW * size_before > 0:  # what bodies answer has changed since then
-            if J == 0:
+            if J == 0 and not free:
                 break
             if sweep >= FEW_SWEEPS:
                 operator = operator_among(world, h, rows, K, free)

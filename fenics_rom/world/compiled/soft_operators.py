@@ -12,7 +12,8 @@ from fenics_rom.runtime.compiled.contact_points import WHOLE, Points, spread_som
 from fenics_rom.runtime.compiled.frame_tables import body_at, state_at
 from fenics_rom.runtime.compiled.frames import dot, vector
 from fenics_rom.world.compiled.couples import Turning, map_of
-from fenics_rom.world.compiled.soft_bodies import points_at
+from fenics_rom.world.compiled.pulled_bodies import hold_back_places
+from fenics_rom.world.compiled.soft_bodies import is_pulled, points_at, pulled_of
 
 
 class Places(NamedTuple):
@@ -56,7 +57,15 @@ def operator_of(table: Array, places: Places, outward: Rotation, middle: Rotatio
         _add_yielding_of_surfaces(points, places, outward, middle, W)
     elif len(points.R):
         _add_yielding(points, places, W)
+    if is_pulled(table):
+        _hold_back(table, places, W)
     return W
+
+
+@jit_apart
+def _hold_back(table: Array, places: Places, W: Array) -> None:
+    """Takes from W what strokes hold back."""
+    hold_back_places(pulled_of(table), places.nodes, places.weights, W)
 
 
 @jit_apart

@@ -20,9 +20,12 @@ from fenics_rom.world.compiled.soft_bodies import (
     POWER,
     SPUN,
     START,
+    is_pulled,
     moving_of,
     points_at,
+    pull_soft,
     rows_in,
+    step_at,
     try_soft,
     turn_at,
     velocity_at,
@@ -134,8 +137,11 @@ def _try_soft_body(world: Array, h: float, b: int, f: Array) -> float:
     near, table, fastest = near_at(world), softs_at(world)[bodies_at(world).numbers[b]], 0.0
     _spread(world, b, f, False)
     try_soft(table)
+    goes = is_pulled(table)  # with what is tried, so that places go along
+    if goes and not pull_soft(table, h):
+        return np.nan
     points, turn, ends = points_at(table), turn_at(table), near.ends
-    moving, start, inside = moving_of(turn, h), points.start, points.inside
+    moving, start, inside, places = moving_of(turn, h), points.start, points.inside, step_at(table).places
     for c in range(len(f)):
         for side in range(2):
             if ends[c, side] == b:
@@ -143,10 +149,14 @@ def _try_soft_body(world: Array, h: float, b: int, f: Array) -> float:
                     fastest = max(fastest, _turn_surface(world, h, b, c))
                     continue
                 v, sign, nodes, weights = NONE, 1.0 - 2 * side, near.nodes[c, side], near.weights[c, side]
+                place = NONE
                 for k in range(near.weights.shape[2]):
                     share, p = weights[k], nodes[k]
                     if share != 0.0:
                         v = added(v, share, velocity_at(moving, vector(start[p], 0), vector(inside[p], 0)))
+                        place = added(place, share if goes else 0.0, vector(places[p], 0))
+                if goes:
+                    put(near.places[c], 0, added(place, h / 2, v))
                 put(near.u[c], 0, added(vector(near.u[c], 0), sign, v))
                 fastest = max(fastest, abs(v[0]), abs(v[1]), abs(v[2]))
     return fastest

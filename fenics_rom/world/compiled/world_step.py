@@ -34,8 +34,10 @@ from fenics_rom.world.compiled.soft_bodies import (
     begin_soft,
     bends,
     end_bent,
+    end_pulled,
     end_relaxing,
     end_soft,
+    is_pulled,
     mount_on,
     relaxes,
     step_at,
@@ -216,6 +218,8 @@ def _end_step(world: Array, C: int, h: float, row: int, free: bool) -> bool:
                 end_relaxing(table, h)
             elif kind == SOFT:
                 end_soft(table, h)
+            if kind == SOFT and is_pulled(table):
+                end_pulled(table, h)
             told = step_at(table).told
             works[b, 0], works[b, 1], works[b, 2] = told[SUPPLIED], told[DISSIPATED], told[BY_OTHERS]
     return True
