@@ -163,16 +163,22 @@ def jit_part(function: _Function) -> _Function:
     return _part(function, EXACT) if can_compile() else function
 
 
-def jit_apart(function: _Function) -> _Function:
+def jit_apart(function: _Function, *, ahead: bool = False) -> _Function:
     """Has a function compiled by itself, once for all compiled ones that call it; Python takes it as it is.
 
-    Its arguments are given by position. `jit` makes of it what Python calls.
+    Its arguments are given by position. `jit` makes of it what Python calls. What gives a number or nothing is compiled
+    when it is called first, unless `ahead`: then with the first function that calls it.
     """
     if can_compile():
         from fenics_rom.compiled_calls import at_address
 
-        at_address(function, _compile(function))
+        at_address(function, _compile(function), ahead)
     return function
+
+
+def jit_ahead(function: _Function) -> _Function:
+    """The same, ahead of its first call: what a step needs as soon as something touches."""
+    return jit_apart(function, ahead=True)
 
 
 def jit_sums(function: _Function) -> _Function:

@@ -32,7 +32,9 @@ if can_compile():
     import numba
     from numba import types
     from numba.core import cgutils
-    from numba.extending import intrinsic, overload
+    from numba.core.imputils import lower_builtin
+    from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+    from numba.extending import intrinsic
 
     def _pointer_to(kind: Any) -> Any:
         def pointer(context: Any, address: Any) -> Any:
@@ -61,26 +63,30 @@ if can_compile():
     carray, address_of, float_of = numba.carray, _address_of, _float_of
     floats, integers, flags = map(_pointer_to, (types.float64, types.int64, types.boolean))
 
-    @intrinsic
-    def _unowned(context: Any, given: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            return _stripped(context, builder, given, values[0])
+    def _written(function: Any, kind_of: Any, write: Any) -> None:
+        """Has a function of one argument be what is written, for all kinds: nothing is compiled for each."""
 
-        return given(given), generate
+        class Call(AbstractTemplate):
+            """Of this function."""
 
-    @intrinsic
-    def _flat(context: Any, array: Any) -> Any:
-        kind = types.Array(array.dtype, 1, "C")
+            key = function
 
-        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-            of = cgutils.create_struct_proxy(array)(context, builder, given[0])
-            made = cgutils.create_struct_proxy(kind)(context, builder)
-            made.data, made.nitems, made.itemsize = of.data, of.nitems, of.itemsize
-            made.shape, made.strides = (cgutils.pack_array(builder, [each]) for each in (of.nitems, of.itemsize))
-            made.meminfo, made.parent = (cgutils.get_null_value(each.type) for each in (made.meminfo, made.parent))
-            return made._getvalue()
+            def generic(self, given: Any, named: Any) -> Any:
+                return signature(kind_of(given[0]), *given)
 
-        return kind(array), generate
+        infer_global(function, types.Function(Call))
+        lower_builtin(function, types.VarArg(types.Any))(write)
+
+    def _unowned(context: Any, builder: Any, of: Any, given: Any) -> Any:
+        return _stripped(context, builder, of.return_type, given[0])
+
+    def _flat(context: Any, builder: Any, of: Any, given: Any) -> Any:
+        array = cgutils.create_struct_proxy(of.args[0])(context, builder, given[0])
+        made = cgutils.create_struct_proxy(of.return_type)(context, builder)
+        made.data, made.nitems, made.itemsize = array.data, array.nitems, array.itemsize
+        made.shape, made.strides = (cgutils.pack_array(builder, [each]) for each in (array.nitems, array.itemsize))
+        made.meminfo, made.parent = (cgutils.get_null_value(each.type) for each in (made.meminfo, made.parent))
+        return made._getvalue()
 
     def _stripped(context: Any, builder: Any, kind: Any, value: Any) -> Any:
         if isinstance(kind, types.Array):
@@ -92,10 +98,5 @@ if can_compile():
             return context.make_tuple(builder, kind, [_stripped(context, builder, *part) for part in parts])
         return value
 
-    @overload(unowned, strict=False)
-    def _compiled_unowned(given: Any) -> Any:
-        return lambda given: _unowned(given)
-
-    @overload(flat, strict=False)
-    def _compiled_flat(array: Any) -> Any:
-        return lambda array: _flat(array)
+    _written(unowned, lambda given: given, _unowned)
+    _written(flat, lambda array: types.Array(array.dtype, 1, "C"), _flat)

@@ -5,7 +5,7 @@ numba has LLVM work on all that a function calls again in each that calls it: on
 `PartCompiler` leaves what is but a part of others to LLVM until it is in one of them that is called by itself.
 `at_address` has functions called by their addresses, behind which LLVM does not see. A caller keeps the address in its
 own code, and asks Python for it at its first call. So what comes from disk brings what it calls when that is called,
-and no sooner. What gives a number or nothing, as its annotation says, is not even compiled before.
+and no sooner. What gives a number or nothing, as its annotation says, is not even compiled before, unless it is to be.
 """
 
 import pickle
@@ -70,12 +70,13 @@ class _Constants:
         """They are set with the code that the function is a part of."""
 
 
-def at_address(function: Callable[..., object], dispatcher: Any) -> None:
+def at_address(function: Callable[..., object], dispatcher: Any, ahead: bool) -> None:
     """Has compiled functions call another one by its address.
 
     Args:
         function: to be called by its name, with arguments by position, from a module that can be imported.
         dispatcher: numba's, of this function.
+        ahead: whether it is compiled before those that call it, whatever it gives.
     """
     name = function.__module__, function.__qualname__
     _made[name] = dispatcher
@@ -89,7 +90,7 @@ def at_address(function: Callable[..., object], dispatcher: Any) -> None:
             if named:
                 raise TypeError(f"{name[1]}: allowed are arguments by position")
             kinds = tuple(map(types.unliteral, given))
-            gives = _GIVEN.get(function.__annotations__.get("return", function))
+            gives = None if ahead else _GIVEN.get(function.__annotations__.get("return", function))
             return signature(gives or _compiled(dispatcher, kinds).signature.return_type, *kinds)
 
     def generate(context: Any, builder: Any, of: Any, given: Any) -> Any:

@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain, jit, or_numpy
 from fenics_rom.mechanics import braking
-from fenics_rom.mechanics.compiled import contact_law, springs
+from fenics_rom.mechanics.compiled import contact_law, shapes, springs
 from fenics_rom.mechanics.compiled.contact_law import (
     FOUND,
     MOST_ROUNDS,
@@ -17,12 +17,10 @@ from fenics_rom.mechanics.compiled.contact_law import (
     Found,
     Law,
     Pairs,
-    ask,
     pairs_from,
 )
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside
-from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.complementarity import Frames
 from fenics_rom.mechanics.contact import ContactLaw, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_look import Look, look_at
@@ -38,6 +36,7 @@ UNKNOWN = in_one_piece(np.empty((0, 0)))  # inverse of an operator
 _SWUNG = ContactSearch._fields.index("swung")
 NO_OUTWARDS, _NOWHERE = np.empty(0), np.empty((0, 3))
 find_forces, ask_springs = jit(contact_law.find_forces), jit(springs.ask_springs)
+ask, measure = jit(contact_law.ask), jit(shapes.measure)
 
 
 def find_near_forces(law: Law, W: PointsOperator, P: int, swung: Array, pairs: Pairs) -> Found:

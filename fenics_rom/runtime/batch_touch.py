@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import jit
+from fenics_rom.mechanics.compiled import shapes as obstacle_shapes
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving
-from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.rubbing import PairPlaces, Rubbing, rubbing_at
 from fenics_rom.mechanics.sensor import SensedTouch
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.compiled.linear_step import PARTS, State
+
+measure = jit(obstacle_shapes.measure)
 
 
 class BatchTouch:

@@ -127,10 +127,10 @@ class CompiledWorld:
         self._are_told[number] = True
         arrays, body = self._arrays, self._bodies[number]
         index = int(arrays.bodies.numbers[number])
-        if isinstance(body, Rigid):
+        if type(body) is Rigid:  # `isinstance` of a class with a protocol takes 3 us where it is another one
             turning = (of[index] for of in arrays.freedoms[2:5])
             body.go_on(arrays.rigid.motion[index], arrays.rigid.rotation[index], *turning)
-        elif isinstance(body, Driven):
+        elif type(body) is Driven:
             body.go_on(base_in(arrays.driven.start[index].copy()), tuple(arrays.driven.misfit[index].tolist()))
 
     def tell_all(self) -> None:

@@ -10,7 +10,7 @@ from fenics_rom.mechanics import braking, compiled_contact, contact_pairs, obsta
 from fenics_rom.mechanics.braking import SWINGS
 from fenics_rom.mechanics.compiled import contact_law, coulomb, elimination, linearised, newton, shapes, sweeps
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Found
-from fenics_rom.mechanics.compiled.shapes import measure, shape_rows
+from fenics_rom.mechanics.compiled.shapes import shape_rows
 from fenics_rom.mechanics.compiled.sweeps import MOST_SWEEPS
 from fenics_rom.mechanics.complementarity import solution
 from fenics_rom.mechanics.contact import ContactLaw, ObstacleMotion, PointMotion
@@ -33,7 +33,7 @@ find_by_newton, find_by_sweeps, find_by_steps = map(
     jit, (newton.find_by_newton, sweeps.find_by_sweeps, linearised.find_by_steps)
 )
 look_at, look_among = map(jit, (coulomb.look_at, coulomb.look_among))
-solve = jit(elimination.solve)
+measure, solve = jit(shapes.measure), jit(elimination.solve)
 seeds = st.integers(0, 2**32 - 1)
 
 

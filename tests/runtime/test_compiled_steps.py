@@ -211,7 +211,7 @@ def test_a_body_whose_forces_loops_do_not_find_steps_as_a_single_one(roms, monke
 
 def test_pairs_that_are_not_asked_take_no_part():
     """Two points near a floor at a speed; what holds the first one back sends the other one down (a lever)."""
-    left_out, fastest_of = jit(touching.are_left_out), jit(touching.fastest_of)
+    left_out, fastest_of, ask = map(jit, (touching.are_left_out, touching.fastest_of, contact_law.ask))
     speed, lever = 0.3, 2.0  # m/s; velocity of the other one, of what is stopped
     W, beside = np.zeros((6, 6)), Beside(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((0, 3)))
     W[[2, 2, 5, 5], [2, 5, 2, 5]] = 1.0, -lever, -lever, lever**2 + 0.1
@@ -223,7 +223,7 @@ def test_pairs_that_are_not_asked_take_no_part():
         pairs.axes[:, 0] = 0, 0, 1
         found = touching.StepContact(pairs, gaps, np.zeros((4, 6)), f)
         is_left_out = left_out(fastest_of(W, f, np.ones(10)), DT, 2.5 * DT * speed, 1e-9, found)
-        contact_law.ask(law, gaps, free, free, beside, np.zeros((2, 3)), np.empty(0), pairs, np.inf)
+        ask(law, gaps, free, free, beside, np.zeros((2, 3)), np.empty(0), pairs, np.inf)
         assert not (is_left_out and free[1, 2] + (W @ f)[5] < pairs.level[1])
         seen.add(is_left_out)
     assert seen == {True, False}

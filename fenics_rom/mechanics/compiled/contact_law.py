@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_apart, jit_part
+from fenics_rom.compilation import jit_ahead, jit_apart, jit_part
 from fenics_rom.compiled_arrays import unowned
 from fenics_rom.mechanics import braking
 from fenics_rom.mechanics.braking import MOST_LOOKS, NEARLY_NONE
@@ -105,7 +105,7 @@ class Found(NamedTuple):
     normal_power: float  # Σ λ s, W
 
 
-@jit
+@jit_ahead
 def ask(
     law: Law,
     gaps: Array,

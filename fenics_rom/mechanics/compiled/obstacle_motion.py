@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_part, jit_shared
+from fenics_rom.compilation import jit_apart, jit_part, jit_shared
 from fenics_rom.mechanics import frame_motion
 from fenics_rom.mechanics.compiled.shapes import distance_from, measure, pose_of
 from fenics_rom.mechanics.compiled.work_space import take_rows
@@ -115,7 +115,7 @@ def _vector(numbers: Array, first: int) -> Vector:
     return numbers[first], numbers[first + 1], numbers[first + 2]
 
 
-@jit_part
+@jit_apart
 def _look_at_turning(
     shape: Array,
     start: Array,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit, jit_part, jit_shared
+from fenics_rom.compilation import jit_apart, jit_part, jit_shared
 from fenics_rom.mechanics import frame_motion
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
@@ -39,7 +39,7 @@ def shape_rows(obstacles: Sequence[Obstacle]) -> Array | None:
     return rows
 
 
-@jit
+@jit_apart
 def measure(shapes: Array, offsets: Array, places: Array, gaps: Array, normals: Array) -> None:
     """Sets gaps (O P,), m, and unit normals (O P, 3), obstacle after obstacle.
 

@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_apart, jit_part, jit_sums
 from fenics_rom.compiled_arrays import unowned
 from fenics_rom.mechanics.compiled.actuator_forces import room_for_search
-from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, Law, find_forces
+from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, Law, Pairs, find_forces
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, begin_beside, room_beside, turn, turn_too_far
@@ -117,8 +117,8 @@ NOT_TAKEN = Step(OTHERWISE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 def room_for(body: Body, moving: Moving) -> int:
     """Numbers of the work space that a step among such obstacles takes."""
     P, n = len(body.places), len(body.pulled.W)
-    of_found = room_for_search(n) + len(body.ω) + body.inputs.shape[1] + n + 8 if n > 0 else 0
-    return 8 * len(body.ω) + 12 * P + room_beside(moving, len(moving.start) * P) + of_found
+    of_found = room_for_search(n) + len(body.ω) + body.inputs.shape[1] + n + 4 if n > 0 else 0
+    return 4 + 8 * len(body.ω) + 12 * P + room_beside(moving, len(moving.start) * P) + of_found
 
 
 @jit_apart
@@ -167,22 +167,15 @@ def step_in(
         right[i] = pushed[i] + 2 / h * r[i] - body.ω[i] * e[i]
         q[i] = state.rigid[i] if i < ρ else e[i] * body.inverse_ω[i]
     if relaxes:
-        set_forces(body.share, state.relaxed)
-        fill(stress, 0.0)
-        add_pull(body.branches, state.relaxed, stress)
-        for i in range(m):
-            right[i] -= body.ω[i] * stress[i]
-        for row in range(len(pull)):
-            fill(pull[row], 0.0)
-            add_row_of_pull(body.branches, state.relaxed_beyond, row, pull[row])
+        _draw_back(body, state, right, stress, pull)
     multiply(body.A, right, v)
     numbers, free, z = take(space, room_for_search(n) if n > 0 else 0), take(space, m * (n > 0)), take(space, n)
-    rubbed, told = rate, take(space, 4 * (n > 0))
+    rubbed, told = rate, take(space, 4)
     if n > 0:
         copy(v, free)
         if not pull_alone(pulled, h, u, q, r, free, state.reactions, numbers, z, v):
             return NOT_TAKEN
-        fill(told, 0.0)
+    fill(told, 0.0)
     contact, going = Found(NOTHING, 0, 0.0), (r, v, state.beyond, pull, beside)
     reach = reach_of(clearance, body.inertia, body.whole, h, *going)
     by_obstacles = power = 0.0
@@ -199,6 +192,9 @@ def step_in(
         clearance.gap[0] = _smallest_of(found.gaps)
         is_clear = _is_beyond(clearance, reach)
         if is_clear and farthest == math.inf:
+            if by_blocks:  # which is compiled then, before something touches
+                forget_pairs(pairs)
+                _find_by_blocks(law, body, ρ, begun.swung, pairs, forces, by_contact, motion[3], told)
             break
         if is_clear:  # by bounds of most pairs: where all are measured, it lasts longer
             farthest = math.inf
@@ -213,10 +209,9 @@ def step_in(
         else:
             ask_points(body, law, beside, pairs.forces, r, v, state.beyond, pull, found, farthest, space)
             if by_blocks:
-                of_body = body.points, body.inverse_ω, ρ, body.whole, body.yielding
-                near = find_near_forces(law, *of_body, begun.swung, pairs, forces, by_contact, motion[3])
-                contact = Found(near.status, near.sweeps, near.normal_power)
-                fastest = near.fastest + DIAGONAL * largest_of(motion[3]) / body.whole
+                _find_by_blocks(law, body, ρ, begun.swung, pairs, forces, by_contact, motion[3], told)
+                contact = Found(int(told[0]), int(told[1]), told[2])
+                fastest = told[3] + DIAGONAL * largest_of(motion[3]) / body.whole
             else:
                 contact = find_forces(law, body.W, in_one_piece(body.inverse), P, begun.swung, pairs)
         contact = held_by(law, found.gaps, pairs, contact)
@@ -254,8 +249,8 @@ def step_in(
         for i in range(m):
             rate[i] = body.ω[i] * v[i]
         set_force(body.share, rate, stress)
-        dissipated += step_branches(body.branches, state.relaxed, rate, stress)
-        in_branches = 2 * stored_in(body.branches, state.relaxed)
+        dissipated += _relax(body.branches, state.relaxed, rate, stress)
+        in_branches = _twice_stored(body.branches, state.relaxed)
     touches = contact.status == FOUND
     is_still = not touches and (is_settled(clearance.still) or _is_at_rest(state))
     clearance.still[0] = clearance.still[0] + 1 if is_still else 0.0
@@ -269,8 +264,8 @@ def step_in(
         lost, power_beyond, stored = step_beyond(body, h, state.beyond, pull, forces, motion[3], space)
         dissipated, power = dissipated + lost, power + power_beyond
         if relaxes:
-            dissipated += step_branches(body.branches, state.relaxed_beyond, pull[0], pull[1])
-            stored += 2 * stored_in(body.branches, state.relaxed_beyond)
+            dissipated += _relax(body.branches, state.relaxed_beyond, pull[0], pull[1])
+            stored += _twice_stored(body.branches, state.relaxed_beyond)
         if contact.status == NOTHING and stored < max(2 * FORGOTTEN, NEGLIGIBLE * (dot(e, e) + dot(r, r))):
             fill(state.beyond, 0.0)
             fill(state.relaxed_beyond, 0.0)
@@ -298,6 +293,41 @@ def step_in(
         contact.normal_power,
         told[3] if n > 0 else 0.0,
     )
+
+
+@jit_apart
+def _draw_back(body: Body, state: State, right: Array, stress: Array, pull: Array) -> None:
+    """Adds to a right-hand side (m,) what branches do; stress (m,) and pull (2, 3P) or (0, 3P), beyond, are set."""
+    set_forces(body.share, state.relaxed)
+    fill(stress, 0.0)
+    add_pull(body.branches, state.relaxed, stress)
+    for i in range(len(right)):
+        right[i] -= body.ω[i] * stress[i]
+    for row in range(len(pull)):
+        fill(pull[row], 0.0)
+        add_row_of_pull(body.branches, state.relaxed_beyond, row, pull[row])
+
+
+@jit_apart
+def _relax(numbers: Array, branches: Array, rate: Array, stress: Array) -> float:
+    """As `step_branches`."""
+    return step_branches(numbers, branches, rate, stress)
+
+
+@jit_apart
+def _twice_stored(numbers: Array, branches: Array) -> float:
+    """The energy in branches, twice, J."""
+    return 2 * stored_in(numbers, branches)
+
+
+@jit_apart
+def _find_by_blocks(
+    law: Law, body: Body, ρ: int, swung: Array, pairs: Pairs, f: Array, by_contact: Array, rates: Array, told: Array
+) -> None:
+    """As `find_near_forces`; told: (4,) set, status, sweeps, power of contact and what is fastest."""
+    of_body = body.points, body.inverse_ω, ρ, body.whole, body.yielding
+    near = find_near_forces(law, *of_body, swung, pairs, f, by_contact, rates)
+    told[0], told[1], told[2], told[3] = near.status, near.sweeps, near.normal_power, near.fastest
 
 
 @jit_part
