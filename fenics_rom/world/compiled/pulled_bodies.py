@@ -8,19 +8,26 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_part
+from fenics_rom.compilation import jit_apart, jit_part
 from fenics_rom.compiled_arrays import flat
 from fenics_rom.mechanics.actuator_forces import MAX_ROUNDS
-from fenics_rom.mechanics.compiled.actuator_forces import ARE_FOUND, GOES_ON, begin_search, look, search_in
+from fenics_rom.mechanics.compiled.actuator_forces import (
+    ARE_FOUND,
+    GOES_ON,
+    begin_search,
+    look,
+    room_for_search,
+    search_in,
+)
 from fenics_rom.mechanics.compiled.copying import add_row, copy
 from fenics_rom.runtime.compiled.arrays_at import vector_at
 from fenics_rom.runtime.compiled.contact_points import Points
+from fenics_rom.runtime.compiled.frame_tables import body_at, state_at
 from fenics_rom.runtime.compiled.held_back import hold_back
 from fenics_rom.runtime.compiled.linear_actuators import Pulled
 from fenics_rom.runtime.compiled.linear_table import pulled_at
 from fenics_rom.runtime.compiled.small_matrices import dot
-
-PULLED_ROWS = 12
+from fenics_rom.world.compiled.soft_bodies import DISSIPATED, PULLED, SUPPLIED, points_at, step_at
 
 
 class PulledHere(NamedTuple):
@@ -33,13 +40,32 @@ class PulledHere(NamedTuple):
 
 
 @jit_part
-def pulled_here(t: Array) -> PulledHere:
-    """What twelve rows have of it."""
+def pulled_of(table: Array) -> PulledHere:
+    """What a body has of it."""
+    t = table[PULLED:]
     return PulledHere(pulled_at(t), vector_at(t[9]), vector_at(t[10]), vector_at(t[11]))
 
 
+@jit_apart
+def pull_soft(table: Array, h: float) -> bool:
+    """Adds what strokes and guides do to how a body moves in a try; whether their forces are found."""
+    body, state, step = body_at(table), state_at(table), step_at(table)
+    of, q, r = pulled_of(table), state.halves[0] * body.inverse_ω, state.halves[1]
+    numbers = np.empty(room_for_search(len(of.reactions)))
+    return _pull(of, points_at(table), h, step.u, q, r, step.rate, step.changed, numbers)
+
+
+@jit_apart
+def end_pulled(table: Array, h: float) -> None:
+    """Adds to what a step is booked for what strokes and guides did in it."""
+    step = step_at(table)
+    supplied, dissipated = _end_pull(pulled_of(table), h, step.changed)
+    step.told[SUPPLIED] += supplied
+    step.told[DISSIPATED] += dissipated
+
+
 @jit_part
-def pull(
+def _pull(
     of: PulledHere, points: Points, h: float, u: Array, q: Array, r: Array, rate: Array, changed: Array, numbers: Array
 ) -> bool:
     """Adds to r̂ (m,) of a try, and to velocities of points, what strokes and guides do; whether forces are found.
@@ -82,7 +108,7 @@ def pull(
 
 
 @jit_part
-def end_pull(of: PulledHere, h: float, changed: Array) -> tuple[float, float]:
+def _end_pull(of: PulledHere, h: float, changed: Array) -> tuple[float, float]:
     """Ends the step under the forces of the last try: what strokes supply in it, and what guides dissipate, J."""
     n, supplied, dissipated = len(of.found), 0.0, 0.0
     for k in range(n):

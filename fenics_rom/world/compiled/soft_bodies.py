@@ -10,7 +10,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_apart, jit_part
-from fenics_rom.mechanics.compiled.actuator_forces import room_for_search
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.runtime.compiled.arrays_at import (
@@ -64,7 +63,6 @@ from fenics_rom.runtime.compiled.frames import (
     seen,
     vector,
 )
-from fenics_rom.world.compiled.pulled_bodies import PULLED_ROWS, PulledHere, end_pull, pull, pulled_here
 from fenics_rom.world.compiled.relaxing_bodies import (
     Relaxed,
     draw_back,
@@ -76,7 +74,7 @@ from fenics_rom.world.compiled.relaxing_bodies import (
 
 # Rows of the table of a body: after those of `frame_tables`, of `contact_points.Points`, then of `Step`, then what one
 # has that deforms largely, that relaxes, and that is pulled by strokes or rubs at guides: addresses of others are 0.
-POINTS, STEP, BENT, RELAXED, PULLED, ROWS = FRAME_ROWS, 39, 53, 90, 96, 96 + PULLED_ROWS
+POINTS, STEP, BENT, RELAXED, PULLED, ROWS = FRAME_ROWS, 39, 53, 90, 96, 108
 SQUARE, WITHIN, SUPPLIED, DISSIPATED, BY_OTHERS = range(5)  # in `Step.told`
 START, END, MIDDLE, TURN, V, Ω, V_END, Ω_END, ORIGIN, SPUN = 0, 9, 18, 27, 30, 33, 36, 39, 42, 45  # in `Step.turn`
 CENTRE, FORCE, TORQUE, POWER, RIMS, TURNS = 48, 51, 54, 57, 58, 64  # there, of free bodies
@@ -170,12 +168,6 @@ def relaxes(table: Array) -> bool:
 def is_pulled(table: Array) -> bool:
     """Whether it has strokes that are given, or guides that rub."""
     return table[PULLED, 0] != 0
-
-
-@jit_part
-def pulled_of(table: Array) -> PulledHere:
-    """What such a body has."""
-    return pulled_here(table[PULLED:])
 
 
 @jit_part
@@ -274,24 +266,6 @@ def try_soft(table: Array) -> None:
     else:
         copy(step.rate, step.changed)
         copy(points.free, points.inside)
-
-
-@jit_apart
-def pull_soft(table: Array, h: float) -> bool:
-    """Adds what strokes and guides do to how a body moves in a try; whether their forces are found."""
-    body, state, step = body_at(table), state_at(table), step_at(table)
-    of, q, r = pulled_of(table), state.halves[0] * body.inverse_ω, state.halves[1]
-    numbers = np.empty(room_for_search(len(of.reactions)))
-    return pull(of, points_at(table), h, step.u, q, r, step.rate, step.changed, numbers)
-
-
-@jit_apart
-def end_pulled(table: Array, h: float) -> None:
-    """Adds to what a step is booked for what strokes and guides did in it."""
-    step = step_at(table)
-    supplied, dissipated = end_pull(pulled_of(table), h, step.changed)
-    step.told[SUPPLIED] += supplied
-    step.told[DISSIPATED] += dissipated
 
 
 class Moving(NamedTuple):

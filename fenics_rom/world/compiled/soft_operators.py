@@ -12,8 +12,8 @@ from fenics_rom.runtime.compiled.contact_points import WHOLE, Points, spread_som
 from fenics_rom.runtime.compiled.frame_tables import body_at, state_at
 from fenics_rom.runtime.compiled.frames import dot, vector
 from fenics_rom.world.compiled.couples import Turning, map_of
-from fenics_rom.world.compiled.pulled_bodies import hold_back_places
-from fenics_rom.world.compiled.soft_bodies import is_pulled, points_at, pulled_of
+from fenics_rom.world.compiled.pulled_bodies import hold_back_places, pulled_of
+from fenics_rom.world.compiled.soft_bodies import is_pulled, points_at
 
 
 class Places(NamedTuple):

@@ -12,6 +12,7 @@ from fenics_rom.world.compiled.bodies import velocity_of_driven, velocity_of_dri
 from fenics_rom.world.compiled.couples import are_couples, couple_of, pushed_by, turned_by, turning_of
 from fenics_rom.world.compiled.free_bodies import try_free
 from fenics_rom.world.compiled.operators import pushes_on
+from fenics_rom.world.compiled.pulled_bodies import pull_soft
 from fenics_rom.world.compiled.rigid_bodies import Pushed, attempt
 from fenics_rom.world.compiled.soft_bodies import (
     CENTRE,
@@ -23,7 +24,6 @@ from fenics_rom.world.compiled.soft_bodies import (
     is_pulled,
     moving_of,
     points_at,
-    pull_soft,
     rows_in,
     step_at,
     try_soft,

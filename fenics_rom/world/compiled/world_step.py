@@ -25,6 +25,7 @@ from fenics_rom.world.compiled.joint_impulses import stop_joints
 from fenics_rom.world.compiled.letting_out import leave_in, overdraws, set_speeds_out
 from fenics_rom.world.compiled.near import find_near, lack_rows, look_at_margins
 from fenics_rom.world.compiled.operators import be_ready
+from fenics_rom.world.compiled.pulled_bodies import end_pulled
 from fenics_rom.world.compiled.soft_bodies import (
     BY_OTHERS,
     DISSIPATED,
@@ -34,7 +35,6 @@ from fenics_rom.world.compiled.soft_bodies import (
     begin_soft,
     bends,
     end_bent,
-    end_pulled,
     end_relaxing,
     end_soft,
     is_pulled,
