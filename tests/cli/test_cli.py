@@ -505,7 +505,7 @@ class TestOptions:
         (
             "inertia = {}",
             "inertia = {}\nwind = {}",
-            "effects: no key 'wind'; there is base_motion, base_path, contact, damping, friction",
+            "effects: no key 'wind'; there is base_motion, base_path, cables, contact, damping",
         ),
         ('clamped = ["root"]', 'clamped = ["rot"]', "no surface 'rot'; there is middle, root,"),
         ('surface = "middle"', 'surface = "midle"', "no surface 'midle'; there is"),

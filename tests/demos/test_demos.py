@@ -16,7 +16,7 @@ TABLE = (DEMOS / "README.md").read_text()
 
 
 def test_every_demo_is_in_the_table():
-    rows = re.findall(r"^\| \[(\w+)\]\((\w+)\) \|(.*)\|(.*)\|(.*)\| (`.*) \|$", TABLE, flags=re.M)
+    rows = re.findall(r"^\| \[(\w+)\]\((\w+)/README\.md\) \|(.*)\|(.*)\|(.*)\| (`.*) \|$", TABLE, flags=re.M)
     folders = {path.parent.name for path in DEMOS.glob("*/*.py")}
     assert sorted(name for name, *_ in rows) == sorted(folders)
     for name, link, picture, shows, takes, run in rows:

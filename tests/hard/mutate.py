@@ -50,7 +50,7 @@ MUTATIONS = [
     ("runtime/steppers/parted_adjoint.py", "x_ + owed_ @ motion.x", "x_ + 0 * owed_ @ motion.x"),
     ("runtime/steppers/parted_adjoint.py", "touch.contact.through(*by_forces)", "touch.contact"),
     ("runtime/steppers/parted_adjoint.py", "-= η @ found.by_shape", "+= η @ found.by_shape"),
-    ("runtime/steppers/parted_adjoint.py", "(1 - share) * by_goal", "share * by_goal"),
+    ("runtime/steppers/parted_adjoint.py", "(1 - given) * by_goal", "given * by_goal"),
     ("runtime/steppers/frame_slopes.py", "sign / h * spin - spun", "sign / h * spin + spun"),
     ("runtime/steppers/frame_slopes.py", "np.cross(at.v, at.ω)", "np.cross(at.ω, at.v)"),
     ("runtime/steppers/parted_adjoint.py", "np.linalg.solve(whole, right)", "np.linalg.solve(whole.T, right)"),

@@ -56,7 +56,7 @@ def test_a_reduced_model_follows_fibres_threads_and_a_cable(beam, method, law, w
         assert run.balance_error < 1e-10
         assert np.abs(run.outputs["tip"] - tip).max() < within * np.abs(tip).max()
         found, expected = (each.readings["core"].values.reshape(-1, 11)[:, :6] for each in (run, whole))
-        assert np.abs(found - expected).max() < 5 * within * np.abs(expected).max()
+        assert np.abs(found - expected).max() < 10 * within * np.abs(expected).max()
 
 
 def test_training_refuses_fibres_that_would_fold(beam):

@@ -38,7 +38,7 @@ READ = {
         lambda b: (b.state, b.energy, b.energy_coordinates, b.pose),
         "stepper stepper.state stepper.rigid_displacement stepper.frame",
     ),
-    CARRIED: (lambda b: b.save().stepper.auxiliary, "stepper.auxiliary"),
+    CARRIED: (lambda b: (b.save().stepper.auxiliary, b.save().gas), "stepper.auxiliary gas"),
     "forces of contact and of strokes, and those that the next search begins with": (
         lambda b: (b.obstacle_forces(), b.reactions, searched(b)[:1], searched(b)[2:]),
         "stepper.contact stepper.search stepper.reactions",
