@@ -15,8 +15,8 @@ TURN, PLACE = (0.3, -0.2, 0.7), np.array([0.02, 0.01, -0.03])
 
 
 def test_a_pad_slides_over_triangles_as_over_a_half_space():
-    """800 of them in one plane: forces are the same to what they are found to, 1e-9, and so is the way."""
-    mesh = Mesh(*plate(20), PLACE, TURN, open=1)
+    """10,082 of them in one plane: forces are the same to what they are found to, 1e-9, and so is the way."""
+    mesh = Mesh(*plate(71), PLACE, TURN, open=1)
     normal, side = mesh.surface.normals[0], mesh.surface.vertices[1] - mesh.surface.vertices[0]
     along = side / np.linalg.norm(side)
     across = np.cross(normal, along)
@@ -36,7 +36,7 @@ def test_a_pad_slides_over_triangles_as_over_a_half_space():
         places.append(pad.position)
     assert np.abs(forces[0] - forces[1]).max() < 1e-9 * np.abs(forces[1]).max()
     assert np.abs(places[0] - places[1]).max() < 1e-12
-    assert np.linalg.norm((places[0] - points).mean(axis=0)) > 2 * 0.4 / 20, "over several triangles"
+    assert np.linalg.norm((places[0] - points).mean(axis=0)) > 2 * 0.4 / 71, "over several triangles"
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.6])
