@@ -42,6 +42,7 @@ SHARED = tuple(  # what else than their own folders compiled functions use
         "mechanics/largest_turn",
         "mechanics/rounded_surface",
         "mechanics/surface_pairs",
+        "rom/block_rows",
         "runtime/steppers/convergence",
         "runtime/steppers/elastic/carried_strains",
         "runtime/steppers/frame_table",
