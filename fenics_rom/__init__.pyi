@@ -37,6 +37,7 @@ from fenics_rom.identification.scene_gradient import differentiate_scene as diff
 from fenics_rom.identification.write import write_identification as write_identification
 from fenics_rom.mechanics.base_path import BasePath as BasePath
 from fenics_rom.mechanics.base_path import BaseState as BaseState
+from fenics_rom.mechanics.contact import ContactLaw as ContactLaw
 from fenics_rom.mechanics.environment import Environment as Environment
 from fenics_rom.reduction.enrichment import Enrichment as Enrichment
 from fenics_rom.reduction.reduce import reduce as reduce

@@ -170,7 +170,8 @@ def _check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:
     if (piece := given_piece(reading)) is not None:
         raise SceneError(f"{where}.{piece}: goes with strain and stress; a {reading.quantity} is that of a {kind}")
     if reading.of is None:
-        raise SceneError(f"{where}.of is missing: the {kind} whose {reading.quantity} is read")
+        named = ", ".join(sorted(known)) or "none"
+        raise SceneError(f"{where}.of is missing: the {kind} whose {reading.quantity} is read; there is {named}")
     check_known(kind, reading.of, known, SceneError, f"{where}.of: ")
     if reading.quantity == "contact_pressure" and file.effects.contact is None:
         raise SceneError(f"{where}: means nothing without contact; name effects.contact as well")
