@@ -79,6 +79,9 @@ class ContactLaw:
 
     Raises:
         SceneError: a number out of its range, or damping or restitution that would not act.
+
+    Example:
+        >>> smooth = fr.ContactLaw(friction=0.1)
     """
 
     restitution: float = 0.0
