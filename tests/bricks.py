@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.append(str(Path(__file__).parents[1] / "demos" / "hard_cases"))
+from boxes import KINDS as KINDS
 from boxes import hexahedra, msh
 
 

@@ -15,7 +15,7 @@ Inside = Callable[[Array], Array]  # of points (N, 3), which are in it
 
 # Gmsh's numbers of elements, by their dimension and number of nodes.
 KINDS = {(2, 3): 2, (2, 6): 9, (2, 4): 3, (2, 8): 16, (2, 9): 10, (3, 4): 4, (3, 10): 11, (3, 8): 5, (3, 20): 17}
-KINDS |= {(3, 27): 12}
+KINDS |= {(3, 27): 12, (3, 6): 6, (3, 15): 18, (3, 18): 13, (3, 5): 7, (3, 13): 19, (3, 14): 14}
 LEFT: dict[str, Inside] = {"left": lambda p: p[:, 0] <= p[:, 0].min()}
 
 

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.errors import MeshError, shown, unknown
+from fenics_rom.fem.file_cells import edges_of
 from fenics_rom.fem.mesh_arrays import MeshArrays
 from fenics_rom.fem.mesh_quality import CELL_FACES
-from fenics_rom.scene.foreign_process import TETRAHEDRON_10, edges_of
 
 TETRAHEDRA = r"C3D(4|10)[A-Z]*"  # and the number of their nodes
 SOLIDS = r"(?:C3D|CC3D|DC3D|AC3D|SC)(\d+)[A-Z]*"
@@ -395,4 +395,4 @@ def read_abaqus(file: Path) -> MeshArrays:
         if named:
             surfaces[name] = np.array([cells[row][list(face)] for row, face in named])
     points = np.array([*content.nodes.values()], dtype=float).reshape(-1, 3)
-    return MeshArrays(points, cells, surfaces, regions, edges_of(second, TETRAHEDRON_10), content.notes)
+    return MeshArrays(points, cells, surfaces, regions, edges_of(second), content.notes)

@@ -6,7 +6,7 @@ hexahedra, too. A middle node belongs to two vertices: the ends of its edge, of 
 diagonal of its cell from the least vertex.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -83,16 +83,9 @@ class CellKind:
     def tetrahedra(self, cells: Array) -> Array:
         """Tetrahedra (S C, 4) that cells (C, V) are divided into, those of a cell one after the other.
 
-        Those of neighbours share the triangles of their common face. Of a hexahedron they are those between its least
-        vertex and the halves of the three faces that do not have it.
+        Those of neighbours share the triangles of their common face. See `tetrahedra_from_least`.
         """
-        if self.facet == "triangle":
-            return cells
-        least = cells.argmin(axis=1)
-        beyond = np.array([[k for k, face in enumerate(self.faces) if corner not in face] for corner in range(8)])
-        around = cells[np.arange(len(cells))[:, None, None], self.faces[beyond[least]]]
-        parts = halves(around.reshape(-1, 4)).transpose(1, 0, 2).reshape(-1, 3)
-        return np.column_stack([parts[:, [0, 2, 1]], np.repeat(cells.min(axis=1), 6)])
+        return tetrahedra_from_least(cells, self.faces)[0] if self.facet == "quadrilateral" else cells
 
     def shapes(self, degree: int, ξ: Array) -> tuple[Array, Array]:
         """Shape functions (P, A) and their gradients (P, A, 3) at places (P, 3) of the reference cell."""
@@ -125,6 +118,25 @@ def halves(around: Array) -> Array:
         return around[None]
     first = from_least(around)
     return np.stack([first[:, [0, 1, 2]], first[:, [2, 3, 0]]])  # as `nodal_contact.facets_of` knows them
+
+
+def tetrahedra_from_least(cells: Array, faces: Sequence[Array] | Array) -> tuple[Array, Array]:
+    """Tetrahedra (T, 4) between the least vertex of cells (C, V) and the halves of the faces that do not have it.
+
+    Those of a cell come one after the other, positive where corners around faces are outward; and the cells (T,) of
+    each.
+    """
+    least, parts, of = cells.argmin(axis=1), [cells[:0, :4]], [np.empty(0, int)]
+    for corner in range(cells.shape[1]):
+        rows = np.flatnonzero(least == corner)
+        for face in faces:
+            if corner not in face:
+                for half in halves(cells[rows][:, face]):
+                    parts.append(np.column_stack([half[:, [0, 2, 1]], cells[rows, corner]]))
+                    of.append(rows)
+    origin = np.concatenate(of)
+    order = np.argsort(origin, kind="stable")
+    return np.concatenate(parts)[order], origin[order]
 
 
 @cache

@@ -4,8 +4,7 @@ Groups may overlap (a contact patch on a clamp, one patch inside another), which
 not hold. Everything here runs on one rank.
 """
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,8 +12,9 @@ import numpy as np
 
 from fenics_rom.errors import MeshError, check_known
 from fenics_rom.fem.abaqus_file import read_abaqus
-from fenics_rom.fem.cell_kinds import KINDS, TETRAHEDRON, CellKind, halves
+from fenics_rom.fem.cell_kinds import TETRAHEDRON, CellKind, halves
 from fenics_rom.fem.cell_overlaps import describe_overlaps
+from fenics_rom.fem.file_cells import ALLOWED, computable
 from fenics_rom.fem.mesh_arrays import NO_EDGES, MeshArrays
 from fenics_rom.fem.mesh_gaps import describe_gaps
 from fenics_rom.fem.mesh_quality import check_filling, straight_volumes
@@ -22,9 +22,6 @@ from fenics_rom.fem.msh_sections import check_sections
 from fenics_rom.fem.xdmf_file import read_xdmf
 from fenics_rom.scene import foreign_file
 
-ALLOWED = "tetrahedra of 4 or 10 nodes, hexahedra of 8, 20 or 27"
-PRISM = re.compile("(?i)prism|.*wedge")
-FROM_VTK = {len(kind.corners): kind.from_vtk for kind in KINDS.values()}
 FLAT = 1e-12  # volume of a cell that has none, of the cube of its longest edge
 SURFACES = (".stl", ".step", ".stp")  # what Gmsh can fill
 
@@ -191,8 +188,8 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[s
         raise MeshError(f"mesh file {file}: holds no nodes")
     order = np.argsort(arrays["nodes"])
     points, tags = arrays["points"].reshape(-1, 3)[order], arrays["nodes"][order]
-    kind = kind_of(sorted(set(map(str, arrays["kinds"]))), file)
-    corners = len(kind.corners)
+    if len(arrays["others"]):
+        raise MeshError(f"mesh file {file}: holds {', '.join(sorted(arrays['others']))}; allowed are {ALLOWED}")
 
     def positions(wanted: np.ndarray, among: np.ndarray, what: str) -> np.ndarray:
         rows = np.searchsorted(among, wanted)  # tags may be anything, in any order
@@ -205,8 +202,8 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[s
             )
         return rows
 
-    cells = positions(arrays["cells"].reshape(-1, corners), tags, "nodes")[:, FROM_VTK[corners]]
-    edges = positions(arrays["edges"].reshape(-1, 3), tags, "nodes")
+    held = [positions(arrays[f"cells{size}"].reshape(-1, size), tags, "nodes") for size in arrays["sizes"]]
+    made = computable(points, held, file)
     by_number = np.argsort(arrays["numbers"])
     every_tag = {int(tag): str(tag) for tag in arrays["tags"]}
     named = every_tag if groups is None else {tag: name for name, tag in groups.items()}
@@ -221,23 +218,12 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[s
         if not name:
             continue
         if dimension == 2:
-            around = positions(members, tags, "nodes").reshape(-1, kind.faces.shape[1])
-            triangles = halves(around).reshape(-1, 3)
-            surfaces[name] = np.concatenate([surfaces.get(name, triangles[:0]), triangles])
+            for around in (members.reshape(-1, 3), arrays[f"quadrilaterals{k}"].reshape(-1, 4)):
+                triangles = halves(positions(around, tags, "nodes")).reshape(-1, 3)
+                surfaces[name] = np.concatenate([surfaces.get(name, triangles[:0]), triangles])
         else:
-            rows = by_number[positions(members, arrays["numbers"][by_number], "cells")]
+            rows = made.rows(by_number[positions(members, arrays["numbers"][by_number], "cells")])
             regions[name] = np.concatenate([regions.get(name, rows[:0]), rows])
     names = map(str, arrays.get("vectors", ()))
-    vectors = {name: arrays[f"vector{k}"].reshape(-1, 3) for k, name in enumerate(names)}
-    return MeshArrays(points, cells, surfaces, regions, edges, vectors=vectors, kind=kind)
-
-
-def kind_of(held: Sequence[str], file: Path) -> CellKind:
-    """Of a mesh with these kinds of cells that fill a volume; tetrahedra if it has none."""
-    strange = [name for name in held if name not in KINDS]
-    if strange:
-        because = "; of prisms dolfinx 0.5 has no elements" if any(map(PRISM.match, strange)) else ""
-        raise MeshError(f"mesh file {file}: holds {', '.join(held)}; allowed are {ALLOWED}{because}")
-    if len(held) > 1:
-        raise MeshError(f"mesh file {file}: holds {' and '.join(held)} cells; allowed are those of one kind")
-    return KINDS[held[0]] if held else TETRAHEDRON
+    vectors = {name: arrays[f"vector{k}"].reshape(-1, 3)[made.origin] for k, name in enumerate(names)}
+    return made.arrays(surfaces, regions, vectors)

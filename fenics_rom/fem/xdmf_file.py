@@ -1,4 +1,4 @@
-"""XDMF files as dolfinx and meshio write them: one mesh of tetrahedra or hexahedra, and its tags as groups.
+"""XDMF files as dolfinx and meshio write them: one mesh of cells of one type, and its tags as groups.
 
 Not by dolfinx, which a cell of a node that is not there ends by a signal, and which passes over tags of what is no face
 of its cells.
@@ -13,16 +13,16 @@ import h5py
 import numpy as np
 
 from fenics_rom.errors import MeshError
-from fenics_rom.fem.cell_kinds import HEXAHEDRON, TETRAHEDRON, halves
-from fenics_rom.fem.mesh_arrays import NO_EDGES, MeshArrays
-from fenics_rom.scene.foreign_process import HEXAHEDRON_20, HEXAHEDRON_27, TETRAHEDRON_10, edges_of
+from fenics_rom.fem.cell_kinds import halves
+from fenics_rom.fem.file_cells import SHAPES, computable
+from fenics_rom.fem.mesh_arrays import MeshArrays
 
-TETRAHEDRA = {"tetrahedron": 4, "tetrahedron_10": 10, "tet_10": 10}  # and their nodes, in VTK's order
-HEXAHEDRA = {"hexahedron": 8, "hexahedron_20": 20, "hex_20": 20, "hexahedron_27": 27, "hex_27": 27}
+# Nodes of cells by their type, in VTK's order.
+CELLS = {"tetrahedron": 4, "tetrahedron_10": 10, "tet_10": 10, "pyramid": 5, "pyramid_13": 13}
+CELLS |= {"wedge": 6, "wedge_15": 15, "wedge_18": 18}
+CELLS |= {"hexahedron": 8, "hexahedron_20": 20, "hex_20": 20, "hexahedron_27": 27, "hex_27": 27}
 TRIANGLES = {"triangle": 3, "triangle_6": 6, "tri_6": 6}
-QUADRILATERALS = {"quadrilateral": 4, "quadrilateral_8": 8, "quad_8": 8, "quadrilateral_9": 9, "quad_9": 9}
-CELLS, FACES = TETRAHEDRA | HEXAHEDRA, TRIANGLES | QUADRILATERALS
-MIDDLES = {10: TETRAHEDRON_10, 20: HEXAHEDRON_20, 27: HEXAHEDRON_27}
+FACES = TRIANGLES | {"quadrilateral": 4, "quadrilateral_8": 8, "quad_8": 8, "quadrilateral_9": 9, "quad_9": 9}
 
 
 def read_xdmf(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
@@ -47,24 +47,23 @@ def _read(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
         raise ValueError("it has no grid with a topology")
     shape = _shape(grids[0])
     if shape not in CELLS:
-        raise MeshError(f"mesh file {file}: holds cells of type {shape}; allowed are tetrahedra and hexahedra")
-    kind = TETRAHEDRON if shape in TETRAHEDRA else HEXAHEDRON
-    corners, faces = len(kind.corners), TRIANGLES if shape in TETRAHEDRA else QUADRILATERALS
+        raise MeshError(f"mesh file {file}: holds cells of type {shape}; allowed are {', '.join(CELLS)}")
     points = _array(grids[0].find("Geometry/DataItem"), file.parent).astype(float)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"its nodes have the shape {points.shape}; allowed are three coordinates each")
     cells = _elements(grids[0], file.parent, len(points))
+    corners, made = SHAPES[cells.shape[1]].corners, computable(points, [cells], file)
     surfaces: dict[str, np.ndarray] = {}
     regions: dict[str, np.ndarray] = {}
     vectors: dict[str, np.ndarray] = {}
     for grid in grids:
-        if _shape(grid) not in CELLS | faces:
+        if _shape(grid) not in CELLS | FACES:
             continue
         elements = cells if grid is grids[0] else _elements(grid, file.parent, len(points))
         for attribute in grid.iterfind("Attribute[@Center='Cell']"):
             name, values = grid.get("Name", ""), _array(attribute.find("DataItem"), file.parent)
             if grid is grids[0] and values.shape == (len(cells), 3):
-                vectors[attribute.get("Name", "")] = values.astype(float)
+                vectors[attribute.get("Name", "")] = values.astype(float)[made.origin]
                 continue
             values = values.ravel()
             if not np.issubdtype(values.dtype, np.integer):
@@ -75,16 +74,17 @@ def _read(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
             parts = {group: values == value for group, value in named.items() if (values == value).any()}
             if grid is not grids[0]:
                 parts = {name: np.ones(len(values), dtype=bool)} | parts
-            is_surface = _shape(grid) in faces
+            is_surface = _shape(grid) in FACES
             for group, chosen in parts.items():
                 if group in (surfaces if is_surface else regions):
                     raise MeshError(f"mesh file {file}: group {group!r} is in {name!r} and in other tags before it")
                 if is_surface:
-                    surfaces[group] = halves(elements[chosen][:, : min(faces.values())]).reshape(-1, 3)
+                    surfaces[group] = halves(elements[chosen][:, : 3 if _shape(grid) in TRIANGLES else 4]).reshape(
+                        -1, 3
+                    )
                 else:
-                    regions[group] = _rows(elements[chosen][:, :corners], cells[:, :corners], name)
-    edges = edges_of(cells, MIDDLES.get(cells.shape[1], NO_EDGES))
-    return MeshArrays(points, cells[:, kind.from_vtk], surfaces, regions, edges, vectors=vectors, kind=kind)
+                    regions[group] = made.rows(_rows(elements[chosen][:, :corners], cells[:, :corners], name))
+    return made.arrays(surfaces, regions, vectors)
 
 
 def _shape(grid: Element) -> str:

@@ -19,7 +19,7 @@ InputValue = Annotated[float, Number(unit="N")]
 
 @dataclass(frozen=True)
 class Mesh:
-    """Tetrahedra or hexahedra of a mesh file."""
+    """Tetrahedra or hexahedra of a mesh file; prisms, pyramids and several shapes together are cut into tetrahedra."""
 
     file: Annotated[
         str,

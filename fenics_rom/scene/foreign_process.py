@@ -17,24 +17,16 @@ import numpy as np
 BASE_MEMORY = 2**30  # bytes of address space that Gmsh may take for any file, of which it takes a fifth by itself
 VTK_MEMORY = 2**32  # and VTK, of which it takes a fifth
 MEMORY_PER_BYTE = 50  # and for each byte of the file, of which they take five to ten
-# Nodes of second-order cells between two corners, in the order of VTK and of Abaqus, each as (corner, corner, node).
-# The middle of a face is between both pairs of its opposite corners, that of a hexahedron between all four.
-CENTRE = np.array([(0, 6, 26), (1, 7, 26), (2, 4, 26), (3, 5, 26)])
-VTK_EDGES = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
-VTK_DIAGONALS = [(0, 7), (4, 3), (1, 6), (2, 5), (0, 5), (1, 4), (3, 6), (2, 7), (0, 2), (3, 1), (4, 6), (5, 7)]
-TETRAHEDRON_10 = np.array([(0, 1, 4), (1, 2, 5), (0, 2, 6), (0, 3, 7), (1, 3, 8), (2, 3, 9)])
-HEXAHEDRON_20 = np.column_stack([VTK_EDGES, np.arange(8, 20)])
-HEXAHEDRON_27 = np.concatenate([HEXAHEDRON_20, np.column_stack([VTK_DIAGONALS, np.arange(40, 52) // 2]), CENTRE])
-GMSH_EDGES = [(0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7)]
-GMSH_DIAGONALS = [(0, 2), (3, 1), (0, 5), (1, 4), (0, 7), (4, 3), (1, 6), (2, 5), (2, 7), (3, 6), (4, 6), (5, 7)]
-GMSH_10 = np.array([(0, 1, 4), (1, 2, 5), (0, 2, 6), (0, 3, 7), (1, 3, 9), (2, 3, 8)])
-GMSH_20 = np.column_stack([GMSH_EDGES, np.arange(8, 20)])
-GMSH_27 = np.concatenate([GMSH_20, np.column_stack([GMSH_DIAGONALS, np.arange(40, 52) // 2]), CENTRE])
-# By the number of corners: numbers of the kinds of cells, and of those of their faces, with their nodes.
-GMSH_KINDS = {4: ({4: 4, 11: 10}, {2: 3, 9: 6}), 8: ({5: 8, 17: 20, 12: 27}, {3: 4, 16: 8, 10: 9})}
-VTK_KINDS = {4: ({10: 4, 24: 10}, {5: 3, 22: 6}), 8: ({12: 8, 25: 20, 29: 27}, {9: 4, 23: 8, 28: 9})}
-GMSH_MIDDLES = {11: GMSH_10, 17: GMSH_20, 12: GMSH_27}
-VTK_MIDDLES = {24: TETRAHEDRON_10, 25: HEXAHEDRON_20, 29: HEXAHEDRON_27}
+# Numbers of kinds of cells, and of their faces, by the number of their nodes.
+GMSH_CELLS = {4: 4, 10: 11, 5: 7, 13: 19, 14: 14, 6: 6, 15: 18, 18: 13, 8: 5, 20: 17, 27: 12}
+VTK_CELLS = {4: 10, 10: 24, 5: 14, 13: 27, 6: 13, 15: 26, 18: 32, 8: 12, 20: 25, 27: 29}
+GMSH_FACES = {3: {3: 2, 6: 9}, 4: {4: 3, 8: 16, 9: 10}}  # by the number of their corners
+VTK_FACES = {3: {3: 5, 6: 22}, 4: {4: 9, 8: 23, 9: 28}}
+# Which of Gmsh's nodes are VTK's, after the corners.
+PYRAMID, PRISM = (5, 8, 10, 6, 7, 9, 11, 12), (6, 9, 7, 12, 14, 13, 8, 10, 11)
+HEXAHEDRON = 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15
+FROM_GMSH = {10: (4, 5, 6, 7, 9, 8), 13: PYRAMID, 14: (*PYRAMID, 13), 15: PRISM, 18: (*PRISM, 15, 17, 16)}
+FROM_GMSH |= {20: HEXAHEDRON, 27: (*HEXAHEDRON, 22, 23, 21, 24, 20, 25, 26)}
 AROUND = 48  # triangles around a round face of a STEP file
 FEATURE_ANGLE = np.radians(40.0)  # between triangles of a surface; beyond it an edge stays an edge
 
@@ -87,13 +79,13 @@ def read_arrays(file: str) -> dict[str, Any]:
     Returns:
         nodes: (N,) tags, in any order.
         points: (3 N,) of the nodes, m.
-        kinds: names of the kinds of cells that fill a volume: "tetrahedron", "hexahedron", others as the program says.
-        numbers: (C,) of the hexahedra, where there are any, else of the tetrahedra.
-        cells: (V C,) node tags of their corners, in VTK's order.
-        edges: (3 E,) node tags of the edges of second-order ones: both ends and the node between them.
+        others: names of the kinds of cells that fill a volume and are not read.
+        sizes: numbers of nodes of the other kinds, each of which has cells{size}: (size C,) node tags in VTK's order.
+        numbers: (C,) of the cells of all these, one kind after the other.
         dimensions, tags, names: of the physical groups of faces (2) or cells (3), of VTK of the values of each array of
-            whole numbers; empty names where there are none. Group k has `group{k}`: node tags of the corners of its
-            faces, one after the other, or numbers of its cells.
+            whole numbers; empty names where there are none. Group k has `group{k}`: numbers of its cells, or node tags
+            of the corners of its triangles, one after the other; and those of its quadrilaterals,
+            `quadrilaterals{k}`.
         vectors: of VTK, names of cell data of three numbers; those of array k are `vector{k}`, (3 C,).
     """
     return _read_vtk(file) if program_of(Path(file)) == "VTK" else _read_gmsh(file)
@@ -112,48 +104,45 @@ def _read_gmsh(file: str) -> dict[str, Any]:
     gmsh.merge(file)
     mesh = gmsh.model.mesh
 
-    def elements(kinds: dict[int, int], entity: int = -1) -> tuple[Any, Any]:
-        """Numbers, and node tags of the corners."""
-        found = [(mesh.getElementsByType(kind, entity), count) for kind, count in kinds.items()]
-        nodes = [nodes.reshape(-1, count)[:, : min(kinds.values())].ravel() for (_, nodes), count in found]
-        return np.concatenate([numbers for (numbers, _), _ in found]), np.concatenate(nodes)
-
     tags, coordinates, _ = mesh.getNodes()
     held = mesh.getElementTypes(3)
-    solids, faces = GMSH_KINDS[8 if set(held) & GMSH_KINDS[8][0].keys() else 4]
-    numbers, cells = elements(solids)
+    sizes = [size for size, kind in GMSH_CELLS.items() if kind in held]
+    every = {size: mesh.getElementsByType(GMSH_CELLS[size]) for size in sizes}
+
+    def corners(kinds: dict[int, int], count: int, entity: int) -> Any:
+        """Node tags of the corners of faces."""
+        found = [mesh.getElementsByType(kind, entity)[1].reshape(-1, size) for size, kind in kinds.items()]
+        return np.concatenate([nodes[:, :count].ravel() for nodes in found])
+
     groups = [group for group in gmsh.model.getPhysicalGroups() if group[0] in (2, 3)]
-    members = {}
+    members = {f"cells{size}": in_vtk_order(nodes.reshape(-1, size)).ravel() for size, (_, nodes) in every.items()}
+    none = np.empty(0, np.uint64)
     for k, (dimension, tag) in enumerate(groups):
         entities = gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)
-        parts = [elements(faces if dimension == 2 else solids, e)[3 - dimension] for e in entities]
-        members[f"group{k}"] = np.concatenate([np.empty(0, np.uint64), *parts])
-    middles = [
-        edges_of(mesh.getElementsByType(kind)[1].reshape(-1, count), GMSH_MIDDLES[kind])
-        for kind, count in solids.items()
-        if kind in GMSH_MIDDLES
-    ]
+        if dimension == 3:
+            of = [mesh.getElementsByType(GMSH_CELLS[size], entity)[0] for size in sizes for entity in entities]
+            members[f"group{k}"] = np.concatenate([none, *of])
+        else:
+            for count, name in ((3, "group"), (4, "quadrilaterals")):
+                of = [corners(GMSH_FACES[count], count, entity) for entity in entities]
+                members[f"{name}{k}"] = np.concatenate([none, *of])
+    others = [mesh.getElementProperties(kind)[0] for kind in held if kind not in GMSH_CELLS.values()]
     return members | {
         "nodes": tags,
         "points": coordinates,
-        "kinds": np.array([_name(kind, GMSH_KINDS) or mesh.getElementProperties(kind)[0] for kind in held], dtype=str),
-        "numbers": numbers,
-        "cells": cells,
-        "edges": np.concatenate(middles).ravel(),
+        "others": np.array(others, dtype=str),
+        "sizes": np.array(sizes, dtype=int),
+        "numbers": np.concatenate([none, *(numbers for numbers, _ in every.values())]),
         "dimensions": np.array([dimension for dimension, _ in groups], dtype=int),
         "tags": np.array([tag for _, tag in groups], dtype=int),
         "names": np.array([gmsh.model.getPhysicalName(*group) for group in groups], dtype=str),
     }
 
 
-def edges_of(nodes: np.ndarray, middles: np.ndarray) -> np.ndarray:
-    """Both ends and the node between, (M C, 3), of the nodes (C, any) of cells; which of them these are, (M, 3)."""
-    return nodes[:, middles].reshape(-1, 3)
-
-
-def _name(kind: int, kinds: dict[int, tuple[dict[int, int], dict[int, int]]]) -> str:
-    """Of a kind of cells by its number; empty of those that are not read."""
-    return {4: "tetrahedron", 8: "hexahedron"}.get(next((n for n, of in kinds.items() if kind in of[0]), 0), "")
+def in_vtk_order(cells: np.ndarray) -> np.ndarray:
+    """Nodes (C, any) of Gmsh's cells."""
+    after = FROM_GMSH.get(cells.shape[1], ())
+    return cells[:, [*range(cells.shape[1] - len(after)), *after]]
 
 
 def _read_vtk(file: str) -> dict[str, Any]:
@@ -162,47 +151,51 @@ def _read_vtk(file: str) -> dict[str, Any]:
 
     grid = _vtk_data(file)
     if not isinstance(grid, vtkUnstructuredGrid):
-        raise ValueError(f"it holds {grid.GetClassName()}; allowed is an unstructured grid of tetrahedra or hexahedra")
+        raise ValueError(f"it holds {grid.GetClassName()}; allowed is an unstructured grid of cells")
     count, data = grid.GetNumberOfCells(), grid.GetCellData()
     kinds = np.array([grid.GetCellType(k) for k in range(count)], dtype=int)
     starts = vtk_to_numpy(grid.GetCells().GetOffsetsArray()) if count else np.empty(0, int)
     nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray()) if count else np.empty(0, int)
-    solids, faces = VTK_KINDS[8 if np.isin(kinds, list(VTK_KINDS[8][0])).any() else 4]
-    for kind, number in (solids | faces).items():
+    by_faces = {kind: size for of in VTK_FACES.values() for size, kind in of.items()}
+    for kind, number in ({kind: size for size, kind in VTK_CELLS.items()} | by_faces).items():
         has_others = (np.diff(starts) != number) & (kinds == kind)
         if has_others.any():
             raise ValueError(f"{has_others.sum()} cells of type {kind} do not have {number} nodes")
 
-    def corners(of: np.ndarray, number: int) -> np.ndarray:
+    def first(of: np.ndarray, number: int) -> np.ndarray:
         return nodes[starts[of][:, None] + np.arange(number)]
 
-    of_volume, of_surface = (np.flatnonzero(np.isin(kinds, list(k))) for k in (solids, faces))
-    middles = [
-        edges_of(corners(np.flatnonzero(kinds == kind), number), VTK_MIDDLES[kind])
-        for kind, number in solids.items()
-        if kind in VTK_MIDDLES
-    ]
+    of_size = {size: np.flatnonzero(kinds == kind) for size, kind in VTK_CELLS.items() if (kinds == kind).any()}
+    members = {f"cells{size}": first(of, size).ravel() for size, of in of_size.items()}
+    of_volume = np.concatenate([np.empty(0, int), *of_size.values()])
+    of_faces = {count: np.flatnonzero(np.isin(kinds, list(of.values()))) for count, of in VTK_FACES.items()}
     solid = [int(kind) for kind in np.unique(kinds) if vtkCellTypes.GetDimension(int(kind)) == 3]
+    others = [kind for kind in solid if kind not in VTK_CELLS.values()]
     groups: list[tuple[int, int]] = []
     arrays = [array for k in range(data.GetNumberOfArrays()) if (array := data.GetArray(k)) is not None]
     vectors = [array for array in arrays if array.GetNumberOfComponents() == 3]
-    members = {f"vector{k}": vtk_to_numpy(of)[of_volume].astype(float).ravel() for k, of in enumerate(vectors)}
+    members |= {f"vector{k}": vtk_to_numpy(of)[of_volume].astype(float).ravel() for k, of in enumerate(vectors)}
     for array in arrays:
         if array.GetNumberOfComponents() != 1 or array.GetDataTypeAsString() in ("float", "double"):
             continue
         values = vtk_to_numpy(array)
-        for dimension, cells in ((2, of_surface), (3, of_volume)):
+        for dimension, cells in ((2, np.concatenate([*of_faces.values()])), (3, of_volume)):
             for tag in np.unique(values[cells]):
-                of = cells[values[cells] == tag]
-                members[f"group{len(groups)}"] = corners(of, min(faces.values())).ravel() if dimension == 2 else of
+                if dimension == 3:
+                    members[f"group{len(groups)}"] = cells[values[cells] == tag]
+                else:
+                    for count, name in ((3, "group"), (4, "quadrilaterals")):
+                        of = of_faces[count][values[of_faces[count]] == tag]
+                        members[f"{name}{len(groups)}"] = first(of, count).ravel()
                 groups.append((dimension, int(tag)))
     return members | {
         "nodes": np.arange(grid.GetNumberOfPoints()),
         "points": vtk_to_numpy(grid.GetPoints().GetData()).astype(float).ravel() if grid.GetPoints() else np.empty(0),
-        "kinds": np.array([_vtk_kind(kind) for kind in solid], dtype=str),
+        "others": np.array(
+            [str(vtkCellTypes.GetClassNameFromTypeId(k)).removeprefix("vtk") for k in others], dtype=str
+        ),
+        "sizes": np.array([*of_size], dtype=int),
         "numbers": of_volume,
-        "cells": corners(of_volume, min(solids.values())).ravel(),
-        "edges": np.concatenate(middles).ravel(),
         "dimensions": np.array([dimension for dimension, _ in groups], dtype=int),
         "tags": np.array([tag for _, tag in groups], dtype=int),
         "names": np.array([""] * len(groups), dtype=str),
@@ -243,12 +236,6 @@ def _check_count_of_cells(file: str) -> None:
         told, held = piece.get("NumberOfCells"), len((types.text or "").split()) if types is not None else None
         if held is not None and told != str(held):
             raise ValueError(f"it says {told} cells and holds {held}: it was cut or changed")
-
-
-def _vtk_kind(kind: int) -> str:
-    from vtkmodules.vtkCommonDataModel import vtkCellTypes
-
-    return _name(kind, VTK_KINDS) or str(vtkCellTypes.GetClassNameFromTypeId(kind)).removeprefix("vtk")
 
 
 def read_surface(file: str) -> dict[str, Any]:

@@ -98,7 +98,7 @@ lack = np.abs(system.algebra.inner(V, system.mass @ V) - np.eye(20)).max()
 residual = system.stiffness @ V - γ * (system.mass @ V)
 size = np.sqrt(np.diag(system.algebra.inner(residual, residual)))
 checks = {
-    "nodes": [misplaced(folder / f"{name}.msh", degree) for name in ("beam", "bricks") for degree in (1, 2)],
+    "nodes": [misplaced(folder / f"{name}.msh", degree) for name in ("beam", "bricks", "row") for degree in (1, 2)],
     "eigenvalues": γ.tolist(),
     "orthonormality": float(lack),
     "residual": float((size / γ).max()),

@@ -305,12 +305,12 @@ BAD = {
     "poly.vtk": (
         "# vtk DataFile Version 3.0\np\nASCII\nDATASET POLYDATA\nPOINTS 3 double\n0 0 0 1 0 0 0 1 0\n"
         "POLYGONS 1 4\n3 0 1 2\n",
-        "it holds vtkPolyData; allowed is an unstructured grid of tetrahedra",
+        "it holds vtkPolyData; allowed is an unstructured grid of cells",
     ),
-    "wedge.vtk": (
-        "# vtk DataFile Version 3.0\nb\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 6 double\n"
-        "0 0 0 1 0 0 0 1 0 0 0 1 1 0 1 0 1 1\nCELLS 1 7\n6 0 1 2 3 4 5\nCELL_TYPES 1\n13\n",
-        "holds Wedge; allowed are tetrahedra of 4 or 10 nodes, hexahedra of 8, 20 or 27; of prisms dolfinx 0.5 has no",
+    "voxel.vtk": (
+        "# vtk DataFile Version 3.0\nb\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 8 double\n"
+        "0 0 0 1 0 0 0 1 0 1 1 0 0 0 1 1 0 1 0 1 1 1 1 1\nCELLS 1 9\n8 0 1 2 3 4 5 6 7\nCELL_TYPES 1\n11\n",
+        "holds Voxel; allowed are tetrahedra of 4 or 10 nodes, pyramids of 5, 13 or 14, prisms of 6, 15 or 18",
     ),
 }
 

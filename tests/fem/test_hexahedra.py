@@ -6,7 +6,7 @@ import gmsh
 import numpy as np
 import pytest
 from bodies import acted_on, assembled, scene_text
-from bricks import hexahedra, msh, shaken_bricks, write_bricks
+from bricks import hexahedra, shaken_bricks, write_bricks
 from test_large_deformation import start_at
 from test_mesh import write_gmsh
 
@@ -19,7 +19,7 @@ from fenics_rom.fem.finite_strain.residuals import QuasiStaticResidual
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.scene.file import parse_scene
-from fenics_rom.scene.foreign_process import GMSH_20, GMSH_27, HEXAHEDRON_20, HEXAHEDRON_27
+from fenics_rom.scene.foreign_process import in_vtk_order
 
 LENGTHS, BRICKS = (1.0, 0.4, 0.3), (3, 2, 2)
 YOUNG, POISSON, PRESSURE = 1e6, 0.3, 50.0
@@ -158,26 +158,11 @@ def test_cells_with_a_corner_through_the_others_are_refused(tmp_path):
         fr.assemble(parse_scene(scene_text(write_bricks(tmp_path / "bent.msh", points, cells, faces))))
 
 
-def test_cells_of_two_kinds_and_collapsed_ones_are_refused(tmp_path):
-    points, cells, faces = hexahedra((1, 1, 1))
-    tetrahedron = {"tetrahedron": np.array([[0, 2, 4, 8]])}
-    several = msh(np.vstack([points, [2, 2, 2]]), {2: faces, 3: {"body": cells} | tetrahedron})
-    (tmp_path / "several.msh").write_text(several)
-    with pytest.raises(MeshError, match="holds hexahedron and tetrahedron cells; allowed are those of one kind"):
-        read_mesh(tmp_path / "several.msh", {})
+def test_collapsed_cells_are_refused(tmp_path):
+    points, cells, _ = hexahedra((1, 1, 1))
     cells[0, 6] = cells[0, 5]
     with pytest.raises(MeshError, match=r"1 of 1 cells have a node twice, e.g. cell 0; hexahedra that are collapsed"):
         read_mesh(write_bricks(tmp_path / "wedge.msh", points, cells, {}), {})
-
-
-def in_vtk_order(cells):
-    """Of Gmsh's cells (C, n)."""
-    if cells.shape[1] == 8:
-        return cells
-    given, wanted = {20: (GMSH_20, HEXAHEDRON_20), 27: (GMSH_27, HEXAHEDRON_27)}[cells.shape[1]]
-    node_of = {frozenset(row[:2]): row[2] for row in given.tolist()}
-    pair_of = {row[2]: frozenset(row[:2]) for row in wanted.tolist()}
-    return cells[:, [*range(8), *(node_of[pair_of[node]] for node in sorted(pair_of))]]
 
 
 def numbers(rows):
@@ -201,7 +186,8 @@ def write_vtk(path, points, cells, faces):
 def write_xdmf(path, points, cells, faces):
     """The same."""
     names = {8: ("Hexahedron", "Quadrilateral"), 20: ("Hexahedron_20", "Quadrilateral_8")}
-    names[27] = ("Hexahedron_27", "Quadrilateral_9")
+    names |= {27: ("Hexahedron_27", "Quadrilateral_9"), 6: ("Wedge", "Triangle")}
+    names |= {15: ("Wedge_15", "Triangle_6"), 18: ("Wedge_18", "Triangle_6")}
     geometry = f"<Geometry>{item(points, 'Float')}</Geometry>"
     grids = [
         f'<Grid Name="{name}"><Topology TopologyType="{kind}">{item(rows, "Int")}</Topology>{geometry}'

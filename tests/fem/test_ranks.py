@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bodies import PLATE, box_arrays, scene_text, write_arrays
-from bricks import shaken_bricks, write_bricks
+from bricks import msh, shaken_bricks, write_bricks
 from ranks import run_ranks
+from test_prisms import row
 
 import fenics_rom as fr
 from fenics_rom.reduction.reduce import DENSE_LIMIT
@@ -93,7 +94,8 @@ def on_ranks(*names):
 
 
 def write_scenes(folder):
-    """The plate; a box and a beam of degree 2, the beam too large for dense routes; curved hexahedra."""
+    """The plate; a box and a beam of degree 2, the beam too large for dense routes; curved cells of all shapes."""
+    (folder / "row.msh").write_text(msh(*row("serendipity")))
     write_bricks(folder / "bricks.msh", *shaken_bricks((1.0, 0.4, 0.3), (3, 2, 2), 20))
     plate = PLATE.read_text().replace("../../meshes", str(PLATE.parent.parent.parent / "meshes"))
     (folder / "plate.toml").write_text(plate[: plate.index("[run]")] + "[run]\n" + RUN)
