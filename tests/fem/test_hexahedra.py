@@ -268,7 +268,6 @@ REFUSED = {
     ("full", "effects.cables.wire = { points = [[0.1, 0.1, 0.1], [0.9, 0.1, 0.1]], stiffness = 1.0 }"): (
         r"effects.cables.wire: cables are computed in straight tetrahedra; .* are hexahedra"
     ),
-    ("full", "pressure.air"): r"effects.pressure.air: with large deformation it is computed on tetrahedra; the mesh is",
 }
 
 
@@ -277,8 +276,6 @@ def test_what_hexahedra_do_not_have_is_told(meshes, given, said):
     integration, what = given
     tables = {"readings.skin": what} if what.startswith("quantity") else {}
     effects = what.removeprefix("effects.") if what.startswith("effects") else ""
-    if what == "pressure.air":
-        effects = 'large_deformation = {}\npressure.air = { surface = "top" }'
     with pytest.raises(SceneError, match=said):
         fr.assemble(acted_on(meshes[8], effects, integration=integration, **tables))
 

@@ -8,8 +8,6 @@ import numpy as np
 import scipy.sparse
 from numpy import ndarray as Array
 
-from fenics_rom.errors import SceneError
-from fenics_rom.fem.cell_kinds import TETRAHEDRON
 from fenics_rom.fem.cell_points import shape_functions
 from fenics_rom.fem.fibres import point_material, quadrature_points
 from fenics_rom.fem.finite_strain.carried_stepper import CarriedFiniteStrainStepper
@@ -147,11 +145,6 @@ def _follower_loads(scene: Scene, nodes: Nodes) -> dict[str, FollowerLoad]:
     """Pressures, tendons, driven supports and rigid bars of a scene."""
     followers: dict[str, FollowerLoad] = {}
     for name, pressure in scene.effects.pressure.items():
-        if nodes.kind is not TETRAHEDRON:
-            raise SceneError(
-                f"{scene.source}: effects.pressure.{name}: with large deformation it is computed on tetrahedra; the "
-                "mesh is of hexahedra"
-            )
         followers[name] = PressureLoad(nodes, patch_triangles(nodes, pressure, f"effects.pressure.{name}"))
     for name, tendon in scene.effects.tendon.items():
         points = np.array(tendon.points)

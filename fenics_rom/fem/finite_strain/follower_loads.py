@@ -7,7 +7,8 @@ import numpy as np
 import scipy.sparse
 from numpy import ndarray as Array
 
-from fenics_rom.fem.finite_strain.quadrature import tabulate
+from fenics_rom.fem.cell_kinds import tabulate
+from fenics_rom.fem.facets import facet_nodes
 from fenics_rom.fem.nodes import Nodes, rim_edges
 from fenics_rom.mechanics.readings import swept_volume
 from fenics_rom.mechanics.tendon import (
@@ -20,16 +21,19 @@ from fenics_rom.mechanics.tendon import (
 
 
 class PressureLoad:
-    """1 Pa on outward triangles (F, 3): -∫ n dA of the moved ones, the change of the enclosed volume with each node."""
+    """1 Pa on faces with outward triangles (F, 3): -∫ n dA of the moved ones.
+
+    That is what the enclosed volume changes by with each node.
+    """
 
     def __init__(self, nodes: Nodes, triangles: Array):
-        degree = 2 if len(nodes.edges) else 1
-        opposite = np.roll(nodes.triangle_edges(triangles), -1, axis=1) if degree == 2 else triangles[:, :0]
-        self._triangle_nodes = np.hstack([triangles, opposite])
+        self._facet_nodes, _ = facet_nodes(nodes, triangles)
         self._rest = nodes.coordinates
         self._triangles, self._nodes = triangles, nodes
-        # n has the degree 2 (degree - 1), and a shape function its own
-        self._shapes, self._shape_gradients, self._weights = tabulate("triangle", degree, 3 * degree - 2)
+        degree, facet = 2 if len(nodes.edges) else 1, nodes.kind.facet
+        # Of a shape function times n, of a quadrilateral along each axis.
+        exact = 3 * degree - 2 if facet == "triangle" else 3 * degree - 1
+        self._shapes, self._shape_gradients, self._weights = tabulate(facet, degree, exact)
 
     def force(self, u: Array) -> Array:
         """Of a unit input, (N, 3), at displacements (N, 3)."""
@@ -48,7 +52,7 @@ class PressureLoad:
         shapes, slopes = self._weights[:, None] * self._shapes, self._shape_gradients
         blocks = np.einsum("qa,qb,fqji->faibj", shapes, slopes[..., 0], np.cross(np.eye(3), x_η[..., None, :]))
         blocks -= np.einsum("qa,qb,fqji->faibj", shapes, slopes[..., 1], np.cross(np.eye(3), x_ξ[..., None, :]))
-        places = (3 * self._triangle_nodes[..., None] + np.arange(3)).reshape(len(blocks), -1)
+        places = (3 * self._facet_nodes[..., None] + np.arange(3)).reshape(len(blocks), -1)
         rows, columns = np.broadcast_arrays(places[:, :, None], places[:, None, :])
         entries = blocks.reshape(rows.shape).ravel(), (rows.ravel(), columns.ravel())
         matrix = scipy.sparse.coo_matrix(entries, shape=(u.size, u.size)).tocsr()
@@ -83,13 +87,13 @@ class PressureLoad:
 
     def _tangents(self, x: Array) -> Array:
         """∂x/∂ξ and ∂x/∂η, (2, F, Q, 3), of the surface that runs through places (N, 3)."""
-        return np.einsum("qat,fai->tfqi", self._shape_gradients, x[self._triangle_nodes])
+        return np.einsum("qat,fai->tfqi", self._shape_gradients, x[self._facet_nodes])
 
     def _assemble(self, normals: Array) -> Array:
         """-∫ n N_a of each node (N, 3) from normals times area (F, Q, 3)."""
         forces = np.zeros_like(self._rest)
         terms = np.einsum("q,qa,fqi->fai", self._weights, self._shapes, normals)
-        np.add.at(forces, self._triangle_nodes, -terms)
+        np.add.at(forces, self._facet_nodes, -terms)
         return forces
 
 

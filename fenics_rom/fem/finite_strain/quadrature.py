@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse
 from numpy import ndarray as Array
 
-from fenics_rom.fem.cell_kinds import tabulate as tabulate
+from fenics_rom.fem.cell_kinds import tabulate
 from fenics_rom.fem.cell_points import dilation_points, gradients_at, quadrature_rule, strain_points
 from fenics_rom.fem.embedded import NOTHING_EMBEDDED, EmbeddedPoints
 from fenics_rom.fem.nodes import Nodes
