@@ -22,6 +22,9 @@ LAWS = ("mechanics", "runtime", "world")  # folders of tests whose cases differ 
 def pytest_addoption(parser):
     parser.addoption("--all", action="store_true", help="run the slow tests, too")
     parser.addoption("--short", action="store_true", help=f"of each test in {', '.join(LAWS)}, run the last case alone")
+    parser.addoption(
+        "--elsewhere", action="store_true", help="the same of all other tests, and of those a test of each file"
+    )
 
 
 @pytest.hookimpl(wrapper=True)
@@ -40,14 +43,27 @@ def _test_of(item):
     return item.nodeid.partition("[")[0]
 
 
+def _is_law(item):
+    """Whether its cases differ in numbers and bodies alone."""
+    return item.path.parent.name in LAWS
+
+
 def pytest_collection_modifyitems(config, items):
     slow, count = {item for item in items if item.get_closest_marker("slow")}, Counter(item.path for item in items)
     if not config.getoption("--all"):
         for item in slow:
             item.add_marker(pytest.mark.skip(reason="slow: run with --all"))
-    if config.getoption("--short"):
-        last = {_test_of(item): item for item in items if item not in slow}
-        left_out = {item for item in items if item.path.parent.name in LAWS and item is not last.get(_test_of(item))}
+    elsewhere = config.getoption("--elsewhere")
+    if elsewhere or config.getoption("--short"):
+
+        def of(item):
+            """What one is run of."""
+            if not _is_law(item):
+                return _test_of(item) if elsewhere else item.nodeid
+            return item.path if elsewhere else _test_of(item)
+
+        last = {of(item): item for item in items if item not in slow}
+        left_out = {item for item in items if item is not last.get(of(item))}
         items[:] = [item for item in items if item not in left_out]
         config.hook.pytest_deselected(items=list(left_out))
     # Files that take long or compile, and then those of many tests: at the end no core is to wait long for another one.

@@ -1,7 +1,7 @@
 #!/bin/bash
 # bash tests/run.sh [--all | --elsewhere] [PYTEST ARGUMENT ...]: installs what is missing, then runs the tests; without
-# --all but the slow ones, of the laws a case of each, and of compiled steps some; with --elsewhere also without what is
-# the same on all systems. Given other arguments, it runs pytest with them.
+# --all but the slow ones, of the laws a case of each, and of compiled steps some; with --elsewhere of the laws a test of
+# each file, of others a case of each, and not what is the same on all systems. Given other arguments, it runs pytest.
 set -euo pipefail
 cd "$(dirname "$(realpath "$0")")/.."
 
@@ -13,7 +13,7 @@ with_numba=(tests/test_compilation.py tests/mechanics/test_compiled_contact.py t
 if [ $# -eq 0 ]; then
   set -- --short
 elif [ "$*" = --elsewhere ]; then
-  set -- --short --ignore=tests/{demos,certification,studies,test_{attributes,layers,pages,random_scenes,stand_ins}.py}
+  set -- --elsewhere --ignore=tests/{demos,certification,studies,test_{attributes,layers,pages,random_scenes,stand_ins}.py}
 elif [ "$*" = --all ]; then
   with_numba=(tests/test_compilation.py tests/world/test_compiled_{joints,world}.py tests/mechanics/test_{compiled_contact,contact}.py
     tests/runtime/test_{compiled_*,batch_contact,clearance,compliance_in_blocks,differentiation_contact,errors,fast_motion}.py
@@ -43,6 +43,6 @@ export FENICS_ROM_COMPILED=0 # NumPy is the reference; what runs compiled is hel
 part "on all cores" "$@" --ignore=tests/test_compilation.py -m "not (alone or ranks)" "${by_file[@]}" auto
 part "ranks" "$@" -m ranks "${ranks[@]}" "${by_file[@]}" 2 # each is one process for most of its time
 part "alone" "$@" -m alone "${alone[@]}" # what goes by the clock
-FENICS_ROM_COMPILED=1 part "compiled" "$@" "${with_numba[@]}" "${by_file[@]}" auto
+FENICS_ROM_COMPILED=1 part "compiled" "${@/#--elsewhere/--short}" "${with_numba[@]}" "${by_file[@]}" auto
 printf '=== %s\n' "${summaries[@]}"
 exit "$failed"
