@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.voigt import VOIGT_PAIRS
+from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS
 
 LARGEST_EXPONENT = 25.0  # s (2e)² from where on W is a parabola, so that an iteration that goes astray has numbers
 SHORTEST = 1e-6  # square of the stretch below which a spring is not shortened further
@@ -101,6 +101,10 @@ class Fibres:
         """e (K, ...) of strains (6, P, ...)."""
         return np.einsum("ck,ck...->k...", self.structure, E[:, self.points])
 
+    def exponent(self, E: Array) -> Array:
+        """s (2e)² (K,) of strains (6, P) where they pull; beyond LARGEST_EXPONENT the energy is a parabola."""
+        return self.stiffening * np.maximum(2 * self.strains(E), 0.0) ** 2
+
     def add_energy(self, W: Array, E: Array) -> None:
         """To those (P,) of strains (6, P), J/m³."""
         W[self.points] += self.modulus * FIBRE_LAWS[self.law].energy(self.strains(E), self.stiffening)
@@ -152,6 +156,21 @@ class Fibres:
     def _curvature(self, E: Array) -> Array:
         """ψ'' (K,), Pa, of strains (6, P)."""
         return self.modulus * FIBRE_LAWS[self.law].curvature(self.strains(E), self.stiffening)
+
+
+def pushed_along(fibres: tuple[Fibres, ...], E: Array) -> tuple[Array, Array]:
+    """How hard fibres together push along one direction at most (P,), Pa, and the stretch there (P,).
+
+    Beside a neo-Hookean law a change m⊗N of F, with m across all fibres, stores ½ (μ + N·S·N) m², where S = Σ ψ' M is
+    the fibres' stress. From a push of μ on W is not elliptic, and fibres fold. Those that only pull never do.
+    """
+    S = np.zeros(E.shape)
+    for family in fibres:
+        family.add_stress(S, E)
+    values, directions = np.linalg.eigh(S[VOIGT_INDEX].transpose(2, 0, 1))
+    along = directions[:, :, 0]
+    elongation = np.einsum("cp,cp->p", structure_of(along), E)
+    return -values[:, 0], np.sqrt(np.maximum(1 + 2 * elongation, 0.0))
 
 
 def structure_of(directions: Array, dispersion: float = 0.0) -> Array:

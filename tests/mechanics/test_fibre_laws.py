@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from fenics_rom.mechanics.fibres import FIBRE_LAWS, LARGEST_EXPONENT, Fibres, check_fibres, structure_of
+from fenics_rom.mechanics.fibres import FIBRE_LAWS, LARGEST_EXPONENT, Fibres, check_fibres, pushed_along, structure_of
 from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.point_material import PointMaterial
+from fenics_rom.mechanics.rubber_tests import TESTS
 
 P, K = 40, 30
 POINTS = np.random.default_rng(0).permutation(P)[:K]
@@ -89,3 +90,46 @@ def test_fibres_that_are_none_are_refused(changed, says):
     family = Fibres(**(vars(material("quadratic", 0.0, 0.0).fibres[0]) | changed))
     with pytest.raises(ValueError, match=says):
         check_fibres((family,), P)
+
+
+SPHERE = np.random.default_rng(7).standard_normal((2000, 3))
+SPHERE /= np.linalg.norm(SPHERE, axis=1)[:, None]
+PAIR = np.array([[np.cos(0.5), np.sin(0.5), 0.0], [np.cos(0.5), -np.sin(0.5), 0.0]])
+
+
+def deformations():
+    """F of tests of materials, that keep the volume: strips and sheets that are pulled and pressed, and sheared."""
+    for path in TESTS.values():
+        for stretch in np.linspace(0.6, 1.6, 21):
+            yield np.diag(stretch ** np.array(path))
+    for shear in np.linspace(-1.0, 1.0, 21):
+        yield np.eye(3) + shear * np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+
+
+def least_of_acoustic_tensor(body, F, along):
+    """Of m·Q(N)·m over unit m and N, with Q(N) = (N·S·N) 1 + F (N·D·N) Fᵀ; N on a sphere, and as given."""
+    E, index = strain((F - np.eye(3))[:, :, None]), np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+    S, D = body.stress(E)[:, 0][index], body.moduli(E)[:, :, 0][np.ix_(index.ravel(), index.ravel())]
+    N = np.vstack([SPHERE, along])
+    Q = np.einsum("iA,AJBL,kB,nJ,nL->nik", F, D.reshape(3, 3, 3, 3), F, N, N, optimize=True)
+    Q += np.einsum("nJ,JL,nL->n", N, S, N)[:, None, None] * np.eye(3)
+    return np.linalg.eigvalsh((Q + Q.transpose(0, 2, 1)) / 2)[:, 0].min()
+
+
+@pytest.mark.parametrize("case", [("quadratic", 0.0, 0.0), ("holzapfel", 2.0, 0.0), ("holzapfel", 2.0, 0.2)])
+def test_fibres_fold_where_they_push_by_the_shear_modulus(case):
+    """Strong ellipticity of two families in neo-Hookean rubber (μ = 1), in tests; of such as only pull always."""
+    law, s, κ = case
+    one, folds = np.ones(1), []
+    fibres = [Fibres(law, np.zeros(1, int), structure_of(a[None], κ), 4 * one, s * one) for a in PAIR]
+    body = PointMaterial("neo_hookean", 100 * one, one, tuple(fibres))
+    for F in deformations():
+        E = strain((F - np.eye(3))[:, :, None])
+        push, stretch = pushed_along(body.fibres, E)
+        least = least_of_acoustic_tensor(body, F, [[1, 0, 0], [0, 1, 0], *PAIR])
+        folds.append(push[0] > 1)
+        if abs(push[0] - 1) > 0.05:
+            assert (least < 0) == folds[-1]
+        if folds[-1]:
+            assert stretch[0] < 1
+    assert 0 < sum(folds) < len(folds) if law == "quadratic" else not any(folds)

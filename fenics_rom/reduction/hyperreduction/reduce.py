@@ -8,9 +8,9 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.fibres import Fibres
+from fenics_rom.mechanics.fibres import LARGEST_EXPONENT, Fibres, pushed_along
 from fenics_rom.mechanics.hyperelastic import principal_stretches
-from fenics_rom.mechanics.isochoric import isochoric_terms
+from fenics_rom.mechanics.isochoric import LAST_SHARE, isochoric_terms
 from fenics_rom.mechanics.rubber_tests import check_stable
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.mechanics.voigt import VOIGT_SHEAR
@@ -115,6 +115,14 @@ def check_law(body: ReducedDeformation, states: Array) -> None:
         return
     stretches = np.concatenate([principal_stretches(body.strains(q)) for q in states.T])
     shapes = stretches / np.cbrt(np.prod(stretches, axis=1))[:, None]
+    x = (shapes**2).sum(axis=1) - 3
+    for term in isochoric_terms(body.law):
+        if x.max() > LAST_SHARE * term.largest:
+            raise SceneError(
+                f"effects.large_deformation.constants: {body.law}: in training chains are stretched out: at a stretch "
+                f"of {shapes[x.argmax()].max():.3g} I1 - 3 is {x.max():.3g}; allowed is up to {LAST_SHARE} of "
+                f"{term.largest:g}, beyond which the energy goes on as a parabola; give a larger Jm or less load"
+            )
     try:
         check_stable(body.law, min(float(shapes.min()), 1.0), max(float(shapes.max()), 1.0))
     except ValueError as error:
@@ -124,20 +132,28 @@ def check_law(body: ReducedDeformation, states: Array) -> None:
 def _check_fibres(body: ReducedDeformation, states: Array) -> None:
     """Refuses fibres that push harder than the shear modulus of what is around them in states q (m, s).
 
-    From there on rubber (neo-Hookean exactly, others nearly) loses ellipticity: fibres fold within it.
+    From there on rubber (neo-Hookean exactly, others nearly) loses ellipticity: fibres fold within it. And such as are
+    stretched beyond what their exponential is computed for.
     """
-    for family in body.fibres:
-        shear = body.shear[family.points]
-        for q in states.T if family.law == QUADRATIC else ():
-            E = body.strains(q)
-            push = -family.modulus * family.slope(E) / np.where(shear > 0, shear, np.inf)
-            if push.max(initial=0.0) > 1:
-                stretch = float(np.sqrt(1 + 2 * family.strains(E)[push.argmax()]))
+    has_shape = body.shear > 0
+    for E in map(body.strains, states.T if body.fibres else ()):
+        push, stretch = (values[has_shape] for values in pushed_along(body.fibres, E))
+        share = push / body.shear[has_shape]
+        if share.max(initial=0.0) > 1:
+            raise SceneError(
+                f"materials: in training fibres with law = {QUADRATIC!r} are pressed to a stretch of "
+                f"{stretch[share.argmax()]:.4g}: they push with {share.max():.3g} times the shear modulus around them, "
+                f"and would fold; allowed is at most 1; give law = {HOLZAPFEL!r}, whose fibres only pull, softer "
+                "fibres or less load"
+            )
+        for family in body.fibres:
+            exponent = family.exponent(E)
+            if exponent.max(initial=0.0) > LARGEST_EXPONENT:
+                longest = float(np.sqrt(1 + 2 * family.strains(E)[exponent.argmax()]))
                 raise SceneError(
-                    f"materials: in training fibres with law = {QUADRATIC!r} are pressed to a stretch of "
-                    f"{stretch:.4g}: they push with {push.max():.3g} times the shear modulus around them, and would "
-                    f"fold; allowed is at most 1; give law = {HOLZAPFEL!r}, whose fibres only pull, softer fibres or "
-                    "less load"
+                    f"materials: in training fibres with law = {HOLZAPFEL!r} are pulled to a stretch of {longest:.4g}: "
+                    f"their exponent is {exponent.max():.3g}; allowed is up to {LARGEST_EXPONENT:g}, beyond which "
+                    "their energy goes on as a parabola; give less stiffening or less load"
                 )
 
 
