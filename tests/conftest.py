@@ -21,9 +21,9 @@ LAWS = ("mechanics", "runtime", "world")  # folders of tests whose cases differ 
 
 def pytest_addoption(parser):
     parser.addoption("--all", action="store_true", help="run the slow tests, too")
-    parser.addoption("--short", action="store_true", help=f"of each test in {', '.join(LAWS)}, run the last case alone")
+    parser.addoption("--short", action="store_true", help="run the last case of each test alone")
     parser.addoption(
-        "--elsewhere", action="store_true", help="the same of all other tests, and of those a test of each file"
+        "--elsewhere", action="store_true", help=f"the same, and of each file in {', '.join(LAWS)} the last test alone"
     )
 
 
@@ -38,16 +38,6 @@ def pytest_collection(session):
     return collected
 
 
-def _test_of(item):
-    """Its name without the case."""
-    return item.nodeid.partition("[")[0]
-
-
-def _is_law(item):
-    """Whether its cases differ in numbers and bodies alone."""
-    return item.path.parent.name in LAWS
-
-
 def pytest_collection_modifyitems(config, items):
     slow, count = {item for item in items if item.get_closest_marker("slow")}, Counter(item.path for item in items)
     if not config.getoption("--all"):
@@ -58,9 +48,7 @@ def pytest_collection_modifyitems(config, items):
 
         def of(item):
             """What one is run of."""
-            if not _is_law(item):
-                return _test_of(item) if elsewhere else item.nodeid
-            return item.path if elsewhere else _test_of(item)
+            return item.path if elsewhere and item.path.parent.name in LAWS else item.nodeid.partition("[")[0]
 
         last = {of(item): item for item in items if item not in slow}
         left_out = {item for item in items if item is not last.get(of(item))}

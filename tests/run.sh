@@ -1,7 +1,7 @@
 #!/bin/bash
-# bash tests/run.sh [--all | --elsewhere] [PYTEST ARGUMENT ...]: installs what is missing, then runs the tests; without
-# --all but the slow ones, of the laws a case of each, and of compiled steps some; with --elsewhere of the laws a test of
-# each file, of others a case of each, and not what is the same on all systems. Given other arguments, it runs pytest.
+# bash tests/run.sh [--all | --elsewhere] [PYTEST ARGUMENT ...]: installs what is missing, then runs the tests: without
+# --all a case of each that is not slow, and of compiled steps some; with --elsewhere of the laws a test of each file, and
+# not what is the same on all systems. Given other arguments, it runs pytest with them.
 set -euo pipefail
 cd "$(dirname "$(realpath "$0")")/.."
 
