@@ -34,6 +34,7 @@ READING_UNITS = {
     "contact_pressure": "Pa",
     "strain": "1",
     "von_mises_stress": "Pa",
+    "surface_stress": "Pa",
     "principal_stress": "Pa",
     "pressure": "Pa",
     "energy_density": "J/m3",
@@ -41,14 +42,16 @@ READING_UNITS = {
     "marker": "m",
     TOUCH: "N, N m, m, m2, m/s, Pa and 1",
 }
-OF_SURFACE = ("strain", "von_mises_stress", "principal_stress", "pressure", "energy_density")
+OF_SURFACE = ("strain", "von_mises_stress", "surface_stress", "principal_stress", "pressure", "energy_density")
 OF_VOLUME = OF_SURFACE[2:]  # of them those that changes of volume are in
 COMPONENTS = ("xx", "yy", "zz", "yz", "xz", "xy")
+TENSORS = ("strain", "surface_stress", "stress")  # what has them
 PRINCIPAL = ("principal 1", "principal 2", "principal 3")
 STRESS_PARTS = (*COMPONENTS, *PRINCIPAL, "von Mises", "spread")  # what is read at a point
 VON_MISES = STRESS_PARTS.index("von Mises")
 READING_WORDS = {name: name.replace("_", " ") for name in READING_UNITS} | {
     "von_mises_stress": "von Mises stress",
+    "surface_stress": "stress",
     "marker": "displacement of a marker",
     TOUCH: "touch",
 }
@@ -90,11 +93,11 @@ class ContactPressure:
 
 @dataclass(frozen=True)
 class SurfaceReading:
-    """Strain, (P, 6), stress or energy in the middle of surface triangles.
+    """Strain, (P, 6), stress, or energy in the middle of surface triangles.
 
-    The strain has the components xx, yy, zz, yz, xz, xy of its tensor. Of the stress it is that of von Mises, (P,), the
-    three principal ones from the largest on, (P, 3), or the pressure, (P,), Pa; of the energy that by volume at rest,
-    (P,), J/m³. The stress is the elastic one: what viscosity adds to it while the body moves is not in it.
+    Strain and stress have the components xx, yy, zz, yz, xz, xy of their tensors. Or of the stress it is that of von
+    Mises, (P,), the three principal ones from the largest on, (P, 3), or the pressure, (P,), Pa; of the energy that by
+    volume at rest, (P,), J/m³. The stress is the elastic one: what viscosity adds to it while the body moves is not in it.
 
     Attributes:
         quantity: one of `OF_SURFACE`.
@@ -123,6 +126,8 @@ class SurfaceReading:
         σ = stress_of(body.law, H, self)
         if self.quantity == "pressure":
             return -σ[:3].mean(axis=0)
+        if self.quantity == "surface_stress":
+            return σ.T
         return principal_stresses(σ) if self.quantity == "principal_stress" else von_mises(σ)
 
 

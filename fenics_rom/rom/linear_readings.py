@@ -31,8 +31,8 @@ class ReadRows(NamedTuple):
 
 
 def reading_rows(name: str, reading: Reading, model: ContactModel, inputs: Mapping[str, int]) -> ReadRows:
-    """Those of a reading: of a length or a volume what it is more than at rest, of a strain, a stress
-    at points (its six components) and a marker the whole.
+    """Those of a reading: of a length or a volume what it is more than at rest, of a strain, a stress (its six
+    components) and a marker the whole.
 
     Args:
         name: of the reading.
@@ -54,15 +54,17 @@ def reading_rows(name: str, reading: Reading, model: ContactModel, inputs: Mappi
         gradients = (reading.operator @ model.coordinates).reshape(3, 3, -1, model.order)
         strains = small_strain(gradients) / VOIGT_SHEAR[:, :, None]
         return ReadRows((strains.shape[1], 6), strains.swapaxes(0, 1).reshape(-1, model.order), unit)
-    if isinstance(reading, SurfaceReading) and reading.quantity == "pressure":
+    if isinstance(reading, SurfaceReading) and reading.quantity in ("pressure", "surface_stress"):
         gradients = (reading.operator @ model.coordinates).reshape(3, 3, -1, model.order)
-        material = PointMaterial("", reading.first_lame, reading.shear, reading.fibres)
-        return ReadRows((gradients.shape[2],), -material.linear_stress(small_strain(gradients))[:3].mean(axis=0), unit)
+        σ = PointMaterial("", reading.first_lame, reading.shear, reading.fibres).linear_stress(small_strain(gradients))
+        if reading.quantity == "surface_stress":
+            return ReadRows((σ.shape[1], 6), σ.swapaxes(0, 1).reshape(-1, model.order), unit)
+        return ReadRows((σ.shape[1],), -σ[:3].mean(axis=0), unit)
     if isinstance(reading, StressReading):
         gradients = (reading.operator @ model.coordinates).reshape(3, 3, -1, model.order)
         stresses = reading.components(gradients)
         return ReadRows((stresses.shape[1], 6), stresses.swapaxes(0, 1).reshape(-1, model.order), unit)
     raise StepError(
         f"reading {name!r}: {READING_WORDS[reading.quantity]} is not linear in displacements; allowed are lengths, "
-        "volumes, strains, pressures, stresses at points and markers"
+        "volumes, strains, pressures, stresses by component and markers"
     )

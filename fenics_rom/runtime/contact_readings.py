@@ -101,7 +101,8 @@ class ContactReadings(TouchedBody):
         """A reading of the scene as it is now; of contact, that of the last step.
 
         Length, m, and volume, m³, are (); contact pressure, Pa, is (s,) at the nodes of the contact surface; strain
-        (P, 6), with the components xx, yy, zz, yz, xz, xy, and von Mises stress, Pa, (P,) are on surface triangles;
+        and stress (P, 6), with the components xx, yy, zz, yz, xz, xy, and von Mises stress, Pa, (P,) are on surface
+        triangles;
         stress at points, Pa, (G, 11) has the parts `mechanics.readings.STRESS_PARTS`; a marker's displacement, m, (3,);
         touch (V,) are the numbers that `touch` takes apart, with what its sensor adds. Which nodes, triangles and
         points: `rom.readings[name]`.

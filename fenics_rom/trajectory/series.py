@@ -11,12 +11,14 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.readings import (
     READING_UNITS,
     READING_WORDS,
+    TENSORS,
     VON_MISES,
     ContactPressure,
     Reading,
     StressReading,
     SurfaceReading,
     principal_size,
+    von_mises,
 )
 from fenics_rom.mechanics.touch import TOUCH, TaxelMap, TouchReading, TouchState, unpacked
 from fenics_rom.mechanics.voigt import VOIGT_INDEX
@@ -36,8 +38,8 @@ class ReadingSeries:
 
     Attributes:
         quantity: one of `mechanics.readings.READING_UNITS`, which has its unit.
-        values: of a length or volume (S,), of contact pressure (S, s) at nodes, of von Mises stress (S, P) and of
-            strain (S, P, 6) in the middle of surface triangles, of stress at points (S, G, 11), whose parts are
+        values: of a length or volume (S,), of contact pressure (S, s) at nodes, of von Mises stress (S, P), strain and
+            stress (S, P, 6) in the middle of surface triangles, of stress at points (S, G, 11), whose parts are
             `mechanics.readings.STRESS_PARTS`, of a marker (S, 3), of touch (S, V), which `touch` takes apart.
         nodes: (s,) which of the body's.
         triangles: (P,) which of the body's.
@@ -76,11 +78,13 @@ class ReadingSeries:
     def sizes(self) -> Array:
         """The values; of strains and principal stresses the largest one without its sign, (S, P).
 
-        Of a marker its length, (S,); of stress at points that of von Mises, (S, G).
+        Of a marker its length, (S,); of stress that of von Mises, (S, P) or (S, G).
         """
         if self.quantity == "stress":
-            von_mises: Array = self.values[:, :, VON_MISES]
-            return von_mises
+            of_points: Array = self.values[:, :, VON_MISES]
+            return of_points
+        if self.quantity == "surface_stress":
+            return von_mises(np.moveaxis(self.values, -1, 0))
         if self.quantity == TOUCH:
             return self.touch.normal_force
         if self.quantity == "marker":
@@ -103,18 +107,19 @@ class ReadingSeries:
         """What `sizes` are."""
         if self.quantity == TOUCH:
             return "normal force of touch"
-        of = {"strain": "largest principal ", "principal_stress": "largest ", "stress": "von Mises "}
+        of = {"strain": "largest principal ", "principal_stress": "largest "}
+        of |= dict.fromkeys(("stress", "surface_stress"), "von Mises ")
         return of.get(self.quantity, "") + READING_WORDS[self.quantity]
 
     @property
     def by_point(self) -> Array:
         """The values, (S, points, components); of touch forces.
 
-        Of a strain, and of stress at points, all nine of the tensor, whose length no choice of axes changes.
+        Of a strain, and of stress, all nine of the tensor, whose length no choice of axes changes.
         """
         if self.quantity == TOUCH:
             return self.touch.force[:, None]
-        values = self.values[..., VOIGT_INDEX] if self.quantity in ("strain", "stress") else self.values
+        values = self.values[..., VOIGT_INDEX] if self.quantity in TENSORS else self.values
         points = max(len(self.nodes), len(self.triangles), len(self.points), 1)
         return values.reshape(len(values), points, -1)
 

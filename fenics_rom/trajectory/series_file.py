@@ -21,6 +21,7 @@ SHAPES: dict[str, tuple[str | int, ...]] = {
     "contact_pressure": ("n",),
     "strain": ("G", 6),
     "von_mises_stress": ("G",),
+    "surface_stress": ("G", 6),
     "principal_stress": ("G", 3),
     "pressure": ("G",),
     "energy_density": ("G",),

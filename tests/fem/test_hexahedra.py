@@ -243,7 +243,7 @@ def test_an_even_contact_pressure_is_exact(meshes, tmp_path, nodes, degree, mode
 
 def test_fields_of_a_reduced_body_are_those_of_full_order_and_are_exported(meshes, tmp_path):
     """A body that deforms by a few percent: Cauchy's stresses, and energy by volume at rest."""
-    quantities = ("principal_stress", "pressure", "energy_density", "von_mises_stress")
+    quantities = ("principal_stress", "pressure", "energy_density", "von_mises_stress", "surface_stress")
     tables = {f"readings.{quantity}": f'quantity = "{quantity}"\nsurface = "left"' for quantity in quantities}
     tables["run"] = 'dt = 1.0\nduration = 1.0\nload = [{ contact = "right", force = [0.0, 0.0, 300.0] }]'
     tables["contacts"] = '[contacts.right]\nsurface = "right"\nforce = "resultant"'
@@ -251,7 +251,10 @@ def test_fields_of_a_reduced_body_are_those_of_full_order_and_are_exported(meshe
     run = fr.simulate(fr.assemble(scene))
     fr.write_trajectory(tmp_path / "run.h5", run)
     kept = fr.read_trajectory(tmp_path / "run.h5").readings
-    principal, pressure, energy, von_mises = (kept[quantity].values[-1] for quantity in quantities)
+    principal, pressure, energy, von_mises, stress = (kept[quantity].values[-1] for quantity in quantities)
+    tensors = stress[:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]
+    assert np.abs(np.linalg.eigvalsh(tensors)[:, ::-1] - principal).max() <= ROUND_OFF * np.abs(principal).max()
+    assert np.abs(kept["surface_stress"].sizes[-1] - von_mises).max() <= ROUND_OFF * von_mises.max()
     assert np.abs(pressure + principal.mean(axis=1)).max() <= ROUND_OFF * np.abs(principal).max()
     differences = principal - np.roll(principal, 1, axis=1)
     assert np.abs(von_mises - np.sqrt((differences**2).sum(axis=1) / 2)).max() <= ROUND_OFF * von_mises.max()

@@ -112,13 +112,14 @@ READINGS = {
     "readings.stretched": 'quantity = "strain"\nof = "top"',
     "readings.flag": 'quantity = "marker"\npoint = [0.5, 0.2, 0.35]',
     "readings.corner": 'quantity = "stress"\npoints = [[0.5, 0.2, 0.15], [0.7, 0.4, 0.3]]',
+    "readings.components": 'quantity = "surface_stress"\nof = "top"',
     "readings.stressed": 'quantity = "von_mises_stress"',
 }
 
 
 def test_readings_that_are_linear_are_outputs(box_file):
     rom = fr.reduce(fr.assemble(acted_on(box_file, EFFECTS, **PARTS, **READINGS)), order=8)
-    names, body = ["rope_length", "tip", "stretched", "corner", "flag"], fr.Simulator(rom, 1e-3, signals=LOAD_VALUES)
+    names, body = ["rope_length", "tip", "stretched", "components", "corner", "flag"], fr.Simulator(rom, 1e-3, signals=LOAD_VALUES)
     plant = rom.state_space(body.contact, names, dt=1e-3)
     random, x = np.random.default_rng(0), np.zeros(len(plant.A))
     at_rest = body.reading("rope_length")
@@ -127,7 +128,7 @@ def test_readings_that_are_linear_are_outputs(box_file):
         body.step(u)
         x = plant.A @ x + plant.B @ np.array([*u, *(LOAD_VALUES[name] for name in rom.loads)])
     components = body.reading("corner")[:, :6]
-    read = [body.displacement("tip"), body.reading("stretched"), components, body.reading("flag")]
+    read = [body.displacement("tip"), body.reading("stretched"), body.reading("components"), components, body.reading("flag")]
     seen = np.split(plant.C @ x, np.cumsum([1, *(part.size for part in read)])[:-1])
     assert seen[0][0] == pytest.approx(
         body.reading("rope_length") - at_rest, abs=1e-15 * at_rest + EXACT * abs(seen[0][0])

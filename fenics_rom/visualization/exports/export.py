@@ -15,6 +15,7 @@ from fenics_rom.io.given import object_or_file
 from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.obstacle_poses import with_turns
+from fenics_rom.mechanics.readings import TENSORS
 from fenics_rom.mechanics.touch import TouchState
 from fenics_rom.rom.file import ROM_FILE
 from fenics_rom.rom.rom import Rom
@@ -236,7 +237,7 @@ def _fields(run: Trajectory, row: int, touch: ContactFields | None = None) -> Fi
         elif not len(reading.triangles):
             whole[key] = np.atleast_1d(values)
         else:
-            ordered = values[:, VTK_COMPONENTS] if reading.quantity == "strain" else values
+            ordered = values[:, VTK_COMPONENTS] if reading.quantity in TENSORS else values
             on_triangles[key] = _spread(ordered, reading.triangles, len(run.triangles))
     return Fields(on_nodes, on_triangles, whole)
 
