@@ -25,6 +25,7 @@ from fenics_rom.fem.outputs import output_rows
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.places import patch_nodes
 from fenics_rom.fem.ranks import run_on_rank_0
+from fenics_rom.fem.reactions import asks_for_reactions, reactions_of
 from fenics_rom.fem.readings import readings_of
 from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.rigid_surfaces import bars_of
@@ -79,6 +80,11 @@ def _system(scene: Scene, comm: Any) -> System:
     material, moving = material_of_cells(scene, mesh), scene.environment.is_moving
     mesh_of = comm, mesh, nodes, material
     system, matrices, shared = _with_unknowns(scene, mesh_of, unknowns, unknowns)
+    if asks_for_reactions(scene):
+        all_components = Unknowns(unknowns.components, np.arange(unknowns.components))
+        of_all = _with_unknowns(scene, mesh_of, unknowns, all_components)[1:]
+        read = {**system.readings, **reactions_of(scene, nodes, unknowns, system, of_all)}
+        system = replace(system, readings={name: read[name] for name in scene.readings})
     said = (*obstacles_too_small(system), *obstacles_inside(system))
     system = replace(system, warnings=(*system.warnings, *said))
     if moving and matrices.frame_masses is not None:

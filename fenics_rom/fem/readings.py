@@ -3,6 +3,8 @@
 All of it follows from the mesh, so every rank has the whole.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.sparse
 from numpy import ndarray as Array
@@ -24,7 +26,8 @@ from fenics_rom.fem.nodes import Nodes, facets_and_cells
 from fenics_rom.fem.outputs import marker_reading
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.fem.taxels import touch_reading
-from fenics_rom.mechanics.readable_body import ReadableBody
+from fenics_rom.mechanics.reactions import REACTION
+from fenics_rom.mechanics.readable_body import LastStep, ReadableBody
 from fenics_rom.mechanics.readings import (
     ContactPressure,
     Reading,
@@ -48,7 +51,7 @@ PARTS = np.vstack([np.full((3, 3), 1 / 6) + np.eye(3) / 2, WHOLE])
 
 
 def readings_of(scene: Scene, nodes: Nodes, material: Array, unknowns: Unknowns) -> dict[str, Reading]:
-    """The readings of a scene, with operators on the unknowns.
+    """The readings of a scene but for reactions (`reactions.py`), with operators on the unknowns.
 
     Args:
         scene: what is read.
@@ -59,7 +62,8 @@ def readings_of(scene: Scene, nodes: Nodes, material: Array, unknowns: Unknowns)
     Raises:
         MeshError, SceneError: a place that does not exist, or a surface that encloses no volume.
     """
-    return {name: _reading(entry, scene, nodes, material, unknowns, name) for name, entry in scene.readings.items()}
+    read = {name: entry for name, entry in scene.readings.items() if entry.quantity != REACTION}
+    return {name: _reading(entry, scene, nodes, material, unknowns, name) for name, entry in read.items()}
 
 
 def _reading(
@@ -173,10 +177,16 @@ def _sampled_in(kind: CellKind, corner: Array) -> tuple[Array, Array]:
     return np.tile(points, (len(corner), 1, 1)), of_corners[corner]
 
 
-def readable(system: System, body: FullOrderBody, touched: Array) -> ReadableBody:
+def readable(
+    system: System, body: FullOrderBody, touched: Array, last: Callable[[], LastStep | None] = lambda: None
+) -> ReadableBody:
     """A body at full order, as readings ask for it, by its unknowns (n,); every rank must make every call.
 
-    `touched`: velocities (P, 3) of the contact points in the middle of the last step, m/s.
+    Args:
+        system: the full-order model.
+        body: its state.
+        touched: velocities (P, 3) of the contact points in the middle of the last step, m/s.
+        last: that step, by all unknowns.
     """
     deformation, algebra, interface = system.deformation, system.algebra, body.interface
 
@@ -195,7 +205,7 @@ def readable(system: System, body: FullOrderBody, touched: Array) -> ReadableBod
 
     law, contact = None if deformation is None else deformation.law, body.contact
     if interface is None or contact is None:
-        return ReadableBody(law, coordinates, stroke, None if interface is None else interface.points)
+        return ReadableBody(law, coordinates, stroke, None if interface is None else interface.points, last=last())
     return ReadableBody(
         law,
         coordinates,
@@ -205,4 +215,5 @@ def readable(system: System, body: FullOrderBody, touched: Array) -> ReadableBod
         contact.forces,
         lambda: rubbing_of(contact, touched, interface.solver.law.friction),
         lambda: system.body.nodes + body.displacement(),
+        last(),
     )

@@ -22,6 +22,7 @@ from fenics_rom.mechanics.filling import Filling
 from fenics_rom.mechanics.initial_state import InitialState, lost_messages, missing_share
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.nodal_contact import Touch, TouchedBody
+from fenics_rom.mechanics.readable_body import LastStep
 from fenics_rom.mechanics.readings import Reading
 from fenics_rom.mechanics.sensor import SensedTouch
 from fenics_rom.mechanics.signals import SignalLike
@@ -81,6 +82,7 @@ class FullOrderSimulator(TouchedBody):
         stroke = partial(_stroke, system, self.stepper)
         widths = {name: columns.shape[1] for name, columns in system.actuators.items()}
         self.filling = Filling(environment.gases, widths, stroke) if environment.gases else None
+        self._last: tuple[tuple[Array, Array], Array] | None = None  # what a step began with, and its inputs (p,)
         self._touched = np.empty((0, 3))  # velocities (P, 3) of contact points in the middle of the last step, m/s
 
     contact = property(attrgetter("stepper.contact_mode"))
@@ -121,6 +123,7 @@ class FullOrderSimulator(TouchedBody):
         unknowns = {name: field.ravel()[body.free] for name, field in fields.items()}
         taken = {name: body.unknowns.expand(part).reshape(-1, 3) for name, part in unknowns.items()}
         lost = {name: missing_share(field, taken[name], body.node_mass) for name, field in fields.items()}
+        self._last = None
         self.stepper.set_state(x[:, 0] + unknowns["displacement"][rows], unknowns["velocity"][rows])
         self.stepper.check_start()
         if self.filling is not None:
@@ -154,6 +157,7 @@ class FullOrderSimulator(TouchedBody):
             if self.filling is not None:
                 u = self.filling.blown(u, self.time, stepper.dt)
             inputs = self.environment.step_input(u, stepper.time, stepper.dt)
+            moved = stepper.x, stepper.v
             stepper.step(inputs)
         except BaseException:
             stepper.switch(before)
@@ -164,6 +168,7 @@ class FullOrderSimulator(TouchedBody):
             if stepper.ledger is not None:
                 stepper.ledger.book(supplied=gained)
         self._steps += 1
+        self._last = moved, inputs.u
         if self._sensed.feels:
             self._touched = (stepper.point_displacement() - start) / stepper.dt
         self._sensed.note(self.time, stepper.dt, self._steps)
@@ -197,7 +202,19 @@ class FullOrderSimulator(TouchedBody):
 
     def _felt(self, name: str) -> Array:
         """A reading without what a sensor adds."""
-        return self.system.readings[name].read(readable(self.system, self.stepper, self._touched))
+        return self.system.readings[name].read(readable(self.system, self.stepper, self._touched, self._last_step))
+
+    def _last_step(self) -> LastStep | None:
+        """What was done in it."""
+        if self._last is None:
+            return None
+        stepper, gather, (moved, u) = self.stepper, self.system.algebra.gather, self._last
+        if stepper.actuators is not None:
+            u = stepper.actuators.split(u)[0]
+            u[stepper.actuators.columns] = stepper.reactions
+        start, end = (tuple(gather(part)[:, 0] for part in pair) for pair in (moved, (stepper.x, stepper.v)))
+        h = stepper.dt if self.environment.environment.has_inertia else 0.0
+        return LastStep(h, start, end, stepper.contact_mode, u)  # type: ignore[arg-type]
 
     def obstacle_forces(self) -> Array:
         """Forces of the obstacles on the body in the last step, (O, 3), N."""

@@ -97,6 +97,23 @@ def unknowns_of(scene: Scene, nodes: Nodes) -> Unknowns:
     return Unknowns(3 * count, free, tied, scipy.sparse.csr_array((weight, places), shape=(len(tied), len(free))))
 
 
+def supported_nodes(scene: Scene, nodes: Nodes) -> Array:
+    """The nodes that supports hold, drive, or hold along a normal, ascending; errors as of `unknowns_of`."""
+    parts = [np.empty(0, dtype=int)]
+    parts += [
+        held_nodes(nodes, place, f"{scene.source}: supports.clamped[{k}]") for k, place in enumerate(scene.clamped)
+    ]
+    for k, held in enumerate(scene.held):
+        where = f"{scene.source}: supports.held[{k}]"
+        if held.sliding:
+            parts.append(nodes.triangle_nodes(patch_triangles(nodes, held, where)).ravel())
+        else:
+            parts.append(held_nodes(nodes, held, where))
+    for name, support in scene.effects.driven_support.items():
+        parts.append(held_nodes(nodes, support, f"effects.driven_support.{name}"))
+    return np.unique(np.concatenate(parts))
+
+
 def support_column(nodes: Nodes, support: DrivenSupport, where: str) -> Array:
     """Forces (3 N, 1) of 1 N of a driven support on its nodes: their stroke is how far it moves."""
     numbers, push = held_nodes(nodes, support, where), np.zeros_like(nodes.coordinates)

@@ -8,6 +8,7 @@ The same at full order and reduced: a reading asks a body for what it needs (`Re
     -tr σ / 3, W                   there: the pressure, and the energy that is stored by volume at rest
     σ of H, averaged               at points, from the cells around the corners of theirs
     u + (R - 1) d                  of a marker at d from its foot on a triangle that is displaced by u and turned by R
+    R                              force and couple of supports (`reactions.py`)
 
 Of a linear model s = bᵀx of the actuator's column b, ε = (H + Hᵀ)/2, and σ = λ tr ε I + 2μ ε, exactly. With large
 deformation s is that of the moved cable or chamber, E the Green strain, σ = F S Fᵀ / det F Cauchy's stress.
@@ -24,6 +25,7 @@ from fenics_rom.mechanics.fibres import Fibres
 from fenics_rom.mechanics.hyperelastic import small_strain, strain
 from fenics_rom.mechanics.nodal_contact import FacetShares
 from fenics_rom.mechanics.point_material import PointMaterial
+from fenics_rom.mechanics.reactions import REACTION, ReactionReading
 from fenics_rom.mechanics.readable_body import ReadableBody
 from fenics_rom.mechanics.touch import TOUCH, TouchReading
 from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
@@ -40,6 +42,7 @@ READING_UNITS = {
     "energy_density": "J/m3",
     "stress": "Pa",
     "marker": "m",
+    REACTION: "N and N m",
     TOUCH: "N, N m, m, m2, m/s, Pa and 1",
 }
 OF_SURFACE = ("strain", "von_mises_stress", "surface_stress", "principal_stress", "pressure", "energy_density")
@@ -53,6 +56,7 @@ READING_WORDS = {name: name.replace("_", " ") for name in READING_UNITS} | {
     "von_mises_stress": "von Mises stress",
     "surface_stress": "stress",
     "marker": "displacement of a marker",
+    REACTION: "reaction of supports",
     TOUCH: "touch",
 }
 
@@ -97,7 +101,7 @@ class SurfaceReading:
 
     Strain and stress have the components xx, yy, zz, yz, xz, xy of their tensors. Or of the stress it is that of von
     Mises, (P,), the three principal ones from the largest on, (P, 3), or the pressure, (P,), Pa; of the energy that by
-    volume at rest, (P,), J/m³. The stress is the elastic one: what viscosity adds to it while the body moves is not in it.
+    volume at rest, (P,), J/m³. The stress is the elastic one: what viscosity adds while the body moves is not in it.
 
     Attributes:
         quantity: one of `OF_SURFACE`.
@@ -247,11 +251,13 @@ def _with_normal(pair: Array) -> Array:
 
 
 OfDisplacement = SurfaceReading | StressReading | MarkerReading  # with an operator on the body's coordinates
-Reading = StrokeReading | ContactPressure | OfDisplacement | TouchReading
+Reading = StrokeReading | ContactPressure | OfDisplacement | ReactionReading | TouchReading
 
 
 def projected(reading: Reading, basis: Array) -> Reading:
     """The reading of a body whose displacement is basis (n, k) times its coordinates."""
+    if isinstance(reading, ReactionReading):
+        return reading.projected(basis)
     if not isinstance(reading, OfDisplacement):
         return reading
     return replace(reading, operator=np.asarray(reading.operator @ basis))

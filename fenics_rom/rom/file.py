@@ -70,12 +70,12 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         output_points/NAME (P, 3) m  of an output, at rest
     error_model/                     what runs need to know their errors; absent if not asked for; rom.error_model_file
     readings/NAME/                   what else is read, absent where nothing is; attributes `quantity`, `of`
-        rest (1,) m or m3           of a length or a volume
+        rest (1,) m or m3           of a length or a volume; of touch, reaction: rom.touch_file, rom.reactions_file
         nodes (s,), facets (F, 3, 4, 6 or 9), areas (F,) m^2          of contact_pressure: facets are rows of nodes
         triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of surfaces
         points (G, 3) m, corner_points (K,), corner_weights (K,), value_corners (T,), value_shares (T,),
         place_weights (T, R) or absent, operator, first_lame, shear as above, of T R places or twice as many  of stress
-        foot (3, k) kg^-1/2, gradients (2, 3, k) kg^-1/2/m, tangents (2, 3), offset (3,) m  of marker; touch: touch_file
+        foot (3, k) kg^-1/2, gradients (2, 3, k) kg^-1/2/m, tangents (2, 3), offset (3,) m  of marker
 
 Before 2.8 there are no fibres, before 2.7 no static, before 2.6 no error_model, before 2.5 no time_constants (0), but
 maybe an inertia, not read. Before 2.3 no base path and moving_frame, before 2.2 no residual_compliance, before 2.1 no

@@ -6,6 +6,7 @@ import numpy as np
 from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.hdf5 import Entry, check_names, get_group, get_record, get_text, put_arrays, put_text
 from fenics_rom.mechanics.fibres import check_fibres
+from fenics_rom.mechanics.reactions import REACTION, ReactionReading
 from fenics_rom.mechanics.readings import (
     READING_UNITS,
     ContactPressure,
@@ -17,6 +18,7 @@ from fenics_rom.mechanics.readings import (
 )
 from fenics_rom.mechanics.touch import TOUCH, TouchReading
 from fenics_rom.rom.fibres_file import get_fibres, put_fibres
+from fenics_rom.rom.reactions_file import check_reaction, put_reaction, take_reaction
 from fenics_rom.rom.rom import Rom
 from fenics_rom.rom.touch_file import check_indices, check_touch, put_touch, take_touch
 
@@ -72,6 +74,8 @@ def put_readings(h5: h5py.File, rom: Rom) -> None:
             put_arrays(part, MARKER, sizes, arrays | {"foot": foot, "gradients": gradients.reshape(2, 3, -1)})
         elif isinstance(reading, ContactPressure):
             put_arrays(part, CONTACT, sizes, arrays)
+        elif isinstance(reading, ReactionReading):
+            put_reaction(part, reading, sizes)
         elif isinstance(reading, TouchReading):
             put_touch(part, reading)
         else:
@@ -99,6 +103,8 @@ def _take(group: h5py.Group, sizes: dict[str, int]) -> Reading:
         return MarkerReading(operator, arrays["tangents"], np.array(arrays["offset"]))
     if quantity == TOUCH:
         return take_touch(group)
+    if quantity == REACTION:
+        return take_reaction(group, sizes)
     tables = {"contact_pressure": CONTACT, "stress": STRESS}
     arrays = get_record(group, tables.get(quantity, SURFACE), sizes, ("fibres",))
     if quantity == "contact_pressure":
@@ -135,6 +141,8 @@ def check_readings(rom: Rom) -> None:
                 raise FileError(f"{where}: moduli are not positive")
         elif isinstance(reading, StressReading):
             _check_stress(where, reading)
+        elif isinstance(reading, ReactionReading):
+            check_reaction(where, reading, rom)
         elif isinstance(reading, TouchReading):
             check_touch(where, reading, len(rom.nodes), len(rom.triangles))
         elif isinstance(reading, ContactPressure):

@@ -114,11 +114,12 @@ class Batch(BatchedBodies):
             or (errors is None and rom.error_model is not None)
         )
         self._feels = any(reading.quantity == "touch" for reading in rom.readings.values())
-        keeps = "errors" if told else "a sense of touch" * self._feels
+        reacts = any(reading.quantity == "reaction" for reading in rom.readings.values())
+        keeps = "errors" if told else "reactions of supports" if reacts else "a sense of touch" * self._feels
         self.size, self.dtype, self._why = int(size), np.dtype(dtype), keeps or _why_one_by_one(rom)
         self._given, self._ledger, self._signals, self._detail = rom, ledger, signals, detail
         h = checked_dt(dt)
-        self._bodies = (None if told else self._compiled(h)) or (
+        self._bodies = (None if told or reacts else self._compiled(h)) or (
             self._one_by_one(h) if self._why else self._together(h)
         )
         self.rom = self._bodies.rom

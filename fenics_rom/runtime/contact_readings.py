@@ -14,6 +14,7 @@ from fenics_rom.runtime.steppers.stepper import ReducedStepper
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
+    from fenics_rom.mechanics.readable_body import LastStep
     from fenics_rom.mechanics.readings import Reading
     from fenics_rom.mechanics.rubbing import Rubbing
     from fenics_rom.mechanics.sensor import SensedTouch
@@ -24,6 +25,7 @@ class ContactReadings(TouchedBody):
 
     Attributes:
         read_touch, read_rubbing: of a body in a world, which finds what touches it.
+        last_step: by the shared basis; None where nothing asks for it, or none was taken.
     """
 
     read_touch: Callable[[], Touch | None] | None = None
@@ -32,6 +34,7 @@ class ContactReadings(TouchedBody):
 
     rom: Rom
     environment: "ActiveEnvironment | None"
+    last_step: "LastStep | None" = None
     sensed: "SensedTouch | None" = None  # None where there is no sense of touch
     remembers_touch: bool = False  # a sensor, so that it has to look after every step
     steps: int
@@ -104,6 +107,7 @@ class ContactReadings(TouchedBody):
         and stress (P, 6), with the components xx, yy, zz, yz, xz, xy, and von Mises stress, Pa, (P,) are on surface
         triangles;
         stress at points, Pa, (G, 11) has the parts `mechanics.readings.STRESS_PARTS`; a marker's displacement, m, (3,);
+        a reaction, (6,), is the force, N, and the couple, N m, of supports in the last step, 0 before the first one;
         touch (V,) are the numbers that `touch` takes apart, with what its sensor adds. Which nodes, triangles and
         points: `rom.readings[name]`.
 
@@ -130,15 +134,21 @@ class ContactReadings(TouchedBody):
         self.sensed.note(self.time + more * self._dt, self._dt, self.steps + more)
 
     @property
-    def _senses(self) -> tuple[tuple[Any, ...], tuple[Any, ...] | None]:
-        """What sensors remember, and what friction did in the last step: what there is to save of a sense of touch."""
-        if self.sensed is None:
-            return (), None
-        self._rubbing()
-        return self.sensed.state, self._rubbed
+    def _senses(self) -> "tuple[tuple[Any, ...], tuple[Any, ...] | None, LastStep | None]":
+        """What sensors remember, what friction did in the last step, and that step: what there is to save of readings.
 
-    def _sense_again(self, sensed: tuple[Any, ...], rubbed: tuple[Any, ...] | None = None) -> None:
+        As far as something asks for it.
+        """
+        if self.sensed is None:
+            return (), None, self.last_step
+        self._rubbing()
+        return self.sensed.state, self._rubbed, self.last_step
+
+    def _sense_again(
+        self, sensed: tuple[Any, ...], rubbed: tuple[Any, ...] | None = None, last: "LastStep | None" = None
+    ) -> None:
         """Goes on from that."""
+        self.last_step = last
         if self.sensed is not None:
             self.sensed.state, self._rubbed = sensed, rubbed
 

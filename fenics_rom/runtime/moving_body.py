@@ -175,7 +175,8 @@ class MovingBody(SimulatedBody):
         if self.tensions.enter(self.contact) and kernel.holds_steps:
             kernel.note_inputs = self.tensions.note_all
         if self.environment is None:
-            return kernel.step
+            step: Callable[[Array], float] = kernel.step
+            return self._noting(step) if self.reads_reactions else step
         alone = self._frame is not None and self.environment.is_still
         return self._advance_alone if alone else self._advance_in_environment
 

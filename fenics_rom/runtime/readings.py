@@ -44,7 +44,7 @@ def readable(
         points: what obstacles can touch; None where there are none.
         pressing: normal forces on them in the last step, (P,), N; None where nothing touched.
         model: of the contact mode with what a switch carried along; None: without.
-        touched: what else `ReadableBody` has of contact.
+        touched: what else `ReadableBody` has of contact, and of the last step.
     """
     model, body = rom.contact_models[contact_mode] if model is None else model, rom.deformation
 

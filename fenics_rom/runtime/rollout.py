@@ -268,8 +268,12 @@ class Rollout:
                 if contact is not None:
                     body.switch(interval.contact)
                 steps = slice(interval.start, interval.stop)
-                on = None if bases is None else bases[steps]
-                rows += self._read(u[steps], on, interval.start, every if names else 1, names)
+                on, due = None if bases is None else bases[steps], every if names else 1
+                if body.reads_reactions:  # of the last step, which is taken by itself
+                    rows += self._read(u[steps][:-1], None, interval.start, due, names)
+                    rows += self._step_each(u[steps][-1:], None, interval.stop - 1, due, names)
+                else:
+                    rows += self._read(u[steps], on, interval.start, due, names)
                 body.tensions.note_all(u[steps])
         except BaseException:
             body.restore(start)

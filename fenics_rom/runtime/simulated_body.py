@@ -13,7 +13,7 @@ from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.mechanics.step import StepperState
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.runtime.contact_readings import ContactReadings
+from fenics_rom.runtime.last_step import NotesLastStep
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
 from fenics_rom.runtime.switching import SwitchLoss
@@ -66,6 +66,7 @@ class SimulatorState:
     errors: "ErrorState | BesideState | None" = None  # None where none are kept
     sensed: tuple[Any, ...] = ()  # what sensors remember
     rubbed: tuple[Any, ...] | None = None  # what friction did in the last step
+    last: Any = None  # step that was taken, where reactions are read
     gas: Mapping[str, float] = field(default_factory=dict)  # blown into chambers so far, m³
 
 
@@ -77,7 +78,7 @@ class BesideState(NamedTuple):
     exceeded: "Exceeded | None"
 
 
-class SimulatedBody(ContactReadings):
+class SimulatedBody(NotesLastStep):
     """A body as its stepper has it, in the words of its ROM; `Simulator` moves it."""
 
     steps: int
@@ -306,10 +307,11 @@ class SimulatedBody(ContactReadings):
 
         reading, state = named_reading(self.rom, name), (self.contact, self._q, self.shape_coordinates)
         points, pushed = self._touch() or (None, None)
-        if pushed is None:
-            return reading.read(readable(self.rom, *state, points, model=self.model))
-        touched: dict[str, Any] = {"forces": pushed.forces, "rubbing": self._rubbing, "places": self.node_places}
-        return reading.read(readable(self.rom, *state, points, pushed.pressing, self.model, **touched))
+        of: dict[str, Any] = {"model": self.model, "last": self._last_of(name)}
+        if pushed is not None:
+            of |= {"pressing": pushed.pressing, "forces": pushed.forces, "rubbing": self._rubbing}
+            of["places"] = self.node_places
+        return reading.read(readable(self.rom, *state, points, **of))
 
     def node_places(self) -> Array:
         """Of all nodes now, (N, 3) in world axes, m."""

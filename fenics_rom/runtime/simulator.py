@@ -144,6 +144,7 @@ class Simulator(ErringBody):
         if len(given) != 2 or any(part.shape != shape or not np.isfinite(part).all() for part in given):
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
         self._stepper.set_state(*given)
+        self.last_step = None
         self._refill(self.gas)
         self._begin_errors()
         if self._skin is not None:
@@ -243,6 +244,7 @@ class Simulator(ErringBody):
         try:
             u = self._with_gas(source.full_input(u, self._width))
             inputs = self._with_base(source.environment.step_input(u, self.time, self._dt))
+            start = self._moving()
             energy = self._stepper.step(inputs)
             if not math.isfinite(energy):
                 self._leave_finite(inputs.u)
@@ -254,6 +256,7 @@ class Simulator(ErringBody):
         self.book_gas(u)
         self.tensions.note(inputs.u)
         self._note_step(inputs.u)
+        self._note_last(start, inputs.u)
         if self.remembers_touch:
             self.note_touch(1)
         return 2 * energy
@@ -355,7 +358,7 @@ class Simulator(ErringBody):
             self.environment.state = state.obstacles
         self._refill(state.gas)
         self._begin_errors(state.errors)
-        self._sense_again(state.sensed, state.rubbed)
+        self._sense_again(state.sensed, state.rubbed, state.last)
         self._go_on(state.loss, state.surface_peak, state.told)
 
     def _go_on(self, loss: SwitchLoss, peak: SurfaceStrainPeak, told: "tuple[Told, ...]") -> None:

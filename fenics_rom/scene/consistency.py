@@ -9,7 +9,6 @@ from fenics_rom.errors import SceneError, check_known, exactly, unknown
 from fenics_rom.mechanics.environment import FACES, AppliedLoad
 from fenics_rom.mechanics.initial_state import SMALL_ROTATION, ZERO
 from fenics_rom.mechanics.isochoric import isochoric_terms
-from fenics_rom.mechanics.readings import OF_SURFACE, OF_VOLUME
 from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.scene.chambers import check_filling
 from fenics_rom.scene.contact import Contact, ObstacleMotion
@@ -19,8 +18,9 @@ from fenics_rom.scene.environment import guides_of, obstacle_of
 from fenics_rom.scene.fibres import HOLZAPFEL, QUADRATIC, Directions
 from fenics_rom.scene.file_format import LoadEntry, SceneFile
 from fenics_rom.scene.outputs import check_output
-from fenics_rom.scene.places import Patch, given_piece
-from fenics_rom.scene.scene import ReadingEntry, Reduction, check_order
+from fenics_rom.scene.places import Patch
+from fenics_rom.scene.reading_checks import check_reading
+from fenics_rom.scene.scene import Reduction, check_order
 
 ROUND_OFF = 1e-9  # of moments of inertia
 
@@ -62,7 +62,7 @@ def check_consistency(file: SceneFile) -> None:
                 "'marker', one for each"
             )
     for name, reading in file.readings.items():
-        _check_reading(reading, file, f"readings.{name}")
+        check_reading(reading, file, f"readings.{name}")
 
 
 def _check_together(file: SceneFile) -> None:
@@ -141,50 +141,6 @@ def check_choices(part: Any, where: str) -> None:
     elif is_dataclass(part) or isinstance(part, Mapping):
         for key, inner in (part if isinstance(part, Mapping) else vars(part)).items():
             check_choices(inner, f"{where}.{key}" if where else key)
-
-
-def _check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:
-    kind, known = {
-        "length": ("tendon", file.effects.tendon),
-        "volume": ("pressure", file.effects.pressure),
-        "contact_pressure": ("contact mode", file.contacts),
-    }.get(reading.quantity, ("", {}))
-    if reading.quantity == "marker":
-        _check_marker(reading, file.frame, where)
-    elif reading.point is not None:
-        raise SceneError(f"{where}.point: goes with a marker; {reading.quantity} has none")
-    if reading.quantity == "stress":
-        if reading.points is None:
-            raise SceneError(f"{where}.points is missing: the material points whose stress is read")
-        if key := "of" if reading.of is not None else given_piece(reading):
-            raise SceneError(f"{where}.{key}: goes with {', '.join(OF_SURFACE)}; stress is read at points")
-    elif reading.points is not None:
-        raise SceneError(f"{where}.points: goes with stress; {reading.quantity} has none")
-    if reading.quantity in OF_VOLUME and file.mesh.integration == "selective":
-        raise SceneError(
-            f"{where}.quantity = {reading.quantity!r}: with mesh.integration = 'selective' changes of volume have no "
-            "value at the surface; allowed is 'stress' at points"
-        )
-    if not kind:
-        return
-    if (piece := given_piece(reading)) is not None:
-        raise SceneError(f"{where}.{piece}: goes with strain and stress; a {reading.quantity} is that of a {kind}")
-    if reading.of is None:
-        named = ", ".join(sorted(known)) or "none"
-        raise SceneError(f"{where}.of is missing: the {kind} whose {reading.quantity} is read; there is {named}")
-    check_known(kind, reading.of, known, SceneError, f"{where}.of: ")
-    if reading.quantity == "contact_pressure" and file.effects.contact is None:
-        raise SceneError(f"{where}: means nothing without contact; name effects.contact as well")
-
-
-def _check_marker(reading: ReadingEntry, frame: str, where: str) -> None:
-    if reading.point is None:
-        raise SceneError(f"{where}.point is missing: where the middle of the marker is at rest")
-    for key in ("of", given_piece(reading)):
-        if key is not None and getattr(reading, key) is not None:
-            raise SceneError(f"{where}.{key}: a marker is on the triangle that is nearest to its point")
-    if frame == "moving":
-        raise SceneError(f"{where}: allowed with frame = 'moving' are outputs.NAME.markers, which the frame carries")
 
 
 def _check_effects(effects: Effects, contacts: Collection[str], actuators: Mapping[str, Any]) -> None:

@@ -63,23 +63,28 @@ class ReadingEntry(Place):
         '"length" of a tendon, "volume" of a chamber, "contact_pressure" at the nodes of a contact mode, "strain" (xx, '
         'yy, zz, yz, xz, xy), "surface_stress" (the same six), "von_mises_stress", "principal_stress" (three, from the '
         'largest on), "pressure" or "energy_density" (by volume at rest) in the middle of each surface triangle (at '
-        'degree 2 of each of its four parts), in the cell that adjoins it; "stress" at points: xx, yy, zz, yz, xz, xy, three principal ones '
-        "from the largest on, von Mises stress, and how far the cells around differ; with large deformation Green's "
-        "strain, and Cauchy's stress; stress is elastic: what damping, and branches of a material that relaxes, add is "
-        'not in it; or displacement of a "marker" off the surface, rigidly on the triangle that is '
-        "nearest, however far that turns",
+        'degree 2 of each of its four parts), in the cell that adjoins it; "stress" at points: xx, yy, zz, yz, xz, xy, '
+        "three principal ones from the largest on, von Mises stress, and how far the cells around differ; with large "
+        "deformation Green's strain, and Cauchy's stress; stress is elastic: what damping, and branches of a material "
+        'that relaxes, add is not in it; displacement of a "marker" off the surface, rigidly on the triangle that is nearest, however far '
+        'that turns; or "reaction" of the supports that hold nodes of the place, or of all: force and couple on the '
+        "body, in the mean over the last step",
     ]
     of: Annotated[
         str | None,
         Text(),
         "the tendon, the pressure or the contact mode; of strain and stress a named surface, as `surface` is",
     ] = None
-    point: Annotated[Point | None, "of a marker: where its middle is at rest"] = None
+    point: Annotated[
+        Point | None,
+        "of a marker: where its middle is at rest; of a reaction: about which its couple is, unless about the mean "
+        "place of the nodes",
+    ] = None
     points: Annotated[tuple[Point, ...] | None, Items(at_least=1), "of stress: material points of the body"] = None
 
     @property
     def place(self) -> Place | None:
-        """Of strain and stress: the piece of the surface; None: all of it."""
+        """Of strain, stress and reactions: the piece that is meant; None: all of it."""
         if given_piece(self) is not None:
             return self
         return None if self.of is None else Place(self.of)

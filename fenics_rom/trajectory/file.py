@@ -25,9 +25,10 @@ shapes, N nodes, F triangles, P points of an output.
     inputs/NAME (S, w)               N, Pa, m, m3, m/s2 or 1; in the step that led to each instant; absent if always 0
     readings/NAME/                   absent where nothing is read; attribute `quantity`
         values                       of length (S,) m, volume (S,) m3, contact_pressure (S, n) Pa, strain (S, G, 6),
-                                     surface_stress (S, G, 6) Pa, von_mises_stress, pressure (S, G) Pa, principal_stress (S, G, 3) Pa,
-                                     energy_density (S, G) J/m3, stress (S, p, 11) Pa, marker (S, 3) m; of touch
-                                     (S, V), see mechanics.touch
+                                     surface_stress (S, G, 6) Pa, principal_stress (S, G, 3) Pa,
+                                     von_mises_stress, pressure (S, G) Pa,
+                                     energy_density (S, G) J/m3, stress (S, p, 11) Pa, marker (S, 3) m, reaction
+                                     (S, 6) N and N m; of touch (S, V), see mechanics.touch
         nodes (n,), triangles (G,), points (p, 3) m     where; one of them, or none; of touch the group taxels: see
                                                         io.taxel_map
     tendons/NAME (K, 3) m            points of the body at rest that it leads through; absent where there are none

@@ -8,6 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.reactions import REACTION
 from fenics_rom.mechanics.readings import (
     READING_UNITS,
     READING_WORDS,
@@ -40,7 +41,8 @@ class ReadingSeries:
         quantity: one of `mechanics.readings.READING_UNITS`, which has its unit.
         values: of a length or volume (S,), of contact pressure (S, s) at nodes, of von Mises stress (S, P), strain and
             stress (S, P, 6) in the middle of surface triangles, of stress at points (S, G, 11), whose parts are
-            `mechanics.readings.STRESS_PARTS`, of a marker (S, 3), of touch (S, V), which `touch` takes apart.
+            `mechanics.readings.STRESS_PARTS`, of a marker (S, 3), of a reaction (S, 6), of touch (S, V), which
+            `touch` takes apart.
         nodes: (s,) which of the body's.
         triangles: (P,) which of the body's.
         points: (G, 3) at rest, m.
@@ -67,8 +69,8 @@ class ReadingSeries:
 
     @property
     def unit(self) -> str:
-        """Of the values; of touch that of the normal force."""
-        return "N" if self.quantity == TOUCH else READING_UNITS[self.quantity]
+        """Of the values; of touch that of the normal force, of a reaction that of its force."""
+        return "N" if self.quantity in (TOUCH, REACTION) else READING_UNITS[self.quantity]
 
     def at(self, instant: int) -> "ReadingSeries":
         """Of one instant."""
@@ -78,7 +80,7 @@ class ReadingSeries:
     def sizes(self) -> Array:
         """The values; of strains and principal stresses the largest one without its sign, (S, P).
 
-        Of a marker its length, (S,); of stress that of von Mises, (S, P) or (S, G).
+        Of a marker its length, and of a reaction of its force, (S,); of stress that of von Mises, (S, P) or (S, G).
         """
         if self.quantity == "stress":
             of_points: Array = self.values[:, :, VON_MISES]
@@ -87,8 +89,8 @@ class ReadingSeries:
             return von_mises(np.moveaxis(self.values, -1, 0))
         if self.quantity == TOUCH:
             return self.touch.normal_force
-        if self.quantity == "marker":
-            lengths: Array = np.linalg.norm(self.values, axis=1)
+        if self.quantity in ("marker", REACTION):
+            lengths: Array = np.linalg.norm(self.values[:, :3], axis=1)
             return lengths
         if self.quantity == "principal_stress":
             largest: Array = np.abs(self.values).max(axis=-1)
@@ -107,18 +109,23 @@ class ReadingSeries:
         """What `sizes` are."""
         if self.quantity == TOUCH:
             return "normal force of touch"
+        if self.quantity == REACTION:
+            return "force of supports"
         of = {"strain": "largest principal ", "principal_stress": "largest "}
         of |= dict.fromkeys(("stress", "surface_stress"), "von Mises ")
         return of.get(self.quantity, "") + READING_WORDS[self.quantity]
 
     @property
     def by_point(self) -> Array:
-        """The values, (S, points, components); of touch forces.
+        """The values, (S, points, components); of touch and of supports forces.
 
         Of a strain, and of stress, all nine of the tensor, whose length no choice of axes changes.
         """
         if self.quantity == TOUCH:
             return self.touch.force[:, None]
+        if self.quantity == REACTION:
+            forces: Array = self.values[:, None, :3]
+            return forces
         values = self.values[..., VOIGT_INDEX] if self.quantity in TENSORS else self.values
         points = max(len(self.nodes), len(self.triangles), len(self.points), 1)
         return values.reshape(len(values), points, -1)

@@ -9,6 +9,7 @@ import h5py
 from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.hdf5 import Entry, Sizes, check_names, get_arrays, get_group, get_text, put_arrays, put_text
 from fenics_rom.io.taxel_map import TAXELS, check_shares
+from fenics_rom.mechanics.reactions import REACTION
 from fenics_rom.mechanics.readings import READING_UNITS, STRESS_PARTS
 from fenics_rom.mechanics.touch import HEAD, OF_PATCH, TOUCH, TaxelMap
 from fenics_rom.trajectory.series import ReadingSeries, Series
@@ -27,6 +28,7 @@ SHAPES: dict[str, tuple[str | int, ...]] = {
     "energy_density": ("G",),
     "stress": ("p", len(STRESS_PARTS)),
     "marker": (3,),
+    REACTION: (6,),
     TOUCH: ("V",),
 }
 PLACES = {

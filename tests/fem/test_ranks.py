@@ -44,6 +44,7 @@ READINGS = {
     "readings.sole": 'quantity = "contact_pressure"\nof = "bottom"',
     "readings.stress": 'quantity = "von_mises_stress"',
     "readings.strain": 'quantity = "strain"\nany = ["top", { box = { corners = [[0.5, 0, 0], [1, 1, 0.2]] } }]',
+    "readings.held": 'quantity = "reaction"\nsurface = "left"',
     "readings.corner": 'quantity = "stress"\npoints = [[0.5, 0.2, 0.15], [0.4, 0.4, 0.3]]',
 }
 MOVING = """inertia = {}

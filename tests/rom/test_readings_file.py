@@ -26,6 +26,7 @@ READINGS = {
     "readings.corner": 'quantity = "stress"\npoints = [[0.5, 0.2, 0.1], [0.7, 0.4, 0.3]]',
     "readings.ball": 'quantity = "marker"\npoint = [0.5, 0.2, 0.32]',
     "readings.gauge": 'quantity = "strain"\nnear = { point = [0.5, 0.2, 0.3], radius = 0.2 }',
+    "readings.held": 'quantity = "reaction"',
     "outputs.skin": 'quantity = "touch"\nsurface = "bottom"\ntaxels = { rows = 2, columns = 3 }\n'
     "sensor = { rate = 50.0, force_noise = 0.1, seed = 4 }",
 }
@@ -48,7 +49,7 @@ def rom_file(tmp_path, rom):
 
 def test_readings_are_read_to_the_last_bit(rom, rom_file):
     again = fr.read_rom(rom_file)
-    assert list(again.readings) == ["cable", "sole", "stress", "corner", "ball", "gauge", "skin"]
+    assert list(again.readings) == ["cable", "sole", "stress", "corner", "ball", "gauge", "held", "skin"]
     assert same(again, rom)
     bodies = [fr.Simulator(each, dt=0.01) for each in (rom, again)]
     for body in bodies:
@@ -75,6 +76,10 @@ LIES = {
     "/readings/corner/value_corners: allowed are all numbers below": put(
         "readings/corner/value_corners", lambda there: there[::-1]
     ),
+    "/readings/held/inputs: of 2 columns, and the ROM has 1": put(
+        "readings/held/inputs", lambda there: there.repeat(2, 1)
+    ),
+    "/readings/held/contacts: of other contact modes": without("readings/held/contacts/sole"),
     "/readings/corner: moduli are not positive": put("readings/corner/shear", lambda there: -there),
     "/readings/sole: facets have 3, 4, 6 or 9 nodes and an area": put("readings/sole/areas", lambda there: -there),
     "/readings/sole/facets: allowed are some numbers below 15": put("readings/sole/facets", lambda there: there + 1),

@@ -48,7 +48,10 @@ READ = {
     "sums of the energy account": (lambda b: b.ledger.sums, "sums"),
     "surface's peak, and largest loss in a switch": (lambda b: (b.surface_peak, b.loss), "surface_peak loss"),
     "bound and estimate of the error": (lambda b: [told.norm for told in b.stated_errors.values()], "errors"),
-    "what sensors remember": (lambda b: (b.save().sensed, b.save().rubbed), "sensed rubbed"),
+    "what sensors remember, and the last step if reactions are read": (
+        lambda b: (b.save().sensed, b.save().rubbed, b.save().last),
+        "sensed rubbed last",
+    ),
     "warnings of contact and of large deformation": (
         lambda b: (b.warnings, b.mismatch, searched(b)[1:2], b.save().stepper.notes),
         "stepper.notes told",
@@ -59,6 +62,7 @@ READ = {
 OF_LINEAR = {row for row in READ if row.startswith(("forces", "places", "signals", "surface", "bound", "what sensors"))}
 OUTPUTS = {
     "outputs.tip": "points = [[1.0, 0.4, 0.3]]",
+    "readings.held": 'quantity = "reaction"',
     "outputs.feel": 'surface = "bottom"\nquantity = "touch"\nsensor = { force_noise = 1.0, delay = 2e-3 }',
 }
 PLACE = [0.0, 0.0, -1e-3]

@@ -86,7 +86,7 @@ MISTAKES = {
     'quantity = "stress"\nof = "top"\npoints = [[0, 0, 0]]': r"readings.one.of: goes with strain, von_mises_stress",
     'quantity = "strain"\npoints = [[0, 0, 0]]': r"readings.one.points: goes with stress; strain has none",
     'quantity = "strain"\nof = "top"\ninner = true': r"readings.one: give of or inner, not both",
-    'quantity = "strain"\npoint = [0, 0, 0]': r"readings.one.point: goes with a marker; strain has none",
+    'quantity = "strain"\npoint = [0, 0, 0]': r"readings.one.point: goes with a marker and a reaction; strain has none",
     'quantity = "marker"\npoint = [0, 0, 0]\n[outputs.far]\nmarkers = [[0, 0, 1]]\n[effects.large_deformation]': (
         r"outputs.far.markers: are for small turns; allowed with large_deformation are readings"
     ),

@@ -9,6 +9,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.io.units import prefixed
 from fenics_rom.mechanics.base_path import with_nearest_signs
+from fenics_rom.mechanics.reactions import REACTION
 from fenics_rom.mechanics.readings import COMPONENTS, READING_WORDS
 from fenics_rom.mechanics.touch import TOUCH
 from fenics_rom.trajectory.series import FRAME_SERIES, ReadingSeries
@@ -140,13 +141,15 @@ def _draw_frame(figure: Any, runs: Runs, name: str) -> None:
 
 
 def _draw_reading(figure: Any, runs: Runs, name: str) -> None:
-    """A reading; of strain the largest principal one at each place; of a marker, stress and touch's force all.
+    """A reading; of strain the largest principal one at each place; of a marker, stress and forces all.
 
     With bands of what a run states of its error.
     """
     shown = {label: run for label, run in runs.items() if name in run.readings}
     readings = [run.readings[name] for run in shown.values()]
-    components: Sequence[str] = {"marker": "xyz", "stress": COMPONENTS, TOUCH: "xyz"}.get(readings[0].quantity, "")
+    components: Sequence[str] = {"marker": "xyz", REACTION: "xyz", "stress": COMPONENTS, TOUCH: "xyz"}.get(
+        readings[0].quantity, ""
+    )
 
     def drawn(reading: ReadingSeries) -> Array:
         if reading.quantity == TOUCH:

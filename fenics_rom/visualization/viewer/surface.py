@@ -16,7 +16,7 @@ from fenics_rom.visualization.viewer.colours import with_unit
 SurfaceField = Callable[[Array, Array], Array]
 
 READING = "reading "  # before the name of one, among the fields
-OFF_SURFACE = ("length", "volume", "stress", "marker")  # readings that are said in words alone
+OFF_SURFACE = ("length", "volume", "stress", "marker", "reaction")  # readings that are said in words alone
 CONTACT_PRESSURE = "contact pressure"
 UNITS = {"displacement": "m", "speed": "m/s", "strain": "%", "energy density": "J/m³", CONTACT_PRESSURE: "Pa"}
 CREASE = math.radians(35)  # between triangles that turn by more, light and colours have an edge
@@ -187,7 +187,7 @@ def reading_fields(surface: Surface, readings: Mapping[str, ReadingSeries]) -> d
 
 
 def reading_words(readings: Mapping[str, ReadingSeries], instant: int) -> list[str]:
-    """Lengths and volumes, as flexor: 98.231 mm, how far markers are displaced, and the largest von Mises stress.
+    """Lengths and volumes, as flexor: 98.231 mm, how far markers are displaced, stresses and forces of supports.
 
     Of touch the normal force, the area of contact, and the margin to slip of the patch that presses most.
     """

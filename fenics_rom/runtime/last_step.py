@@ -1,0 +1,75 @@
+"""What a body did in its last step, where reactions of supports are read of it."""
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError
+from fenics_rom.runtime.contact_readings import ContactReadings
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.readable_body import LastStep
+
+
+class NotesLastStep(ContactReadings):
+    """A body that takes note of each step, if something asks for it; others are as fast as they were."""
+
+    _order: int
+
+    @property
+    def contact(self) -> str:
+        """The active contact mode."""
+        raise NotImplementedError
+
+    @property
+    def shape_coordinates(self) -> Array:
+        """The displacement in the shared basis, (k,)."""
+        raise NotImplementedError
+
+    @cached_property
+    def reads_reactions(self) -> bool:
+        """Whether a reading is of the last step."""
+        return any(reading.quantity == "reaction" for reading in self.rom.readings.values())
+
+    def _last_of(self, name: str) -> "LastStep | None":
+        """The last step for a reading; a StepError where that is of it, and a world has taken it."""
+        if self.read_touch is not None and self.rom.readings[name].quantity == "reaction":
+            raise StepError(f"reading {name!r}: in a world no reactions are read; allowed is a Simulator or a Batch")
+        return self.last_step
+
+    def _moving(self) -> tuple[Array, Array] | None:
+        """Displacement and velocity in the shared basis, (k,) each; None where nothing asks for them."""
+        if not self.reads_reactions:
+            return None
+        return self.shape_coordinates, self._stepper.model.coordinates @ self._stepper.state[self._order :]
+
+    def _noting(self, advance: Callable[[Array], float]) -> Callable[[Array], float]:
+        """What takes a step of a body on which nothing acts but inputs, and takes note of it."""
+
+        def noted(u: Array) -> float:
+            start = self._moving()
+            twice = advance(u)
+            self._note_last(start, u)
+            return twice
+
+        return noted
+
+    def _note_last(self, start: tuple[Array, Array] | None, u: Array) -> None:
+        """Takes note of a step under inputs (p,), from what moved before it."""
+        end = self._moving()
+        if start is None or end is None:
+            return
+        from fenics_rom.mechanics.readable_body import LastStep  # here, as in the following: few bodies need it
+
+        acting = None if self.environment is None else self.environment.environment
+        found, u = self._stepper.reactions, np.array(u)
+        if acting is not None and len(found):
+            from fenics_rom.mechanics.actuator_forces import ActuatorForces
+
+            widths = {**self.rom.actuators, **self.rom.loads}
+            u[ActuatorForces(acting.controls, acting.guides, widths, acting.gases).columns] = found
+        h = self._dt if acting is None or acting.has_inertia else 0.0
+        self.last_step = LastStep(h, start, end, self.contact, u)
