@@ -60,15 +60,15 @@ class ReadingEntry(Place):
     quantity: Annotated[
         str,
         Text(choices=tuple(name for name in READING_UNITS if name != TOUCH)),
-        '"length" of a tendon, "volume" of a chamber, "contact_pressure" at the nodes of a contact mode, "strain" (xx, '
-        'yy, zz, yz, xz, xy), "surface_stress" (the same six), "von_mises_stress", "principal_stress" (three, from the '
-        'largest on), "pressure" or "energy_density" (by volume at rest) in the middle of each surface triangle (at '
-        'degree 2 of each of its four parts), in the cell that adjoins it; "stress" at points: xx, yy, zz, yz, xz, xy, '
-        "three principal ones from the largest on, von Mises stress, and how far the cells around differ; with large "
-        "deformation Green's strain, and Cauchy's stress; stress is elastic: what damping, and branches of a material "
-        'that relaxes, add is not in it; displacement of a "marker" off the surface, rigidly on the triangle that is nearest, however far '
-        'that turns; or "reaction" of the supports that hold nodes of the place, or of all: force and couple on the '
-        "body, in the mean over the last step",
+        '"length" of a tendon, "volume" of a chamber, "contact_pressure" at the nodes of a contact mode, "strain" '
+        '(xx, yy, zz, yz, xz, xy), "surface_stress" (the same six), "von_mises_stress", "principal_stress" (three, '
+        'from the largest on), "pressure" or "energy_density" (by volume at rest) in the middle of each surface '
+        'triangle (at degree 2 of each of its four parts), in the cell that adjoins it; "stress" at points: xx, yy, '
+        "zz, yz, xz, xy, three principal ones from the largest on, von Mises stress, and how far the cells around "
+        "differ; with large deformation Green's strain, and Cauchy's stress; stress is elastic: what damping, and "
+        'branches of a material that relaxes, add is not in it; displacement of a "marker" off the surface, rigidly '
+        'on the triangle that is nearest, however far that turns; or "reaction" of the supports that hold nodes of '
+        "the place, or of all: force and couple on the body, in the mean over the last step",
     ]
     of: Annotated[
         str | None,
