@@ -14,6 +14,9 @@ HAS_CHOLMOD = PETSc.Sys.hasExternalPackage("suitesparse")  # PETSc from PyPI has
 # L Lᵀ, which fails for an indefinite matrix; the simplicial L D Lᵀ that CHOLMOD prefers for small ones does not.
 CHOLMOD_OPTIONS = {"mat_cholmod_factor": "SUPERNODAL", "mat_cholmod_print": "0"}
 MUMPS_OPTIONS = {"mat_mumps_icntl_27": str(CHUNK)}  # right-hand sides that it takes at once
+# Room beyond the estimate, %, that is tried one after the other: pivots that are put off need more than is foreseen.
+ROOMS = ({}, {"mat_mumps_icntl_14": "200"}, {"mat_mumps_icntl_14": "1000"})
+ROOM_CODES = (-8, -9)  # of INFOG(1), of too little of it
 INFOG_NEGATIVE_PIVOTS = 12  # MUMPS factors indefinite matrices without a word
 INFO_ESTIMATED_MEMORY = 15  # MB on this rank, as the analysis of the pattern says
 OUT_OF_MEMORY_CODES = (-8, -9, -13, -17, -19, -20)  # of INFOG(1)
@@ -21,14 +24,17 @@ MAX_MEMORY_SHARE = 0.9  # of the free memory that a factor may take; vectors nee
 
 
 class MemoryShortage(SolverError):
-    """A factor does not fit; `shortage` says so with numbers, without what to do about it."""
+    """A factor does not fit; `shortage` says so with numbers, without what to do about it.
 
-    def __init__(self, shortage: str, replaceable: bool = True):
+    `of_room`: in what MUMPS has set aside, and not in memory.
+    """
+
+    def __init__(self, shortage: str, replaceable: bool = True, of_room: bool = False):
         alternative = 'solver = "iterative" (conjugate gradients with algebraic multigrid), ' if replaceable else ""
         super().__init__(
             f"{shortage}: tried was the direct solver, MUMPS; choose {alternative}a coarser mesh or more machines"
         )
-        self.shortage = shortage
+        self.shortage, self.of_room = shortage, of_room
 
 
 class PetscFactor:
@@ -51,18 +57,23 @@ class PetscFactor:
         mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         mat.setOption(PETSc.Mat.Option.SPD, definite)
         set_factor_prefix(mat, FACTOR_PREFIX)
+        options = CHOLMOD_OPTIONS if self._solver == "cholmod" else MUMPS_OPTIONS
+        for room in ROOMS:
+            try:
+                with default_options(FACTOR_PREFIX, options | room):
+                    self._factorize(mat)
+                return
+            except SolverError as error:
+                self._free()
+                if room is ROOMS[-1] or not (isinstance(error, MemoryShortage) and error.of_room):
+                    self._matrix.destroy()
+                    raise
+
+    def _factorize(self, mat: PETSc.Mat) -> None:
         self._preconditioner = PETSc.PC().create(mat.comm)
         self._preconditioner.setOperators(mat)
         self._preconditioner.setType("cholesky")
         self._preconditioner.setFactorSolverType(self._solver)
-        try:
-            with default_options(FACTOR_PREFIX, CHOLMOD_OPTIONS if self._solver == "cholmod" else MUMPS_OPTIONS):
-                self._factorize(mat)
-        except SolverError:
-            self.close()
-            raise
-
-    def _factorize(self, mat: PETSc.Mat) -> None:
         if not np.isfinite(mat.norm()):
             raise self._failure("not all of its numbers are finite")
         self._preconditioner.setFactorSetUpSolverType()
@@ -96,6 +107,7 @@ class PetscFactor:
                     f"it expected to need {estimate:.3g} GB on all ranks "
                     f"(-{FACTOR_PREFIX}mat_mumps_icntl_14 allows more)",
                     self._definite,
+                    of_room=code in ROOM_CODES,
                 )
             if code < 0:
                 raise self._failure(status)
@@ -131,10 +143,13 @@ class PetscFactor:
 
     def close(self) -> None:
         """Frees the factor; what is left to Python to free, PETSc keeps for good on several ranks."""
+        self._free()
+        self._matrix.destroy()
+
+    def _free(self) -> None:
         if hasattr(self, "_factor"):
             self._factor.destroy()
         self._preconditioner.destroy()
-        self._matrix.destroy()
 
 
 class ComplexFactor:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse
 from bodies import assembled, box_arrays, box_surfaces, dense, sparse, write_arrays
 from petsc4py import PETSc
 from scipy.linalg import eigh
@@ -13,7 +14,7 @@ from slepc4py import SLEPc
 
 from fenics_rom.errors import SolverError
 from fenics_rom.fem import direct, eigenpairs, petsc_algebra
-from fenics_rom.fem.direct import HAS_CHOLMOD, PetscFactor
+from fenics_rom.fem.direct import HAS_CHOLMOD, ROOMS, MemoryShortage, PetscFactor
 from fenics_rom.fem.options import set_options
 from fenics_rom.fem.petsc_algebra import require_real
 from fenics_rom.fem.petsc_matrix import CHUNK, PetscMatrix, ZeroMatrix, combination, dense_block
@@ -280,3 +281,26 @@ def test_complex_petsc_is_refused():
     require_real(np.float64)
     with pytest.raises(SolverError, match=r"complex-valued build; fenics_rom needs the real one \(on Debian: unset"):
         require_real(np.complex128)
+
+
+def test_pivots_that_are_put_off_find_more_room(monkeypatch):
+    """A matrix with hardly a diagonal: MUMPS needs more than it foresees, and is given it."""
+    random = np.random.default_rng(0)
+    half = scipy.sparse.random(600, 600, 0.02, random_state=0)
+    matrix = (half + half.T + scipy.sparse.diags(1e-8 * random.standard_normal(600))).tocsr()
+    b = random.standard_normal((600, 1))
+
+    def factor():
+        mat = PETSc.Mat().createAIJ(matrix.shape, csr=(matrix.indptr, matrix.indices, matrix.data))
+        return PetscFactor(mat, definite=False)
+
+    scarce = {"mat_mumps_icntl_14": "1"}
+    monkeypatch.setattr(direct, "ROOMS", (scarce,))
+    with pytest.raises(
+        MemoryShortage, match=r"MUMPS ran out of memory with a matrix of 600 unknowns \(INFOG\(1\) = -9"
+    ):
+        factor()
+    monkeypatch.setattr(direct, "ROOMS", (scarce, *ROOMS[1:]))
+    with closing(factor()) as found:
+        assert np.abs(matrix @ found.solve(b) - b).max() <= 1e-8
+        assert found.negative_pivots == (np.linalg.eigvalsh(matrix.toarray()) < 0).sum()
