@@ -30,6 +30,14 @@ body = fr.Simulator(fr.reduce(system, order=4), dt=0.01)
 body.step([1.0])
 print(f"[offline] reduces own matrices: {body.energy:.3e} J after a step")
 """
+ZOO = """
+import sys, fenics_rom as fr
+for name in fr.zoo():
+    body = fr.Simulator(fr.load(name), dt=1e-3)
+    body.step([0.0] * body.inputs)
+assert not {"scipy", "pydantic", "dolfinx"} & set(sys.modules)
+print(f"the zoo has {', '.join(fr.zoo())}")
+"""
 
 
 def run(*words, **options):
@@ -92,6 +100,22 @@ def main(folder):
             run(inside, *INSTALL, *WHEELS)
             files = ROOT / "demos" / "plate" / "plate.toml", "-o", place / "plate.h5"
             print(run(inside, "-m", "fenics_rom", "reduce", *files, cwd=place).splitlines()[0])
+            zoo(place, folder, tools, inside)
+
+
+def zoo(place, folder, tools, inside):
+    """The same of the zoo: the whole where `zoo/build.py` has made it, else of the plate alone."""
+    project = place / "zoo"
+    shutil.copytree(ROOT / "zoo", project, ignore=shutil.ignore_patterns("__pycache__"))
+    if not (project / "fenics_rom_zoo" / "catalogue.json").exists():
+        print(run(inside, ROOT / "zoo" / "build.py", "plate", "--package", project / "fenics_rom_zoo"), end="")
+    run(tools, "-m", "build", "--no-isolation", "--outdir", folder, project)
+    sdist, wheel = *folder.glob("fenics_rom_zoo*.tar.gz"), *folder.glob("fenics_rom_zoo*.whl")
+    run(tools, "-m", "twine", "check", "--strict", sdist, wheel)
+    run(tools, "-m", "check_wheel_contents", wheel)
+    run(inside, *INSTALL, "--no-deps", wheel)
+    run(inside, "-m", "pip", "check")
+    print(run(inside, "-I", "-c", ZOO, cwd=place), end="")
 
 
 if __name__ == "__main__":

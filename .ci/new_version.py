@@ -9,6 +9,7 @@ PLACES = {  # what stands around the number; of the changelog the newest section
     "fenics_rom/version.py": r'(?<=^VERSION = ")[^"]+',
     "CHANGELOG.md": r"(?<=^## )\S+",
     "CITATION.cff": r"(?<=^version: )\S+",
+    "zoo/pyproject.toml": r'(?<=^version = ")[^"]+',
     "recipe/recipe.yaml": r'(?<=^  version: ")[^"]+',
 }
 

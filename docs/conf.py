@@ -15,6 +15,7 @@ include_patterns = [
     "docs/reference/api.rst",
     "fenics_rom/**.md",
     "demos/**.md",
+    "zoo/*.md",
     "README.md",
     ".github/*.md",
     "CHANGELOG.md",

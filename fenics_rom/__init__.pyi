@@ -69,6 +69,9 @@ from fenics_rom.world.records import RigidBody as RigidBody
 from fenics_rom.world.records import SoftBody as SoftBody
 from fenics_rom.world.world import World as World
 from fenics_rom.world_run import make_world as make_world
+from fenics_rom.zoo_bodies import ZooBody as ZooBody
+from fenics_rom.zoo_bodies import load as load
+from fenics_rom.zoo_bodies import zoo as zoo
 
 MODULE_OF: dict[str, str]
 __all__: list[str]

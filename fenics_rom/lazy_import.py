@@ -21,6 +21,7 @@ PACKAGE_OF_FOLDER = {
     "reduction": SCIPY,
     "system": SCIPY,
     "scene": PYDANTIC,
+    "world_run": PYDANTIC,
 }
 
 

@@ -1,6 +1,8 @@
 """The options --all and --short; models that many tests read and none changes, assembled once."""
 
 import gc
+import runpy
+import sys
 import warnings
 from collections import Counter
 
@@ -11,6 +13,7 @@ from hypothesis import HealthCheck, settings
 
 import fenics_rom as fr
 from fenics_rom import compilation
+from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.scene.file import parse_scene
 
 settings.register_profile("any machine", suppress_health_check=[HealthCheck.too_slow])  # one that is busy, too
@@ -57,6 +60,26 @@ def pytest_collection_modifyitems(config, items):
     # Files that take long or compile, and then those of many tests: at the end no core is to wait long for another one.
     long = {item.path for item in slow} | {path for path in count if path.name.startswith("test_compil")}
     items.sort(key=lambda item: (item.path not in long, -count[item.path]))
+
+
+@pytest.fixture(scope="session")
+def zoo_folder(tmp_path_factory):
+    """The package of a zoo that has the plate alone, made as `zoo/build.py` makes it."""
+    make = runpy.run_path(str(PLATE.parents[2] / "zoo" / "build.py"))["make"]
+    folder = tmp_path_factory.mktemp("zoo") / "fenics_rom_zoo"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)  # the plate locks
+        assert make(["plate"], folder) == []
+    return folder
+
+
+@pytest.fixture
+def small_zoo(zoo_folder, monkeypatch):
+    """That package, where Python finds it."""
+    monkeypatch.syspath_prepend(zoo_folder.parent)
+    monkeypatch.delitem(sys.modules, "fenics_rom_zoo", raising=False)
+    yield zoo_folder
+    sys.modules.pop("fenics_rom_zoo", None)
 
 
 @pytest.fixture(scope="session", autouse=True)

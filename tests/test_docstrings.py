@@ -46,7 +46,7 @@ def folder(tmp_path_factory, plate_system, plate_rom):
 
 @pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
 @pytest.mark.parametrize("public", PUBLIC, ids=lambda public: public.__name__)
-def test_example_of_every_public_name_runs(public, folder, monkeypatch, plate_system, plate_rom):
+def test_example_of_every_public_name_runs(public, folder, monkeypatch, plate_system, plate_rom, small_zoo):
     monkeypatch.chdir(folder)
     names = {
         "fr": fr,

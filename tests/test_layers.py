@@ -63,12 +63,16 @@ MAY_IMPORT = {
     "world_run": (DATA_OF_A_RUN | OFFLINE | {"world", "lazy_import"}, {"numpy"}),
     "run": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import", "world_run"}, set()),
     "first_steps": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import", "world_run"}, {"numpy"}),
+    "zoo_bodies": (GROUND | {"rom"}, set()),
     "deployment": (GROUND | {"rom"}, {"numpy", "scipy"}),
     "visualization": (BELOW_APPLICATIONS | {"deployment"}, DRAWING),
     "studies": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "matplotlib", "pydantic"}),
     "identification": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "scipy", "tomlkit"}),
     "certification": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "matplotlib"}),
-    "cli": (BELOW_APPLICATIONS | {"visualization", "studies", "identification", "certification"}, {"numpy", "rich"}),
+    "cli": (
+        BELOW_APPLICATIONS | {"visualization", "studies", "identification", "certification", "zoo_bodies"},
+        {"numpy", "rich"},
+    ),
     "__main__": ({"cli"}, set()),
 }
 

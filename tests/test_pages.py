@@ -40,6 +40,7 @@ def sources(pattern):
     """Files by their names in the project; what demos wrote is left out."""
     files = [
         *ROOT.glob(pattern),
+        *(ROOT / "zoo").glob(pattern),
         *(file for folder in (PACKAGE, DEMOS, ROOT / "tests", ROOT / ".github") for file in folder.rglob(pattern)),
     ]
     names = (file.relative_to(ROOT) for file in files)
@@ -123,7 +124,7 @@ def files(tmp_path_factory, plate_system, plate_rom):
 
 
 @pytest.fixture
-def folder(request, tmp_path):
+def folder(request, tmp_path, zoo_folder):
     """As if in the project's root, without writing into it; the first page begins with the scene that it shows."""
     page = request.node.callspec.params["page"]
     if page == README:
@@ -133,6 +134,7 @@ def folder(request, tmp_path):
         shutil.copytree(request.getfixturevalue("files"), tmp_path, dirs_exist_ok=True)
     for name in ("demos", "meshes"):
         (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / zoo_folder.name).symlink_to(zoo_folder)
     return tmp_path
 
 
@@ -155,6 +157,8 @@ def test_commands_of_a_page_are_commands_that_there_are(page):
         program, *words = command.split()
         if program == "fenics-rom":
             parse(command)
+        elif program == "pip":
+            assert words == ["install", '"fenics-rom[live]"', "fenics-rom-zoo"], command
         elif program == "bash":
             script, *demos = words
             assert (ROOT / script).is_file(), command

@@ -31,7 +31,8 @@ def typed(page):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_a_page_runs_from_top_to_bottom(page, tmp_path):
+def test_a_page_runs_from_top_to_bottom(page, tmp_path, zoo_folder):
+    (tmp_path / zoo_folder.name).symlink_to(zoo_folder)
     (tmp_path / "meshes").symlink_to(ROOT / "meshes")
     run = subprocess.run([sys.executable, "-c", typed(page)], cwd=tmp_path, capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr

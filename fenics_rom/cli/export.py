@@ -7,13 +7,14 @@ from fenics_rom.cli.display import progress
 from fenics_rom.cli.output import add_output
 from fenics_rom.visualization.exports.export import COLOURS
 from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS
+from fenics_rom.zoo_bodies import rom_file
 
 SUMMARY = "write files for ParaView, pictures, films, and models for control"
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
-    command.add_argument("file", metavar="FILE.h5", help="a ROM or a run")
+    command.add_argument("file", metavar="FILE.h5", help="a ROM (or zoo:NAME) or a run")
     add_output(
         command, "OUT", "of a run .pvd, .vtu, .png, .gif, .mp4; of a ROM .vtu, .png, .pdf, .svg, .npz, .mat, .c, .fmu"
     )
@@ -38,5 +39,5 @@ def run(choice: argparse.Namespace) -> None:
     with progress() as report:
         names = ("what", "count", "time", "scale", "colour", "seconds", "dark", "dt", "outputs", "at", "force")
         chosen = {name: getattr(choice, name) for name in names}
-        file = fr.export(choice.file, choice.output, **chosen, report=report)
+        file = fr.export(rom_file(choice.file), choice.output, **chosen, report=report)
     print(file)

@@ -11,6 +11,7 @@ from fenics_rom.errors import FileError, SceneError
 from fenics_rom.io.hdf5 import content_of
 from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.lazy_import import load
+from fenics_rom.zoo_bodies import rom_file
 
 SUMMARY = "say what is in a ROM or a run, or what the places of a scene pick"
 ROUND_OFF = 1e-12  # of the largest coordinate of a place: smaller ones are 0
@@ -19,7 +20,7 @@ HEADS = ("place", "picks", "count", "nodes", "size", "from (m)", "to (m)")
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
-    command.add_argument("file", metavar="FILE", help="a ROM, a run, or with --surfaces a scene")
+    command.add_argument("file", metavar="FILE", help="a ROM (or zoo:NAME), a run, or with --surfaces a scene")
     command.add_argument(
         "--surfaces", action="store_true", help="list what each place of a scene, and each group of its mesh, picks"
     )
@@ -37,10 +38,11 @@ def run(choice: argparse.Namespace) -> None:
         raise FileError(
             f"{choice.file}: is not a fenics-rom file, a ROM or a run; of a scene --surfaces lists the places"
         )
-    if content_of(choice.file) == "rom":
-        print_rom(fr.read_rom(choice.file), choice.file)
+    file = rom_file(choice.file)
+    if content_of(file) == "rom":
+        print_rom(fr.read_rom(file), file)
     else:
-        print_trajectory(fr.read_trajectory(choice.file), choice.file)
+        print_trajectory(fr.read_trajectory(file), file)
 
 
 def _list_places(file: str, picture: Path | None, force: bool) -> None:

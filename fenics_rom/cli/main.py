@@ -30,6 +30,7 @@ from fenics_rom.cli import (
     simulate,
     study,
     view,
+    zoo,
 )
 from fenics_rom.cli.display import rich_package
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, unknown
@@ -52,6 +53,7 @@ COMMANDS = {
         plot,
         export,
         compile,
+        zoo,
     )  # as in the help
 }
 PATIENCE_OF_RANKS = 5.0  # s that other ranks give rank 0 to say why the run ends

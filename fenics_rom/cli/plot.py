@@ -10,13 +10,16 @@ from fenics_rom.cli.output import add_output
 from fenics_rom.errors import FileError
 from fenics_rom.io.hdf5 import content_of
 from fenics_rom.io.overwriting import check_outputs
+from fenics_rom.zoo_bodies import rom_file
 
 SUMMARY = "draw energy and outputs of runs, or σ and responses of a ROM"
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
-    command.add_argument("files", metavar="FILE.h5", nargs="+", help="a ROM, or runs to be drawn over one another")
+    command.add_argument(
+        "files", metavar="FILE.h5", nargs="+", help="a ROM (or zoo:NAME), or runs to be drawn over one another"
+    )
     add_output(command, "OUT", "file (.pdf, .svg, .png) for all plots, or folder for a .pdf and a .png of each")
     command.add_argument(
         "--what",
@@ -33,6 +36,7 @@ def run(choice: argparse.Namespace) -> None:
     """Draws, and prints the names of the files."""
     from fenics_rom.visualization.plots.plot import is_folder
 
+    choice.files = [rom_file(file) for file in choice.files]
     if not is_folder(choice.output):
         check_outputs(choice.output, inputs=[*choice.files, *filter(None, [choice.full])], force=choice.force)
     contents = [content_of(file) for file in choice.files]

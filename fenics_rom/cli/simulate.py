@@ -18,6 +18,7 @@ from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.lazy_import import load
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.run import is_rom_file, is_world_file
+from fenics_rom.zoo_bodies import model_file
 
 SUMMARY = "run a scene at full order (also under mpirun), a ROM or a world through its load history"
 OF_RUNS = ("dt", "every", "profile", "rate", "stepper", "step_error", "errors", "error_tolerance")  # options of a ROM
@@ -27,7 +28,9 @@ FOR_ROMS = ("scene", "order", "enrich", "enriched", "finer", *OF_RUNS[2:])
 def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
     command.add_argument(
-        "model", metavar="SCENE|WORLD|ROM.h5", help="a scene or world file (TOML), or a file that `reduce` wrote"
+        "model",
+        metavar="SCENE|WORLD|ROM.h5",
+        help="a scene or world file (TOML), a file that `reduce` wrote, or zoo:NAME",
     )
     add_output(command, "RUN.h5")
     command.add_argument("--dt", type=float, metavar="S", help="time step instead of the scene's, s")
@@ -114,6 +117,7 @@ def _enrichment(choice: argparse.Namespace, rom: "fr.Rom", scene: "fr.Scene | No
 
 def run(choice: argparse.Namespace) -> None:
     """Simulates, and writes the run."""
+    choice.model = model_file(choice.model)
     check_other_name(choice, "enriched")
     named = [choice.model, *filter(None, [choice.scene, choice.finer])]  # which may name other files
     check_outputs(choice.output, inputs=named, force=True)

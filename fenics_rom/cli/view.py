@@ -2,13 +2,15 @@
 
 import argparse
 
+from fenics_rom.zoo_bodies import model_file
+
 SUMMARY = "show a ROM or a world live, or runs, in the browser"
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
     command.add_argument(
-        "files", metavar="FILE", nargs="+", help="a ROM or world to push, a run, or two runs to compare"
+        "files", metavar="FILE", nargs="+", help="a ROM or world to push (or zoo:NAME), a run, or two runs to compare"
     )
     command.add_argument("--port", type=_port, default=8080, metavar="N", help="tried first; else one that follows")
     command.add_argument("--no-browser", action="store_true", help="only print the address")
@@ -21,7 +23,7 @@ def run(choice: argparse.Namespace) -> None:
         choice.wrong_usage("allowed are a ROM, a world, a run, or two runs")
     from fenics_rom.visualization.viewer.view import view
 
-    view(*choice.files, port=choice.port, browser=not choice.no_browser, dt=choice.dt, wait=True)
+    view(*map(model_file, choice.files), port=choice.port, browser=not choice.no_browser, dt=choice.dt, wait=True)
 
 
 def _port(text: str) -> int:

@@ -14,7 +14,7 @@ EGL, EGL_WINDOW = "libEGL.so.1", "vtkEGLRenderWindow"
 FOR_PICTURES = (
     'pictures of bodies and files for ParaView need {name}, which this Python lacks: pip install "fenics-rom[view]"'
 )
-FOR_THE_LIVE_VIEW = 'the live view needs {name}, which this Python lacks: pip install "fenics-rom[view]"'
+FOR_THE_LIVE_VIEW = 'the live view needs {name}, which this Python lacks: pip install "fenics-rom[live]"'
 
 
 def load_package(module: str, message: str = FOR_PICTURES) -> Any:

@@ -85,6 +85,7 @@ COMMANDS = {
         "--output",
     ],
     "compile": [],
+    "zoo": [],
 }
 
 

@@ -30,7 +30,6 @@ from fenics_rom.visualization.viewer.run_page import RunPage
 from fenics_rom.visualization.viewer.server import Server
 from fenics_rom.visualization.viewer.world_page import WorldPage
 from fenics_rom.world.world import World
-from fenics_rom.world_run import inputs_at, make_world
 
 Model = Rom | Trajectory | World | WorldScene | str | PathLike[str]
 Page = LivePage | RunPage | WorldPage
@@ -191,6 +190,7 @@ def _live_world(model: Any, dt: float | None) -> tuple[LiveWorld, str]:
         return live, "world"
     if not isinstance(model, WorldScene):
         model = load("scene.world_file", "read_world")(model)
+    make_world, inputs_at = (load("world_run", name) for name in ("make_world", "inputs_at"))  # which need pydantic
     return LiveWorld(make_world(model, dt), partial(inputs_at, model)), model.file.name
 
 

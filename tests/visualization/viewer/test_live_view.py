@@ -408,7 +408,7 @@ def test_wrong_usage(arguments, capsys):
 
 def test_missing_package_says_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(MissingPackageError, match=r'needs viser, .*: pip install "fenics-rom\[view\]"'):
+    with pytest.raises(MissingPackageError, match=r'needs viser, .*: pip install "fenics-rom\[live\]"'):
         optional_dependencies.viser_package()
 
 
