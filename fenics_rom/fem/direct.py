@@ -15,7 +15,7 @@ HAS_CHOLMOD = PETSc.Sys.hasExternalPackage("suitesparse")  # PETSc from PyPI has
 CHOLMOD_OPTIONS = {"mat_cholmod_factor": "SUPERNODAL", "mat_cholmod_print": "0"}
 MUMPS_OPTIONS = {"mat_mumps_icntl_27": str(CHUNK)}  # right-hand sides that it takes at once
 # Room beyond the estimate, %, that is tried one after the other: pivots that are put off need more than is foreseen.
-ROOMS = ({}, {"mat_mumps_icntl_14": "200"}, {"mat_mumps_icntl_14": "1000"})
+ROOMS: tuple[dict[str, str], ...] = ({}, {"mat_mumps_icntl_14": "200"}, {"mat_mumps_icntl_14": "1000"})
 ROOM_CODES = (-8, -9)  # of INFOG(1), of too little of it
 INFOG_NEGATIVE_PIVOTS = 12  # MUMPS factors indefinite matrices without a word
 INFO_ESTIMATED_MEMORY = 15  # MB on this rank, as the analysis of the pattern says
