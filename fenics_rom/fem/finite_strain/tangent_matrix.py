@@ -79,6 +79,9 @@ class TangentMatrix:
         pairs, slots = np.unique(row * count + column, return_inverse=True)
         ones = np.ones(len(slots)), (slots.ravel(), np.arange(len(slots)))
         self._sum_cells = scipy.sparse.csr_matrix(ones, shape=(len(pairs), len(slots)))
+        self._with_embedded, cells = np.unique(points.embedded_in, return_inverse=True)  # cells
+        ones = np.ones(len(cells)), (cells.ravel(), np.arange(len(cells)))
+        self._sum_embedded = scipy.sparse.csr_matrix(ones, shape=(len(self._with_embedded), len(cells)))
         self._columns, self._row_starts = pairs % count, np.searchsorted(pairs, count * np.arange(count + 1))
 
     def linear_part(self, coefficients: TangentCoefficients) -> PetscMatrix:
@@ -143,7 +146,8 @@ class TangentMatrix:
             of_points = _cell_blocks(here, F[:, :, points], weights[points] * D[:, :, points])
             if S is not None:
                 of_points += _stress_blocks(here, weights[points] * S[:, points])
-            np.add.at(blocks, self._points.embedded_in, of_points)
+            summed = self._sum_embedded @ of_points.reshape(len(of_points), -1)
+            blocks[self._with_embedded] += summed.reshape(-1, *blocks.shape[1:])
         sums = (self._sum_cells @ blocks[self._both_free].reshape(-1, 9)).reshape(-1, 3, 3)
         bsr = sums, self._columns, self._row_starts
         total = scipy.sparse.bsr_matrix(bsr, shape=(self._size, self._size)).tocsr()
