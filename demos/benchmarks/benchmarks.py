@@ -22,7 +22,7 @@ from balloon import balloon
 from beam import tip_of_cantilever, torsion_constant
 from dynamics import flag_that_falls, twisted_column
 from hertz import hertz
-from nafems import pressed_plate, solid_plate, tapered_membrane
+from nafems import hot_solid, pressed_plate, solid_plate, tapered_membrane
 from plain_newton import time_beside_plain_newton
 from rubber import cook, pressed_cube
 from solids import LARGE, PLANE_STRAIN, Row, bar, mesh_of, tip_under
@@ -114,7 +114,8 @@ def flag(quick: bool) -> Iterator[Row]:
             yield Row(f"Turek-Hron {name}", mesh_of(system, bricks), what, expected, float(found), 0.01, iterations)
 
 
-CASES = (princeton, curved_cantilever, heavy_cantilever, flag, tapered_membrane, solid_plate, pressed_plate, cook,
+CASES = (princeton, curved_cantilever, heavy_cantilever, flag, tapered_membrane, solid_plate, pressed_plate, hot_solid,
+         cook,
          pressed_cube, balloon, flag_that_falls, twisted_column, toggle, hertz, struck_bar)  # fmt: skip
 
 

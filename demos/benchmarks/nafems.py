@@ -1,4 +1,4 @@
-"""NAFEMS' plates: FV32 and FV52 vibrate, LE10 is pressed."""
+"""NAFEMS' plates: FV32 and FV52 vibrate, LE10 is pressed; and a solid that is hot, LE11."""
 
 import warnings
 from collections.abc import Iterator
@@ -84,3 +84,33 @@ def _pressed(bricks: tuple[int, int, int], nodes: int, off: float) -> Row:
     what = "σ_yy at D, MPa" + (f" (cells around differ by {spread:.2f})" if spread else "")
     case = "NAFEMS LE10" if nodes == 4 else "NAFEMS LE10, hexahedra"
     return Row(case, mesh_of(system, bricks), what, -5.38, float(yy), off)
+
+
+def hot_solid(quick: bool) -> Iterator[Row]:
+    """LE11: a quarter of a hollow solid of revolution, a sphere, then a taper, then a cylinder; σ_zz at A, inside."""
+    for bricks, off in ({(4, 6, 18): 0.02} if quick else {(6, 6, 26): 0.01, (8, 8, 36): 0.01}).items():
+        yield _hot(bricks, off)
+
+
+def _hot(bricks: tuple[int, int, int], off: float) -> Row:
+    """Of hexahedra as curved as it is: across the wall, around the axis, and along it."""
+    ends = np.round(np.array([0.0, 0.34, 0.78, 1.0]) * bricks[2]) / bricks[2]
+
+    def place(p: Array) -> Array:
+        across, angle, s = p[:, 0], np.pi / 2 * p[:, 1], np.interp(p[:, 2], ends, np.arange(4.0))
+        φ, taper, z = np.minimum(s, 1.0), np.clip(s - 1, 0.0, 1.0), 1.39 + 0.4 * (s - 2)
+        inner = np.array([np.cos(φ * np.pi / 4), np.sin(φ * np.pi / 4) + taper * (1.39 - 0.5**0.5)])
+        outer = 1.4 * np.array([np.cos(φ * np.pi / 6), np.sin(φ * np.pi / 6)])
+        outer += taper * (np.array([[1.0], [1.39]]) - 1.4 * np.array([[np.cos(np.pi / 6)], [0.5]]))
+        inner[1], outer[1] = (np.where(s > 2, z, part[1]) for part in (inner, outer))
+        r, z = (1 - across) * inner + across * outer
+        return np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
+
+    sides = {"front": [0, 1, 0], "back": [1, 0, 0], "bottom": [0, 0, 1], "top": [0, 0, 1]}
+    held = "".join(f'\n[[supports.held]]\nsurface = "{side}"\nnormal = {normal}' for side, normal in sides.items())
+    heat = 'temperature.heat = { field = "sqrt(x**2 + y**2) + z", amplitude = 1.0 }\n'
+    reading = '[readings.A]\nquantity = "stress"\npoints = [[1.0, 0.0, 0.0]]'
+    of_steel, run = (210e9, 0.3, 7800.0), "dt = 1.0\nduration = 1.0"
+    system = bar(bricks, place, *of_steel, heat, held, "", tables=reading, run=run, nodes=27, expansion="2.3e-4")
+    zz = fr.simulate(system).readings["A"].values[-1, 0, 2] / 1e6
+    return Row("NAFEMS LE11", mesh_of(system, bricks), "σ_zz at A, MPa", -105.0, float(zz), off)

@@ -35,7 +35,8 @@ class Row(NamedTuple):
 
 def bar(bricks: tuple[int, int, int], place: Callable[[Array], Array], young: float, poisson: float, density: float,
         effects: str = LARGE, supports: str = "", clamped: str = '"left"',
-        integration: str = "full", tables: str = "", run: str = "", nodes: int = 4, degree: int = 2
+        integration: str = "full", tables: str = "", run: str = "", nodes: int = 4, degree: int = 2,
+        expansion: str = ""
 ) -> fr.System:  # fmt: skip
     """A bar of tetrahedra, six in a brick, or hexahedra: bricks of a unit cube that are put in place.
 
@@ -48,6 +49,7 @@ def bar(bricks: tuple[int, int, int], place: Callable[[Array], Array], young: fl
         run: its table.
         nodes: 4 of a tetrahedron, 8, 20 or 27 of a hexahedron.
         degree: of displacements.
+        expansion: 1/K, as a text; empty: none.
     """
     if nodes == 4:
         points, cells = brick_cells(bricks)
@@ -69,6 +71,7 @@ integration = "{integration}"
 young = {young!r}
 poisson = {poisson!r}
 density = {density!r}
+{f"expansion = {expansion}" if expansion else ""}
 [supports]
 clamped = [{clamped}]{supports}
 [contacts.tip]

@@ -128,7 +128,7 @@ def _with_unknowns(
     algebra = PetscAlgebra(comm, matrices.mass.mat.getOwnershipRange())
     rows = algebra.rows()
     actuators, actuator_units = actuators_of(scene, nodes, unknowns)
-    loads, load_units = loads_of(scene, nodes, matrices.weight, matrices.translations, unknowns)
+    loads, load_units = loads_of(scene, nodes, matrices.weight, matrices.translations, material[:, :2], unknowns)
     motions = mass_orthonormal(matrices.mass, rigid_motions(nodes, matrices.node_mass, kept)[rows], algebra)
     rigid = without_energy(matrices.mass, matrices.stiffness, motions, algebra)
     readings = readings_of(scene, nodes, material, kept)

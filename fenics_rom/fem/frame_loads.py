@@ -40,7 +40,7 @@ class FrameLoads(NamedTuple):
                 acceleration = acceleration + u[len(kinds)] * fields[name]
                 kinds.append("uniform")
             else:
-                kinds += ["internal" if name in acting.found_loads else "world"] * columns.shape[1]
+                kinds += ["internal" if name in acting.inner_loads else "world"] * columns.shape[1]
         of = {kind: (B * u * (np.array(kinds) == kind)).sum(axis=1).reshape(-1, 3) for kind in KINDS}
         held = frame.forces_on_held(contact, len(u)) * u
         of |= {f"{kind} on held": held[:, :, np.array(kinds) == kind].sum(axis=2) for kind in KINDS}

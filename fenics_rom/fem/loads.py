@@ -14,6 +14,7 @@ from fenics_rom.fem.nodes import Nodes, rim_edges
 from fenics_rom.fem.places import patch_area, patch_nodes, patch_triangles
 from fenics_rom.fem.rigid_surfaces import bars_of
 from fenics_rom.fem.supports import borne_by_base, support_column
+from fenics_rom.fem.temperature import thermal_loads
 from fenics_rom.mechanics.gas import GAS_CONTROLS
 from fenics_rom.mechanics.surface_points import mean_turning_maps
 from fenics_rom.mechanics.tendon import measure_segments, unit_tension_forces
@@ -53,12 +54,13 @@ def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Column
 
 
 def loads_of(
-    scene: Scene, nodes: Nodes, weight: Array, translations: Array, unknowns: Unknowns
+    scene: Scene, nodes: Nodes, weight: Array, translations: Array, moduli: Array, unknowns: Unknowns
 ) -> tuple[Columns, dict[str, float]]:
     """Columns (3 N, columns) and units of loads with signals of their own, in the order of `load_columns`.
 
-    Gravity in multiples of its acceleration, base motions (m/s²), prescribed forces (N); `weight` (N,), kg, is what
-    weighs at each node, and `translations` (3 N, 3), kg, is M times unit translations.
+    Gravity in multiples of its acceleration, base motions (m/s²), prescribed forces (N), multiples of temperatures;
+    `weight` (N,), kg, is what weighs at each node, `translations` (3 N, 3), kg, M times unit translations, and `moduli`
+    λ and μ of every cell, (C, 2), Pa.
     """
     columns: Columns = {}
     units: dict[str, float] = {}
@@ -82,6 +84,9 @@ def loads_of(
             _refuse_nothing(columns[name], unknowns, where)
         else:
             columns[name] = patch_columns(nodes, force.patch("resultant"), unknowns, where)
+    for name, forces in thermal_loads(scene, nodes, moduli).items():
+        units[name] = float(np.abs(forces).sum())
+        columns[name] = forces / units[name]
     for name, tendon in scene.effects.tendon.items() if scene.effects.tendon_friction is not None else ():
         points, where = np.array(tendon.points), f"effects.tendon.{name}"
         for number in range(1, len(points) - 1):  # friction at a guide changes the tension from there to the anchor

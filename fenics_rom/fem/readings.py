@@ -3,7 +3,7 @@
 All of it follows from the mesh, so every rank has the whole.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import scipy.sparse
@@ -26,6 +26,7 @@ from fenics_rom.fem.nodes import Nodes, facets_and_cells
 from fenics_rom.fem.outputs import marker_reading
 from fenics_rom.fem.places import patch_triangles
 from fenics_rom.fem.taxels import touch_reading
+from fenics_rom.fem.temperature import thermal_strains
 from fenics_rom.mechanics.reactions import REACTION
 from fenics_rom.mechanics.readable_body import LastStep, ReadableBody
 from fenics_rom.mechanics.readings import (
@@ -89,9 +90,9 @@ def _reading(
     place = entry.place
     facets = nodes.surface if place is None else patch_triangles(nodes, place, where)
     samples, operator, cells = surface_gradients(nodes, facets)
-    λ, μ, _ = material[cells].T
-    fibres = fibres_at(scene, nodes.mesh, cells, nodes.coordinates[nodes.drawn_triangles()[samples]].mean(axis=1))
-    return SurfaceReading(entry.quantity, of, samples, (operator @ unknowns.matrix).tocsr(), λ, μ, fibres)
+    (λ, μ, _), there = material[cells].T, nodes.coordinates[nodes.drawn_triangles()[samples]].mean(axis=1)
+    beside = fibres_at(scene, nodes.mesh, cells, there), thermal_strains(scene, nodes.mesh, cells, there)
+    return SurfaceReading(entry.quantity, of, samples, (operator @ unknowns.matrix).tocsr(), λ, μ, *beside)
 
 
 def surface_gradients(nodes: Nodes, facets: Array) -> tuple[Array, scipy.sparse.csr_matrix, Array]:
@@ -155,7 +156,7 @@ def _point_stresses(
     gradients = gradients_at(nodes, cell, places)
     shapes, _ = nodes.kind.shapes(nodes.degree, places)
     there = np.einsum("pa,pai->pi", shapes, nodes.coordinates[nodes.cell_nodes[cell]])
-    fibres = fibres_at(scene, nodes.mesh, cell, there)
+    fibres, expansions = fibres_at(scene, nodes.mesh, cell, there), thermal_strains(scene, nodes.mesh, cell, there)
     if scene.integration == "selective":
         none, of_dilation = np.zeros(len(cell)), points_of_rule(nodes.kind.name, quadrature_rule(nodes)[2])
         nearest = np.linalg.norm(places[:, None] - of_dilation, axis=2).argmin(axis=1)
@@ -165,7 +166,7 @@ def _point_stresses(
     operator = (_gradient_operator(nodes, cell, gradients) @ unknowns.matrix).tocsr()
     of_corner = np.repeat(np.arange(len(cells)), [len(around) for around in cells])
     of_values = of_corner, np.concatenate(shares), from_places
-    return StressReading(points, np.array(of_point), np.array(weights), *of_values, operator, λ, μ, fibres)
+    return StressReading(points, np.array(of_point), np.array(weights), *of_values, operator, λ, μ, fibres, expansions)
 
 
 def _sampled_in(kind: CellKind, corner: Array) -> tuple[Array, Array]:
@@ -178,7 +179,11 @@ def _sampled_in(kind: CellKind, corner: Array) -> tuple[Array, Array]:
 
 
 def readable(
-    system: System, body: FullOrderBody, touched: Array, last: Callable[[], LastStep | None] = lambda: None
+    system: System,
+    body: FullOrderBody,
+    touched: Array,
+    last: Callable[[], LastStep | None] = lambda: None,
+    amplitudes: Callable[[], Mapping[str, float]] | None = None,
 ) -> ReadableBody:
     """A body at full order, as readings ask for it, by its unknowns (n,); every rank must make every call.
 
@@ -187,6 +192,7 @@ def readable(
         body: its state.
         touched: velocities (P, 3) of the contact points in the middle of the last step, m/s.
         last: that step, by all unknowns.
+        amplitudes: of temperatures now, by name; None: there are none.
     """
     deformation, algebra, interface = system.deformation, system.algebra, body.interface
 
@@ -205,7 +211,8 @@ def readable(
 
     law, contact = None if deformation is None else deformation.law, body.contact
     if interface is None or contact is None:
-        return ReadableBody(law, coordinates, stroke, None if interface is None else interface.points, last=last())
+        points = None if interface is None else interface.points
+        return ReadableBody(law, coordinates, stroke, points, last=last(), amplitudes=amplitudes)
     return ReadableBody(
         law,
         coordinates,
@@ -216,4 +223,5 @@ def readable(
         lambda: rubbing_of(contact, touched, interface.solver.law.friction),
         lambda: system.body.nodes + body.displacement(),
         last(),
+        amplitudes,
     )

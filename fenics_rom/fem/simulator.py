@@ -202,7 +202,8 @@ class FullOrderSimulator(TouchedBody):
 
     def _felt(self, name: str) -> Array:
         """A reading without what a sensor adds."""
-        return self.system.readings[name].read(readable(self.system, self.stepper, self._touched, self._last_step))
+        of_step = self._touched, self._last_step, partial(self.environment.amplitudes_at, self.time)
+        return self.system.readings[name].read(readable(self.system, self.stepper, *of_step))
 
     def _last_step(self) -> LastStep | None:
         """What was done in it."""

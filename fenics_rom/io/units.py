@@ -9,6 +9,7 @@ UNITS = {  # of a quantity's SI unit: what tables may be in, each in that unit
     "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5},
     "m/s2": {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "mm/s2": 1e-3},
     "m3": {"m3": 1.0, "m³": 1.0, "l": 1e-3, "ml": 1e-6},
+    "1": {"1": 1.0},
 }
 QUANTITIES = {
     **{"force": "N", "tension": "N", "pressure": "Pa", "acceleration": "m/s2"},

@@ -154,6 +154,14 @@ class ActiveEnvironment:
                 self.mark(name)
         return np.concatenate(values) if values else np.empty(0)
 
+    def amplitudes_at(self, time: float) -> dict[str, float]:
+        """Of temperatures that the model has at a time, s, by name."""
+        names, starts = self.environment.temperatures, np.cumsum([0, *self.columns.values()])
+        if not names:
+            return {}
+        loads, places = self.loads_at(time), dict(zip(self.columns, starts.tolist(), strict=False))
+        return {name: float(loads[places[name]]) for name in names if name in places}
+
     def base_at(self, time: float) -> BaseState | None:
         """The rigid base at a time, s; None where nothing says how it moves."""
         return None if self._base is None else self._base(time)

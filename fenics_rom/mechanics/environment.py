@@ -196,6 +196,16 @@ class Environment:
         """Names of the loads that are found in steps, at guides and in bars: they act within the body."""
         return (*self.guides, *self.bars)
 
+    @property
+    def inner_loads(self) -> tuple[str, ...]:
+        """Names of the loads that act within the body, and turn with it: those that are found, and temperatures."""
+        return (*self.found_loads, *self.temperatures)
+
+    @property
+    def temperatures(self) -> tuple[str, ...]:
+        """Names of the loads that are temperatures."""
+        return tuple(self.details("effects.temperature"))
+
     def with_chambers(self, volumes: Mapping[str, float]) -> "Environment":
         """The same with the volumes at rest of chambers; SceneError where one with gas has none."""
         gases = dict(self.gases)
@@ -280,6 +290,7 @@ class Environment:
     def input_units(self) -> dict[str, str]:
         """Units of those inputs that are not N: pressures, gravity, base motions, and strokes."""
         units = self.force_units | {"gravity": "1"} | dict.fromkeys(self.details("effects.base_motion"), "m/s2")
+        units |= dict.fromkeys(self.temperatures, "1")
         return units | {name: STROKE_UNITS.get(control, "m") for name, control in self.controls.items()}
 
     @property

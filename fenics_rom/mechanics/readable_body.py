@@ -1,6 +1,6 @@
 """What readings ask a body for."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -51,6 +51,7 @@ class ReadableBody(NamedTuple):
         rubbing: what friction did there.
         places: of all nodes now, (N, 3), m, in world axes.
         last: the last step; None where nothing asks for it, or none was taken.
+        amplitudes: of temperatures now, by name; None: there are none.
     """
 
     law: str | None
@@ -62,6 +63,7 @@ class ReadableBody(NamedTuple):
     rubbing: "Callable[[], Rubbing | None] | None" = None
     places: Callable[[], Array] | None = None
     last: LastStep | None = None
+    amplitudes: Callable[[], Mapping[str, float]] | None = None
 
     def normal_forces(self, nodes: Array) -> Array:
         """Of obstacles in the last step, on nodes of the body (s,), N, (s,); 0 where none can touch."""

@@ -10,12 +10,13 @@ The same at full order and reduced: a reading asks a body for what it needs (`Re
     u + (R - 1) d                  of a marker at d from its foot on a triangle that is displaced by u and turned by R
     R                              force and couple of supports (`reactions.py`)
 
-Of a linear model s = bᵀx of the actuator's column b, ε = (H + Hᵀ)/2, and σ = λ tr ε I + 2μ ε, exactly. With large
+Of a linear model s = bᵀx of the actuator's column b, ε = (H + Hᵀ)/2, and σ = λ tr ε' I + 2μ ε' with ε' = ε - α T I of
+temperatures T, exactly. With large
 deformation s is that of the moved cable or chamber, E the Green strain, σ = F S Fᵀ / det F Cauchy's stress.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -110,6 +111,7 @@ class SurfaceReading:
         operator: to H (3, 3, P) of the body's coordinates, (9 P, c), a matrix; 1/m.
         first_lame, shear: λ and μ of the cells, (P,), Pa.
         fibres: beside them.
+        expansions: of each temperature with an amplitude of 1, α T there, (P,).
     """
 
     quantity: str
@@ -119,6 +121,7 @@ class SurfaceReading:
     first_lame: Array
     shear: Array
     fibres: tuple[Fibres, ...] = ()
+    expansions: Mapping[str, Array] = field(default_factory=dict)
 
     def read(self, body: ReadableBody) -> Array:
         """Its values."""
@@ -126,8 +129,8 @@ class SurfaceReading:
         if self.quantity == "strain":
             return ((small_strain(H) if body.law is None else strain(H)) / VOIGT_SHEAR).T
         if self.quantity == "energy_density":
-            return energy_of(body.law, H, self)
-        σ = stress_of(body.law, H, self)
+            return energy_of(body, H, self)
+        σ = stress_of(body, H, self)
         if self.quantity == "pressure":
             return -σ[:3].mean(axis=0)
         if self.quantity == "surface_stress":
@@ -156,6 +159,7 @@ class StressReading:
             changes of volume are integrated apart from the rest: then places for these follow.
         first_lame, shear: λ and μ that each has, (P,), Pa.
         fibres: beside them.
+        expansions: of each temperature with an amplitude of 1, α T there, (P,).
     """
 
     quantity: ClassVar = "stress"
@@ -170,11 +174,12 @@ class StressReading:
     first_lame: Array
     shear: Array
     fibres: tuple[Fibres, ...] = ()
+    expansions: Mapping[str, Array] = field(default_factory=dict)
 
     def read(self, body: ReadableBody) -> Array:
         """Its values."""
         H = (self.operator @ body.coordinates()).reshape(3, 3, -1)
-        σ = self._at_corners(stress_of(body.law, H, self)[..., None])[..., 0]
+        σ = self._at_corners(stress_of(body, H, self)[..., None])[..., 0]
         of_corner = np.searchsorted(self.value_corners, np.arange(len(self.corner_points)))
         spreads = np.maximum.reduceat(σ, of_corner, axis=1) - np.minimum.reduceat(σ, of_corner, axis=1)
         at = self._at_points(np.add.reduceat(σ * self.value_shares, of_corner, axis=1))
@@ -263,11 +268,12 @@ def projected(reading: Reading, basis: Array) -> Reading:
     return replace(reading, operator=np.asarray(reading.operator @ basis))
 
 
-def stress_of(law: str | None, H: Array, at: "SurfaceReading | StressReading") -> Array:
-    """Cauchy's stress F S Fᵀ / det F (6, P), Pa, of displacement gradients (3, 3, P) by a law; None: linear."""
+def stress_of(body: ReadableBody, H: Array, at: "SurfaceReading | StressReading") -> Array:
+    """Cauchy's stress F S Fᵀ / det F (6, P), Pa, of displacement gradients (3, 3, P) by a body's law."""
+    law = body.law
     material = PointMaterial(law or "", at.first_lame, at.shear, at.fibres)
     if law is None:
-        return material.linear_stress(small_strain(H))
+        return material.linear_stress(elastic_strain(body, H, at))
     F, S = H.transpose(2, 0, 1) + np.eye(3), material.stress(strain(H))
     σ = F @ S[VOIGT_INDEX].transpose(2, 0, 1) @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
     i, j = VOIGT_PAIRS.T
@@ -275,11 +281,21 @@ def stress_of(law: str | None, H: Array, at: "SurfaceReading | StressReading") -
     return components
 
 
-def energy_of(law: str | None, H: Array, at: SurfaceReading) -> Array:
-    """W (P,), J/m³ at rest, of displacement gradients (3, 3, P) by a law; None: linear."""
+def elastic_strain(body: ReadableBody, H: Array, at: "SurfaceReading | StressReading") -> Array:
+    """Small strains (6, P) less those that temperatures make of a body that is free."""
+    ε = small_strain(H)
+    if at.expansions:
+        now = {} if body.amplitudes is None else body.amplitudes()
+        ε[:3] -= sum(now.get(name, 0.0) * strain for name, strain in at.expansions.items())
+    return ε
+
+
+def energy_of(body: ReadableBody, H: Array, at: SurfaceReading) -> Array:
+    """W (P,), J/m³ at rest, of displacement gradients (3, 3, P) by a body's law."""
+    law = body.law
     material = PointMaterial(law or "", at.first_lame, at.shear, at.fibres)
     if law is None:
-        ε = small_strain(H)
+        ε = elastic_strain(body, H, at)
         energy: Array = (ε * material.linear_stress(ε)).sum(axis=0) / 2
         return energy
     return material.energy_density(strain(H))

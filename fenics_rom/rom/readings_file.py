@@ -4,7 +4,17 @@ import h5py
 import numpy as np
 
 from fenics_rom.errors import FileError, check_known
-from fenics_rom.io.hdf5 import Entry, check_names, get_group, get_record, get_text, put_arrays, put_text
+from fenics_rom.io.hdf5 import (
+    Entry,
+    check_names,
+    get_each,
+    get_group,
+    get_record,
+    get_text,
+    put_arrays,
+    put_each,
+    put_text,
+)
 from fenics_rom.mechanics.fibres import check_fibres
 from fenics_rom.mechanics.reactions import REACTION, ReactionReading
 from fenics_rom.mechanics.readings import (
@@ -41,6 +51,7 @@ STRESS = {
     "first_lame": SURFACE["first_lame"],
     "shear": SURFACE["shear"],
 }
+EXPANSION = Entry("1", ("P",))
 MARKER = {
     "foot": Entry("kg^-1/2", (3, "k")),
     "gradients": Entry("kg^-1/2/m", (2, 3, "k")),
@@ -69,6 +80,8 @@ def put_readings(h5: h5py.File, rom: Rom) -> None:
                 arrays["place_weights"] = reading.place_weights if several else None
             put_arrays(part, table, sizes, arrays)
             put_fibres(part, reading.fibres)
+            if reading.expansions:
+                put_each(part, "expansions", EXPANSION, reading.expansions, {"P": len(reading.shear)})
         elif isinstance(reading, MarkerReading):
             foot, gradients = np.split(reading.operator, [3])
             put_arrays(part, MARKER, sizes, arrays | {"foot": foot, "gradients": gradients.reshape(2, 3, -1)})
@@ -106,11 +119,14 @@ def _take(group: h5py.Group, sizes: dict[str, int]) -> Reading:
     if quantity == REACTION:
         return take_reaction(group, sizes)
     tables = {"contact_pressure": CONTACT, "stress": STRESS}
-    arrays = get_record(group, tables.get(quantity, SURFACE), sizes, ("fibres",))
+    arrays = get_record(group, tables.get(quantity, SURFACE), sizes, ("fibres", "expansions"))
     if quantity == "contact_pressure":
         return ContactPressure(of, **arrays)
     arrays["operator"] = arrays["operator"].reshape(-1, sizes["k"])
     arrays["fibres"] = get_fibres(group)
+    if "expansions" in group:
+        of_points = {"P": len(arrays["shear"])}
+        arrays["expansions"] = get_each(get_group(group, "expansions"), EXPANSION, of_points)
     if quantity == "stress":
         if arrays.get("place_weights") is None:
             arrays["place_weights"] = np.ones((len(arrays["value_shares"]), 1))

@@ -368,8 +368,9 @@ class CompiledState:
         model, points = self._models[self._mode[body]], self._interface and self._interface.points
         contact, pressing, touched = self._modes[self._mode[body]].name, self._told.pressing[body], dict[str, Any]()
         own = self.state(np.array([body]))[0][0, : model.order], self.shape_coordinates(body)
+        touched["amplitudes"] = lambda: self._environment.amplitudes_at(float(self.time[body]))
         if self._touch is not None:
-            touched = {"rubbing": lambda: self._rubbing(body), "places": lambda: self.rom.nodes + self.shape(body)}
+            touched |= {"rubbing": lambda: self._rubbing(body), "places": lambda: self.rom.nodes + self.shape(body)}
             touched["forces"] = self._told.forces[body]
         return self.rom.readings[name].read(readable(self.rom, contact, *own, points, pressing, **touched))
 

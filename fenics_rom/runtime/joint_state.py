@@ -1,5 +1,6 @@
 """The bodies of a batch that are stepped together, as they are in its arrays, and what can be given to them."""
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -203,8 +204,14 @@ class JointState:
         points, pressing = (None, None) if contacts is None else (contacts.points, contacts.normal_forces)
         for body, (contact, q) in enumerate(zip(self.contact, self.state(np.arange(self.size))[0], strict=True)):
             own, order = pressing if pressing is None else pressing[:, body], self.rom.contact_models[contact].order
-            read.append(reading.read(readable(self.rom, contact, q[:order], self.shape_coordinates(body), points, own)))
+            there = q[:order], self.shape_coordinates(body), points, own
+            amplitudes = partial(self._amplitudes, float(self.time[body]))
+            read.append(reading.read(readable(self.rom, contact, *there, amplitudes=amplitudes)))
         return np.array(read)
+
+    def _amplitudes(self, time: float) -> dict[str, float]:
+        """Of temperatures at a time, s, by name."""
+        return {} if self._environment is None else self._environment.amplitudes_at(time)
 
     def _beyond(self, bodies: Array) -> Array:
         """What contact points of bodies (B,) yield beyond the contact mode, in the shared basis, (B, k)."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -11,7 +11,7 @@ from fenics_rom.errors import StepError
 from fenics_rom.runtime.contact_readings import ContactReadings
 
 if TYPE_CHECKING:
-    from fenics_rom.mechanics.readable_body import LastStep
+    pass
 
 
 class NotesLastStep(ContactReadings):
@@ -34,11 +34,13 @@ class NotesLastStep(ContactReadings):
         """Whether a reading is of the last step."""
         return any(reading.quantity == "reaction" for reading in self.rom.readings.values())
 
-    def _last_of(self, name: str) -> "LastStep | None":
-        """The last step for a reading; a StepError where that is of it, and a world has taken it."""
+    def _acting_on(self, name: str) -> dict[str, Any]:
+        """What a reading is told: the last step, and temperatures; a StepError where a world has taken a step of it."""
         if self.read_touch is not None and self.rom.readings[name].quantity == "reaction":
             raise StepError(f"reading {name!r}: in a world no reactions are read; allowed is a Simulator or a Batch")
-        return self.last_step
+        environment, time = self.environment, self.time
+        amplitudes = None if environment is None else lambda: environment.amplitudes_at(time)
+        return {"last": self.last_step, "amplitudes": amplitudes}
 
     def _moving(self) -> tuple[Array, Array] | None:
         """Displacement and velocity in the shared basis, (k,) each; None where nothing asks for them."""

@@ -307,7 +307,7 @@ class SimulatedBody(NotesLastStep):
 
         reading, state = named_reading(self.rom, name), (self.contact, self._q, self.shape_coordinates)
         points, pushed = self._touch() or (None, None)
-        of: dict[str, Any] = {"model": self.model, "last": self._last_of(name)}
+        of: dict[str, Any] = {"model": self.model, **self._acting_on(name)}
         if pushed is not None:
             of |= {"pressing": pushed.pressing, "forces": pushed.forces, "rubbing": self._rubbing}
             of["places"] = self.node_places

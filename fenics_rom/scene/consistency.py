@@ -47,6 +47,7 @@ def check_consistency(file: SceneFile) -> None:
     if file.mesh.integration == "selective":
         _check_selective(file)
     _check_fibres(file)
+    _check_temperatures(file)
     check_order(file.reduction.order, file.contacts, "reduction.order")
     if file.reduction.share != Reduction.share and file.reduction.method != "eigenvector-selection":
         raise SceneError("reduction.share: goes with method = 'eigenvector-selection'")
@@ -186,6 +187,33 @@ def _check_effects(effects: Effects, contacts: Collection[str], actuators: Mappi
             raise SceneError(f"effects.large_deformation.constants: {error}") from None
     if effects.contact is not None:
         _check_contact(effects.contact, contacts, has_inertia=effects.inertia is not None)
+
+
+def _check_temperatures(file: SceneFile) -> None:
+    """Checks that temperatures strain something, and that what they act with takes them."""
+    materials = {"material": file.material} if file.materials is None else file.materials
+    expanding = [name for name, material in materials.items() if material is not None and material.expansion]
+    for name, material in materials.items():
+        if material is not None and material.expansion is not None and not (file.effects.temperature and expanding):
+            where = "material" if file.materials is None else f"materials.{name}"
+            raise SceneError(f"{where}.expansion: has no effect; allowed is another than 0, with effects.temperature")
+    for name, temperature in file.effects.temperature.items():
+        where = f"effects.temperature.{name}"
+        if not expanding:
+            raise SceneError(f"{where}: means nothing where no material expands; give material.expansion, 1/K, as well")
+        if temperature.amplitude is not None and temperature.table is not None:
+            raise SceneError(f"{where}: give amplitude or table, not both")
+        if file.effects.large_deformation is not None:
+            raise SceneError(
+                f"{where}: with effects.large_deformation strains that are not elastic have no place in the tables of "
+                "reduced bodies; allowed is without it"
+            )
+        if file.effects.viscoelasticity is not None:
+            raise SceneError(
+                f"{where}: with effects.viscoelasticity branches would resist expansion itself; allowed is without it"
+            )
+        if file.mesh.integration == "selective":
+            raise SceneError(f"{where}: with mesh.integration = 'selective' it is not computed; allowed is 'full'")
 
 
 def _check_branches(viscous: Viscoelasticity) -> None:

@@ -47,7 +47,7 @@ def _entry(annotation: Any) -> EffectEntry:
 
 
 EFFECTS: Mapping[str, EffectEntry] = {name: _entry(annotation) for name, annotation in keys_of(Effects).items()}
-LOADS = ("gravity", "base_motion", "prescribed")  # forces with a signal of their own
+LOADS = ("gravity", "base_motion", "prescribed", "temperature")  # forces with a signal of their own
 ACTUATORS = ("pressure", "tendon", "driven_support")  # forces that are inputs
 
 

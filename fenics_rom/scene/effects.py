@@ -13,10 +13,11 @@ from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.chambers import ChamberGas, Valve
 from fenics_rom.scene.contact import Contact, Friction
+from fenics_rom.scene.expression import Expression
 from fenics_rom.scene.fibres import Cable, Membrane
 from fenics_rom.scene.large_deformation import LargeDeformation
 from fenics_rom.scene.law import Law
-from fenics_rom.scene.places import PIECES, Place
+from fenics_rom.scene.places import CELL_PIECES, PIECES, CellPlace, Place
 from fenics_rom.scene.values import Direction, Flag, Items, Name, Number, Point, PoseTable, Table, Text
 
 Alpha = Annotated[float, Number(at_least=0.0, unit="1/s"), "share of the mass matrix in the damping matrix"]
@@ -217,6 +218,30 @@ class PrescribedForce(Place):
         return replace(self, force=force, table=None if self.table is None else self.table.scaled(share))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Temperature(CellPlace):
+    """A temperature of the body, or of some cells, above that at which it is at rest.
+
+    It is known, not found: no heat flows. Where several temperatures act they add up.
+    """
+
+    LAW: ClassVar = Law(
+        force="of strain α T that is held back, ∫ C:α T I : ∇δ, with `expansion` α of the materials",
+        supplies="its work",
+        changing=("amplitude", "table"),
+    )
+    ONE_OF: ClassVar = ()
+    AT_MOST_ONE: ClassVar = CELL_PIECES
+    field: Annotated[str, Expression(), "T, K, of the place at rest x, y, z, m: a number or a formula"]
+    amplitude: Annotated[float | None, Number(), "by which it is multiplied, where that is constant; or table"] = None
+    table: Annotated[Signal | None, Table(columns=1, unit="1"), "time (s), what it is multiplied by"] = None
+
+    @property
+    def signal(self) -> Signal | None:
+        """The multiple (1,) over time; None where it is to be given in Python."""
+        return self.table or constant_signal(self.amplitude)
+
+
 @dataclass(frozen=True)
 class Pressure(Place):
     """An actuator: a chamber, or a hand."""
@@ -308,6 +333,7 @@ class Effects:
     base_motion: Mapping[Name, BaseMotion] = field(default_factory=dict)
     base_path: RigidBase | None = None
     prescribed: Mapping[Name, PrescribedForce] = field(default_factory=dict)
+    temperature: Mapping[Name, Temperature] = field(default_factory=dict)
     pressure: Mapping[Name, Pressure] = field(default_factory=dict)
     tendon: Mapping[Name, Tendon] = field(default_factory=dict)
     tendon_friction: TendonFriction | None = None

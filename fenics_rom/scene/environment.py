@@ -51,6 +51,7 @@ def environment_of(effects: Effects, frame: str, run: Run | None, source: str) -
             ({} if effects.gravity is None else {"gravity": Load(1, GRAVITY_SIGNAL)})
             | {name: Load(1, motion.signal) for name, motion in effects.base_motion.items()}
             | {name: Load(3, force.signal) for name, force in effects.prescribed.items()}
+            | {name: Load(1, temperature.signal) for name, temperature in effects.temperature.items()}
             | {name: Load(1, NOTHING) for name in guides_of(effects)}
         ),
         obstacles={

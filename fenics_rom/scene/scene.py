@@ -43,6 +43,9 @@ class Elasticity:
     young: Annotated[float, Number(above=0.0, unit="Pa"), "Young's modulus"]
     poisson: Annotated[float, Number(above=-1.0, below=0.5), "Poisson's ratio"]
     density: Annotated[float, Number(above=0.0, unit="kg/m3"), "mass per volume at rest"]
+    expansion: Annotated[
+        float | None, Number(unit="1/K"), "strain per kelvin, with effects.temperature; unless given it has none"
+    ] = None
     fibres: Annotated[FibreMaterial | None, "what it is reinforced by"] = None
 
 

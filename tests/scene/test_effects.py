@@ -116,7 +116,7 @@ def test_all_effects_are_read_with_their_defaults():
     knob += '[effects.membranes.sheet]\nsurface = "right"\nstiffness = 10.0\npoisson = 0.3\n'
     knob += "[effects.cables.wire]\nstiffness = 1.0\npoints = [[0, 0, 0], [1, 0, 0]]"
     effects = parse(f"{ALL}\n{knob}\n[effects.large_deformation]").effects
-    others = ("tendon_friction", "base_path", "viscoelasticity", "driven_support")  # the first three do not go with all
+    others = ("tendon_friction", "base_path", "viscoelasticity", "temperature", "driven_support")  # most do not go with all
     assert effects.names == tuple(name for name in EFFECTS if name not in others)
     assert effects.large_deformation == LargeDeformation(material="st_venant_kirchhoff")
     assert effects.inertia == Inertia()
@@ -367,7 +367,7 @@ def test_run_among_obstacles_is_read_to_the_last_bit(rom, tmp_path):
     back = fr.read_trajectory(tmp_path / "run.h5")
     assert same(back, run)
     others = {"base_path", "large_deformation", "tendon_friction", "point_masses", "rigid_parts", "viscoelasticity"}
-    others |= {"driven_support", "membranes", "cables"}
+    others |= {"driven_support", "membranes", "cables", "temperature"}
     assert set(back.effects) == set(EFFECTS) - others
     assert list(back.forces) == ["floor", "ball"]
     assert list(back.contact_account) == ["obstacles", "contact", "friction"]

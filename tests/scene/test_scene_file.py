@@ -119,7 +119,7 @@ density = 2300.0 | | material: density is missing
 [supports] | [materials]⏎[supports] | give either [material] or [materials.NAME]
 [supports] | [suports] | no key 'suports'; there is actuators, contacts, effects, frame, material, materials, mesh,
 [supports] | [suports] | did you mean 'supports'?
-young | yuong | material: no key 'yuong'; there is density, fibres, poisson, young; did you mean 'young'?
+young | yuong | material: no key 'yuong'; there is density, expansion, fibres, poisson, young; did you mean 'young'?
 surface = "middle" | surfac = "m" | contacts.middle: no key 'surfac'; there is all, along, any, box, facing, force
 stop = 0.5 | end = 0.5 | run.load[0]: no key 'end'; there is actuator, contact, force, start, stop, table
 alpha = 0.5 | alpa = 0.5 | effects.damping: no key 'alpa'; there is alpha, beta, dashpots, materials; did

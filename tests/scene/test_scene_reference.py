@@ -22,7 +22,7 @@ def test_example_reads_and_names_every_effect():
     tables = {"quake.csv": 1, "ball.csv": 3, "pump.csv": 1}
     given = {name: np.column_stack([np.arange(2.0), np.ones((2, columns))]) for name, columns in tables.items()}
     scene = parse_scene(EXAMPLE.read_text(), tables=given)
-    others = ("tendon_friction", "base_path", "viscoelasticity")  # which do not go with large_deformation or springs
+    others = ("tendon_friction", "base_path", "viscoelasticity", "temperature")  # not with large_deformation or springs
     assert scene.effects.names == tuple(name for name in EFFECTS if name not in others)
     assert set(scene.tables) == set(tables)
     assert len(repr(scene).splitlines()) == 3

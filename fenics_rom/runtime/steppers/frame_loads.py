@@ -70,7 +70,7 @@ class FrameLoads:
         for name, width in rom.loads.items():
             if name in rom.environment.uniform_fields:
                 pulling.append(column)
-            elif name in environment.found_loads:
+            elif name in rom.environment.inner_loads:
                 turning.append(column)
             else:
                 columns += range(column, column + width)
