@@ -116,7 +116,7 @@ def test_all_effects_are_read_with_their_defaults():
     knob += '[effects.membranes.sheet]\nsurface = "right"\nstiffness = 10.0\npoisson = 0.3\n'
     knob += "[effects.cables.wire]\nstiffness = 1.0\npoints = [[0, 0, 0], [1, 0, 0]]"
     effects = parse(f"{ALL}\n{knob}\n[effects.large_deformation]").effects
-    others = ("tendon_friction", "base_path", "viscoelasticity", "temperature", "driven_support")  # most do not go with all
+    others = ("tendon_friction", "base_path", "viscoelasticity", "temperature", "driven_support")  # not with all
     assert effects.names == tuple(name for name in EFFECTS if name not in others)
     assert effects.large_deformation == LargeDeformation(material="st_venant_kirchhoff")
     assert effects.inertia == Inertia()
