@@ -216,7 +216,7 @@ SCENES = {  # by kind: what is there, what stands there instead, and what is sai
     "unknown key, yung": (
         "young",
         "yung",
-        "material: no key 'yung'; there is density, fibres, poisson, young; did you mean 'young'?",
+        "material: no key 'yung'; there is density, expansion, fibres, poisson, young; did you mean 'young'?",
     ),
     "unknown key, at the top": ("name", "nmae", "no key 'nmae'; there is"),
     "unknown key, effect": ("gravity", "gravty", "effects: no key 'gravty'; there is"),
