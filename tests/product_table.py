@@ -51,6 +51,9 @@ PARTS = {
     "guides": {"tendon.rope": ROPE, "tendon_friction": "coefficient = 0.3"},
     "volumes": {"pressure.air": 'near = { point = [0, 0, 0], radius = 1.0 }\ncontrol = "volume"'},
     "gas": {"pressure.air": 'near = { point = [0, 0, 0], radius = 1.0 }\ncontrol = "gas"\ngas = { volume = 1e-4 }'},
+    "driven": {"driven_support.jaw": 'surface = "right"\ndirection = [1.0, 0.0, 0.0]'},
+    "heat": {"temperature.warm": 'field = "20 + 100 * z"\namplitude = 1.0'},
+    "reactions": {"readings.held": 'quantity = "reaction"'},  # read after each use
     "springs": {"springs.bed": 'surface = "right"\nstiffness = 1.0'},
     "dashpots": {"damping.dashpots.oil": 'surface = "right"\ncoefficient = 0.05'},
     "masses": {
@@ -66,13 +69,16 @@ PARTS = {
     "impacts": {"contact": "restitution = 0.5", "contact.obstacles.floor": FLOOR},
     "penalty": {"contact": 'method = "penalty"\nstiffness = 1e2', "contact.obstacles.floor": FLOOR},
 }
-LARGEST = {"tendons": 0.1, "strokes": 1e-4, "guides": 0.1, "volumes": 1e-8, "gas": 1e-6, "loads": 1.0}
+LARGEST = {"tendons": 0.1, "strokes": 1e-4, "driven": 1e-4, "guides": 0.1, "volumes": 1e-8, "gas": 1e-6, "loads": 1.0}
 USES = ("full order", "step", "rollout", "batch", "world", "gradient")
 PHYSICS = {  # why a product has no meaning, by what its refusal says
     "no equilibrium": "nothing holds it, so that without inertia it has no equilibrium",
     "restitution: goes with inertia": "what has no inertia has no impacts",
     "effects.damping: means nothing without inertia": "equilibria have no speeds that a dashpot could resist",
     "viscoelasticity: means nothing without inertia": "equilibria are of the relaxed material",
+    "moves nodes relative to what is clamped": "nothing is clamped that a support could move against",
+    "a base bears the body; allowed is its base_wrench": "its base bears it: `base_wrench` is what it reads",
+    "nothing is held; allowed is with supports": "nothing holds it that could have a reaction",
 }
 
 
@@ -80,23 +86,25 @@ def scene_of(mesh: Path, law: str, frame: str, part: str) -> str:
     """The scene of a product."""
     effects, dt = LAWS[law]
     acting = {**effects, "gravity": "acceleration = [0.0, 0.0, -9.81]", **PARTS[part]}
+    read = {name: acting.pop(name) for name in list(acting) if name.startswith("readings.")}
     if "inertia" in effects:
         acting = {"damping": "alpha = 0.5\nbeta = 2e-4", **acting}
     run = f"dt = {dt}\nduration = {2 * dt}"
     if part in LARGEST:
-        actuator = "air" if part in ("loads", "volumes", "gas") else "rope"
+        actuator = {"loads": "air", "volumes": "air", "gas": "air", "driven": "jaw"}.get(part, "rope")
         run += f'\n[[run.load]]\nactuator = "{actuator}"\nforce = [{LARGEST[part]}]'
     elif "contact" not in acting:
         run += '\n[[run.load]]\ncontact = "right"\nforce = [0.0, 0.0, 1e-3]'
     text = scene_text(
         mesh,
-        material="young = 5e5\npoisson = 0.4\ndensity = 1100.0",
+        material="young = 5e5\npoisson = 0.4\ndensity = 1100.0" + "\nexpansion = 1e-5" * (part == "heat"),
         supports=None if frame == "free" else 'clamped = ["left"]',
         contacts='[contacts.right]\nsurface = "right"\n[contacts.bottom]\nsurface = "bottom"\n',
         effects="",
         run=run,
         **{"outputs.tip": "points = [[0.3, 0.03, 0.02]]"},
         **{f"effects.{name}": text for name, text in acting.items()},
+        **read,
     )
     return 'frame = "moving"\n' * (frame != "held") + text
 
@@ -127,8 +135,8 @@ def uses_of(text: str, frame: str, dt: float) -> dict[str, str]:
     if refused["step"]:
         return {use: refused.get(use, refused["step"]) for use in USES}
     u = np.zeros((4, new().inputs))
-    attempt("rollout", lambda: new().rollout(u))
-    attempt("batch", lambda: fr.Batch(rom, 2, dt).step(u[:2]))
+    attempt("rollout", lambda: _rolled(new(), u))
+    attempt("batch", lambda: _together(fr.Batch(rom, 2, dt), u[:2]))
     attempt("world", lambda: _in_world(rom, frame, dt))
     attempt("gradient", lambda: fr.differentiate(new(), u, _height))
     return {use: refused[use] for use in USES}
@@ -137,6 +145,22 @@ def uses_of(text: str, frame: str, dt: float) -> dict[str, str]:
 def _stepped(body: fr.Simulator) -> None:
     for _ in range(3):
         body.step(np.zeros(body.inputs))
+    _read(body)
+
+
+def _rolled(body: fr.Simulator, u: np.ndarray) -> None:
+    body.rollout(u)
+    _read(body)
+
+
+def _together(batch: fr.Batch, u: np.ndarray) -> None:
+    batch.step(u)
+    _read(batch)
+
+
+def _read(body: fr.Simulator | fr.Batch) -> None:
+    for name in body.rom.readings:
+        body.reading(name)
 
 
 def _height(outputs, energies):
@@ -155,6 +179,7 @@ def _in_world(rom: fr.Rom, frame: str, dt: float) -> None:
     world = fr.World(bodies, dt, apart=[("soft", "hand")] if frame == "carried" else ())
     for _ in range(2):
         world.step()
+    _read(world.simulator("soft"))
 
 
 def products() -> Iterator[tuple[str, str]]:

@@ -46,12 +46,12 @@ def check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:
 
 
 def _check_reaction(file: SceneFile, where: str) -> None:
+    if not (file.supports.clamped or file.supports.held or file.effects.driven_support):
+        raise SceneError(f"{where}: nothing is held; allowed is with supports, or effects.driven_support")
     if file.frame == "moving":
         raise SceneError(
             f"{where}: with frame = 'moving' a base bears the body; allowed is its base_wrench, which runs have"
         )
-    if not (file.supports.clamped or file.supports.held or file.effects.driven_support):
-        raise SceneError(f"{where}: nothing is held; allowed is with supports, or effects.driven_support")
 
 
 def _check_marker(reading: ReadingEntry, frame: str, where: str) -> None:
