@@ -112,7 +112,7 @@ def zoo(place, folder, tools, inside):
     run(tools, "-m", "build", "--no-isolation", "--outdir", folder, project)
     sdist, wheel = *folder.glob("fenics_rom_zoo*.tar.gz"), *folder.glob("fenics_rom_zoo*.whl")
     run(tools, "-m", "twine", "check", "--strict", sdist, wheel)
-    run(tools, "-m", "check_wheel_contents", wheel)
+    run(tools, "-m", "check_wheel_contents", "--ignore", "W002", wheel)  # a body's folder stands alone
     run(inside, *INSTALL, "--no-deps", wheel)
     run(inside, "-m", "pip", "check")
     print(run(inside, "-I", "-c", ZOO, cwd=place), end="")

@@ -69,7 +69,7 @@ def made_of(body: dict[str, Any], folder: Path) -> dict[str, Any]:
     scene = fr.read_scene(files["scene"])
     assert scene.run is not None
     system = fr.assemble(scene)
-    fr.write_rom(files["rom"], fr.reduce(system, order=body.get("order")))
+    fr.write_rom(files["rom"], fr.reduce(system, order=body.get("order"), method=body.get("method")))
     rom = fr.read_rom(files["rom"])
     if "world" in body:
         files["world"] = copied(HERE / body["world"], folder / body["world"])
