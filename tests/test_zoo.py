@@ -117,8 +117,8 @@ def test_a_world_stands_for_the_body_where_worlds_are_taken(small_zoo, monkeypat
     assert zoo_bodies.model_file("./zoo:pair") == "./zoo:pair"
 
 
-def test_the_live_view_needs_no_pydantic():
-    """`fenics-rom[live]` has none; worlds ask for it when they are read."""
+def test_a_rom_is_viewed_without_pydantic():
+    """Which worlds ask for when they are read."""
     code = """
 import sys
 sys.modules["pydantic"] = None
