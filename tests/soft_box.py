@@ -10,10 +10,10 @@ from bodies import box_arrays, box_surfaces
 
 import fenics_rom as fr
 from fenics_rom.errors import SolverError
-from fenics_rom.mechanics.hyperelastic import linear_stress, moduli, strain, stress
+from fenics_rom.mechanics.hyperelastic import moduli, strain, stress
 from fenics_rom.mechanics.point_material import PointMaterial
 from fenics_rom.mechanics.step import StepInput
-from fenics_rom.mechanics.voigt import VOIGT_INDEX
+from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.system.body import Body, Unknowns
 
@@ -44,6 +44,14 @@ class SoftDeformation:
     @property
     def material(self) -> PointMaterial:
         return PointMaterial(self.law, self.first_lame, self.shear)
+
+    def viscous(self, twice: Array, change: Array) -> Array:
+        """2μ ΔE + λ (C⁻¹:ΔE) C⁻¹ (6, P), with 1 in place of C⁻¹ of St. Venant-Kirchhoff's; `twice`: C - 1."""
+        inverse = np.repeat([[1.0], [1], [1], [0], [0], [0]], len(self.cells), axis=1)
+        if self.law != "st_venant_kirchhoff":
+            C = np.eye(3) + (twice / VOIGT_SHEAR)[VOIGT_INDEX].transpose(2, 0, 1)
+            inverse = np.linalg.inv(C)[:, VOIGT_PAIRS[:, 0], VOIGT_PAIRS[:, 1]].T
+        return 2 * self.shear * change / VOIGT_SHEAR + self.first_lame * (inverse * change).sum(axis=0) * inverse
 
     @cached_property
     def free(self) -> Array:
@@ -193,7 +201,7 @@ class SoftStepper:
         for _ in range(15):
             H_next = body.gradients((x + h * mid)[:, None])[..., 0]
             E_next, F_mid = strain(H_next), unit + (H + H_next) / 2
-            S = body.material.discrete_gradient_stress(E, E_next) + β / h * linear_stress(E_next - E, λ, μ)
+            S = body.material.discrete_gradient_stress(E, E_next) + β / h * body.viscous(E + E_next, E_next - E)
             inner = body.resultants(np.einsum("ikp,kjp->ijp", F_mid, S[VOIGT_INDEX])[..., None])[:, 0]
             outer = self._force(u, x + h / 2 * mid)
             residual = body.mass @ (2 / h * (mid - v)) + body.external_damping @ mid + inner - outer

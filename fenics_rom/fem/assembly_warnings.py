@@ -61,18 +61,21 @@ def _read_without_branches(scene: Scene) -> Iterator[str]:
 
 
 def _overdamped(scene: Scene) -> Iterator[str]:
-    """Of materials whose viscosity resists what it takes for changes of volume, where their elasticity has none."""
-    effects = scene.effects
-    if effects.large_deformation is None or effects.large_deformation.law == "st_venant_kirchhoff":
+    """Of materials whose branches resist what they take for changes of volume, where their elasticity has none.
+
+    β does not, but branches do: they are passive as their energy is quadratic in Green's strain.
+    """
+    large = scene.effects.large_deformation
+    if scene.effects.viscoelasticity is None or large is None or large.law == "st_venant_kirchhoff":
         return
     for name, material in scene.materials.items():
-        damping = effects.damped.materials.get(name, effects.damped)
         strain = strain_of_excess_damping(material.poisson)
-        if strain < SMALL_STRAIN and (damping.beta or effects.viscoelasticity is not None):
+        if strain < SMALL_STRAIN:
             yield (
-                f"materials.{name}: with Poisson's ratio {exactly(material.poisson)} it is damped by a tenth more than "
-                f"effects say where it is strained by {100 * strain:.2g} %, and by the strain's square, as damping "
-                "acts on Green's strain; st_venant_kirchhoff as large_deformation.material is free of it"
+                f"materials.{name}: with Poisson's ratio {exactly(material.poisson)} its branches of viscoelasticity "
+                f"resist by a tenth more than effects say where it is strained by {100 * strain:.2g} %, and by the "
+                "strain's square, as they act on Green's strain; st_venant_kirchhoff as large_deformation.material is "
+                "free of it, and so is damping.beta"
             )
 
 

@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import SolverError
 from fenics_rom.identification.affine import AffineDecomposition, lame_parameters
 from fenics_rom.identification.parameters import BETA
-from fenics_rom.mechanics.hyperelastic import linear_stress, moduli, strain, stress
+from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.point_material import PointMaterial
 from fenics_rom.mechanics.voigt import VOIGT_INDEX
 from fenics_rom.rom.deformation import ReducedDeformation
@@ -48,8 +48,7 @@ class DeformableBodies:
         λ, μ = (np.stack(each, axis=1)[P] for each in zip(*(lame_parameters(θ) for θ in values), strict=True))
         β = np.stack([θ[:-1, BETA] for θ in values], axis=1)[P]
         λ, μ = points.dilation[:, None] * λ, points.shear[:, None] * μ
-        self._law, self._elastic = body.law, ((ω * λ).ravel(), (ω * μ).ravel())
-        self._viscous = (ω * β * λ).ravel(), (ω * β * μ).ravel()
+        self._material, self._β = PointMaterial(body.law, (ω * λ).ravel(), (ω * μ).ravel()), β.ravel()
         first = {"first_lame": λ[:, 0], "shear": μ[:, 0], "viscosity": β[:, 0]}
         self._body = replace(body, external_damping=parts.external_damping(values[0]), **first)
         self._mass = np.stack([parts.mass_at(θ) for θ in values])
@@ -80,8 +79,9 @@ class DeformableBodies:
         for _ in range(MAX_ITERATIONS):
             middle = q + h / 2 * v
             H, after = self._gradients(middle), strain(self._gradients(q + h * v))
-            S = PointMaterial(self._law, *self._elastic).discrete_gradient_stress(E, after)
-            S += linear_stress((after - E) / h, *self._viscous)
+            material, rates = self._material, (after - E) / h
+            S = material.discrete_gradient_stress(E, after)
+            S += self._β * material.viscous_stress((E + after) / 2, rates, material.linear_stress(rates))
             parts = (
                 2 / h * _times(self._mass, v - r),
                 _times(self._damping, v),
@@ -110,8 +110,8 @@ class DeformableBodies:
         """Of the first body's 2/h M + D + h/2 ∂f/∂q, (m, m)."""
         body, first = self._body, slice(None, None, self._mass.shape[0])
         H, E, S = H[..., first], E[:, first], S[:, first]
-        A, (λ, μ), β = body.strain_rates(H), (body.first_lame, body.shear), body.viscosity
-        C = h / 2 * moduli(body.law, E, λ, μ) + moduli("st_venant_kirchhoff", E, β * λ, β * μ)
+        A, material = body.strain_rates(H), body.material
+        C = h / 2 * material.moduli(E) + body.viscosity * material.viscous_slopes(E, 0 * E)[0]
         CA = np.einsum("cdp,dpk->cpk", body.weights * C, A).reshape(-1, body.order)
         K = A.reshape(-1, body.order).T @ CA + h / 2 * (body.geometric(S) + self._springs)
         return np.linalg.inv(2 / h * self._mass[0] + self._damping[0] + K)
@@ -125,7 +125,7 @@ class DeformableBodies:
         q, before = np.repeat(guess[:, None], forces.shape[1], axis=1), np.inf
         for _ in range(MAX_ITERATIONS):
             H = self._gradients(q)
-            elastic = self._resultant(H, stress(self._law, strain(H), *self._elastic)) + self._springs @ q
+            elastic = self._resultant(H, self._material.stress(strain(H))) + self._springs @ q
             residual, scale = elastic - forces, max(np.abs(elastic).max(), np.abs(forces).max())
             if not np.isfinite(scale):
                 break

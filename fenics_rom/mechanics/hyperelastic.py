@@ -173,6 +173,28 @@ def linear_stress(E: Array, λ: Array, μ: Array) -> Array:
     return S
 
 
+def volume_viscosity(E: Array, rates: Array, λ: Array) -> Array:
+    """λ (J'/J C⁻¹ - tr Ė 1) (6, P), Pa/s: what strain rates Ė (6, P) at E make beside `linear_stress` of them.
+
+    J'/J = C⁻¹:Ė is the rate at which a volume changes. Ė itself has a trace where volumes stay as they are.
+    """
+    g = _inverse_metric(E)[0]
+    S: Array = λ * (g * rates).sum(axis=0) * g
+    S[:3] -= λ * (rates[0] + rates[1] + rates[2])
+    return S
+
+
+def volume_viscosity_slopes(E: Array, rates: Array, λ: Array) -> tuple[Array, Array]:
+    """What `volume_viscosity` changes by with the rates, and with E, (6, 6, P) each."""
+    g = _inverse_metric(E)[0]
+    turned = metric_products(g)
+    by_rates = λ * g[:, None] * g[None, :]
+    by_rates[:3, :3] -= λ
+    along = np.einsum("cdp,dp->cp", turned, rates)
+    by_strain: Array = -2 * λ * (g[:, None] * along[None, :] + (g * rates).sum(axis=0) * turned)
+    return by_rates, by_strain
+
+
 def strain_of_excess_damping(poisson: float, share: float = 0.1) -> float:
     """Strain at which `linear_stress` of a rate takes a share more power than shear does, though the volume stays.
 

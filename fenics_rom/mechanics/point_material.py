@@ -77,6 +77,30 @@ class PointMaterial:
             family.add_linear_moduli(D)
         return D
 
+    @cached_property
+    def dilating(self) -> Array:
+        """λ (P,), Pa, of points whose viscosity resists J'/J; 0 where it resists tr Ė.
+
+        That is so of St. Venant-Kirchhoff's law, whose elasticity has tr E for the change of volume, too, and where
+        λ < 0: there 2μ Ė:Ė + λ (J'/J)² may be negative.
+        """
+        λ = self.first_lame
+        return np.zeros_like(λ) if self.law == ST_VENANT else np.maximum(λ, 0.0)
+
+    def viscous_stress(self, E: Array, rates: Array, linear: Array) -> Array:
+        """2μ Ė + λ J'/J C⁻¹ (6, P), Pa/s, of strain rates (6, P) at E, and C₀Ė of fibres; times β it is a stress.
+
+        `linear`: C₀Ė.
+        """
+        return linear + hyperelastic.volume_viscosity(E, rates, self.dilating) if self.dilating.any() else linear
+
+    def viscous_slopes(self, E: Array, rates: Array) -> tuple[Array, Array]:
+        """What the viscous stress changes by with the rates, and with E, (6, 6, P) each, or (6, 6, 1)."""
+        if not self.dilating.any():
+            return self.linear_moduli, np.zeros((6, 6, 1))
+        by_rates, by_strain = hyperelastic.volume_viscosity_slopes(E, rates, self.dilating)
+        return self.linear_moduli + by_rates, by_strain
+
     def energy_and_piola(self, H: Array) -> tuple[Array, Array]:
         """W (P,), J/m³, and the first Piola-Kirchhoff stress ∂W/∂H (9, P), Pa, of H (9, P), row by row."""
         W, first = hyperelastic.energy_and_piola(self.law, H, self.first_lame, self.shear)

@@ -180,7 +180,7 @@ class ReducedDeformation(ByContent):
     weights: Array  # ω (P,), > 0, m³
     first_lame: Array  # λ (P,), Pa
     shear: Array  # μ (P,), Pa
-    viscosity: Array  # β (P,), s: the stress β (λ tr(Ė) I + 2μ Ė) of strain rates
+    viscosity: Array  # β (P,), s: of `PointMaterial.viscous_stress`
     external_damping: Array  # (m, m) damping that does not strain: α M and dashpots, 1/s
     springs: Array  # (m, m) K_s of springs to ground, 1/s²
     training_radius: float  # largest |q| of the states it was trained on, m kg^1/2

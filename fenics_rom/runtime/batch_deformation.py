@@ -15,6 +15,7 @@ from fenics_rom.rom.deformation import ReducedTendon
 from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.rom.rom import Rom
 from fenics_rom.rom.strain_tables import StrainTables
+from fenics_rom.rom.volume_viscosity import VolumeViscosity
 from fenics_rom.runtime.steppers.definite import definite_inverse
 from fenics_rom.runtime.steppers.elastic.carried_strains import STEEPEST_FREQUENCY, TANGENT_RENEWAL
 from fenics_rom.runtime.steppers.training_watch import TRUSTED_EXTENT
@@ -60,6 +61,7 @@ class BatchDeformation:
         assert rom.deformation is not None
         self._body = body = rom.deformation
         self._points = None if body.material.is_quadratic else MaterialPoints(body)
+        self._volumes = VolumeViscosity.of(body)
         self._steepest = STEEPEST_FREQUENCY * math.sqrt(rom.stiffness[-1])
         self._tables, self._β = StrainTables.of(body), float(body.viscosity[0])
         tables, m = self._tables, body.order
@@ -163,6 +165,9 @@ class BatchDeformation:
         upper, stiffness = self._stiffness(strains)
         matrices = (h + 2 * β) * stiffness
         matrices += self._fixed
+        N = None if self._volumes is None else self._volumes.around(middle).matrices
+        if N is not None:
+            matrices += N
         then.rest[:], gap_s, s = now.rest, np.zeros(B), np.zeros(B)
         if points is not None:
             b = self._slope(points, then.rest, middle, upper, stiffness)
@@ -182,6 +187,8 @@ class BatchDeformation:
         then.stressed[:] = tables.gram @ then.strains
         square = 2 * _dot(v, _times(stiffness, v))
         drawn = h * (_dot(v, body.external_damping @ v) + β * square)
+        if N is not None:
+            drawn += h * _dot(v, _times(N, v))
         strained = _dot(then.strains, then.stressed)
         added = (strained - _dot(now.strains, now.stressed)) / 2 - h * (_dot(v, pulled) + h / 2 * square)
         if points is not None:
@@ -215,6 +222,8 @@ class BatchDeformation:
         residual -= self._loads(dead, u, middle, strains)
         if points is not None:
             residual += points.energies_and_forces(middle)[1]
+        if self._volumes is not None:
+            residual += self._volumes.around(middle).forces(v)
         then.inverse[:] = now.inverse
         stale = now.stale[0].nonzero()[0]
         if len(stale):
@@ -223,6 +232,10 @@ class BatchDeformation:
                 S = points.stress(points.strains(middle[:, stale])[1]).reshape(6, -1, len(stale))
                 geometric = geometric + [body.geometric(each) for each in S.transpose(2, 0, 1)]
             matrices = (h + 2 * self._β) * self._stiffness(strains[:, stale])[1] + self._fixed
+            if self._volumes is not None:
+                around = self._volumes.around(middle[:, stale])
+                matrices += around.matrices
+                geometric = geometric + [body.geometric(S) for S in around.stresses(v[:, stale])]
             for body_, matrix, stiff in zip(stale, matrices, geometric, strict=True):
                 then.inverse[:, body_] = definite_inverse(matrix + h / 2 * stiff, matrix).ravel()
         expected: Array = v - np.einsum("ijb,jb->ib", then.inverse.reshape(m, m, -1), residual)

@@ -85,7 +85,7 @@ class Deformation(Protocol):
         weights: volumes that the quadrature points of this rank stand for, (P here,), m³.
         first_lame, shear: λ and μ there, (P here,), Pa.
         material: of all that: a law, λ and μ, and fibres.
-        viscosity: β there, (P here,), s: of the stress β (λ tr(Ė) I + 2μ Ė).
+        viscosity: β there, (P here,), s: of the stress β (2μ Ė + λ (C⁻¹:Ė) C⁻¹); see `mechanics.point_material`.
         spring: K_s of springs to ground, N/m; None: no springs, or a moving frame has them.
         external_damping: D_c, damping that does not strain: α M and dashpots, N s/m, these unless a moving frame has
             them; None: nothing.

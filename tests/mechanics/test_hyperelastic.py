@@ -73,13 +73,46 @@ def test_stress_of_the_smallest_strains_keeps_its_digits():
 
 
 @pytest.mark.parametrize("poisson", [0.48, 0.499])
-def test_viscosity_takes_more_power_of_a_body_that_keeps_its_volume(poisson):
+def test_branches_take_more_power_of_a_body_that_keeps_its_volume(poisson):
     """By the share that is said, to the next order of the strain."""
     ε, ratio = strain_of_excess_damping(poisson), np.array([2 * poisson / (1 - 2 * poisson)])
     rate = np.array([np.exp(2 * ε), *[-np.exp(-ε) / 2] * 2, 0, 0, 0])[:, None]  # of (e^2ε - 1)/2 and (e^-ε - 1)/2
     power = [float((linear_stress(rate, λ, np.ones(1)) * rate).sum()) for λ in (ratio, np.zeros(1))]
     assert power[0] / power[1] - 1 == pytest.approx(0.1, rel=3 * ε)
     assert strain_of_excess_damping(0.2) == np.inf
+
+
+@pytest.mark.parametrize("law", ["neo_hookean", "yeoh 7"])
+def test_viscosity_takes_what_the_rate_of_the_shape_and_that_of_the_volume_take(law):
+    """2μ Ė:Ė + λ (J'/J)² of stretches s with rates ṡ; of a volume that stays no more than shear takes."""
+    s = np.array([[1.4, 0.8], [1.4**-0.5, 1.1], [1.4**-0.5, 0.9]])
+    rates, shear = s * [[1.0, 0.3], [-0.5, -0.2], [-0.5, 0.4]], np.array([1e6, 2e5])
+    E, Ė = (np.vstack([part, np.zeros((3, 2))]) for part in ((s**2 - 1) / 2, s * rates))
+    for dilates, first_lame in ((True, np.array([5e8, 3e5])), (False, -shear / 3)):
+        material = PointMaterial(law, first_lame, shear)
+        power = (material.viscous_stress(E, Ė, material.linear_stress(Ė)) * Ė).sum(axis=0)
+        of_volume = (rates / s if dilates else Ė).sum(axis=0) ** 2
+        round_off = 1e-15 * (np.abs(first_lame) * np.abs(Ė).sum(axis=0) ** 2)
+        assert (np.abs(power - 2 * shear * (Ė**2).sum(axis=0) - first_lame * of_volume) <= round_off).all()
+    linear = PointMaterial("st_venant_kirchhoff", first_lame, shear)
+    assert linear.viscous_stress(E, Ė, E) is E
+
+
+def test_slopes_of_viscosity_are_those_of_differences():
+    E, rng, d = strain(gradients(0.1)), np.random.default_rng(7), 1e-6
+    material = PointMaterial("neo_hookean", λ, μ)
+    Ė, dE = rng.standard_normal((2, *E.shape))
+
+    def viscous(E, Ė):
+        return material.viscous_stress(E, Ė, material.linear_stress(Ė))
+
+    by_rates, by_strain = material.viscous_slopes(E, Ė)
+    for slopes, ahead, behind in (
+        (by_rates, viscous(E, Ė + d * dE), viscous(E, Ė - d * dE)),
+        (by_strain, viscous(E + d * dE, Ė), viscous(E - d * dE, Ė)),
+    ):
+        found = np.einsum("cdp,dp->cp", slopes, dE)
+        assert np.abs(found - (ahead - behind) / (2 * d)).max() <= 1e-7 * np.abs(found).max()
 
 
 def test_neo_hookean_is_what_textbooks_print():

@@ -3,8 +3,9 @@
 One step takes H, E to H⁺, E⁺ (Simo & Tarnow, 1992; Gonzalez, 2000), with the viscosity β of a Kelvin-Voigt solid in the
 Green strain, which a rotation does not feel:
 
-    P = F_m S,   F_m = I + (H + H⁺)/2,   S = Ŝ(E, E⁺) + β (λ tr ΔE I + 2 μ ΔE)/h,   Ŝ:ΔE = W(E⁺) - W(E),  ΔE = E⁺ - E.
+    P = F_m S,   F_m = I + (H + H⁺)/2,   S = Ŝ(E, E⁺) + β (2 μ ΔE + λ (C⁻¹:ΔE) C⁻¹)/h,   Ŝ:ΔE = W(E⁺) - W(E),
 
+with ΔE = E⁺ - E and C = I + E + E⁺, the mean of both ends. C⁻¹ is I where PointMaterial.dilating says so.
 Where the material relaxes, S has that of its branches, too (mechanics/viscoelasticity.py, with E for x and C₀ for K):
 C₀ (history + stiffening time ΔE/h). In equilibrium P = F S(E).
 """
@@ -86,21 +87,24 @@ class MidpointStresses(Stresses):
         elastic = material.discrete_gradient_stress(E, self.E_end, W)
         Ė = (self.E_end - E) / h
         self.rate = np.stack([Ė, material.linear_stress(Ė)])
-        self._viscosity = material.viscosity if branches is None else material.viscosity + branches.stiffening_time
-        self.S = elastic + self._viscosity * self.rate[1]
+        self._branches, self._viscous = branches, material.viscous_stress((E + self.E_end) / 2, *self.rate)
+        self.S = elastic + material.viscosity * self._viscous
         if branches is not None:
-            self.S += branches.pull[1].reshape(6, -1)
+            self.S += branches.stiffening_time * self.rate[1] + branches.pull[1].reshape(6, -1)
 
     @property
     def heat(self) -> Array:
         """What viscosity dissipates in the step, (P,), J/m³; never negative."""
-        return self._h * self._material.viscosity * (self.rate[0] * self.rate[1]).sum(axis=0)
+        return self._h * self._material.viscosity * (self.rate[0] * self._viscous).sum(axis=0)
 
     @cached_property
     def moduli(self) -> Array:
         """As in Stresses."""
         m = self._material
-        viscous = self._viscosity / self._h * m.linear_moduli
+        by_rates, by_strain = m.viscous_slopes((self.E + self.E_end) / 2, self.rate[0])
+        viscous = m.viscosity * (by_rates / self._h + by_strain / 2)
+        if self._branches is not None:
+            viscous = viscous + self._branches.stiffening_time / self._h * m.linear_moduli
         if m.is_quadratic:
             return m.linear_moduli / 2 + viscous
         return viscous + next(m.discrete_gradient_slopes(self.E, self.E_end, self._W))

@@ -8,7 +8,9 @@ limit point:
 A is the tangent of the shape that the body comes to in some steps, made symmetric; where that is not positive definite,
 of the shape that it has, with the moduli of small strains and without the stresses.
 
-    A = a M + b D_c + c K_s + ∫ (c + d β + e) ∇δ : C : ∇v   in the frame of the deformed body.
+    A = a M + b D_c + c K_s + ∫ ∇δ : (c C + d β C_v + e C₀) : ∇v   in the frame of the deformed body,
+
+with C_v of viscosity, 2μ + λ C⁻¹ ⊗ C⁻¹, and C₀ of small strains.
 
 Secants and a Krylov method make up for the rest; contact needs W = S A⁻¹ Sᵀ to be symmetric.
 """
@@ -23,6 +25,7 @@ from petsc4py import PETSc
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, EquilibriumStresses, HyperelasticMaterial, Stresses
 from fenics_rom.fem.petsc_matrix import PetscMatrix, combination, from_local_rows
+from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.voigt import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
 from fenics_rom.system.body import Unknowns
 
@@ -38,10 +41,6 @@ class TangentCoefficients:
     stiffness: float
     viscosity: float
     relaxation: float = 0.0
-
-    def of_linear_moduli(self, β: Array) -> Array:
-        """d β + e (P,), s."""
-        return self.viscosity * β + self.relaxation
 
 
 OF_EQUILIBRIUM = TangentCoefficients(mass=0.0, external_damping=0.0, stiffness=1.0, viscosity=0.0)
@@ -108,16 +107,24 @@ class TangentMatrix:
 
     def definite(self, H: Array, coefficients: TangentCoefficients) -> PETSc.Mat:
         """A at displacement gradients (3, 3, P here); every rank must call it."""
-        scale = coefficients.stiffness + coefficients.of_linear_moduli(self._material.viscosity)
-        return self._assemble(IDENTITY + H, scale * self._material.linear_moduli, coefficients)
+        D = coefficients.stiffness * self._material.linear_moduli + self._viscous_moduli(strain(H), coefficients)
+        return self._assemble(IDENTITY + H, D, coefficients)
 
     def stressed(
         self, stresses: EquilibriumStresses, coefficients: TangentCoefficients, following: scipy.sparse.csr_matrix
     ) -> PETSc.Mat:
         """A of a state with its moduli and stresses, and the stiffness of what follows (3N, 3N): may be indefinite."""
-        c, m = coefficients, self._material
-        D = c.stiffness * stresses.moduli + c.of_linear_moduli(m.viscosity) * m.linear_moduli
+        c = coefficients
+        D = c.stiffness * stresses.moduli + self._viscous_moduli(stresses.E, c)
         return self._assemble(stresses.F, D, c, c.stiffness * stresses.S, c.stiffness * following)
+
+    def _viscous_moduli(self, E: Array, coefficients: TangentCoefficients) -> Array:
+        """Of β and of branches, (6, 6, P here), at strains (6, P here)."""
+        m, c = self._material, coefficients
+        viscous = c.relaxation * m.linear_moduli
+        if c.viscosity:
+            viscous = viscous + c.viscosity * m.viscosity * m.viscous_slopes(E, np.zeros_like(E))[0]
+        return viscous
 
     def consistent(self, stresses: Stresses, following: scipy.sparse.csr_matrix) -> PETSc.Mat:
         """K where there are these stresses, with the stiffness of what follows (3N, 3N); every rank must call it."""

@@ -13,7 +13,15 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.runtime.compiled.branches import add_pull, growth, move, step_branches
-from fenics_rom.runtime.compiled.material_points import Points, add_force, add_geometric
+from fenics_rom.runtime.compiled.material_points import (
+    Points,
+    add_geometric,
+    add_resultants,
+    displacement_gradients,
+    set_piola,
+    set_volumes,
+    volume_piola,
+)
 from fenics_rom.runtime.compiled.small_matrices import dot, factor, invert
 from fenics_rom.runtime.compiled.strain_tables import add_rates, read, set_products, set_strains, unfold
 
@@ -57,6 +65,7 @@ class Strains(NamedTuple):
     matrices: Array  # (m, m),
     products: Array  # (2, N),
     uppers: Array  # and (2, N)
+    volumes: Array  # what viscosity in volumes has of `matrix` (m, m), where points are
 
 
 class Memory(NamedTuple):
@@ -68,7 +77,7 @@ class Memory(NamedTuple):
     numbers: Array
     stressed: Array
     relaxed: Array
-    within: Array  # what is needed in a step alone, (3, m, m),
+    within: Array  # what is needed in a step alone, (4, m, m),
     products: Array  # (4, N)
 
 
@@ -95,6 +104,7 @@ def strains_in(memory: Memory) -> Strains:
         within[2],
         products[:2],
         products[2:],
+        within[3],
     )
 
 
@@ -113,7 +123,7 @@ def root_of(energy: float) -> float:
 @jit_part
 def look_ahead(law: Law, strains: Strains, q: Array, v: Array) -> None:
     """From q, to which a step with v̂ led."""
-    middle, unused, y, numbers = strains.vectors[0], strains.vectors[1], strains.products, strains.numbers
+    middle, y, numbers = strains.vectors[0], strains.products, strains.numbers
     for i in range(len(q)):
         middle[i] = q[i] + law.h / 2 * v[i]
     y[:] = 0.0
@@ -125,9 +135,14 @@ def look_ahead(law: Law, strains: Strains, q: Array, v: Array) -> None:
     numbers[AHEAD], numbers[LEFT_AHEAD], numbers[IS_AHEAD] = dot(y[0], strains.stressed[0]) / 2, 0.0, 1.0
     pull_by(strains.stressed[1, 1:], middle, strains.matrices, strains.force)
     if law.points.moduli.size:
-        add_force(law.points, middle, strains.force)
-        unused[:] = 0.0
-        numbers[LEFT_AHEAD] = add_force(law.points, q, unused) - numbers[AHEAD]
+        before, H = displacement_gradients(law.points, q), displacement_gradients(law.points, middle)
+        viscous = volume_piola(law.points, H, before, 2 / law.h, law.viscosity)
+        numbers[LEFT_AHEAD] = set_piola(law.points, before) - numbers[AHEAD]
+        set_piola(law.points, H)
+        for c in range(9):
+            for p in range(H.shape[1]):
+                H[c, p] += viscous[c, p]
+        add_resultants(law.points, H, strains.force)
 
 
 @jit_part
@@ -164,13 +179,13 @@ def _add_branches(law: Law, strains: Strains, q: Array, force: Array) -> None:
 
 
 @jit_part
-def _set_matrix(law: Law, K: Array, matrix: Array) -> None:
-    """Sets Aᵀ (h/2 + β) C₀ A of K there, and what does not change (m, m)."""
+def _set_matrix(law: Law, K: Array, volumes: Array, matrix: Array) -> None:
+    """Sets Aᵀ (h/2 + β) C₀ A of K there, that of volumes, and what does not change (m, m)."""
     size = 2 * (law.h / 2 + law.viscosity + law.relaxation)
     for i in range(len(K)):
-        row, at, steady = matrix[i], K[i], law.steady[i]
+        row, at, steady, beside = matrix[i], K[i], law.steady[i], volumes[i]
         for j in range(len(K)):
-            row[j] = size * at[j] + steady[j]
+            row[j] = size * at[j] + steady[j] + beside[j]
 
 
 @jit_part
@@ -199,16 +214,19 @@ def set_slope(law: Law, strains: Strains, q: Array, slope: Array) -> None:
     copy(strains.stressed[1], strains.uppers[1])
     add_pull(law.branches, strains.relaxed, strains.uppers[1, 1:])
     unfold(strains.uppers[1, 1 + m :], factored)
-    _set_matrix(law, strains.matrix, slope)
+    H = displacement_gradients(law.points, middle)
+    set_volumes(law.points, H, law.viscosity, strains.volumes)
+    _set_matrix(law, strains.matrix, strains.volumes, slope)
     add_inertia(law, slope)
     for i in range(m):
         for j in range(m):
             slope[i, j] += law.h / 2 * factored[i, j]
     if law.points.moduli.size:
-        add_geometric(law.points, middle, law.h / 2, slope)
+        rates = displacement_gradients(law.points, strains.velocity)
+        add_geometric(law.points, H, rates, law.viscosity, law.h / 2, slope)
     copy(slope, factored)
     if not factor(factored):
-        _set_matrix(law, strains.matrix, slope)
+        _set_matrix(law, strains.matrix, strains.volumes, slope)
         add_inertia(law, slope)
         copy(slope, factored)
         factor(factored)
@@ -227,7 +245,9 @@ def expect(law: Law, strains: Strains, q: Array, v: Array) -> None:
     set_products(1.0, at, products)
     read(law.stiffness, products, upper)
     unfold(upper[1 + m :], strains.K)
-    _set_matrix(law, strains.K, strains.matrix)
+    H = displacement_gradients(law.points, at)
+    set_volumes(law.points, H, law.viscosity, strains.volumes)
+    _set_matrix(law, strains.K, strains.volumes, strains.matrix)
     z = strains.carried[1] if strains.numbers[IS_CARRIED] else strains.stressed[0, 1:]
     pull_by(z, at, strains.matrices, strains.pulled)
     if law.branches.size:
@@ -235,15 +255,16 @@ def expect(law: Law, strains: Strains, q: Array, v: Array) -> None:
     for i in range(m):
         strains.pull[i] = strains.pulled[i] + dot(law.springs[i], q)
     if law.points.moduli.size:
-        _add_slope(law, strains)
+        _add_slope(law, strains, H)
 
 
 @jit_part
-def _add_slope(law: Law, strains: Strains) -> None:
-    """Adds what has s: b = ∂√(2 (Ψ + c))/∂q of the energy Ψ that is left there; see `StrainsCarried._slope`."""
+def _add_slope(law: Law, strains: Strains, H: Array) -> None:
+    """Adds what has s, at H (9, P): b = ∂√(2 (Ψ + c))/∂q of the energy Ψ that is left; see `StrainsCarried._slope`."""
     q, b, numbers, m = strains.at, strains.slope, strains.numbers, len(strains.at)
     b[:] = 0.0
-    left, upper = add_force(law.points, q, b), strains.uppers[0]
+    left, upper = set_piola(law.points, H), strains.uppers[0]
+    add_resultants(law.points, H, b)
     left -= upper[0] / 4
     for i in range(m):
         of_strains = dot(strains.K[i], q) + upper[1 + i]
@@ -275,7 +296,7 @@ def close(law: Law, strains: Strains, q: Array, after: Array, v: Array) -> float
     square, lost, power = 0.0, 0.0, dot(v, strains.pulled)
     for i in range(m):
         square += 2 * v[i] * dot(strains.K[i], v)
-        lost += v[i] * dot(law.damping[i], v)
+        lost += v[i] * (dot(law.damping[i], v) + dot(strains.volumes[i], v))
     heat, y, z, size = h * (lost + law.viscosity * square), strains.products, strains.uppers, ε.shape[1]
     relaxes = law.branches.size > 0
     if relaxes:

@@ -64,7 +64,7 @@ def step_bodies(
     """
     m, N = len(body.ω), begun.forces.shape[1]
     n, r = 3 * told.forces.shape[1], carried.stressed.shape[2]
-    within, products, vectors, factor = np.zeros((3, m, m)), np.zeros((4, r)), np.zeros((8, m)), np.zeros((m, m))
+    within, products, vectors, factor = np.zeros((4, m, m)), np.zeros((4, r)), np.zeros((8, m)), np.zeros((m, m))
     motion, found, spread, W = motion_in(vectors, factor), contact_of(N, n // 3), np.empty((m, n)), np.empty((n, n))
     by_branches = np.empty((2 if states.relaxed_beyond.size > 0 else 0, n))
     for b in bodies:

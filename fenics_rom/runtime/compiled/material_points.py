@@ -9,6 +9,8 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.runtime.compiled.small_matrices import dot
 
+Nine = tuple[float, float, float, float, float, float, float, float, float]
+
 
 class Points(NamedTuple):
     """P points of neo-Hookean material."""
@@ -30,9 +32,9 @@ def displacement_gradients(points: Points, q: Array) -> Array:
 
 
 @jit_part
-def add_force(points: Points, q: Array, force: Array) -> float:
-    """Adds the slope (m,) of the energy at q (m,), which it returns, J: see `hyperelastic.energy_and_piola`."""
-    H, energy = displacement_gradients(points, q), 0.0
+def set_piola(points: Points, H: Array) -> float:
+    """Sets ∂W/∂H (9, P) in the place of H, and returns the energy, J: see `hyperelastic.energy_and_piola`."""
+    energy = 0.0
     for p in range(H.shape[1]):
         λ, μ = points.moduli[0, p], points.moduli[1, p]
         a, b, c, d, e, f, g, i, k = H[0, p], H[1, p], H[2, p], H[3, p], H[4, p], H[5, p], H[6, p], H[7, p], H[8, p]
@@ -56,20 +58,93 @@ def add_force(points: Points, q: Array, force: Array) -> float:
         H[6, p] = μ * g + scale * (c - gg)
         H[7, p] = μ * i + scale * (f - ii)
         H[8, p] = μ * k + scale * (k - kk - trace) + spread
-    piola = H.reshape(-1)
-    for i in range(len(q)):
-        force[i] += dot(points.gradients[i], piola)
     return energy
 
 
 @jit_part
-def add_geometric(points: Points, q: Array, size: float, matrix: Array) -> None:
-    """Adds, so many times, what stresses at q (m,) make stiff (m, m)."""
-    H = displacement_gradients(points, q)
+def add_resultants(points: Points, piola: Array, force: Array) -> None:
+    """Adds Σ P : ∇W_k (m,) of first Piola-Kirchhoff stresses (9, P)."""
+    flat = piola.reshape(-1)
+    for i in range(len(force)):
+        force[i] += dot(points.gradients[i], flat)
+
+
+@jit_part
+def _inverse(H: Array, p: int) -> Nine:
+    """F⁻ᵀ of point p, row by row, of displacement gradients (9, P)."""
+    a, b, c, d, e, f = 1 + H[0, p], H[1, p], H[2, p], H[3, p], 1 + H[4, p], H[5, p]
+    g, i, k = H[6, p], H[7, p], 1 + H[8, p]
+    aa, bb, cc = e * k - f * i, f * g - d * k, d * i - e * g
+    share = 1 / (a * aa + b * bb + c * cc)
+    aa, bb, cc = share * aa, share * bb, share * cc
+    dd, ee, ff = share * (c * i - b * k), share * (a * k - c * g), share * (b * g - a * i)
+    return aa, bb, cc, dd, ee, ff, share * (b * f - c * e), share * (c * d - a * f), share * (a * e - b * d)
+
+
+@jit_part
+def volume_piola(points: Points, H: Array, before: Array, size: float, β: float) -> Array:
+    """What viscosity adds in volumes, (9, P), at H, where rates are so many times H less `before`.
+
+    See `rom.volume_viscosity`.
+    """
+    piola = np.zeros(H.shape)
+    for p in range(H.shape[1] if β > 0 else 0):
+        inverse, of_volume, trace = _inverse(H, p), 0.0, 0.0
+        for c in range(9):
+            rate = size * (H[c, p] - before[c, p])
+            of_volume, trace = of_volume + inverse[c] * rate, trace + (H[c, p] + (c % 4 == 0)) * rate
+        share = β * max(points.moduli[0, p], 0.0)
+        for c in range(9):
+            piola[c, p] = share * (of_volume * inverse[c] - trace * (H[c, p] + (c % 4 == 0)))
+    return piola
+
+
+@jit_part
+def set_volumes(points: Points, H: Array, β: float, N: Array) -> None:
+    """Sets what viscosity in volumes changes forces by with rates (m, m), symmetric."""
+    m, P = len(N), H.shape[1]
+    if not (β > 0 and P > 0):
+        N[:] = 0.0
+        return
+    less, more, left, right = np.empty((9, P)), np.empty((9, P)), np.empty((m, P)), np.empty((m, P))
+    for p in range(P):
+        inverse, share = _inverse(H, p), β / 2 * max(points.moduli[0, p], 0.0)
+        for c in range(9):
+            F = H[c, p] + (c % 4 == 0)
+            less[c, p], more[c, p] = share * (inverse[c] - F), inverse[c] + F
+    for n in range(m):
+        G, of_less, of_more = points.gradients[n].reshape(9, P), left[n], right[n]
+        for p in range(P):
+            a, b, c, d, e, f, g, i, k = G[0, p], G[1, p], G[2, p], G[3, p], G[4, p], G[5, p], G[6, p], G[7, p], G[8, p]
+            of_less[p] = less[0, p] * a + less[1, p] * b + less[2, p] * c + less[3, p] * d + less[4, p] * e
+            of_less[p] += less[5, p] * f + less[6, p] * g + less[7, p] * i + less[8, p] * k
+            of_more[p] = more[0, p] * a + more[1, p] * b + more[2, p] * c + more[3, p] * d + more[4, p] * e
+            of_more[p] += more[5, p] * f + more[6, p] * g + more[7, p] * i + more[8, p] * k
+    half = np.dot(left, right.T)
+    for i in range(m):
+        for j in range(m):
+            N[i, j] = half[i, j] + half[j, i]
+
+
+@jit_part
+def add_geometric(points: Points, H: Array, rates: Array, β: float, size: float, matrix: Array) -> None:
+    """Adds, so many times, what stresses at H (9, P) make stiff (m, m); also those that rates (9, P) add in volumes."""
     S = np.empty((6, H.shape[1]))
     for p in range(H.shape[1]):
-        for c, stress in enumerate(_stress(points.moduli[0, p], points.moduli[1, p], H, p)):
-            S[c, p] = stress
+        for n, stress in enumerate(_stress(points.moduli[0, p], points.moduli[1, p], H, p)):
+            S[n, p] = stress
+        if β > 0:
+            inverse, of_volume, trace, share = _inverse(H, p), 0.0, 0.0, β * max(points.moduli[0, p], 0.0)
+            for n in range(9):
+                of_volume += share * inverse[n] * rates[n, p]
+                trace += share * (H[n, p] + (n % 4 == 0)) * rates[n, p]
+            a, b, c, d, e, f, g, i, k = inverse
+            S[0, p] += of_volume * (a * a + d * d + g * g) - trace
+            S[1, p] += of_volume * (b * b + e * e + i * i) - trace
+            S[2, p] += of_volume * (c * c + f * f + k * k) - trace
+            S[3, p] += of_volume * (b * c + e * f + i * k)
+            S[4, p] += of_volume * (a * c + d * f + g * k)
+            S[5, p] += of_volume * (a * b + d * e + g * i)
     add_stressed(points, S, size, matrix)
 
 

@@ -133,10 +133,46 @@ def set_resistance(sampled: Sampled, law: Law, step: InStep, q: Array, v: Array,
 @jit_part
 def _viscous(sampled: Sampled, law: Law, step: InStep, row: int, p: int) -> Six:
     """Stress of the strain rates of point p, by a row of viscosities."""
-    size, Δ = sampled.viscosity[row, p] / law.h, step.after
+    size, after = sampled.viscosity[row, p] / law.h, step.after
     λ, μ, E = size * sampled.points.moduli[0, p], size * sampled.points.moduli[1, p], step.E
-    x, y, z = Δ[0, p] - E[0, p], Δ[1, p] - E[1, p], Δ[2, p] - E[2, p]
-    return _linear_stress(λ, μ, x, y, z, Δ[3, p] - E[3, p], Δ[4, p] - E[4, p], Δ[5, p] - E[5, p])
+    x, y, z = after[0, p] - E[0, p], after[1, p] - E[1, p], after[2, p] - E[2, p]
+    u, v, w = after[3, p] - E[3, p], after[4, p] - E[4, p], after[5, p] - E[5, p]
+    S = _linear_stress(λ, μ, x, y, z, u, v, w)
+    share = _dilating(sampled, p) / law.h
+    if not share > 0:
+        return S
+    a, b, c, d, e, f = _inverse_metric(step.mean, p)
+    of_volume, trace = share * (a * x + b * y + c * z + d * u + e * v + f * w), share * (x + y + z)
+    return (
+        S[0] + of_volume * a - trace,
+        S[1] + of_volume * b - trace,
+        S[2] + of_volume * c - trace,
+        S[3] + of_volume * d,
+        S[4] + of_volume * e,
+        S[5] + of_volume * f,
+    )
+
+
+@jit_part
+def _dilating(sampled: Sampled, p: int) -> float:
+    """β λ of point p, where viscosity resists J'/J: see `PointMaterial.dilating`."""
+    return 0.0 if sampled.is_linear else sampled.viscosity[0, p] * max(sampled.points.moduli[0, p], 0.0)
+
+
+@jit_part
+def _inverse_metric(E: Array, p: int) -> Six:
+    """C⁻¹ of point p."""
+    x, y, z, u, v, w = 1 + 2 * E[0, p], 1 + 2 * E[1, p], 1 + 2 * E[2, p], E[3, p], E[4, p], E[5, p]
+    first, fifth, sixth = y * z - u * u, w * u - v * y, u * v - w * z
+    share = 1 / (x * first + v * fifth + w * sixth)
+    return (
+        share * first,
+        share * (z * x - v * v),
+        share * (x * y - w * w),
+        share * (v * w - u * x),
+        share * fifth,
+        share * sixth,
+    )
 
 
 @jit_part
@@ -193,11 +229,34 @@ def _set_moduli(sampled: Sampled, step: InStep, is_exact: bool, p: int, h: float
         _add_neo_hookean(λ, μ, step.mean, p, h / 2, C, into)
         if is_exact:
             _correct(sampled, step, p, h, into)
+        if viscosity > 0:
+            _add_volumes(sampled, step, is_exact, p, C, into)
     for c in range(3):
         for d in range(3):
             into[c, d, p] += viscosity * λ
         into[c, c, p] += 2 * viscosity * μ
         into[3 + c, 3 + c, p] += viscosity * μ
+
+
+@jit_part
+def _add_volumes(sampled: Sampled, step: InStep, is_exact: bool, p: int, C: Array, into: Array) -> None:
+    """Adds h times what viscosity in volumes makes; C (3, 3): the inverse metric."""
+    share, of_volume, along = _dilating(sampled, p), 0.0, np.zeros(6)
+    for d in range(6):
+        k, n = PAIRS[d, 0], PAIRS[d, 1]
+        Δ = step.after[d, p] - step.E[d, p]
+        of_volume += C[k, n] * Δ
+        for c in range(6):
+            i, j = PAIRS[c, 0], PAIRS[c, 1]
+            along[c] += (C[i, k] * C[j, n] + C[i, n] * C[j, k]) / 2 * Δ
+    for c in range(6):
+        i, j = PAIRS[c, 0], PAIRS[c, 1]
+        for d in range(6):
+            k, n = PAIRS[d, 0], PAIRS[d, 1]
+            into[c, d, p] += share * (C[i, j] * C[k, n] - (1.0 if c < 3 and d < 3 else 0.0))
+            if is_exact:
+                turned = (C[i, k] * C[j, n] + C[i, n] * C[j, k]) / 2
+                into[c, d, p] -= share * (C[i, j] * along[d] + of_volume * turned)
 
 
 @jit_part

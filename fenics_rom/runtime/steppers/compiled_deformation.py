@@ -56,7 +56,7 @@ def take_on(strains: Strains, law: Known, tangent: Array) -> None:
 def memory_of(m: int, branches: Array) -> Memory:
     """Of a body with m modes, whose material has branches of such states (N, 2, strains)."""
     n = (m + 1) * (m + 2) // 2
-    sizes = (9, m), (m, m), (2, n - 1), (NUMBERS,), (2, padded(n)), branches.shape, (3, m, m), (4, padded(n))
+    sizes = (9, m), (m, m), (2, n - 1), (NUMBERS,), (2, padded(n)), branches.shape, (4, m, m), (4, padded(n))
     return Memory(*map(np.zeros, sizes))
 
 

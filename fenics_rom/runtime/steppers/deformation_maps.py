@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.hyperelastic import strain, strain_rate
 from fenics_rom.rom.carried_strains import MonomialStrains, PointStrains
 from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.rom.volume_viscosity import VolumeViscosity
 
 UNIT = np.eye(3)[:, :, None]
 E_OF_Q = np.empty((0, 0))  # strains that are those of the shape
@@ -72,6 +73,7 @@ class StrainsMaps(NamedTuple):
 
     body: ReducedDeformation
     strains: MonomialStrains | PointStrains
+    volumes: VolumeViscosity | None
     h: float  # s
     steady: Array  # what of the slope of f̂ does not change (m, m)
     stiffening_time: float  # of branches, s

@@ -18,6 +18,7 @@ from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.rom.carried_strains import MonomialsAround, MonomialShape, PointsAround, PointShape, carried_strains
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.material_points import MaterialPoints
+from fenics_rom.rom.volume_viscosity import VolumeViscosity
 from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.definite import is_definite
 from fenics_rom.runtime.steppers.deformation_maps import E_OF_Q, Carried, StrainsMaps, s_of
@@ -51,6 +52,7 @@ class StrainsCarried(ElasticLaw):
     Attributes:
         strains: that are carried along.
         points: whose energy is not that of these strains alone; None: there are none.
+        volumes: whose viscosity is not that of these strains alone; None: there are none.
         steepest: largest slope of s, 1/s.
         steady: what of the matrix does not change (m, m).
         ahead: f̂ (m,) of a step that is open at `velocity`.
@@ -65,7 +67,7 @@ class StrainsCarried(ElasticLaw):
     def __init__(self, body: ReducedDeformation, stiffest: float, branches: MaxwellBranches | None = None):
         self._body, self.branches, self.steepest = body, branches, STEEPEST_FREQUENCY * stiffest
         self.points = None if body.material.is_quadratic else MaterialPoints(body)
-        self.strains, m = carried_strains(body), body.order
+        self.strains, self.volumes, m = carried_strains(body), VolumeViscosity.of(body), body.order
         self._springs, self._is_expected = body.springs if body.springs.any() else None, False
         self._next: Ahead | None = None  # None: not known
         self._next_before: Ahead | None = None
@@ -188,6 +190,9 @@ class StrainsCarried(ElasticLaw):
         geometric = self.strains.geometric(σ if self.branches is None else σ + self.branches.pull[1])
         if self.points is not None:
             geometric = body.geometric(self.points.stress(self.points.strains(now.middle)[1])) + geometric
+        if self.volumes is not None:
+            volumes = self.volumes.around(now.middle)
+            matrix, geometric = matrix + volumes.matrix, geometric + body.geometric(volumes.stress(v))
         stressed: Array = matrix + h / 2 * geometric
         return stressed if is_definite(self._inert + stressed) else matrix
 
@@ -209,23 +214,28 @@ class StrainsCarried(ElasticLaw):
         if self.branches is not None:
             pulled = pulled + around.pulled(self.branches.pull[1])
         self.pull = pulled if self._springs is None else pulled + self._springs.dot(self._q)
-        left, c, s, b = was.left, was.c, 0.0, None
+        left, c, s, b, N = was.left, was.c, 0.0, None, None
+        if self.volumes is not None:
+            N = self.volumes.around(middle).matrix
+            self.matrix += N
         if self.points is not None:
             b, c = self._slope(self.points, around, middle, c)
             s = s_of(left + c)
             self.matrix += np.multiply.outer(h / 2 * b, b)
             self.pull = self.pull + s * b
-        self._begun = around, pulled, left, c, s, b
+        self._begun = around, pulled, left, c, s, b, N
         return v
 
     def close(self, v: Array, after: Array) -> float:
         """As in ElasticLaw."""
-        h, body, (around, pulled, left, c, s, b) = self._h, self._body, self._begun
+        h, body, (around, pulled, left, c, s, b, N) = self._h, self._body, self._begun
         missed = v - self.expected
         self.went_as_expected = not missed.dot(missed) > TANGENT_RENEWAL**2 * v.dot(v)
         if not self.went_as_expected:
             self._tangent = None
         square, viscous = around.squares(v)
+        if N is not None:
+            viscous += float(v.dot(N.dot(v)))
         heat = h * (float(v.dot(body.external_damping.dot(v))) + viscous)
         if self.branches is not None:
             heat += self.branches.step(self._with_stress(around.rates(v)))
@@ -300,7 +310,7 @@ class StrainsCarried(ElasticLaw):
     def _maps(self) -> StrainsMaps:
         most = 0.0 if self.points is None else self.points.most
         sizes = self._stiffening_time, self.points is None, most, self.steepest
-        return StrainsMaps(self._body, self.strains, self._h, self.steady, *sizes)
+        return StrainsMaps(self._body, self.strains, self.volumes, self._h, self.steady, *sizes)
 
     def _with_strains(self, carried: Carried, q: Array) -> Array:
         """What is carried beside q, with ε and C₀ε wherever ε is E(q)."""
@@ -315,6 +325,8 @@ class StrainsCarried(ElasticLaw):
         if points is None:
             return Ahead(q, shape, 0.0, middle, around, force)
         stored, pulled = points.energy_and_force(q, middle)
+        if self.volumes is not None:
+            pulled += self.volumes.around(middle).force(v)
         return Ahead(q, shape, stored - shape.energy, middle, around, force + pulled)
 
     @property

@@ -24,7 +24,8 @@ class Found(NamedTuple):
     H: Array  # (3, 3, P) in its middle
     after: Array  # strains (6, P) at its end
     rates: Array  # of strains (6, P), 1/s
-    linear: Array  # their stresses of small strains, with the weights
+    linear: Array  # their stresses of small strains, with the weights,
+    viscous: Array  # and those of viscosity, but for β
     S: Array  # (6, P) stresses with the weights
 
 
@@ -118,24 +119,32 @@ class SampledPoints(ElasticLaw):
         middle = self._q + h / 2 * v
         H, after = body.displacement_gradients(middle), body.strains(self._q + h * v)
         rates = (after - E) / h
-        linear = body.weights * body.material.linear_stress(rates)
+        of_rates = self._stresses_of(rates, after)
         S = body.weights * body.material.discrete_gradient_stress(E, after, self._W)
-        S += (body.viscosity + self._relaxation) * linear + self._history
-        self._found, self._found_at = Found(H, after, rates, linear, S), v.copy()
+        S += self._relaxation * of_rates[0] + body.viscosity * of_rates[1] + self._history
+        self._found, self._found_at = Found(H, after, rates, *of_rates, S), v.copy()
         self._force: Array = body.resultant(H, S) + body.springs.dot(middle) + body.external_damping.dot(v)
         return self._force
+
+    def _stresses_of(self, rates: Array, after: Array) -> tuple[Array, Array]:
+        """C₀Ė and what is viscous (6, P) of strain rates (6, P) that lead to strains (6, P), with the weights."""
+        body = self._body
+        linear = body.material.linear_stress(rates)
+        viscous = body.material.viscous_stress((self._E + after) / 2, rates, linear)
+        return body.weights * linear, body.weights * viscous
 
     def slope(self, v: Array, *, is_exact: bool) -> tuple[Array, Array]:
         """∂f̂/∂v̂ in two parts (m, m), at the v (m,) of the last `force`: of strains, and of their stresses that turn.
 
         The first is symmetric, definite and near it unless it is to be exact.
         """
-        body, h, (H, after, _, _, S) = self._body, self._h, self._found
+        body, h, (H, after, rates, _, _, S) = self._body, self._h, self._found
         steady, material = body.external_damping + h / 2 * body.springs, body.material
-        viscous = (body.viscosity + self._relaxation) * material.linear_moduli
+        by_rates, by_strain = material.viscous_slopes((self._E + after) / 2, rates)
+        viscous = body.viscosity * by_rates + self._relaxation * material.linear_moduli
         A = body.strain_rates(H)
         if is_exact:
-            of_end = next(material.discrete_gradient_slopes(self._E, after))
+            of_end = next(material.discrete_gradient_slopes(self._E, after)) + body.viscosity / 2 * by_strain
             A_end = body.strain_rates(body.displacement_gradients(self._q + h * v))
             strained = _between(A, body.weights * (h * of_end + viscous), A_end)
         else:
@@ -159,18 +168,19 @@ class SampledPoints(ElasticLaw):
     def close(self, v: Array, after: Array) -> float:
         """As in ElasticLaw."""
         if not np.array_equal(v, self._found_at):  # it was corrected after the last force
-            rates = (self._body.strains(after) - self._E) / self._h
-            linear = self._body.weights * self._body.material.linear_stress(rates)
-            self._found = self._found._replace(rates=rates, linear=linear)
+            strains = self._body.strains(after)
+            rates = (strains - self._E) / self._h
+            linear, viscous = self._stresses_of(rates, strains)
+            self._found = self._found._replace(rates=rates, linear=linear, viscous=viscous)
         self._q_before, self._q = self._q, after
         self.velocity = v
         return self.heat(v)
 
     def heat(self, v: Array) -> float:
         """What a step with v (m,), that of the last `force`, dissipates, J; branches take it."""
-        body, h, (_, _, rates, linear, _) = self._body, self._h, self._found
+        body, h, (_, _, rates, linear, viscous, _) = self._body, self._h, self._found
         heat = h * float(v.dot(body.external_damping.dot(v)))
-        heat += h * float(body.viscosity.dot((linear * rates).sum(axis=0)))
+        heat += h * float(body.viscosity.dot((viscous * rates).sum(axis=0)))
         return heat if self.branches is None else heat + self.branches.step(np.stack([rates, linear]).reshape(2, -1))
 
     @property
@@ -210,17 +220,19 @@ class SampledAdjoint(NamedTuple):
         m, relaxation = len(q), 0.0 if branches is None else branches.stiffening_time
         H, H_start, H_end = (body.displacement_gradients(at) for at in (q + h / 2 * v, q, q + h * v))
         E, E_end, material = strain(H_start), strain(H_end), body.material
-        viscosity = body.viscosity + relaxation
-        viscous = viscosity / h * material.linear_moduli
-        S = material.discrete_gradient_stress(E, E_end)
-        S = body.weights * (S + viscosity * material.linear_stress((E_end - E) / h))
+        mean, rates, β = (E + E_end) / 2, (E_end - E) / h, body.viscosity
+        by_rates, by_strain = material.viscous_slopes(mean, rates)
+        viscous, by_strain = (β * by_rates + relaxation * material.linear_moduli) / h, β / 2 * by_strain
+        linear = material.linear_stress(rates)
+        S = material.discrete_gradient_stress(E, E_end) + β * material.viscous_stress(mean, rates, linear)
+        S = body.weights * (S + relaxation * linear)
         if branches is not None:
             S = S + branches.pull[1].reshape(6, -1)
         A, A_start, A_end = (body.strain_rates(at).reshape(-1, m) for at in (H, H_start, H_end))
         of_end, of_start = material.discrete_gradient_slopes(E, E_end)
         by_start, by_end = (
             A.T @ np.einsum("cdp,dpk->cpk", body.weights * slope, at.reshape(6, -1, m)).reshape(-1, m)
-            for slope, at in ((of_start - viscous, A_start), (of_end + viscous, A_end))
+            for slope, at in ((of_start + by_strain - viscous, A_start), (of_end + by_strain + viscous, A_end))
         )
         turned = body.springs + body.geometric(S)
         by_velocity, kept = body.external_damping + h / 2 * turned + h * by_end, (NONE, NONE, NONE)

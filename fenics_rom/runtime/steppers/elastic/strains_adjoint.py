@@ -91,6 +91,10 @@ class StrainsAdjoint(NamedTuple):
             strained_ = strained_ + of_rate + strains.stressed(of_stress)
         v_ = v_ + around.pulled(strained_) + 2 * heat_ * (body.external_damping @ v)
         middle_, b_, s_ = strains.geometric(strained_) @ v, np.zeros(len(v)), 0.0
+        if maps.volumes is not None:
+            volumes = maps.volumes.around(self._middle)
+            v_ = v_ + 2 * heat_ * volumes.force(v)
+            middle_ = middle_ + heat_ * volumes.form_back(v, v)
         if slope is not None:
             grown = h * float(b @ v)
             s_ = rest_[0] * grown
@@ -111,6 +115,8 @@ class StrainsAdjoint(NamedTuple):
             w_ = w_ - self.branches.pulled_back(np.stack([0 * strained, strained]))
         middle_ = middle_ - strains.geometric(σ + strains.stressed(scale * around.rates(v))) @ y
         middle_ -= strains.geometric(strains.stressed(scale * strained)) @ v
+        if maps.volumes is not None:
+            middle_ -= maps.volumes.around(self._middle).form_back(y, v)
         if slope is not None:
             b_ = b_ - h / 2 * (y * float(b @ v) + v * float(b @ y)) - s * y
             by_s = (s_ - float(b @ y)) / s if s > 0 else 0.0
@@ -149,9 +155,12 @@ class StrainsAdjoint(NamedTuple):
         pull = 0.0 if self.branches is None else self.branches.pull[1]
         σ_ = around.rates(w)
         pull_, middle_ = σ_, strains.geometric(σ + pull) @ w
+        if maps.volumes is not None:
+            volumes = maps.volumes.around(middle)
+            v_, middle_ = v_ + volumes.force(w), middle_ + volumes.form_back(w, v)
         if made_tangent:
-            of_σ, of_middle = self._tangent_back(tangent_, middle, σ + pull)
-            σ_, pull_, middle_, tangent_ = σ_ + of_σ, pull_ + of_σ, middle_ + of_middle, NONE
+            of_σ, of_middle, of_v = self._tangent_back(tangent_, middle, σ + pull)
+            σ_, pull_, middle_, v_, tangent_ = σ_ + of_σ, pull_ + of_σ, middle_ + of_middle, v_ + of_v, NONE
         if at is not None:
             middle_ = middle_ + maps.stiffened(at, w)
         ε_ = strains.stressed(σ_)
@@ -165,8 +174,8 @@ class StrainsAdjoint(NamedTuple):
             own = np.concatenate([own, self.branches.pulled_back(np.stack([0 * pull_, pull_])).ravel()])
         return own, middle_ + body.springs @ w, tangent_
 
-    def _tangent_back(self, N: Array, middle: Array, σ: Array) -> tuple[Array, Array]:
-        """What the tangent, which is owed N, owes to σ, and to the middle (m,)."""
+    def _tangent_back(self, N: Array, middle: Array, σ: Array) -> tuple[Array, Array, Array]:
+        """What the tangent, which is owed N, owes to σ, and to the middle and v̂ of the step before (m,)."""
         maps, m = self.maps, len(middle)
         body, strains, h, N = maps.body, maps.strains, maps.h, (N + N.T) / 2
         at, around = None if maps.st_venant else maps.material(middle), strains.around(middle)
@@ -174,15 +183,22 @@ class StrainsAdjoint(NamedTuple):
         strained = ((h / 2 + strains.viscosity + maps.stiffening_time) * A.T).T @ N
         rows = [strains.geometric(strains.stressed(column))[k] for k, column in enumerate(strained.T)]
         middle_ = 2 * np.sum(rows, axis=0)
-        geometric = strains.geometric(σ) + (0.0 if at is None else body.geometric(at.S))
+        geometric, v_ = strains.geometric(σ) + (0.0 if at is None else body.geometric(at.S)), np.zeros(m)
         stiff = maps.steady + around.stiffness(h / 2 + maps.stiffening_time)
+        volumes = None if maps.volumes is None else maps.volumes.around(middle)
+        if volumes is not None:
+            stiff, middle_ = stiff + volumes.matrix, middle_ + volumes.matrix_back(N)
+            geometric = geometric + body.geometric(volumes.stress(self.velocity_before))
         if not is_definite(2 / h * np.eye(m) + stiff + h / 2 * geometric):
-            return np.zeros(strains.size), middle_
+            return np.zeros(strains.size), middle_, v_
+        if volumes is not None:
+            of_middle, v_ = volumes.stress_back(h / 2 * body.geometric_back(N), self.velocity_before)
+            middle_ = middle_ + of_middle
         if at is not None:
             of_strains = h / 2 * body.geometric_back(N)
             dS = body.material.stress_change(at.E, of_strains)  # D is symmetric
             middle_ = middle_ + body.resultant(at.H, body.weights * dS)
-        return h / 2 * strains.geometric_back(N), middle_
+        return h / 2 * strains.geometric_back(N), middle_, v_
 
 
 def start_back(maps: StrainsMaps, q: Array, own: Array) -> tuple[Array, Array]:
@@ -227,6 +243,8 @@ class _TakenBack(NamedTuple):
         stress_rates = strains.stressed(rates)
         ε, σ = carried[:size] + h * rates, carried[size : 2 * size] + h * stress_rates
         drawn = h * float(v @ maps.body.external_damping @ v + (strains.viscosity * stress_rates) @ rates)
+        if maps.volumes is not None:
+            drawn += h * float(v @ maps.volumes.around(step._middle).force(v))
         both, ratios, branches = np.stack([rates, stress_rates]), np.empty(0), np.empty((0, 2, size))
         if step.branches is not None:
             ratios, (branches, of_branches) = step.branches.ratios, step.branches.stepped(both)
