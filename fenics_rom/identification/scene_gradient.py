@@ -79,6 +79,10 @@ def differentiate_scene(
             raise SceneError(f"{scene.source}: effects.{effect}: allowed are linear bodies without")
     if has_fibres(scene):
         raise SceneError(f"{scene.source}: allowed are bodies without fibres, membranes and cables")
+    if scene.effects.temperature:
+        raise SceneError(
+            f"{scene.source}: effects.temperature: what it does grows with the stiffness; allowed is a scene without"
+        )
     if scene.frame == "moving":
         raise SceneError(f"{scene.source}: frame = 'moving': allowed are linear bodies, with frame = 'fixed'")
     if scene.effects.inertia is None or scene.run is None or scene.run.initial is not None:

@@ -42,10 +42,8 @@ class NotesLastStep(ContactReadings):
         amplitudes = None if environment is None else lambda: environment.amplitudes_at(time)
         return {"last": self.last_step, "amplitudes": amplitudes}
 
-    def _moving(self) -> tuple[Array, Array] | None:
-        """Displacement and velocity in the shared basis, (k,) each; None where nothing asks for them."""
-        if not self.reads_reactions:
-            return None
+    def _moving(self) -> tuple[Array, Array]:
+        """Displacement and velocity in the shared basis, (k,) each."""
         return self.shape_coordinates, self._stepper.model.coordinates @ self._stepper.state[self._order :]
 
     def _noting(self, advance: Callable[[Array], float]) -> Callable[[Array], float]:
@@ -59,11 +57,8 @@ class NotesLastStep(ContactReadings):
 
         return noted
 
-    def _note_last(self, start: tuple[Array, Array] | None, u: Array) -> None:
+    def _note_last(self, start: tuple[Array, Array], u: Array) -> None:
         """Takes note of a step under inputs (p,), from what moved before it."""
-        end = self._moving()
-        if start is None or end is None:
-            return
         from fenics_rom.mechanics.readable_body import LastStep  # here, as in the following: few bodies need it
 
         acting = None if self.environment is None else self.environment.environment
@@ -74,4 +69,4 @@ class NotesLastStep(ContactReadings):
             widths = {**self.rom.actuators, **self.rom.loads}
             u[ActuatorForces(acting.controls, acting.guides, widths, acting.gases).columns] = found
         h = self._dt if acting is None or acting.has_inertia else 0.0
-        self.last_step = LastStep(h, start, end, self.contact, u)
+        self.last_step = LastStep(h, start, self._moving(), self.contact, u)

@@ -244,7 +244,7 @@ class Simulator(ErringBody):
         try:
             u = self._with_gas(source.full_input(u, self._width))
             inputs = self._with_base(source.environment.step_input(u, self.time, self._dt))
-            start = self._moving()
+            start = self._moving() if self.reads_reactions else None
             energy = self._stepper.step(inputs)
             if not math.isfinite(energy):
                 self._leave_finite(inputs.u)
@@ -256,7 +256,8 @@ class Simulator(ErringBody):
         self.book_gas(u)
         self.tensions.note(inputs.u)
         self._note_step(inputs.u)
-        self._note_last(start, inputs.u)
+        if start is not None:
+            self._note_last(start, inputs.u)
         if self.remembers_touch:
             self.note_touch(1)
         return 2 * energy

@@ -7,6 +7,7 @@ from bodies import box_arrays, scene_text, write_arrays
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError
 from fenics_rom.fem.simulator import FullOrderSimulator
+from fenics_rom.identification.experiment import make_experiment
 from fenics_rom.scene.file import parse_scene
 
 LENGTHS = (0.3, 0.04, 0.03)
@@ -182,6 +183,16 @@ def test_temperatures_that_cannot_be_are_told(bar, effects, said):
         return
     with pytest.raises(FenicsRomError, match=said):
         fr.assemble(scene_of(bar, effects, FREE))
+
+
+def test_parameters_that_heat_depends_on_are_not_differentiated_or_fitted(bar):
+    scene = scene_of(bar, MOVING + HEAT.format("1") + "amplitude = 1.0\n", FREE, run="dt = 0.1\nduration = 0.2")
+    with pytest.raises(FenicsRomError, match=r"effects.temperature: what it does grows with the stiffness; allowed is"):
+        fr.differentiate_scene(scene, lambda outputs, energies: (0.0, {}, None))
+    with pytest.raises(
+        FenicsRomError, match=r"effects.temperature: what it does grows with the stiffness that is sought"
+    ):
+        make_experiment(scene, [], fr.assemble(scene))
 
 
 def test_a_temperature_wants_a_material_that_expands_and_a_signal(bar):
