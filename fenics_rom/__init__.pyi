@@ -41,6 +41,8 @@ from fenics_rom.mechanics.contact import ContactLaw as ContactLaw
 from fenics_rom.mechanics.environment import Environment as Environment
 from fenics_rom.reduction.enrichment import Enrichment as Enrichment
 from fenics_rom.reduction.reduce import reduce as reduce
+from fenics_rom.robots.read import read_robot as read_robot
+from fenics_rom.robots.records import Robot as Robot
 from fenics_rom.rom.file import read_rom as read_rom
 from fenics_rom.rom.file import write_rom as write_rom
 from fenics_rom.rom.rom import Rom as Rom

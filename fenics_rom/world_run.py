@@ -1,22 +1,27 @@
 """A world of its file: the bodies in motion, and a run of them."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from fenics_rom.errors import SceneError, check_type
+from fenics_rom.errors import SceneError, check_known, check_type
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.lazy_import import load
+from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix
 from fenics_rom.mechanics.load_history import check_pull, count_steps
+from fenics_rom.robots.records import Robot
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.world_file import check_whole_steps
 from fenics_rom.scene.world_format import JointEntry, WorldBody, WorldScene
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.world import joints, shapes
+from fenics_rom.world.driven import mounted
+from fenics_rom.world.drives import Motor
 from fenics_rom.world.recorder import WorldRecorder
 from fenics_rom.world.records import RigidBody, SoftBody
 from fenics_rom.world.world import World
@@ -57,17 +62,27 @@ def make_world(scene: WorldScene, dt: float | None = None, roms: Mapping[str, Ro
     assert step is not None
     laws = {pair.bodies: ContactLaw(pair.restitution, pair.friction) for pair in file.pairs}
     roms = {} if roms is None else roms
-    bodies = {name: _body(name, body, scene, roms.get(name)) for name, body in file.bodies.items()}
+    robots = {name: _robot(name, body, scene) for name, body in file.bodies.items() if body.robot is not None}
+    bodies, held = dict[str, RigidBody | SoftBody](), list[joints.AnyJoint]()
+    for name, body in file.bodies.items():
+        if name in robots:
+            bodies |= robots[name].bodies
+            held += robots[name].joints
+            continue
+        bodies[name] = of = _body(name, body, scene, roms.get(name))
+        if body.surface is not None and isinstance(of, SoftBody):
+            bodies[name], joint = _mounted(name, body, of, robots, scene.source)
+            held.append(joint)
     try:
         return World(
             bodies,
             step,
-            joints=[_joint(joint) for joint in file.joints],
+            joints=[*held, *(_joint(joint) for joint in file.joints)],
             gravity=file.gravity,
             friction=file.contact.friction,
             restitution=file.contact.restitution,
             pairs=laws,
-            apart=file.apart,
+            apart=[*file.apart, *(group for robot in robots.values() for group in robot.apart)],
         )
     except SceneError as error:
         raise SceneError(f"{scene.source}: {error}") from error
@@ -111,6 +126,12 @@ def inputs_at(scene: WorldScene, time: float, world: World) -> dict[str, dict[st
         return inputs
     for each in run.input:
         if each.start <= time < (run.duration if each.stop is None else each.stop):
+            if each.joint is not None:
+                of_joint = inputs.setdefault(each.joint, {"target": 0.0})
+                of_joint["target"] += float(each.signal(time)[0])
+                continue
+            assert each.body is not None
+            assert each.actuator is not None
             of_body = inputs.setdefault(each.body, {})
             is_stroke = each.actuator in world.simulator(each.body).rom.environment.controls
             late = world.dt / 2 if is_stroke else 0.0
@@ -123,7 +144,7 @@ def _body(name: str, body: WorldBody, scene: WorldScene, rom: Rom | None) -> Rig
     if body.shape is None:
         rom = _rom(body, scene) if rom is None else rom
         for k, each in enumerate(scene.file.run.input if scene.file.run else ()):
-            if each.body == name and rom.environment.is_pulled(each.actuator):
+            if each.body == name and each.actuator is not None and rom.environment.is_pulled(each.actuator):
                 check_pull(each.signal, f"run.input[{k}]: actuator {each.actuator!r}")
         return SoftBody(
             rom,
@@ -155,6 +176,44 @@ def _body(name: str, body: WorldBody, scene: WorldScene, rom: Rom | None) -> Rig
         velocity=body.velocity,
         angular_velocity=body.spin,
     )
+
+
+def _robot(name: str, body: WorldBody, scene: WorldScene) -> Robot:
+    """Of its file."""
+    assert body.robot is not None
+    motors = {
+        of: Motor(each.kind, each.gain, each.damping, np.inf if each.most is None else each.most)
+        for of, each in body.motors.items()
+    }
+    try:
+        robot: Robot = load("robots.read", "read_robot")(
+            scene.folder / body.robot,
+            name,
+            position=body.position,
+            rotation=quaternion_of_vector(body.rotation),
+            positions=body.positions,
+            motors=motors,
+        )
+    except SceneError as error:
+        raise SceneError(f"{scene.source}: bodies.{name}: {error}") from error
+    return robot
+
+
+def _mounted(
+    name: str, body: WorldBody, soft: SoftBody, robots: Mapping[str, Robot], source: str
+) -> tuple[SoftBody, joints.SurfaceJoint]:
+    """A free soft body on a link of a robot, whose axes its place counts from, and the weld that holds it."""
+    assert body.on is not None
+    assert body.surface is not None
+    of, _, link = body.on.partition(".")
+    check_known("link", link, robots[of].frames, SceneError, f"{source}: bodies.{name}.on: ")
+    frame = robots[of].frames[link]
+    place = mounted(
+        BaseState(frame.position, frame.rotation, np.zeros(3), np.zeros(3)),
+        BaseState(np.array(body.position), np.array(soft.rotation), np.zeros(3), np.zeros(3)),
+    )
+    there = replace(soft, on=None, position=place.position, rotation=place.rotation)
+    return there, joints.SurfaceJoint(name, frame.body, body.surface, name=f"{name}.mount")
 
 
 def _rom(body: WorldBody, scene: WorldScene) -> Rom:

@@ -5,6 +5,7 @@ import inspect
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,6 +31,8 @@ def folder(tmp_path_factory, plate_system, plate_rom):
     rows = [f"{x},{0.4 * (x - x**-2)},{0.4 * (x - x**-3)}" for x in (1.2, 1.5, 2.0)]
     (place / "rubber.csv").write_text("\n".join(["stretch,uniaxial (MPa),planar (MPa)", *rows]) + "\n")
     shutil.copy(WORLD_EXAMPLE, place / "stack.toml")
+    for name in ("arm.urdf", "plate.obj"):
+        shutil.copy(Path(__file__).parent / "data" / "robots" / name, place)
     fr.write_rom(place / "plate.h5", plate_rom)
     fr.write_trajectory(place / "run.h5", fr.simulate(plate_rom, dt=0.01))
     s = plate_system

@@ -27,7 +27,9 @@ GROUND = {"errors", "arguments", "version", "compilation", "compiled_arrays", "c
 DATA_OF_A_RUN = GROUND | {"rom", "trajectory"}
 OFFLINE = GROUND | {"scene", "system"}
 BELOW_APPLICATIONS = (
-    DATA_OF_A_RUN | OFFLINE | {FACE, "fem", "reduction", "runtime", "world", "world_run", "run", "lazy_import"}
+    DATA_OF_A_RUN
+    | OFFLINE
+    | {FACE, "fem", "reduction", "runtime", "world", "robots", "world_run", "run", "lazy_import"}
 )
 DRAWING = {
     "numpy",
@@ -60,7 +62,8 @@ MAY_IMPORT = {
     "reduction": (OFFLINE | {"rom", "runtime"}, {"numpy", "scipy"}),
     "runtime": (DATA_OF_A_RUN, {"numpy", "h5py"}),
     "world": (DATA_OF_A_RUN | {"runtime"}, {"numpy", "h5py"}),
-    "world_run": (DATA_OF_A_RUN | OFFLINE | {"world", "lazy_import"}, {"numpy"}),
+    "robots": (GROUND | {"rom", "world"}, {"numpy", "mujoco"}),
+    "world_run": (DATA_OF_A_RUN | OFFLINE | {"world", "robots", "lazy_import"}, {"numpy"}),
     "run": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import", "world_run"}, set()),
     "first_steps": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import", "world_run"}, {"numpy"}),
     "zoo_bodies": (GROUND | {"rom"}, set()),

@@ -74,12 +74,13 @@ def parse_world(
 def files_of_world(scene: WorldScene) -> tuple[Path, ...]:
     """All files that a world is read from, with those of its bodies; SceneError where a body's scene cannot be read."""
     bodies = scene.file.bodies.values()
+    robots = [scene.folder / body.robot for body in bodies if body.robot is not None]
     roms = [scene.folder / body.rom for body in bodies if body.rom is not None]
     scenes = [read_scene(scene.folder / body.scene).files for body in bodies if body.scene is not None]
     certificate = scene.file.certificate
     limits = () if certificate is None or certificate.limits is None else (certificate.limits,)
     tables = [scene.folder / name for name in (*scene.tables, *limits)]
-    return (Path(scene.source), *tables, *roms, *(file for files in scenes for file in files))
+    return (Path(scene.source), *tables, *robots, *roms, *(file for files in scenes for file in files))
 
 
 def _check(file: WorldFile) -> None:
@@ -89,7 +90,8 @@ def _check(file: WorldFile) -> None:
         raise SceneError("bodies: at least one is needed, as [bodies.NAME]")
     for name, body in file.bodies.items():
         _check_body(name, body, file)
-    soft = [name for name, body in file.bodies.items() if body.shape is None]
+    soft = [name for name, body in file.bodies.items() if body.shape is body.robot is None]
+    robots = [name for name, body in file.bodies.items() if body.robot is not None]
     for k, pair in enumerate(file.pairs):
         _check_names(set(pair.bodies), file.bodies, f"pairs[{k}].bodies")
     for k, group in enumerate(file.apart):
@@ -118,7 +120,14 @@ def _check(file: WorldFile) -> None:
         )
     check_whole_steps(file.run.duration, file.run.dt, "run")
     for k, each in enumerate(file.run.input):
-        check_known("soft body", each.body, soft, SceneError, f"run.input[{k}].body: ")
+        if each.joint is not None:
+            check_known("robot", each.joint.partition(".")[0], robots, SceneError, f"run.input[{k}].joint: ")
+            if each.table is not None:
+                raise SceneError(f"run.input[{k}].table: allowed of a joint is a value; give an entry for each time")
+        else:
+            check_known("soft body", str(each.body), soft, SceneError, f"run.input[{k}].body: ")
+        if (each.actuator is None) != (each.joint is not None):
+            raise SceneError(f"run.input[{k}].actuator: goes with a body, and not with a joint")
         if each.stop is not None and each.stop <= each.start:
             raise SceneError(f"run.input[{k}].stop = {exactly(each.stop)}: allowed is after its start")
 
@@ -160,7 +169,7 @@ def _check_pairs(file: WorldFile) -> None:
             raise SceneError(f"{where}: are named in pairs[{named[bodies]}], too: allowed is one law of two bodies")
         named[bodies] = k
         if len(bodies) == 1:
-            if file.bodies[pair.bodies[0]].shape is not None:
+            if pair.bodies[0] not in file.bodies or file.bodies[pair.bodies[0]].shape is not None:
                 raise SceneError(f"{where}: is rigid: allowed are two bodies, or a soft one twice")
             continue
         for j, group in enumerate(file.apart):
@@ -169,17 +178,18 @@ def _check_pairs(file: WorldFile) -> None:
         for j, joint in enumerate(file.joints):
             if bodies == {joint.first, joint.second} and not joint.start and joint.stop is None:
                 raise SceneError(f"{where}: are joined by joints[{j}], and what is joined does not touch: leave it out")
-        if not any(_moves(file.bodies[name]) for name in pair.bodies):
+        if not any(name not in file.bodies or _moves(file.bodies[name]) for name in pair.bodies):
             raise SceneError(f"{where}: both stand still or follow a path, and do not push one another: leave it out")
 
 
 def _moves(body: WorldBody) -> bool:
-    return body.shape is None or body.density is not None or body.mass is not None
+    return body.shape is None or body.robot is not None or body.density is not None or body.mass is not None
 
 
 def _check_names(names: Collection[str], known: Collection[str], where: str) -> None:
     for name in names:
-        check_known("body", name, known, SceneError, f"{where}: ")
+        if name.partition(".")[0] not in known:  # links of robots are looked at when these are read
+            check_known("body", name, known, SceneError, f"{where}: ")
     if len(set(names)) < len(names):
         raise SceneError(f"{where}: allowed are different bodies, given: {', '.join(names)}")
 
@@ -188,13 +198,30 @@ def _check_body(name: str, body: WorldBody, file: WorldFile) -> None:
     where = f"bodies.{name}"
     if name == STANDS_STILL:
         raise SceneError(f"{where}: allowed is any other name, as this is of what stands still")
+    if body.robot is None and (body.positions or body.motors):
+        raise SceneError(f"{where}.{'positions' if body.positions else 'motors'}: is of a robot, which this is not")
+    if body.surface is not None and (body.on is None or body.shape is not None or body.robot is not None):
+        raise SceneError(f"{where}.surface: is of a soft body that is on a link of a robot, by `on`")
+    if body.robot is not None:
+        if given := [key for key in (*OF_RIGID, "on") if getattr(body, key) is not None]:
+            raise SceneError(f"{where}.{given[0]}: is of a body, and this is a robot, whose file says it")
+        if any(body.velocity) or any(body.spin):
+            raise SceneError(f"{where}: a robot begins at rest: leave out velocity and spin")
+        return
     if body.shape is None:
         given = [key for key in OF_RIGID if getattr(body, key) is not None]
         if given:
             raise SceneError(f"{where}.{given[0]}: is of a rigid body, and this is a soft one; allowed beside a shape")
         if body.on is not None:
+            robot, dot, _ = body.on.partition(".")
+            if dot and robot in file.bodies and file.bodies[robot].robot is not None:
+                if body.surface is None:
+                    raise SceneError(f"{where}.surface: is missing: which contact mode is welded to {body.on!r}")
+                return
             check_known("body", body.on, file.bodies, SceneError, f"{where}.on: ")
             _check_carrier(name, body.on, file)
+            if body.surface is not None:
+                raise SceneError(f"{where}.surface: {body.on!r} is no link of a robot, and carries it by its supports")
         return
     if body.on is not None:
         raise SceneError(f"{where}.on: allowed is what carries a soft body; a rigid one is joined, as [[joints]]")

@@ -27,14 +27,47 @@ STANDS_STILL = "world"  # what joints may hold a body to
 
 
 @dataclass(frozen=True, kw_only=True)
+class MotorTable:
+    """What pushes a joint of a robot towards the target that it is given."""
+
+    kind: Annotated[
+        str,
+        Text(choices=("position", "velocity", "torque")),
+        "gain (target - position) - damping speed, gain (target - speed), or the target itself",
+    ]
+    gain: Annotated[float, Number(at_least=0.0), "N m/rad or N m s/rad; of a slider N/m or N s/m; none of a torque"] = (
+        0.0
+    )
+    damping: Annotated[float, Number(at_least=0.0), "of a position, N m s/rad; of a slider N s/m"] = 0.0
+    most: Annotated[
+        float | None, Number(above=0.0), "largest torque, N m, or force, N; else what the file of the robot says"
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class WorldBody:
     """A body, soft or rigid."""
 
-    ONE_OF: ClassVar = (("rom", "scene", "shape"),)
+    ONE_OF: ClassVar = (("rom", "scene", "shape", "robot"),)
     AT_MOST_ONE: ClassVar = ("density", "mass")
     rom: Annotated[str | None, Text(), "of a soft body: a file that `reduce` wrote; this, scene or shape"] = None
     scene: Annotated[str | None, Text(), "of a soft body: a scene file, which is reduced as it says"] = None
     shape: Annotated[str | None, Text(choices=WORLD_SHAPES), "of a rigid body: says which dimensions it has"] = None
+    robot: Annotated[
+        str | None, Text(), "of a robot: a URDF or MJCF file; its links are bodies NAME.LINK, its joints NAME.JOINT"
+    ] = None
+    positions: Annotated[
+        Mapping[Name, Annotated[float, Number()]],
+        "of joints of a robot where it begins, rad or m; else as its file says",
+    ] = field(default_factory=dict)
+    motors: Annotated[
+        Mapping[Name, MotorTable], "of joints of a robot by name, or `all` of them; else those of its MJCF file"
+    ] = field(default_factory=dict)
+    surface: Annotated[
+        str | None,
+        Text(),
+        "of a free soft body on a link of a robot (`on`): the contact mode whose surface is welded to it",
+    ] = None
     size: Annotated[tuple[Length, Length, Length] | None, Items(3), "of a box: lengths of its edges"] = None
     radius: Annotated[Length | None, "of a sphere, a capsule or a cylinder"] = None
     length: Annotated[Length | None, "of a cylinder, or of the axis of a capsule without its ends, along z"] = None
@@ -120,14 +153,19 @@ class JointEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class WorldInput:
-    """The input of an actuator of a soft body, between two times."""
+    """The input of an actuator of a soft body, or the target of a motor, between two times."""
 
-    ONE_OF: ClassVar = (("value", "table"),)
-    body: Annotated[str, Text(), "a soft body"]
-    actuator: Annotated[str, Text(), "an actuator, pressure or tendon of its scene"]
+    ONE_OF: ClassVar = (("value", "table"), ("body", "joint"))
+    body: Annotated[str | None, Text(), "a soft body, with an actuator; this or joint"] = None
+    actuator: Annotated[str | None, Text(), "an actuator, pressure or tendon of its scene"] = None
+    joint: Annotated[str | None, Text(), "a joint of a robot with a motor, as ROBOT.JOINT, whose target this is"] = None
     start: Annotated[float, Number(at_least=0.0, unit="s"), "when it begins"] = 0.0
     stop: Annotated[float | None, Number(above=0.0, unit="s"), "when it ends; usually with the run"] = None
-    value: Annotated[float | None, Number(), "where it is constant, in N, Pa, m or m³; this or table"] = None
+    value: Annotated[
+        float | None,
+        Number(),
+        "where it is constant, in N, Pa, m or m³; of a motor in rad, rad/s, N m, m, m/s or N; this or table",
+    ] = None
     table: Annotated[Signal | None, Table(columns=1, unit="N"), "time (s) of the run, the number"] = None
 
     @property

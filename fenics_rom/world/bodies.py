@@ -14,8 +14,9 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_motion import cross_matrix
-from fenics_rom.world.collision.contacts import Placed
+from fenics_rom.mechanics.frame_motion import cross_matrix, rotation_matrix
+from fenics_rom.world.collision.contacts import Placed, PlacedShape
+from fenics_rom.world.shapes import Shape
 
 NO_ROWS = np.empty(0, dtype=int)
 NOTHING = np.zeros(3)
@@ -32,6 +33,7 @@ class Points(NamedTuple):
     arms: Array  # (j, 3) of a rigid body, in its axes from its centre of mass, m
     follows: Array  # (k + j,) where a soft body is pushed at the point of another one, which moves with its frame
     couples: Array = NO_ROWS  # (any,) rows of what are couples
+    tells: Array = NO_ROWS  # (any,) rows of points of joints where the other body is pushed, too
 
 
 class Body(Protocol):
@@ -43,11 +45,12 @@ class Body(Protocol):
         has_inertia: whether it moves by its inertia, or as it is told; without, it goes to an equilibrium in each step.
         takes_couples: whether it is soft and moves freely: two such bodies are pushed at the same places, so that
             momenta stay.
+        is_exact: whether the operator of a rigid one knows how joints turn with it: no force of theirs may do nothing.
         account: of its energy: `obstacles` is what contacts and joints supplied.
         size: radius of what holds it, m; infinite of a half-space.
     """
 
-    is_driven, takes_couples, touches, has_inertia = False, False, True, True
+    is_driven, takes_couples, touches, has_inertia, is_exact = False, False, True, True, False
     account: EnergyLedger
     size: float
 
@@ -129,11 +132,27 @@ class Body(Protocol):
         return
 
 
+class Part(NamedTuple):
+    """What a body has to do with the pairs of a step."""
+
+    body: Body
+    pairs: Array  # (k + j,) among all pairs: those of contact, then joints
+    rows: slice | Array  # the same, a slice where they lie in one piece
+    signs: Array  # (k + j, 1): 1 where it is the first, -1 where the second
+    is_one_sided: bool  # whether it is the same everywhere
+    points: Points
+
+
 class PointsOfRigid(Body, Protocol):
     """Where points of a rigid body are, and how they move."""
 
     _R: Array  # (3, 3): world axes of its own between two steps
     _middle: Array  # (3,), m: of its centre of mass, as it is expected in the middle of the step
+    shape: Shape | None
+    off: tuple[Array, Array] = (
+        NOTHING,
+        np.eye(3),
+    )  # where the middle of the shape is from the centre of mass, m, and how that is turned
 
     @property
     def twist(self) -> tuple[Array, Array]:
@@ -151,6 +170,22 @@ class PointsOfRigid(Body, Protocol):
         """As in Body."""
         return rigid_points((places - self.pose.position).dot(self._R), couples)
 
+    def lies(self) -> PlacedShape:
+        """As it lies between two steps."""
+        pose, (position, turned) = self.pose, self.off
+        assert self.shape is not None
+        R = rotation_matrix(pose.rotation)
+        return PlacedShape(self.shape, pose.position + R.dot(position), R.dot(turned))
+
+    def tried_turn(self, begins: bool = False) -> tuple[Array, Array]:
+        """By what it turns in the step that was tried, h ω̂ (3,) in world axes, and (R + R⁺)/2; 0 and R between two."""
+
+    def expected_place(self, arm: Array, h: float) -> Array:
+        """Of a point at an arm in its axes, in the middle of a step of h s that has begun, (3,), m."""
+        arm = self._R.dot(arm)
+        place: Array = self._middle + arm + h / 2 * cross_matrix(self.twist[1]).dot(arm)
+        return place
+
 
 def arms_of(points: Points, places: Array, centre: Array, R: Array) -> Array:
     """From the centre of mass of a rigid body to places of contact, and to points of joints by its axes R."""
@@ -167,10 +202,15 @@ def moving(points: Points, arms: Array, v: Array, ω: Array) -> Array:
     return velocities
 
 
-def rigid_points(arms: Array, couples: Array) -> Points:
+def rigid_points(arms: Array, couples: Array, tells: Array = NO_ROWS) -> Points:
     """Of joints at arms (j, 3) from the centre of mass of a rigid body, in its axes, m."""
     j = len(arms)
-    return Points(np.empty((j, 0), dtype=int), np.empty((j, 0)), arms, np.zeros(j, bool), couples)
+    return Points(np.empty((j, 0), dtype=int), np.empty((j, 0)), arms, np.zeros(j, bool), couples, tells)
+
+
+def places_alone(k: int) -> Points:
+    """Of a rigid body that is pushed at k places in space."""
+    return Points(np.empty((k, 0), dtype=int), np.empty((k, 0)), np.empty((0, 3)), np.zeros(k, bool))
 
 
 NO_POINTS = rigid_points(np.empty((0, 3)), NO_ROWS)

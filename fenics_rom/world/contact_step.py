@@ -22,34 +22,23 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.braking import WORK_ROUND_OFF, Braking
-from fenics_rom.mechanics.complementarity import Delassus, FramedDelassus, Frames, KeptLaw, response, solve
 from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGLIGIBLE_RESIDUAL, largest
-from fenics_rom.world.bodies import Body, Points
+from fenics_rom.world.bodies import Part
+from fenics_rom.world.guide import Guide
+from fenics_rom.world.joint_rows import JointRows
 from fenics_rom.world.normal_law import normal_law
+from fenics_rom.world.row_guide import RowGuide
 from fenics_rom.world.tolerances import MOST_SWEEPS, PROXIMAL, ROUND_OFF, SLOW, TOLERANCE
 
 STAGNATION = 1e-11  # of them: as near as round-off lets some come
-MOST_SETS = 2  # of pairs, of which the law is kept as it was linearised: some take part in every step, but not at once
 FEW_SWEEPS = 5  # after which W is found anew, where they are slow
 PATIENCE = 150  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
 LARGEST_PROXIMAL = 1e-2  # of each pair's own compliance: `PROXIMAL`, at most
 STEADIER = 30.0  # times as much, where sweeps lead away: it only guides them
-REDUNDANT = 1e-9  # of the largest singular value: what joints hold twice
 STEADY = 1e-5  # of what a sweep changes: by so much two of them differ that change the same
 SHARES = (1 - 1e-6, 1 - 1e-4, 0.99, 0.9, 0.5, 0.0)  # of forces of contact that would do work
 MOST_ROUNDS = 3  # in which what sticks is asked for something else, of which the law is kept as it was linearised
 _ONES = np.ones(3)  # to sum components by a product: a third of the time
-
-
-class Part(NamedTuple):
-    """What a body has to do with the pairs of a step."""
-
-    body: Body
-    pairs: Array  # (k + j,) among all pairs: those of contact, then joints
-    rows: slice | Array  # the same, a slice where they lie in one piece
-    signs: Array  # (k + j, 1): 1 where it is the first, -1 where the second
-    is_one_sided: bool  # whether it is the same everywhere
-    points: Points
 
 
 class Pairs(NamedTuple):
@@ -68,6 +57,7 @@ class Pairs(NamedTuple):
     out: Array  # (C,) speeds that those are to have at the end that are let out of one another, m/s; else 0
     halves: Array  # (C, 1): 1/2 where there is friction, else 0
     swung: Array | None = None  # (C,) in how many steps in a row friction did not stop them; None: in none
+    rows: JointRows | None = None  # of joints, where they are not all points alone
 
 
 class Found(NamedTuple):
@@ -80,19 +70,6 @@ class Found(NamedTuple):
     swung: Array | None = None  # (C,) in how many steps in a row friction did not stop contacts; None: in none
 
 
-class _Kept(NamedTuple):
-    """Of a set of pairs that were active."""
-
-    pairs: bytes  # which
-    rows: Array  # theirs in W
-    μ: float  # the largest friction
-    share: Array | None  # of it that each of them has; None where they all have the same
-    frames: Frames
-    framed: FramedDelassus
-    is_right: bool  # whether that is still the operator, but for frames
-    laws: dict[int, KeptLaw | None]  # as it was linearised, by `_Asked.rounds`
-
-
 @dataclass
 class _Asked:
     """What a step asks of the C contacts. Who takes part, or may not be stopped, stays so, or sweeps never end."""
@@ -103,132 +80,6 @@ class _Asked:
     braking: Braking  # of it
     chosen: Array  # (C,) who takes part
     rounds: int = 0  # how often that was asked for something else, as far as it matters
-
-
-class Guide:
-    """W of pairs, by which sweeps are guided, and what is kept with it.
-
-    Args:
-        W: (3 (C + J), 3 (C + J)), symmetric but for what a step turns bodies by, and positive semidefinite.
-        yields: of each of the C contacts whether a point of it yields by itself, so that W tells its forces apart.
-        proximal: compliance that is added where it does not, in parts of each pair's own.
-
-    Attributes:
-        is_right: whether bodies lie as they did when W was found.
-        soft, of_soft: the operators of bodies that yield, and their part of W.
-    """
-
-    def __init__(self, W: Array, yields: Array, proximal: float = PROXIMAL):
-        self.W, self._C = W, 3 * len(yields)
-        C = self._C
-        if not yields.all():
-            own = W.diagonal().reshape(-1, 3).mean(axis=1)
-            added = np.maximum(own, 1e-12 * own.max(initial=0.0))[: len(yields)] * ~yields
-            W.ravel()[: C * (len(W) + 1) : len(W) + 1] += proximal * np.repeat(added, 3)
-        self.yields, self.is_right = yields, True
-        self.soft, self.of_soft = list[Array](), np.empty((0, 0))
-        self._kept = dict[bytes, _Kept]()  # of the last sets of pairs
-        self._contacts = W
-        if len(W) > C:
-            self._joined = np.linalg.pinv(W[C:, C:], rcond=REDUNDANT)  # they may hold more than there is
-            self._spread = self._joined.dot(W[C:, :C])  # forces of joints per force of contact, with the other sign
-            self._contacts = W[:C, :C] - W[:C, C:].dot(self._spread)
-
-    def begin_like(self, known: "Guide") -> None:
-        """Begins with the law as another guide of the same pairs has linearised it."""
-        self._kept = {pairs: kept._replace(is_right=False) for pairs, kept in known._kept.items()}
-
-    def without_contact(self, u: Array) -> tuple[Array, Array]:
-        """Forces (J, 3) that hold joints where contacts have none, and the velocities (C, 3) of contacts then."""
-        C = self._C
-        if len(self.W) == C:
-            return u[:0], u
-        u = u.reshape(-1)
-        z = -self._joined.dot(u[C:])
-        return z.reshape(-1, 3), (u[:C] + self.W[:C, C:].dot(z)).reshape(-1, 3)
-
-    def joined(self, z: Array, f: Array) -> Array:
-        """Forces of all pairs from those of contact (C, 3) and those of joints without (J, 3)."""
-        return f if len(self.W) == self._C else np.concatenate([f, z - self._spread.dot(f.ravel()).reshape(-1, 3)])
-
-    def moved(self, f: Array) -> Array:
-        """Velocities of contacts (C, 3) per forces there, where joints hold."""
-        moved: Array = self._contacts.dot(f.ravel()).reshape(-1, 3)
-        return moved
-
-    def solve(
-        self, active: Array, q: Array, normals: Array, friction: Array, start: Array, rounds: int
-    ) -> tuple[Array, Array]:
-        """Forces (a, 3) of active contacts, and u - targets, from velocities less targets q (a, 3), in a round."""
-        kept = self._kept_for(active, normals, friction)
-        self._kept.pop(kept.pairs, None)
-        self._kept[kept.pairs] = kept
-        if len(self._kept) > MOST_SETS:
-            del self._kept[next(iter(self._kept))]
-        _, rows, μ, share, frames, framed, _, laws = kept
-        q_in, f_in = frames.turned(q, start)
-        if not (q_in if μ else q_in[0]).any():
-            return np.zeros_like(q), q  # nothing to stop
-        if share is not None:  # pairs with less friction: as if they all had μ
-            q_in[1:] *= share
-            f_in[1:] /= np.maximum(share, 1e-300)
-            f_in[1:, share == 0] = 0.0
-        solution = solve(framed, q_in, μ, f_in, laws.get(rounds))
-        laws[rounds] = solution.kept
-        f, u = solution.forces, solution.velocities
-        if share is not None:
-            f[1:] *= share
-            moved = self._operator_of(rows).dot(frames.in_space(f).ravel()).reshape(-1, 3)
-            return frames.in_space(f), moved + q
-        return frames.in_space(f), frames.in_space(u)
-
-    def response(
-        self, active: Array, normals: Array, friction: Array, f: Array, u: Array, change: Array
-    ) -> tuple[Array, Array]:
-        """What forces of active contacts and u change by with targets (3, a), along tangents; see `Braking`."""
-        _, rows, μ, share, frames, framed, *_ = self._kept_for(active, normals, friction)
-        (f_in, *rates), scale = frames.turned(f, u, -change.T), np.ones((3, len(active)))
-        scale[1:] = 1.0 if share is None else np.maximum(share, 1e-300)
-        by_forces = response(framed, μ, f_in / scale, *(scale * rate for rate in rates))
-        by_forces = frames.in_space(scale * by_forces)
-        moved = self._operator_of(rows).dot(by_forces.ravel()).reshape(-1, 3) - change.T
-        across = [part - (normals * part).dot(_ONES)[:, None] * normals for part in (by_forces, moved)]
-        return across[0].T, across[1].T
-
-    def _kept_for(self, active: Array, normals: Array, friction: Array) -> _Kept:
-        """What is kept, of these contacts; of others nothing is."""
-        pairs = active.tobytes()
-        kept = self._kept.get(pairs)
-        if kept is not None:
-            frames = kept.frames if kept.frames.are(normals) else Frames(normals)
-            if kept.is_right and frames is kept.frames:
-                return kept
-            if kept.is_right and kept.share is None:
-                operator = kept.framed.operator
-            else:
-                operator = Delassus(_scaled(self._operator_of(kept.rows), normals, kept.share))
-            framed = operator.framed(frames, known=kept.framed)
-            return kept._replace(frames=frames, framed=framed, is_right=True)
-        rows, μ, share = (3 * active[:, None] + np.arange(3)).ravel(), float(friction.max()), None
-        if μ and (friction != μ).any():
-            share = friction / μ
-        frames = Frames(normals)
-        framed = Delassus(_scaled(self._operator_of(rows), normals, share)).framed(frames)
-        return _Kept(pairs, rows, μ, share, frames, framed, True, {})
-
-    def _operator_of(self, rows: Array) -> Array:
-        return self._contacts.take(rows, axis=0).take(rows, axis=1) if len(rows) < self._C else self._contacts
-
-
-def _scaled(W: Array, normals: Array, share: Array | None) -> Array:
-    """D W D with D = 1 along normals and a share across: |f_t| <= share μ λ is |f_t'| <= μ λ for f = D f'."""
-    if share is None:
-        return W
-    D = share[:, None, None] * np.eye(3) + (1 - share)[:, None, None] * normals[:, :, None] * normals[:, None, :]
-    k = len(share)
-    for _ in range(2):
-        W = np.matmul(D, W.T.reshape(k, 3, 3 * k)).reshape(3 * k, 3 * k)
-    return W
 
 
 def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tuple[Found, Guide]:
@@ -250,6 +101,7 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
     asked = _Asked(np.empty(0), np.empty(0), sliding, Braking(sliding.T.copy(), pairs.swung), np.zeros(C, dtype=bool))
     size_before, proximal, scale = 0.0, PROXIMAL, float(np.abs(before).max(initial=0.0))
     u, fastest = _attempt(pairs, f)
+    turned = _turn(pairs, guide)
     for sweep in range(1, MOST_SWEEPS + 1):
         if guide is None or not guide.is_right:
             guide = _guide(pairs, guide, proximal)
@@ -269,11 +121,11 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
         size = float(np.abs(moved).max(initial=0.0))
         if not np.isfinite(size):
             raise StepError("forces of contact overflow; a smaller dt may help")
-        if size <= ROUND_OFF * scale:
+        if size <= ROUND_OFF * scale and turned <= ROUND_OFF:
             return Found(f, u, sweep, 0.0, asked.braking.swung), guide
         expected, (u_found, fastest) = u + moved, _attempt(pairs, found)
-        missed = float(np.abs(u_found - expected).max(initial=0.0))
-        if size * size <= TOLERANCE * scale * size_before or missed <= ROUND_OFF * scale:
+        missed, turned = float(np.abs(u_found - expected).max(initial=0.0)), _turn(pairs, guide)
+        if turned <= ROUND_OFF and (size * size <= TOLERANCE * scale * size_before or missed <= ROUND_OFF * scale):
             return Found(found, u_found, sweep, 0.0, asked.braking.swung), guide  # the next sweep would change nothing
         # Where size stays the same, only forces change that move nothing: the law has no solution that is more exact.
         stays = abs(size - size_before) <= STEADY * size
@@ -310,6 +162,16 @@ def _attempt(pairs: Pairs, forces: Array) -> tuple[Array, float]:
     return u, fastest
 
 
+def _turn(pairs: Pairs, guide: Guide | None) -> float:
+    """Has joints go on with the directions of the last try, which have changed by so much."""
+    if pairs.rows is None:
+        return 0.0
+    turned = pairs.rows.look()
+    if isinstance(guide, RowGuide) and guide.is_right:
+        guide.turn()
+    return turned
+
+
 def _guide(pairs: Pairs, known: Guide | None, proximal: float) -> Guide:
     """W of the pairs; known: of an earlier step with the same pairs; proximal: as of a Guide."""
     C = len(pairs.normals)
@@ -329,7 +191,7 @@ def _guide(pairs: Pairs, known: Guide | None, proximal: float) -> Guide:
     for part, operator in zip(parts, operators, strict=True):
         if not part.body.yields:
             add_operator(W, part, operator)
-    guide = Guide(W, yields, proximal)
+    guide = Guide(W, yields, proximal) if pairs.rows is None else RowGuide(W, yields, pairs.rows, proximal)
     guide.soft, guide.of_soft = soft, of_soft
     if known is not None:
         guide.begin_like(known)
@@ -350,6 +212,14 @@ def add_operator(W: Array, part: Part, operator: Array) -> None:
 
 def _law(pairs: Pairs, guide: Guide, free: Array, f: Array, asked: _Asked) -> Array:
     """Forces (C + J, 3) of pairs that would move by free (C + J, 3) without; `asked` takes note."""
+    while True:
+        forces, z = _law_of_contacts(pairs, guide, free, f, asked)
+        if guide.fits(free, forces, z):
+            return forces
+
+
+def _law_of_contacts(pairs: Pairs, guide: Guide, free: Array, f: Array, asked: _Asked) -> tuple[Array, Array]:
+    """The same with drives of joints as they are; and forces of joints where contacts have none."""
     n, level, chosen = pairs.normals, asked.level, asked.chosen
     asked.braking.look_anew()
     z, free_contacts = guide.without_contact(free)
@@ -376,7 +246,7 @@ def _law(pairs: Pairs, guide: Guide, free: Array, f: Array, asked: _Asked) -> Ar
             break
     else:
         forces = np.zeros(forces.shape)
-    return guide.joined(z, forces)
+    return guide.joined(z, forces), z
 
 
 def _passive(pairs: Pairs, f: Array, u: Array, scale: float) -> tuple[Array, Array]:

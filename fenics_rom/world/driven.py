@@ -121,8 +121,14 @@ class Driven(PointsOfRigid):
     def attempt(self, points: Points, places: Array, forces: Array) -> Array:
         """As in Body."""
         velocities, _ = self.known_answer(points, places)
+        if len(points.tells):
+            places[points.tells] = self._middle + arms_of(points, places, self._middle, self._mean)[points.tells]
         self._power = float(forces.ravel().dot(velocities.ravel()))
         return velocities
+
+    def tried_turn(self, begins: bool = False) -> tuple[Array, Array]:
+        """As in PointsOfRigid."""
+        return (NOTHING, self._R) if begins else (self._h * self._ω̂, self._mean)
 
     def known_answer(self, points: Points, places: Array) -> tuple[Array, None]:
         """As in Body."""

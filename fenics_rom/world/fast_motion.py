@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.surface_pairs import DEEPEST, Boxes
 from fenics_rom.mechanics.walls import thinnest_wall
 from fenics_rom.world.driven import Driven
@@ -235,8 +234,7 @@ def _gap(first: AnyBody, second: AnyBody, one: _Going, other: _Going) -> float:
     gaps = [0.0]
     for body, other_body in ((first, second), (second, first)):
         if not isinstance(other_body, Soft):
-            assert other_body.shape is not None
+            there = other_body.lies()
             seen, radius = (body.places(), 0.0) if isinstance(body, Soft) else (body.pose.position[None], body.size)
-            R = rotation_matrix(other_body.pose.rotation)
-            gaps.append(float(other_body.shape.distance((seen - other_body.pose.position) @ R)[0].min()) - radius)
+            gaps.append(float(there.distance(seen)[0].min()) - radius)
     return max(gaps)

@@ -18,9 +18,11 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, check_known, shown
+from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.mechanics.triangles import triangles_among
-from fenics_rom.world.bodies import Body, Points
+from fenics_rom.world.bodies import NO_ROWS, Body, Points
+from fenics_rom.world.drives import STILL, Drive, State
 from fenics_rom.world.soft import CLOSED, Soft
 from fenics_rom.world.surfaces import hold_surface, is_rigid, soft_points
 
@@ -59,6 +61,9 @@ class Joint(_OfTwo):
         first, second: names of the bodies.
         points: (k, 3) in world axes, where the bodies begin, m.
         means: what was asked for, for messages: of a weld where it is, and how its points lie about it.
+        along: of a slider its axis, and of a hinge with a drive, of any length but zero, in world axes.
+        slides: whether the one point goes along that, and does not turn.
+        drive: what acts along, or about, the axis: of rigid bodies.
         name: by which a world lets go of it; None: "joint0" and so on.
         start: when it is made, s; before the first step whose middle is later.
         stop: when it is let go, s; None: never by itself.
@@ -66,9 +71,16 @@ class Joint(_OfTwo):
 
     points: tuple[tuple[float, float, float], ...]
     means: str = ""
+    along: tuple[float, float, float] | None = None
+    slides: bool = False
+    drive: Drive | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.drive is not None and not isinstance(self.drive, Drive):
+            raise SceneError(f"joint of {self.first!r} and {self.second!r}: allowed is a Drive, given: {self.drive!r}")
+        if (self.slides or self.drive is not None) and (self.along is None or not np.any(_vector(self.along))):
+            raise SceneError(f"joint of {self.first!r} and {self.second!r}: an axis along which it goes is missing")
         points = np.array(self.points, dtype=float)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
             raise SceneError(
@@ -114,14 +126,29 @@ def ball(first: str, second: str, point: Sequence[float], **when: Any) -> Joint:
     return Joint(first, second, (_vector(point),), **when)
 
 
-def hinge(first: str, second: str, point: Sequence[float], axis: Sequence[float], **when: Any) -> Joint:
+def hinge(
+    first: str, second: str, point: Sequence[float], axis: Sequence[float], drive: Drive | None = None, **when: Any
+) -> Joint:
     """A hinge about an axis through a point, m; how long the axis is says how far apart two points of it are held.
 
-    `when`: name, start and stop of a Joint.
+    `drive`: what acts about it, as the second body turns from the first; `when`: name, start and stop of a Joint.
     """
     along, at = _direction(axis) / 2, np.array(_vector(point))
     said = f"hinge at {list(_vector(point))}, which holds two points of its axis, {2 * np.linalg.norm(along):g} m apart"
-    return Joint(first, second, (_vector(at - along), _vector(at + along)), said, **when)
+    return Joint(first, second, (_vector(at - along), _vector(at + along)), said, _vector(axis), False, drive, **when)
+
+
+def slider(
+    first: str, second: str, point: Sequence[float], axis: Sequence[float], drive: Drive | None = None, **when: Any
+) -> Joint:
+    """A slider: the second of two rigid bodies goes along an axis of the first one, at a point, m, and does not turn.
+
+    `drive` and `when`: as of a hinge.
+    """
+    _direction(axis)
+    return Joint(
+        first, second, (_vector(point),), f"slider at {list(_vector(point))}", _vector(axis), True, drive, **when
+    )
 
 
 def weld(first: str, second: str, point: Sequence[float], size: float = 0.1, **when: Any) -> Joint:
@@ -159,6 +186,10 @@ class JointPoints:
         points: (k, 3) where they are then, m.
         on_first, on_second: the same on either.
         are_forces: (k,) of which points: the others stand for how the bodies turn, and have couples.
+        axes: of pairs that are held, or driven, along some directions alone: these, (r, 3) in axes of the first body,
+            that of the drive last.
+        drive, state: what acts along the motion that is left, and where it is.
+        is_rigid: whether both bodies are.
         warning: what to say of it; empty where there is nothing.
 
     Raises:
@@ -170,12 +201,18 @@ class JointPoints:
         for name in (joint.first, joint.second):
             check_known("body", name, names, SceneError, where)
         self.first, self.second = names.index(joint.first), names.index(joint.second)
+        self.is_rigid = not any(isinstance(bodies[name], Soft) for name in (joint.first, joint.second))
         one, other, self.warning = bodies[joint.first], bodies[joint.second], ""
+        self.axes, self.state = dict[int, Array](), STILL
+        self.drive: Drive | None = None
         if one.is_driven and other.is_driven:
             raise SceneError(f"{where}allowed is a body that can move, and both move as they are told")
         if isinstance(joint, Joint):
             self.points = np.array(joint.points, dtype=float)
             where += f"{joint.means}: " if joint.means else ""
+            if joint.slides or joint.drive is not None:
+                self._go_along(joint, one, other, where)
+                return
             self.on_first = one.points_at(self.points, where)
         else:
             if not isinstance(one, Soft):
@@ -191,6 +228,44 @@ class JointPoints:
         self.on_second = other.points_at(self.points, where, self.on_first.couples)
         self.are_forces = np.ones(len(self.points), dtype=bool)
         self.are_forces[self.on_first.couples] = False
+
+    def _go_along(self, joint: Joint, one: Body, other: Body, where: str) -> None:
+        """A slider, or a hinge with a drive: a pair stands for how the bodies turn, and comes last."""
+        for name, body in ((joint.first, one), (joint.second, other)):
+            if isinstance(body, Soft):
+                raise SceneError(
+                    f"{where}{name!r} is soft: allowed are rigid bodies; weld one to its surface, and join that"
+                )
+        assert joint.along is not None
+        frame = _frame_along(np.array(joint.along)).dot(rotation_matrix(one.pose.rotation))
+        self.points = np.concatenate([self.points, self.points[:1]])
+        turns, self.drive = np.array([len(self.points) - 1]), joint.drive
+        if joint.slides:
+            self.axes = {0: frame if joint.drive is not None else frame[:2]}
+        else:
+            self.axes = {int(turns[0]): frame[2:]}
+        self.on_first = one.points_at(self.points, where, turns)
+        tells = np.array([0]) if joint.slides else NO_ROWS
+        self.on_second = other.points_at(self.points, where, turns)._replace(tells=tells)
+        self.are_forces = np.arange(len(self.points)) != turns[0]
+        if joint.drive is not None:
+            v = [
+                body.pose.velocity + np.cross(body.pose.angular_velocity, self.points[0] - body.pose.position)
+                for body in (one, other)
+            ]
+            ω = [body.pose.angular_velocity for body in (one, other)]
+            speed = float(
+                frame[2].dot(rotation_matrix(one.pose.rotation).T).dot(np.subtract(*(v if joint.slides else ω)[::-1]))
+            )
+            self.state = State(joint.drive.position, speed, speed if joint.drive.armature else 0.0)
+
+
+def _frame_along(axis: Array) -> Array:
+    """Three axes, as rows, the last one along that."""
+    last = axis / np.linalg.norm(axis)
+    first = np.cross(last, np.eye(3)[np.abs(last).argmin()])
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(last, first), last])
 
 
 def _hold_surface(body: Soft, joint: SurfaceJoint, whole: bool, where: str) -> tuple[Array, Points]:

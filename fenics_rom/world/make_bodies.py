@@ -6,7 +6,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, StepError, check_known, shown
-from fenics_rom.mechanics.base_path import BaseState, given_base
+from fenics_rom.mechanics.base_path import BaseState, checked_base, given_base
+from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.world.driven import Driven
@@ -61,7 +62,9 @@ def _rigid(name: str, record: RigidBody, gravity: Array) -> Rigid | Driven:
         mass, inertia = record.mass_and_inertia()
     except SceneError as error:
         raise SceneError(f"body {name!r}: {error}") from error
-    return Rigid(record.shape, mass, inertia, record.pose(f"body {name!r}"), gravity)
+    shape = checked_base((record.shape_position, record.shape_rotation, STILL, STILL), f"body {name!r}: shape")
+    off = shape.position, rotation_matrix(shape.rotation)
+    return Rigid(record.shape, mass, inertia, record.pose(f"body {name!r}"), gravity, off)
 
 
 def _check_driven(name: str, record: RigidBody) -> None:

@@ -96,9 +96,10 @@ class ReadWorld:
 
     @property
     def energy(self) -> float:
-        """Of all bodies, J: kinetic and elastic."""
+        """Of all bodies, J: kinetic and elastic; of rotors and springs of joints."""
         self._tell()
-        return math.fsum(body.energy for body in self._bodies.values())
+        bodies = math.fsum(body.energy for body in self._bodies.values())
+        return bodies if self._step_pairs.rows is None else bodies + self._step_pairs.rows.energy
 
     @property
     def ledger(self) -> EnergyLedger:
@@ -109,7 +110,8 @@ class ReadWorld:
             whole.book(supplied=math.fsum((*sums[0], -sums[4][0], -sums[4][1])), dissipated=sum(sums[1]))
             whole.book(lost_in_switching=sum(sums[2]), numerical=sum(sums[3]))
         by_contact, by_friction = sum(self._met.sums[5]), sum(self._met.sums[6])
-        whole.book(dissipated=sum(self._met.sums[1]), numerical=sum(self._met.sums[3]))
+        whole.book(supplied=sum(self._met.sums[0]), dissipated=sum(self._met.sums[1]))
+        whole.book(numerical=sum(self._met.sums[3]))
         whole.book_parts(0.0, by_contact, by_friction)
         return whole
 

@@ -174,9 +174,9 @@ def _surface(world: World, name: str) -> tuple[Array, Array, Array]:
         return rom.nodes, rom.triangles, rom.node_mass
     if _is_half_space(body):
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros(0)
-    vertices, triangles = body.shape.surface()
+    vertices, triangles = body.surface()
     mass = 0.0 if body.is_driven else body.mass_and_inertia()[0]
-    return vertices, triangles.astype(np.int64), np.full(len(vertices), mass / len(vertices))
+    return vertices, triangles, np.full(len(vertices), mass / max(len(vertices), 1))
 
 
 def _senses(world: World, name: str) -> dict[str, TouchReading]:

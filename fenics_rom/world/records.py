@@ -10,6 +10,7 @@ from numpy import ndarray as Array
 from fenics_rom.arguments import is_number
 from fenics_rom.errors import SceneError, shown
 from fenics_rom.mechanics.base_path import BaseState, checked_base
+from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.world.shapes import Shape
 
@@ -31,7 +32,7 @@ class RigidBody:
     """A rigid body. Without density, mass and motion it stands still.
 
     Args:
-        shape: in axes about its centre of mass.
+        shape: in axes about its centre of mass; None: nothing touches it.
         density: of one that moves freely, kg/m³; or
         mass: kg, with
         inertia: (3, 3) about the centre of mass, in its axes, kg m²; None: that of the shape, with this mass.
@@ -41,6 +42,8 @@ class RigidBody:
         angular_velocity: in world axes, rad/s.
         motion: in place of all that but the shape, beside which it is refused: where it is and how it moves, for ever
             or as a function of time, s.
+        shape_position: of a body of a mass and an inertia, where the middle of its shape is from its centre of mass, m,
+        shape_rotation: and how that is turned, a unit quaternion w x y z; both in its axes.
 
     Example:
         >>> from fenics_rom.world.shapes import Box
@@ -49,7 +52,7 @@ class RigidBody:
         1.0
     """
 
-    shape: Shape
+    shape: Shape | None
     density: float | None = None
     mass: float | None = None
     inertia: Sequence[Sequence[float]] | Array | None = None
@@ -58,6 +61,8 @@ class RigidBody:
     velocity: Vector = STILL
     angular_velocity: Vector = STILL
     motion: Motion | None = None
+    shape_position: Vector = STILL
+    shape_rotation: Vector = UPRIGHT
 
     @property
     def is_driven(self) -> bool:
@@ -68,6 +73,14 @@ class RigidBody:
         """Where it begins; StepError where that is none."""
         state = self.position, self.rotation, self.velocity, self.angular_velocity
         return checked_base(state, where)
+
+    def surface(self) -> tuple[Array, Array]:
+        """Vertices (V, 3), m, in its axes from its centre of mass, and triangles (T, 3); of no shape none."""
+        if self.shape is None:
+            return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+        vertices, triangles = self.shape.surface()
+        R = rotation_matrix(np.array(self.shape_rotation, dtype=float))
+        return np.array(self.shape_position, dtype=float) + vertices.dot(R.T), triangles.astype(np.int64)
 
     def mass_and_inertia(self) -> tuple[float, Array]:
         """Mass, kg, and inertia about the centre of mass, (3, 3), kg m².
@@ -82,9 +95,14 @@ class RigidBody:
                 f"{given}: allowed is one of both, finite and > 0; or neither, and no inertia, of one that "
                 "stands still or has a motion"
             )
-        mass, inertia = self.shape.inertia(1.0 if self.density is None else self.density)
-        if self.mass is not None:
-            inertia, mass = inertia * (self.mass / mass), float(self.mass)
+        if self.inertia is None or self.mass is None:
+            if self.shape is None or tuple(self.shape_position) != STILL or tuple(self.shape_rotation) != UPRIGHT:
+                raise SceneError("mass and inertia: allowed are both, of a body without shape, or whose shape lies off")
+            mass, inertia = self.shape.inertia(1.0 if self.density is None else self.density)
+            if self.mass is not None:
+                inertia, mass = inertia * (self.mass / mass), float(self.mass)
+        else:
+            mass = float(self.mass)
         if self.inertia is not None:
             inertia = real_numbers_or_nan(self.inertia)
             if inertia.shape != (3, 3) or not np.isfinite(inertia).all() or not np.allclose(inertia, inertia.T):

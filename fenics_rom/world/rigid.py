@@ -26,6 +26,7 @@ from fenics_rom.mechanics.largest_turn import check_turn
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.world.bodies import NOTHING, Points, PointsOfRigid, arms_of, moving
 from fenics_rom.world.collision.contacts import PlacedShape
+from fenics_rom.world.rigid_answers import answers_where_held, operator_where_held
 from fenics_rom.world.shapes import Shape
 from fenics_rom.world.turning import MOST_ITERATIONS, NONE, answers_to, find_turning, mean_rotation
 
@@ -39,21 +40,32 @@ class _Try(NamedTuple):
     torque: Array  # of all that acts, about the centre of mass, N m
     velocity: Array  # v̂ (3,), m/s
     turning: Array  # ω̂ (3,) in the body's axes, rad/s
+    held: Array | None = None  # (4, 3) where joints hold it: Σ y fᵀ of theirs at y in its axes, N m, and Σ f
 
 
 class Rigid(PointsOfRigid):
     """A rigid body that moves freely.
 
     Args:
-        shape: m.
+        shape: m; None: nothing touches it.
         mass: kg.
         inertia: (3, 3) about the centre of mass, in the body's axes, kg m².
         pose: where it begins, and how it moves.
         gravity: (3,), m/s².
+        off: where the middle of the shape is from the centre of mass, (3,), m, and how it is turned, (3, 3).
     """
 
-    def __init__(self, shape: Shape, mass: float, inertia: Array, pose: BaseState, gravity: Array):
-        self.account, self.shape, self.size = EnergyLedger(), shape, shape.radius_around
+    def __init__(
+        self,
+        shape: Shape | None,
+        mass: float,
+        inertia: Array,
+        pose: BaseState,
+        gravity: Array,
+        off: tuple[Array, Array] = (NOTHING, _EYE),
+    ):
+        self.account, self.shape, self.touches, self.off = EnergyLedger(), shape, shape is not None, off
+        self.size = 0.0 if shape is None else shape.radius_around + float(np.linalg.norm(off[0]))
         self.mass, self.inertia, self._inverse = mass, inertia, np.linalg.inv(inertia)
         self._columns = rows_of(inertia)  # of a symmetric matrix
         self._gravity, self._force, self._torque = gravity, NOTHING, NOTHING
@@ -112,7 +124,9 @@ class Rigid(PointsOfRigid):
 
     def placed(self) -> PlacedShape:
         """As in Body."""
-        return PlacedShape(self.shape, self._middle, self._R.dot(cayley(self._h / 2 * self._ω)))
+        assert self.shape is not None
+        R, (position, turned) = self._R.dot(cayley(self._h / 2 * self._ω)), self.off
+        return PlacedShape(self.shape, self._middle + R.dot(position), R.dot(turned))
 
     def travel(self) -> tuple[Array, float]:
         """As in Body."""
@@ -160,9 +174,20 @@ class Rigid(PointsOfRigid):
         held = points.arms.T.dot(forces[k:]) if len(points.arms) else None
         ω̂, τ, mean = self._turning(τ, held)
         if held is not None:
+            held = np.concatenate([held, forces[k:].sum(axis=0)[None]])
+        if held is not None:
             arms[k:] = points.arms.dot(mean.T)
-        self._try = _Try(force, τ, v̂, ω̂)
+            if len(points.tells):
+                places[points.tells] = self._p + h / 2 * v̂ + arms[points.tells]
+        self._try = _Try(force, τ, v̂, ω̂, held)
         return moving(points, arms, v̂, self._R.dot(ω̂))
+
+    def tried_turn(self, begins: bool = False) -> tuple[Array, Array]:
+        """As in PointsOfRigid."""
+        if begins:
+            return NOTHING, self._R
+        ω̂ = self._try.turning
+        return self._h * self._R.dot(ω̂), np.array(mean_rotation(rows_of(self._R), self._h, vector(ω̂)))
 
     @property
     def begun(self) -> tuple[Array, tuple[Array, Array, Array], tuple[Array, Array]]:
@@ -192,16 +217,21 @@ class Rigid(PointsOfRigid):
         return np.array(ω̂), np.array(whole), np.array(mean)
 
     def delassus(self, points: Points, places: Array) -> Array:
-        """As in Body: the derivative of the last attempt, but for how joints turn with the body."""
-        h, R, (force, torque, v̂, ω̂) = self._h, self._R, self._try
+        """As in Body: the derivative of the last attempt, but for how joints turn with the body, if it is not exact."""
+        h, R, (force, torque, v̂, ω̂, held) = self._h, self._R, self._try
         k, arms = len(places) - len(points.arms), arms_of(points, places, self._p + h / 2 * v̂, R)
+        if held is not None and self.is_exact:
+            rows = rows_of(R)
+            loads = vector(force - held[3]), vector(torque), rows_of(held[:3]), vector(ω̂)
+            answers = answers_where_held(h, self.mass, self._columns, rows, *loads)
+            return operator_where_held(answers, rows, points, arms[:k])
         given = self._columns, rows_of(R), vector(force), vector(torque), vector(ω̂)
         moving, turning, levered = map(np.array, answers_to(h, self.mass, *given))
-        answers, maps = np.zeros((6, 6)), _maps(points, arms)
-        answers[:3, :3], answers[3:, 3:] = moving, turning
-        by_joints = maps.dot(answers).dot(maps[3 * k :].T)
-        answers[3:, :3] = levered
-        moved: Array = maps.dot(answers).dot(maps.T)
+        per_push, maps = np.zeros((6, 6)), _maps(points, arms)
+        per_push[:3, :3], per_push[3:, 3:] = moving, turning
+        by_joints = maps.dot(per_push).dot(maps[3 * k :].T)
+        per_push[3:, :3] = levered
+        moved: Array = maps.dot(per_push).dot(maps.T)
         moved[:, 3 * k :] = by_joints
         return moved
 
@@ -224,7 +254,7 @@ class Rigid(PointsOfRigid):
 
     def commit(self) -> None:
         """As in Body."""
-        h, (force, torque, v̂, ω̂) = self._h, self._try
+        h, (force, torque, v̂, ω̂, _) = self._h, self._try
         given, turning = self.mass * self._gravity + self._force, self._R.dot(ω̂)
         by_loads = float(given.dot(v̂)) + float(self._torque.dot(turning))
         by_others = float(force.dot(v̂)) + float((torque - self._torque).dot(turning))

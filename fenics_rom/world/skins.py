@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.placed_surface import PlacedSurface
 from fenics_rom.mechanics.skin import BESIDE, BETWEEN, Intrusion, Skin
 from fenics_rom.mechanics.skin_path import CHECK_INTERVAL, MOST_PLACES, QUICK, Instant, Placement, moved_between
@@ -100,7 +99,7 @@ class WorldSkins:
         """Whether to look, when so many steps were taken: after enough of them, or as something may have gone in."""
         if self._is_time(steps):
             return True
-        ways = {name: _way(_placed(body), self._since.rigid[name]) for name, body in self._rigid.items()}
+        ways = {name: _way(body.lies(), self._since.rigid[name]) for name, body in self._rigid.items()}
         ways |= {name: each.places.way(self._since.soft[name]) for name, each in self._watched.items()}
         rooms = {pair: self._watched[pair[0]].watch.room for pair in self._into}
         rooms |= dict.fromkeys(self._between, self._soft_room)
@@ -125,7 +124,7 @@ class WorldSkins:
 
     def _now(self) -> _Since:
         marks = {name: each.places.mark() for name, each in self._watched.items()}
-        return _Since(marks, {name: _placed(body) for name, body in self._rigid.items()})
+        return _Since(marks, {name: body.lies() for name, body in self._rigid.items()})
 
     def _meet(self, pair: tuple[str, str]) -> bool:
         """Whether they touch: what is joined does not, nor what was let go and is still in one another."""
@@ -143,7 +142,7 @@ class WorldSkins:
         if pair in self._between:
             return bool(self._in_each_other(pair, self._placements(pair)))
         each = self._watched[pair[0]]
-        return bool(each.watch.skin.intrusions(_placement(each).whole(), _placed(self._rigid[pair[1]])))
+        return bool(each.watch.skin.intrusions(_placement(each).whole(), self._rigid[pair[1]].lies()))
 
     def _placements(self, pair: tuple[str, str]) -> list[Placement]:
         return [_placement(self._watched[name]) for name in pair]
@@ -178,20 +177,13 @@ class WorldSkins:
         for name, other in self._into:
             each, there = self._watched[name], self._rigid[other]
             if each.body.carrier is there:  # what carries a body may begin in it, where it is held
-                each.watch.skin.leave_out(_placed(there).distance(_placement(each).whole())[0])
+                each.watch.skin.leave_out(there.lies().distance(_placement(each).whole())[0])
         for name, other in filter(self._meet, self._into):
             each, there = self._watched[name], self._rigid[other]
-            each.watch.check_start(_placement(each).whole(), {f"body {other!r}": _placed(there)})
+            each.watch.check_start(_placement(each).whole(), {f"body {other!r}": there.lies()})
         for pair in filter(self._meet, self._between):
             for into, who, found in self._in_each_other(pair, self._placements(pair)):
                 into.watch.refuse(f"body {who!r}", found)
-
-
-def _placed(body: Rigid | Driven) -> PlacedShape:
-    """As it lies now."""
-    pose, shape = body.pose, body.shape
-    assert shape is not None
-    return PlacedShape(shape, pose.position, rotation_matrix(pose.rotation))
 
 
 def _way(now: PlacedShape, before: PlacedShape) -> _Way:

@@ -1,18 +1,21 @@
 """The pairs of points of a step, and what later steps begin with: forces of the same pairs, and what guided them."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.solution import largest
-from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Body, Points
-from fenics_rom.world.collision.contacts import Contacts, Placed, Spots, no_contacts, widened
-from fenics_rom.world.contact_step import Found, Guide, Pairs, Part, add_operator
+from fenics_rom.world.bodies import Body, Part, places_alone, rigid_points
+from fenics_rom.world.collision.contacts import Contacts, Placed, no_contacts
+from fenics_rom.world.contact_step import Found, Pairs, add_operator
+from fenics_rom.world.guide import Guide
+from fenics_rom.world.joint_rows import JointRows
 from fenics_rom.world.joints import JointPoints
 from fenics_rom.world.meetings import Meeting, is_still
 from fenics_rom.world.normal_law import speeds_out
+from fenics_rom.world.parts import End, part_of, points_of, relative_points
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.tolerances import LARGEST, NEAR, NO_GAP, PENETRATION_TOLERANCE, SWERVES
 
@@ -20,8 +23,6 @@ GUIDES = 1e-9  # of arms, and rad: by so much bodies may have moved since W was 
 _ONES = np.ones(3)
 MORE_SWEEPS = 1  # than at first: if there are more W is found anew
 _NONE = no_contacts()
-
-_End = tuple[Array, float, Points]  # of pairs on a body: which, with which sign, and where
 
 
 class StepPairs:
@@ -45,9 +46,10 @@ class StepPairs:
         self._pairs: Pairs | None = None
         self._middle_gaps = np.empty(0)
         self._joints = dict[JointPoints, slice]()  # and their rows among all points of joints
-        self._joint_ends: list[list[_End]] = [[] for _ in bodies]  # of them on each body
+        self._joint_ends: list[list[End]] = [[] for _ in bodies]  # of them on each body
         self._held = list[Part]()  # the bodies with these
         self.joint_forces = np.empty((0, 3))
+        self.rows: JointRows | None = None  # of joints, where they are not all points alone
         self._guide: tuple[Guide, float, list[Array | tuple[Array, Array]]] | None = None
         self._fewest = 0  # sweeps, with the guide
         self._lie = list[Array | tuple[Array, Array]]()  # the bodies in the step, as `_where`
@@ -63,19 +65,30 @@ class StepPairs:
         self._are_static = np.array([all(b.is_driven or not b.has_inertia for b in pair) for pair in both], dtype=bool)
         self._dissipated = np.zeros(len(meetings))  # by contact, of which what is let out may take, J
 
-    def join(self, joints: Sequence[JointPoints]) -> None:
-        """Goes on with other joints; those that stay keep their forces."""
-        known, forces = self._joints, [np.empty((0, 3))]
+    def join(self, by_name: Mapping[str, JointPoints]) -> None:
+        """Goes on with other joints, by name; those that stay keep their forces."""
+        known, forces, joints = self._joints, [np.empty((0, 3))], by_name.values()
+        held: list[list[End]] = [[] for _ in self._bodies]
         self._start = self._start[: len(self._start) - len(self.joint_forces)]
         self._joints, self._joint_ends, count = {}, [[] for _ in self._bodies], 0
         for joint in joints:
             rows = np.arange(count, count := count + len(joint.points))
             self._joints[joint] = slice(count - len(rows), count)
-            self._joint_ends[joint.first].append((rows, 1.0, joint.on_first))
-            self._joint_ends[joint.second].append((rows, -1.0, joint.on_second))
+            for ends in (self._joint_ends, held):
+                ends[joint.first].append((rows, 1.0, joint.on_first))
+                ends[joint.second].append((rows, -1.0, joint.on_second))
+            if len(joint.on_second.tells):  # the first body is pushed where the second one's point is
+                at, first = joint.on_second.tells, self._joint_ends[joint.first]
+                stays = np.setdiff1d(np.arange(len(rows)), at)
+                couples = np.flatnonzero(np.isin(stays, joint.on_first.couples))
+                first[-1] = rows[stays], 1.0, rigid_points(joint.on_first.arms[stays], couples)
+                first.insert(0, (rows[at], 1.0, places_alone(len(at))))
             forces.append(self.joint_forces[known[joint]] if joint in known else np.zeros((len(rows), 3)))
         self.joint_forces = np.concatenate(forces)
-        self._held = [_part(*each) for each in zip(self._bodies, self._joint_ends, strict=True) if each[1]]
+        self._held = [part_of(*each) for each in zip(self._bodies, held, strict=True) if each[1]]
+        self.rows = JointRows(by_name, self._joints, self._bodies) if any(each.axes for each in joints) else None
+        for body in self._bodies:
+            body.is_exact = self.rows is not None
         self._pairs = self._guide = None
 
     @property
@@ -114,12 +127,16 @@ class StepPairs:
         pairs = self._pairs
         assert pairs is not None
         places, C = pairs.places.copy(), len(pairs.normals)
+        if self.rows is not None:
+            self.rows.expect(places[C:], h)
         before = np.zeros(places.shape)
         gone = np.zeros(places.shape)
         for body, _, rows, signs, _, points in pairs.parts:
             before[rows] += signs * body.start_velocities(points, places[rows])
             if (lead := body.lead).any():
                 gone[rows] += signs * lead
+        if self.rows is not None:
+            self.rows.begin(h, before[C:])
         gone += h / 2 * before
         gaps = self._middle_gaps - (pairs.normals * gone[:C]).dot(_ONES)
         gaps[np.abs(gaps) < self._none[self._meeting_of]] = 0.0
@@ -193,31 +210,32 @@ class StepPairs:
         """Makes the pairs of these contacts, and takes over the forces of those that were there."""
         features = [(meeting, each) for meeting, seen in self.contacts for each in seen.first.feature.tolist()]
         before = dict(zip(features, zip(self._start, self._swung, strict=False), strict=False))
-        ends: list[list[_End]] = [[] for _ in self._bodies]
+        ends: list[list[End]] = [[] for _ in self._bodies]
         start, C = list[tuple[Array, int]](), 0
         for number, found in contacts:
             meeting = self._meetings[number]
             own = np.arange(C, C := C + len(found.gaps))
             start += [before.get((number, feature), (np.zeros(3), 0)) for feature in found.first.feature.tolist()]
             if meeting.own is not None:
-                ends[meeting.first].append((own, 1.0, _relative_points(found)))
+                ends[meeting.first].append((own, 1.0, relative_points(found)))
                 continue
             both = self._bodies[meeting.first].takes_couples and self._bodies[meeting.second].takes_couples
-            ends[meeting.first].append((own, 1.0, _points(found.first)))
-            ends[meeting.second].append((own, -1.0, _points(found.second, both)))
+            ends[meeting.first].append((own, 1.0, points_of(found.first)))
+            ends[meeting.second].append((own, -1.0, points_of(found.second, both)))
         for mine, joined in zip(ends, self._joint_ends, strict=True):
             mine += [(C + rows, sign, points) for rows, sign, points in joined]
         counts = [len(found.gaps) for _, found in contacts]
         self._meeting_of = np.repeat([number for number, _ in contacts], counts).astype(int)
         (e, μ), are_static = self._laws[self._meeting_of].T, self._are_static[self._meeting_of]
-        parts = [_part(*each) for each in zip(self._bodies, ends, strict=True) if each[1] or not each[0].is_driven]
-        soft_first = sorted(parts, key=lambda part: part.points.nodes.shape[1] == 0)
+        parts = [part_of(*each) for each in zip(self._bodies, ends, strict=True) if each[1] or not each[0].is_driven]
+        soft_first = sorted(parts, key=lambda part: (part.points.nodes.shape[1] == 0, not len(part.points.tells)))
         self.contacts, self._guide = contacts, None
         normals, self._middle_gaps, places = self._where_they_are(contacts)
         self._pairs = Pairs(
             *(tuple(soft_first), places, 0 * places, normals, self._middle_gaps, μ),
             *(e, self._are_rigid[self._meeting_of], self._yield_at_once[self._meeting_of]),
             *(are_static, np.zeros(C), ((μ > 0) & ~are_static)[:, None] / 2),
+            rows=self.rows,
         )
         self._start = np.concatenate([np.array([force for force, _ in start]).reshape(-1, 3), self.joint_forces])
         self._swung = np.array([swung for _, swung in start], dtype=int)
@@ -276,6 +294,8 @@ class StepPairs:
         """
         u, left = np.zeros((2, *self.joint_forces.shape))
         W, stopped, parts = np.zeros((u.size, u.size)), np.ones(u.shape, dtype=bool), list[Part]()
+        if self.rows is not None:
+            self.rows.meet(self._held)
         for part in self._held:
             own = part.body.inverse_mass(part.points)
             if own is None:
@@ -287,11 +307,15 @@ class StepPairs:
         u[~stopped] = W[~stopped.ravel()] = W[:, ~stopped.ravel()] = 0.0
         if not u.any():
             return 0.0
-        impulses = -np.linalg.lstsq(W, u.ravel(), rcond=1e-12)[0].reshape(-1, 3)
+        by_rotors = 0.0
+        if self.rows is not None:
+            impulses, by_rotors = self.rows.stop(W, u, stopped)
+        else:
+            impulses = -np.linalg.lstsq(W, u.ravel(), rcond=1e-12)[0].reshape(-1, 3)
         for part in parts:
             part.body.kick(part.points, part.signs * impulses[part.rows])
             left[part.rows] += part.signs * part.body.end_velocities(part.points)
-        return -float(impulses.ravel().dot((u + left).ravel())) / 2
+        return by_rotors - float(impulses.ravel().dot((u + left).ravel())) / 2
 
     def force_between(self, first: int, second: int, forces: Array) -> Array:
         """Of a step on the first, (3,), N."""
@@ -347,37 +371,6 @@ def _lies_as(now: Array | tuple[Array, Array], then: Array | tuple[Array, Array]
     if np.abs(rotation - rotation_then).max() > GUIDES:
         return False
     return bool(np.abs(arms - arms_then).max() <= GUIDES * np.abs(arms_then).max())
-
-
-def _points(spots: Spots, follows: bool = False) -> Points:
-    return Points(spots.nodes, spots.weights, np.empty((0, 3)), np.full(len(spots.arms), follows))
-
-
-def _relative_points(found: Contacts) -> Points:
-    """Of a body that touches itself: what its first points do less what its second ones do."""
-    nodes = np.hstack([found.first.nodes, found.second.nodes])
-    weights = np.hstack([found.first.weights, -found.second.weights])
-    return Points(nodes, weights, np.empty((0, 3)), np.zeros(len(nodes), dtype=bool))
-
-
-def _part(body: Body, ends: list[_End]) -> Part:
-    owned, sides, points = zip(*(ends or [(NO_ROWS, 1.0, NO_POINTS)]), strict=True)
-    pairs = np.concatenate(owned)
-    signs = np.concatenate([np.full((len(own), 1), sign) for own, sign in zip(owned, sides, strict=True)])
-    first, last = (int(pairs[0]), int(pairs[-1])) if len(pairs) else (0, -1)
-    in_one_piece = last - first == len(pairs) - 1
-    rows = slice(first, last + 1) if in_one_piece else pairs
-    return Part(body, pairs, rows, signs, len(set(sides)) == 1, _concatenated(points))
-
-
-def _concatenated(points: Sequence[Points]) -> Points:
-    """Points of a body in several meetings and joints."""
-    wide = max(part.nodes.shape[1] for part in points)
-    starts = np.cumsum([0, *(len(part.nodes) for part in points)])
-    nodes, weights = zip(*(widened(part.nodes, part.weights, wide) for part in points), strict=True)
-    arms, follows = [part.arms for part in points], [part.follows for part in points]
-    couples = [part.couples + start for part, start in zip(points, starts[:-1], strict=True)]
-    return Points(*map(np.concatenate, (nodes, weights, arms, follows, couples)))
 
 
 def _sign(of: Meeting | JointPoints, first: int, second: int) -> float:

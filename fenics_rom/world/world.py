@@ -15,9 +15,11 @@ from fenics_rom.errors import SceneError, StepError, shown
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.midpoint_map import checked_dt
-from fenics_rom.world.contact_step import Found, Guide, Pairs, find_forces
+from fenics_rom.world.contact_step import Found, Pairs, find_forces
 from fenics_rom.world.driven import Driven
-from fenics_rom.world.fast_motion import CutWorld, fast_pairs
+from fenics_rom.world.fast_motion import fast_pairs
+from fenics_rom.world.guide import Guide
+from fenics_rom.world.joined_world import JoinedWorld
 from fenics_rom.world.joint_plan import JointPlan
 from fenics_rom.world.joints import AnyJoint
 from fenics_rom.world.make_bodies import FIXED, make_bodies
@@ -33,12 +35,11 @@ if TYPE_CHECKING:
     from fenics_rom.world.compiled_world import CompiledWorld
 
 _ONES = np.ones(3)
-MOVES = 1e-6  # m/s: slower parts are joined as if they moved alike
 STAYS = 4  # steps in another contact mode, after which compiled steps are made for it
 LONGEST_TO_SHORTEST = 1000  # of steps that are looked at where one of a world is refused
 
 
-class World(CutWorld):
+class World(JoinedWorld):
     """Bodies that touch and hold one another.
 
     Args:
@@ -137,37 +138,23 @@ class World(CutWorld):
         """Has whole steps taken by compiled functions from now on, if they know all that there is."""
         self._leave_loops()
         touches_itself = any(meeting.own is not None for meeting in self._meetings)
-        if not compiled() or self._lone is not None or touches_itself or self._joints.next_change == -math.inf:
+        waits = self._step_pairs.rows is not None or self._joints.next_change == -math.inf
+        if not compiled() or self._lone is not None or touches_itself or waits:
             return
         from fenics_rom.world.compiled_world import compiled_world  # here, as numba takes time to import
 
         joints = list(self._joints.points.values())
         self._loops = compiled_world(self._bodies, self._meetings, joints, self._step_pairs, self._met, self._dt)
 
-    def _go_on_with_joints(self, made: Sequence[str]) -> None:
-        """Goes on with the joints that hold now, some of which were made now, and stops what moves there."""
-        self._leave_loops()
-        self._step_pairs.join(list(self._joints.points.values()))
-        pairs, forces, _ = self._begin({})
-        self._found = Found(forces.copy(), np.zeros(forces.shape), self._found.sweeps, 0.0)
-        for name in made:
-            points = self._joints.points[name]
-            speed = float(np.abs(self._step_pairs.of_joint(points, pairs.before)).max())
-            both = [self._bodies[self._names[number]] for number in (points.first, points.second)]
-            swings = [body.name for body in both if isinstance(body, Soft) and body.has_inertia > body.takes_impulses]
-            if speed > MOVES and swings:
-                self._joints.warnings.append(
-                    f"{name}: what it joins moved at {speed:.2g} m/s relative to one another, and {swings[0]} takes no "
-                    "impulse: it swings by that until damping takes it; join what moves alike"
-                )
-        self._met.book(dissipated=self._step_pairs.stop_joints())
-        self._make_loops()
-
     def _met_by(self, body: Soft) -> dict[str, float]:
         """Radii, m, by name, of the rigid bodies that a soft one may meet."""
         others = {name for each in self._meetings if each.is_on and body.name in each.names for name in each.names}
         rigid = {name: record for name, record in self.bodies.items() if name in others}
-        return {name: passing_radius(record.shape) for name, record in rigid.items() if isinstance(record, RigidBody)}
+        return {
+            name: passing_radius(each.shape)
+            for name, each in rigid.items()
+            if isinstance(each, RigidBody) and each.shape
+        }
 
     @property
     def dt(self) -> float:
@@ -179,50 +166,6 @@ class World(CutWorld):
         self._set_step(checked_dt(dt))
         self._wait = 0
         self._make_loops()
-
-    def join(self, joint: AnyJoint) -> str:
-        """Makes a joint where the bodies are now, between two steps; its name.
-
-        Its points stay together from now on. Where they move relative to one another, an impulse stops that, which
-        keeps momenta; what energy it takes is booked as dissipated. Some soft bodies take no impulse: what moves there
-        swings until damping takes it, and the world says so in its warnings.
-
-        Raises:
-            SceneError: the joint cannot be closed, as at a point where a soft body has no surface.
-            StepError: a world of one soft body alone, or a joint with a start of its own.
-        """
-        if self._lone is not None:
-            raise StepError("a soft body by itself has no joints: give its world one to begin with, or another body")
-        if not isinstance(joint, AnyJoint):
-            raise StepError(f"join: {shown(joint)} was given; allowed is a joint: ball, hinge, weld or SurfaceJoint")
-        if joint.start:
-            raise StepError(f"join: start = {joint.start:g} s: allowed is a joint without, as it is made now")
-        if joint.stop is not None and joint.stop <= self._time:
-            raise StepError(f"join: stop = {joint.stop:g} s: allowed is a time after {self._time:g} s, which is now")
-        name = self._joints.make(joint)
-        self._go_on_with_joints([name])
-        return name
-
-    def release(self, which: str | int) -> None:
-        """Lets go of a joint, between two steps; `which`: as in `joint_forces`.
-
-        Nothing is lost: bodies go on as they move, and what is strained springs back. What was joined can touch again,
-        as soon as the bodies are not inside one another.
-
-        Raises:
-            StepError: there is no such joint, or it does not hold.
-        """
-        try:
-            name = self._joints.name_of(which)
-        except StepError as error:
-            if not self._soft:
-                raise
-            raise StepError(
-                f"{error}. Supports of a scene are part of its model, and cannot be let go of: make the body free, "
-                'with frame = "moving" and without the support, and weld its surface to "world"'
-            ) from error
-        self._joints.end(name)
-        self._go_on_with_joints([])
 
     def drive(self, name: str, motion: Any) -> None:
         """Moves a rigid body that has a `motion` by another one, from the next step on."""
@@ -241,7 +184,7 @@ class World(CutWorld):
         Args:
             inputs: by body, by name, the same in all steps; what is not named is 0. Of a soft body as of a Simulator;
                 of a rigid one that moves freely `force` (3,), N, and `torque` (3,) about its centre of mass, N m, in
-                world axes.
+                world axes. By joint with a motor: its `target`.
             count: how many steps. Loads, motions and joints go on in time.
 
         Raises:
@@ -365,10 +308,11 @@ class World(CutWorld):
 
     def _begin(self, inputs: Mapping[str, Mapping[str, Any]]) -> tuple[Pairs, Array, Guide | None]:
         """Opens a step of all bodies; its pairs, forces to begin with, and what may guide."""
+        of_bodies = self._take_targets(inputs)
         for name in self._in_turn:
             body = self._bodies[name]
             try:
-                body.take(inputs.get(name, {}))
+                body.take(of_bodies.get(name, {}))
                 body.begin(self._dt)
             except StepError as error:
                 raise StepError(f"body {name!r}: {error}") from error
@@ -385,7 +329,8 @@ class World(CutWorld):
         if not isinstance(inputs, Mapping):
             raise StepError(f"inputs = {shown(inputs)}: allowed is a mapping of bodies to their inputs by name")
         for name in inputs:
-            self._body(name)
+            if name not in self._motors:
+                self._body(name)
             if not isinstance(given := inputs[name], Mapping):
                 raise StepError(f"body {name!r}: allowed are inputs by name, a mapping; given: {shown(given)}")
 
@@ -394,6 +339,8 @@ class World(CutWorld):
         if self._joints.points:  # what they did where forces were found but for a residual
             work = float(found.forces[C:].ravel().dot(found.velocities[C:].ravel()))
             self._met.book(numerical=-self._dt * work)
+        if pairs.rows is not None:
+            pairs.rows.end(found.velocities[C:], self._met)
         f, u = found.forces[:C], found.velocities[:C]
         whole = float(f.ravel().dot(u.ravel()))
         normal = float((n * f).dot(_ONES).dot((n * u).dot(_ONES)))

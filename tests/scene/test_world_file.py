@@ -86,7 +86,7 @@ def test_bodies_joints_and_tables_are_read(folder):
         ('on = "palm"', 'on = "finger"', r"bodies.finger.on: finger is on finger: allowed is no circle"),
         ('on = "palm"', 'on = "lower"', r"bodies.finger.on = 'lower': allowed is a rigid body that stands still"),
         ('on = "palm"', "mass = 1", r"bodies.finger.mass: is of a rigid body, and this is a soft one"),
-        ('rom = "finger.h5"', "", r"bodies.finger: give exactly one of rom, scene, shape; given: none"),
+        ('rom = "finger.h5"', "", r"bodies.finger: give exactly one of rom, scene, shape, robot; given: none"),
         ('bodies = ["lower", "upper"]', 'bodies = ["lower", "uper"]', r"pairs\[0\].bodies: no body 'uper'"),
         ('bodies = ["lower", "upper"]', 'bodies = ["lower"]', r"pairs\[0\].bodies is a list of 1"),
         ('bodies = ["lower", "upper"]', 'bodies = ["lower", "lower"]', r"lower: is rigid: allowed are two bodies"),

@@ -28,7 +28,8 @@ from fenics_rom.runtime.steppers import residual_motion
 from fenics_rom.world.bodies import NO_POINTS, NO_ROWS, Points
 from fenics_rom.world.collision.soft_surfaces import soft_on_soft
 from fenics_rom.world.compiled import rigid_bodies
-from fenics_rom.world.contact_step import Guide, Pairs, _Asked, _law
+from fenics_rom.world.contact_step import Pairs, _Asked, _law
+from fenics_rom.world.guide import Guide
 from fenics_rom.world.joints import ball
 from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.shapes import Box, Capsule, HalfSpace, Sphere

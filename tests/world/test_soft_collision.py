@@ -9,7 +9,7 @@ from fenics_rom.mechanics.placed_surface import PlacedSurface
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.collision.find import find_contacts
-from fenics_rom.world.contact_step import Guide
+from fenics_rom.world.guide import Guide
 from fenics_rom.world.shapes import Box, Capsule, Sphere
 
 TURN = Rotation.from_rotvec((0.4, -0.2, 0.7)).as_matrix()

@@ -85,6 +85,7 @@ class LiveWorld(Live):
             return False
         self.release()
         mass, inertia = record.mass_and_inertia()
+        assert record.shape is not None
         self._spring = RigidMouseSpring(mass, inertia, record.shape.radius_around, self.world.pose(name), place)
         self.held, self.mouse = name, place
         return True

@@ -82,7 +82,7 @@ class WorldPage(LiveLoop):
             flat = obstacles.HalfSpace((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
             vertices, triangles = obstacle_mesh(flat, np.zeros(3), FLOOR_SIZES / self.scale / 2)
         else:
-            vertices, triangles = body.shape.surface()
+            vertices, triangles = body.surface()
         colour = OBSTACLE_COLOUR if body.is_driven else FREE_COLOUR
         mesh = scene.add_mesh_simple(f"/{name}", self.scale * vertices, triangles, color=colour, **options)
         if not body.is_driven:
@@ -215,7 +215,7 @@ def _all_places(world: World) -> Array:
             places.append(world.simulator(name).node_places())
         elif not isinstance(body.shape, HalfSpace):
             pose = world.pose(name)
-            places.append(pose.position + body.shape.surface()[0] @ rotation_matrix(pose.rotation).T)
+            places.append(pose.position + body.surface()[0] @ rotation_matrix(pose.rotation).T)
     if not places:
         raise SceneError("world: it has half-spaces alone, so there is nothing to draw")
     return np.concatenate(places)
