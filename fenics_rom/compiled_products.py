@@ -54,6 +54,15 @@ def copy_into(to: Array, row: int, first: int, of: Array, k: int, count: int) ->
     to[row, first : first + count] = of[k, :count]
 
 
+def add_row_of_blocks(row: int, starts: Array, columns: Array, blocks: Array, x: Array, y: Array) -> None:
+    """Adds to rows 3 row to 3 row + 3 of y (.., k) those of A x, of a sparse matrix A of 3 x 3 blocks.
+
+    Of row r it has blocks (b, 3, 3) from starts[r] to starts[r + 1], in columns of three. k is full lanes.
+    """
+    for entry in range(starts[row], starts[row + 1]):
+        y[3 * row : 3 * row + 3] += blocks[entry] @ x[3 * columns[entry] : 3 * columns[entry] + 3]
+
+
 if can_compile():
     from llvmlite import ir
     from numba import types
@@ -227,3 +236,50 @@ if can_compile():
     @overload(copy_into, strict=False)
     def _compiled_copy_into(to: Any, row: Any, first: Any, of: Any, k: Any, count: Any) -> Any:
         return lambda to, row, first, of, k, count: _copy_into(to, row, first, of, k, count)
+
+    @intrinsic
+    def _add_row_of_blocks(context: Any, row: Any, starts: Any, columns: Any, blocks: Any, x: Any, y: Any) -> Any:
+        number = ir.FloatType() if x.dtype == types.float32 else ir.DoubleType()
+        lanes, size = ir.VectorType(number, LANES), x.dtype.bitwidth // 8
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            begins, places, entries, given, into = (
+                cgutils.create_struct_proxy(kind)(context, builder, value)
+                for kind, value in zip((starts, columns, blocks, x, y), values[1:], strict=True)
+            )
+            width = cgutils.unpack_tuple(builder, given.shape, 2)[1]
+
+            def index(array: Any, at: Any) -> Any:
+                return builder.sext(builder.load(builder.gep(array.data, [at])), _PLACE)
+
+            def at(array: Any, row: Any, column: Any) -> Any:
+                place = builder.gep(array.data, [builder.add(builder.mul(row, width), column)])
+                return builder.bitcast(place, lanes.as_pointer())
+
+            def three(first: Any) -> list[Any]:
+                return [builder.add(builder.mul(first, _PLACE(3)), _PLACE(r)) for r in range(3)]
+
+            first, last = index(begins, values[0]), index(begins, builder.add(values[0], _PLACE(1)))
+            rows = three(values[0])
+            with cgutils.for_range_slice(builder, _PLACE(0), width, _PLACE(LANES)) as (j, _):
+                sums = [cgutils.alloca_once(builder, lanes) for _ in rows]
+                for r in range(3):
+                    builder.store(builder.load(at(into, rows[r], j), align=size), sums[r])
+                with cgutils.for_range_slice(builder, first, last, _PLACE(1)) as (entry, _):
+                    of = [builder.load(at(given, row, j), align=size) for row in three(index(places, entry))]
+                    begin = builder.mul(entry, _PLACE(9))
+                    for r in range(3):
+                        total = builder.load(sums[r])
+                        for c in range(3):
+                            share = builder.load(builder.gep(entries.data, [builder.add(begin, _PLACE(3 * r + c))]))
+                            total = _added(builder, total, _in_all(builder, share, lanes), of[c])
+                        builder.store(total, sums[r])
+                for r in range(3):
+                    builder.store(builder.load(sums[r]), at(into, rows[r], j), align=size)
+            return context.get_dummy_value()
+
+        return types.void(row, starts, columns, blocks, x, y), generate
+
+    @overload(add_row_of_blocks, strict=False)
+    def _compiled_add_row_of_blocks(row: Any, starts: Any, columns: Any, blocks: Any, x: Any, y: Any) -> Any:
+        return lambda row, starts, columns, blocks, x, y: _add_row_of_blocks(row, starts, columns, blocks, x, y)

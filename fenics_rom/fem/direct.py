@@ -1,5 +1,7 @@
 """Kept factorisations by MUMPS, and by CHOLMOD for time steps."""
 
+import math
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -9,6 +11,7 @@ from fenics_rom.fem.options import FACTOR_PREFIX, default_options
 from fenics_rom.fem.petsc_ctypes import cholesky_numeric, cholesky_symbolic, set_factor_prefix
 from fenics_rom.fem.petsc_matrix import CHUNK, PetscMatrix, column_chunks, dense_block
 from fenics_rom.system.columns import apply_to_complex
+from fenics_rom.system.protocols import EXACT
 
 HAS_CHOLMOD = PETSc.Sys.hasExternalPackage("suitesparse")  # PETSc from PyPI has none: MUMPS takes its place
 # L Lᵀ, which fails for an indefinite matrix; the simplicial L D Lᵀ that CHOLMOD prefers for small ones does not.
@@ -18,9 +21,11 @@ MUMPS_OPTIONS = {"mat_mumps_icntl_27": str(CHUNK)}  # right-hand sides that it t
 ROOMS: tuple[dict[str, str], ...] = ({}, {"mat_mumps_icntl_14": "200"}, {"mat_mumps_icntl_14": "1000"})
 ROOM_CODES = (-8, -9)  # of INFOG(1), of too little of it
 INFOG_NEGATIVE_PIVOTS = 12  # MUMPS factors indefinite matrices without a word
+RINFOG_OPERATIONS = 1  # that eliminating takes, as the analysis of the pattern says
 INFO_ESTIMATED_MEMORY = 15  # MB on this rank, as the analysis of the pattern says
 OUT_OF_MEMORY_CODES = (-8, -9, -13, -17, -19, -20)  # of INFOG(1)
 MAX_MEMORY_SHARE = 0.9  # of the free memory that a factor may take; vectors need some, too
+LESS = "a coarser mesh or more machines"  # what to choose where nothing fits
 
 
 class MemoryShortage(SolverError):
@@ -31,10 +36,16 @@ class MemoryShortage(SolverError):
 
     def __init__(self, shortage: str, replaceable: bool = True, of_room: bool = False):
         alternative = 'solver = "iterative" (conjugate gradients with algebraic multigrid), ' if replaceable else ""
-        super().__init__(
-            f"{shortage}: tried was the direct solver, MUMPS; choose {alternative}a coarser mesh or more machines"
-        )
+        super().__init__(f"{shortage}: tried was the direct solver, MUMPS; choose {alternative}{LESS}")
         self.shortage, self.of_room = shortage, of_room
+
+
+class CostlyFactor(SolverError):
+    """A factor would fit, and take more operations than allowed; `shortage` says so with numbers."""
+
+    def __init__(self, shortage: str):
+        super().__init__(shortage)
+        self.shortage = shortage
 
 
 class PetscFactor:
@@ -44,13 +55,15 @@ class PetscFactor:
     as fast `one_by_one`, which is what time steps have. A PETSc without CHOLMOD has MUMPS for these, too.
 
     Raises:
+        CostlyFactor: MUMPS would need more operations than `most`, by the analysis of the pattern.
         MemoryShortage: there is less memory than the factor needs, by the analysis of its pattern or as it turned out.
         SolverError: the matrix cannot be factored.
     """
 
     notice = ""
 
-    def __init__(self, mat: PETSc.Mat, one_by_one: bool = False, definite: bool = True):
+    def __init__(self, mat: PETSc.Mat, one_by_one: bool = False, definite: bool = True, most: float = math.inf):
+        self._most = most
         self._solver = "cholmod" if one_by_one and HAS_CHOLMOD and mat.comm.size == 1 else "mumps"
         self._definite = definite
         self._matrix = PetscMatrix(mat)
@@ -88,6 +101,12 @@ class PetscFactor:
                     f"this machine and {free / 1e9:.3g} GB are free",
                     self._definite,
                 )
+            operations = self._factor.getMumpsRinfog(RINFOG_OPERATIONS)
+            if operations > self._most:
+                raise CostlyFactor(
+                    f"the factor of a matrix of {self._matrix.size:,} unknowns would take {operations:.2g} operations "
+                    f"and {needed / 1e9:.3g} GB on this machine, iterations about {self._most:.2g}"
+                )
         self._check(cholesky_numeric(self._factor, mat))
         if self._solver == "mumps" and self._definite and self.negative_pivots > 0:
             raise self._failure("negative pivots")
@@ -119,7 +138,7 @@ class PetscFactor:
             "and does its factor fit in memory?"
         )
 
-    def solve(self, block: np.ndarray) -> np.ndarray:
+    def solve(self, block: np.ndarray, accuracy: float = EXACT) -> np.ndarray:
         """Solution for local rows (rows here, k), real or complex."""
         if np.iscomplexobj(block):
             return apply_to_complex(self.solve, block)
@@ -173,7 +192,7 @@ class ComplexFactor:
             mat.destroy()
         self._doubled = PetscFactor(doubled, definite=False)
 
-    def solve(self, block: np.ndarray) -> np.ndarray:
+    def solve(self, block: np.ndarray, accuracy: float = EXACT) -> np.ndarray:
         """Complex solution for local rows (rows here, k), real or complex."""
         parts = self._doubled.solve(np.vstack([block.real, -block.imag]))
         return parts[: self._local] + 1j * parts[self._local :]

@@ -1,5 +1,6 @@
 """What the ranks do together with PETSc matrices: sums, solves and eigenpairs."""
 
+import math
 from collections.abc import Callable
 from contextlib import closing
 from typing import Any
@@ -10,16 +11,17 @@ from numpy.typing import ArrayLike
 from petsc4py import PETSc
 
 from fenics_rom.errors import SolverError
-from fenics_rom.fem.direct import ComplexFactor, MemoryShortage, PetscFactor
+from fenics_rom.fem.direct import ComplexFactor, CostlyFactor, MemoryShortage, PetscFactor
 from fenics_rom.fem.eigenpairs import lowest_eigenpairs
-from fenics_rom.fem.iterative import METHOD_NAME, RESIDUAL_TOLERANCE, IterativeFactor
+from fenics_rom.fem.iterative import METHOD_NAME, IterativeFactor
 from fenics_rom.fem.petsc_matrix import PetscMatrix, combination, fix_dofs
 from fenics_rom.fem.ranks import run_on_rank_0
-from fenics_rom.system.protocols import DENSE_SHARE, NO_DOFS, Value
+from fenics_rom.system.protocols import DENSE_SHARE, NO_DOFS, USUAL_COLUMNS, Value
 
 EIGEN_RESIDUAL = 1e-6  # largest accepted |K v - γ M v| / |K v|
 EIGEN_ROUND_OFF = 100 * float(np.finfo(float).eps)  # share of |K| |v|: of a thin body K v is round-off
 EIGEN_ORTHONORMALITY = 1e-9  # largest accepted |Vᵀ M V - I|
+OPERATIONS = 400  # of iterations, for each entry of a matrix and each column: 30 of them, with multigrid
 SOLVERS = ("auto", "direct", "iterative")
 
 
@@ -74,7 +76,11 @@ class PetscAlgebra:
         return np.sum(self.comm.allgather(values), axis=0)
 
     def factor(
-        self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: np.ndarray = NO_DOFS
+        self,
+        *terms: tuple[complex, Any],
+        solver: str = "auto",
+        fixed_dofs: np.ndarray = NO_DOFS,
+        columns: int = USUAL_COLUMNS,
     ) -> PetscFactor | ComplexFactor | IterativeFactor:
         """See Algebra; with real coefficients the sum is positive definite or refused, with complex ones only regular.
 
@@ -82,8 +88,9 @@ class PetscAlgebra:
             terms: coefficients and matrices.
             solver: "direct": MUMPS. "iterative": conjugate gradients with algebraic multigrid, which cannot tell for
                 sure whether the matrix is positive definite; real coefficients only. "auto": direct where the factor
-                fits into the memory, else iterative; then `notice` of the result says so.
-            fixed_dofs: see Algebra.
+                fits into the memory and takes no more operations than iterations for so many columns; else iterative,
+                and `notice` of the result says why.
+            fixed_dofs, columns: see Algebra.
 
         Raises:
             SolverError: what was asked for cannot be had, or the factor does not fit into the memory.
@@ -97,17 +104,16 @@ class PetscAlgebra:
             imaginary = [(float(np.imag(coefficient)), a) for coefficient, a in terms]
             return ComplexFactor(combination(*real), combination(*imaginary))
         if solver == "iterative":
-            return IterativeFactor(
-                fix_dofs(combination(*real), fixed_dofs),
-                f"{METHOD_NAME}, as asked for, to a residual of {RESIDUAL_TOLERANCE:g}",
-            )
+            return _iterative(real, fixed_dofs, f"{METHOD_NAME}, as asked for")
+        total = fix_dofs(combination(*real), fixed_dofs)
+        most = math.inf if solver == "direct" else OPERATIONS * columns * total.getInfo()["nz_used"]
         try:
-            return PetscFactor(fix_dofs(combination(*real), fixed_dofs))
-        except MemoryShortage as error:
+            return PetscFactor(total, most=most)
+        except (MemoryShortage, CostlyFactor) as error:
             if solver == "direct":
                 raise
-            notice = f"{error.shortage}: {METHOD_NAME} were used, to a residual of {RESIDUAL_TOLERANCE:g}"
-        return IterativeFactor(fix_dofs(combination(*real), fixed_dofs), notice)
+            notice = f"{error.shortage}: {METHOD_NAME} were used"
+        return _iterative(real, fixed_dofs, notice)
 
     def eigenpairs(
         self, mass: PetscMatrix, stiffness: PetscMatrix, count: int, factor: Any = None
@@ -146,3 +152,15 @@ class PetscAlgebra:
                 f"(allowed {EIGEN_RESIDUAL:g}), |Vᵀ M V - I| = {deviation:.1e} (allowed {EIGEN_ORTHONORMALITY:g}); "
                 "materials of very different stiffness and flat cells do this: see `info` for the cells"
             )
+
+
+def _iterative(terms: list[tuple[float, Any]], fixed_dofs: np.ndarray, notice: str) -> IterativeFactor:
+    """Of a sum of coefficient times matrix, which is there only until blocks of it are made."""
+    (first, matrix), *others = terms
+    if first == 1.0 and not others and not len(fixed_dofs) and isinstance(matrix, PetscMatrix):
+        return IterativeFactor(matrix.mat, notice)
+    total = fix_dofs(combination(*terms), fixed_dofs)
+    try:
+        return IterativeFactor(total, notice, [coefficient for coefficient, _ in terms])
+    finally:
+        total.destroy()

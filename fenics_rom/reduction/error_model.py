@@ -14,7 +14,7 @@ from fenics_rom.reduction.residual_compliance import PointRows
 from fenics_rom.rom.error_model import ErrorModel, untold_errors
 from fenics_rom.rom.rom import Rom
 from fenics_rom.system.columns import column_dots, probe_columns
-from fenics_rom.system.protocols import Algebra, Factor
+from fenics_rom.system.protocols import EXACT, Algebra, Factor
 from fenics_rom.system.system import System
 
 FURTHER = 20  # eigenvectors of the finer model beside the shared basis
@@ -164,9 +164,9 @@ class _Scaled:
     def __init__(self, factor: Factor, scale: float):
         self._factor, self._scale = factor, scale
 
-    def solve(self, block: Array) -> Array:
+    def solve(self, block: Array, accuracy: float = EXACT) -> Array:
         """As of Factor."""
-        return self._scale * self._factor.solve(block)
+        return self._scale * self._factor.solve(block, accuracy)
 
     def close(self) -> None:
         """Leaves the factor to whoever made it."""

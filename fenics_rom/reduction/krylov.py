@@ -22,6 +22,12 @@ from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.system.columns import apply_to_complex
 
 CONVERGENCE_TOLERANCE = 1e-7  # relative change of σ and of frequency responses that ends the growth of a space
+# Of solves by iteration. What block k leaves, of relative size η_k, changes responses by at most Σ η_k |y_k|. There
+# the shares |y_k| of blocks in them shrink as the responses converge (Simoncini & Szyld 2003). So η_k |y_k| is kept at
+# SPACE_ACCURACY, |y_k| taken as the last change of responses and σ; the projection on the space is exact all the same.
+SPACE_ACCURACY = CONVERGENCE_TOLERANCE
+LEAST_ACCURACY = 1e-3  # of any block
+MEASURE_ACCURACY = 1e-2  # of residuals, whose size is asked for
 NEGLIGIBLE_SHARE = 1e-9  # of σ_1, below which σ need not converge in all their digits
 GROWTH_FACTORS = {1: 1.1, 2: 1.5}  # of a space between two iterates, for diagonal and dense damping: those take longer
 MAX_VECTORS = 400  # of a contact mode's space, shared eigenvectors not counted
@@ -118,6 +124,7 @@ class KrylovSpaces:
         self._orders = {name: problem.order_of(name) for name in names}  # or the last iterate's
         self._projected_inputs: tuple[int, dict[str, Array]] = (-1, {})
         self._models: dict[str, ProjectedModel] = {}
+        self.changes = dict.fromkeys(names, 1.0)  # of each contact mode by its last block, or more
         self._shifts = 0
         self._blocks = 0
         self._zero_suffices = augmentation.complete
@@ -182,7 +189,9 @@ class KrylovSpaces:
         """One more block of K⁻¹M, all contact modes in one solve: M times the latest directions."""
         names = list(self.inputs) if names is None else names
         with self._problem.stages("solves with K"):
-            solved = self._problem.factor.solve(np.hstack(blocks))
+            remaining = max(self.changes[name] for name in names)
+            accuracy = min(SPACE_ACCURACY / max(remaining, SPACE_ACCURACY), LEAST_ACCURACY)
+            solved = self._problem.factor.solve(np.hstack(blocks), accuracy)
         parts = self._coordinates(solved, blocks)
         self._augmentation.latest = self._augmentation.extend(parts[-1])
         for name, part in zip(names, parts, strict=False):
@@ -202,7 +211,9 @@ class KrylovSpaces:
         with closing(factor):
             for _ in range(POSITIVE_SHIFT_BLOCKS):
                 parts = [np.hstack([r.real, r.imag]) for r in (self._residual(name, s) for name in names)]
-                for name, part in zip(names, self._coordinates(factor.solve(np.hstack(parts)), parts), strict=True):
+                for name, part in zip(
+                    names, self._coordinates(factor.solve(np.hstack(parts), SPACE_ACCURACY), parts), strict=True
+                ):
                     self.chains[name].extend(part)
         self._shifts += 1
 
@@ -229,7 +240,8 @@ class KrylovSpaces:
         y = np.hstack(responses)
         frequencies = np.array([ω for _, ω in samples])
         remaining = np.hstack(forces) - dynamic_product(system, apply_to_complex(X.__matmul__, y), frequencies)
-        ratios = mass_norms(system, self._problem.factor.solve(remaining)) / np.linalg.norm(y, axis=0)
+        solved = self._problem.factor.solve(remaining, MEASURE_ACCURACY)
+        ratios = mass_norms(system, solved) / np.linalg.norm(y, axis=0)
         residuals: dict[str, dict[float, float]] = {name: {} for name in names}
         for (name, ω), ratio in zip(samples, ratios, strict=True):
             residuals[name][ω] = float(ratio)
@@ -260,6 +272,7 @@ def directions_by_residual(
             residuals = krylov.relative_residuals(waiting, count)
         for name in list(waiting):
             largest = 0.0 if krylov.is_complete(name) else max(residuals[name].values())
+            krylov.changes[name] = min(largest, 1.0)
             if largest <= CONVERGENCE_TOLERANCE or krylov.is_at_limit(name):
                 waiting.remove(name)
                 with problem.stages("balancing"):
@@ -282,7 +295,7 @@ def directions_by_change(
                 iterate = krylov.iterate(name)
                 change = 1.0 if last is None else iterate.change_since(last, problem.order_of(name), problem.tolerance)
             if change > CONVERGENCE_TOLERANCE and not ended:
-                iterates[name] = iterate
+                iterates[name], krylov.changes[name] = iterate, min(change, 1.0)
                 continue
             del iterates[name]
             yield name, _ranked_with_warning(problem, name, iterate, change if not krylov.is_complete(name) else 0.0)

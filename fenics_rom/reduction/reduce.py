@@ -68,6 +68,8 @@ EIGENVECTORS_KEPT = (
     "kept, as neither order, tolerance nor method was given; contact forces at rest are exact at any order, and the "
     "validation tells what else it costs"
 )
+BLOCKS = 40  # of solves for the forces of a contact mode, with those of the validation
+SOLVES_OF_POINT = 12  # two for each direction of a residual compliance, which are exact: twice the iterations
 LARGE_DEFORMATION_TOLERANCE = 3e-5  # the same for large deformation
 
 
@@ -117,7 +119,8 @@ def reduce(
         share: of the covariance's trace that the eigenvectors of "eigenvector-selection" hold.
         cubature: for large deformation, error of the forces of the points that are kept, relative.
         solver: for K: "direct" (a Cholesky factor), "iterative" (conjugate gradients with algebraic multigrid), or
-            "auto": direct where the factor fits into the memory.
+            "auto": direct where the factor fits into the memory and takes no more operations than iterations would;
+            else the ROM says why not.
         errors: whether runs are to know their errors: bounds and estimates, as `Simulator.error_bound` has them; None:
             as the scene's run says. It takes solves with the damping matrix, too.
         checkpoint: folder that keeps what is finished, contact mode by contact mode; yours to remove when the ROM is
@@ -183,7 +186,7 @@ def reduce(
         require_loads(system)
     stages = Stages(lambda value: float(system.algebra.maximum(value)), system.stages, report)
     with stages("factorisation of K"):
-        factor = system.algebra.factor((1.0, system.stiffness), solver=solver)
+        factor = system.algebra.factor((1.0, system.stiffness), solver=solver, columns=_columns(system))
     with closing(factor), stages("other work"):
         system = scale_inputs(system, factor)
         problem = ReductionProblem(
@@ -215,6 +218,13 @@ def reduce(
     for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return check_rom(rom)
+
+
+def _columns(system: System) -> int:
+    """About how many columns a reduction solves for with K."""
+    forces = sum(map(system.count_forces, system.contacts))
+    points = sum(map(len, system.contact_points.values())) if may_keep_compliance(system) else 0
+    return BLOCKS * forces + SOLVES_OF_POINT * points
 
 
 def _given(choice: Any, scene: Any) -> Any:

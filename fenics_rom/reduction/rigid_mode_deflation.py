@@ -19,7 +19,7 @@ from fenics_rom.mechanics.readings import projected
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
 from fenics_rom.system.columns import column_dots
-from fenics_rom.system.protocols import DENSE_SHARE, NO_DOFS, Factor
+from fenics_rom.system.protocols import DENSE_SHARE, EXACT, NO_DOFS, USUAL_COLUMNS, Factor
 from fenics_rom.system.rigid_modes import choose_fixed_dofs, free_rows
 from fenics_rom.system.system import System
 
@@ -131,7 +131,13 @@ class ElasticAlgebra:
         """P x of displacements (rows here, any)."""
         return shapes - self.rigid @ self.inner(self.mass_times_rigid, shapes)
 
-    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: Array = NO_DOFS) -> "ElasticFactor":
+    def factor(
+        self,
+        *terms: tuple[complex, Any],
+        solver: str = "auto",
+        fixed_dofs: Array = NO_DOFS,
+        columns: int = USUAL_COLUMNS,
+    ) -> "ElasticFactor":
         """Factor of a sum of coefficient times operator, on the elastic rest.
 
         K alone is fixed at as many degrees of freedom as there are rigid motions: loads in balance do not feel them.
@@ -139,7 +145,8 @@ class ElasticAlgebra:
         """
         regular = any(c != 0 and operator is self._mass for c, operator in terms)
         fixed = NO_DOFS if regular else choose_fixed_dofs(self.rigid, self.whole)
-        return ElasticFactor(self, self.whole.factor(*terms, solver=solver, fixed_dofs=fixed), fixed)
+        made = self.whole.factor(*terms, solver=solver, fixed_dofs=fixed, columns=columns)
+        return ElasticFactor(self, made, fixed)
 
     def eigenpairs(self, mass: Any, stiffness: Any, count: int, factor: Any = None) -> tuple[Array, Array]:
         """The lowest γ > 0, ascending, and their M-orthonormal eigenvectors."""
@@ -184,13 +191,13 @@ class ElasticFactor:
             self._reactions = factor.solve(algebra.mass_times_rigid)  # A⁻¹MR
             self._masses = algebra.inner(algebra.mass_times_rigid, self._reactions)
 
-    def solve(self, block: Array) -> Array:
+    def solve(self, block: Array, accuracy: float = EXACT) -> Array:
         """Solution for a real or complex block of right-hand sides, (rows here, k) to (rows here, k)."""
         algebra = self._algebra
         f = block - algebra.mass_times_rigid @ algebra.inner(algebra.rigid, block)
         if self._free is not None:
-            return algebra.strained(self._factor.solve(self._free * f))
-        x = self._factor.solve(f)
+            return algebra.strained(self._factor.solve(self._free * f, accuracy))
+        x = self._factor.solve(f, accuracy)
         x = x - self._reactions @ np.linalg.solve(self._masses, algebra.inner(algebra.mass_times_rigid, x))
         return algebra.strained(x)
 

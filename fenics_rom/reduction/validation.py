@@ -24,6 +24,9 @@ COLUMNS_AT_ONCE = 48  # complex columns that are solved for together
 STATICS_AT_ONCE = 96  # columns whose static shapes are solved for together
 MODES_AT_ONCE = 16  # contact modes whose static shapes are solved for together
 RELATIVE_ACCURACY = 0.1  # of the error that is measured
+# Of solves by iteration with K in GMRES: what they leave adds up to no more than η Σ |y_k| |A v_k| in the residual, of
+# its weights y and basis v (Simoncini & Szyld 2003), which is to be far below RELATIVE_ACCURACY.
+SOLVE_ACCURACY = 1e-2
 MAX_GMRES_STEPS = 15
 LIGHT_PART_RATIO = 3.0  # of static errors by nodes and by mass, beyond which a part that weighs little is wrong
 WARNING_ERROR = 0.05  # of the static shapes, by nodes, beyond which the user is told
@@ -128,10 +131,10 @@ def _squared_norms(problem: ReductionProblem, whole: Subspace, group: list[Sampl
         ]
     )
     error = within - np.hstack([sample.reduced for sample in group])
-    preconditioned = problem.factor.solve
+    solve = problem.factor.solve
     correction = minimal_residuals(
-        lambda columns: preconditioned(dynamic_product(system, columns, ω)),
-        preconditioned(inputs - dynamic_product(system, apply_to_complex(X.__matmul__, within), ω)),
+        lambda columns: solve(dynamic_product(system, columns, ω), SOLVE_ACCURACY),
+        solve(inputs - dynamic_product(system, apply_to_complex(X.__matmul__, within), ω), SOLVE_ACCURACY),
         lambda left, right: np.diag(inner_products(system, left, system.mass @ right)),
         RELATIVE_ACCURACY * _largest_of_mode(np.linalg.norm(error, axis=0), [s.name for s in group], widths),
     )

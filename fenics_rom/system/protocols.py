@@ -14,6 +14,8 @@ from fenics_rom.mechanics.point_material import PointMaterial
 
 Value = TypeVar("Value")
 NO_DOFS = np.empty(0, dtype=int)
+USUAL_COLUMNS = 250  # of a reduction of two contact modes
+EXACT = 1e-14  # of iterations, as of residuals that they leave: solutions are as good as a factor's then
 DENSE_SHARE = 3  # beyond a third of all eigenpairs, LAPACK on whole matrices is the better eigensolver
 
 
@@ -33,8 +35,11 @@ class Factor(Protocol):
 
     notice: str
 
-    def solve(self, block: Array) -> Array:
-        """Solution for a real or complex block of right-hand sides, (rows here, k) to (rows here, k)."""
+    def solve(self, block: Array, accuracy: float = EXACT) -> Array:
+        """Solution for a real or complex block of right-hand sides, (rows here, k) to (rows here, k).
+
+        An iterative solver may leave `accuracy` of the energy of a solution; a factor gives it whole.
+        """
 
     def close(self) -> None:
         """Gives the memory back."""
@@ -64,10 +69,17 @@ class Algebra(Protocol):
     def total(self, values: ArrayLike) -> Array:
         """Sum of each entry over the ranks, on every rank."""
 
-    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: Array = NO_DOFS) -> Factor:
+    def factor(
+        self,
+        *terms: tuple[complex, Any],
+        solver: str = "auto",
+        fixed_dofs: Array = NO_DOFS,
+        columns: int = USUAL_COLUMNS,
+    ) -> Factor:
         """Factorisation of a sum of coefficient times operator; complex as soon as one coefficient is.
 
-        The degrees of freedom `fixed_dofs` are held where they are; only with real coefficients.
+        The degrees of freedom `fixed_dofs` are held where they are; only with real coefficients. How many `columns`
+        will be solved for, about, helps to choose the solver.
         """
 
     def eigenpairs(self, mass: Any, stiffness: Any, count: int, factor: Any = None) -> tuple[Array, Array]:

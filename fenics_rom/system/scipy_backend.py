@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from fenics_rom.errors import SolverError
-from fenics_rom.system.protocols import DENSE_SHARE, NO_DOFS, Value
+from fenics_rom.system.protocols import DENSE_SHARE, EXACT, NO_DOFS, USUAL_COLUMNS, Value
 
 
 class MatrixFactor:
@@ -29,7 +29,7 @@ class MatrixFactor:
             raise SolverError(f"a matrix of {matrix.shape[0]} unknowns could not be factored: {lack}") from error
         self._numbers = complex if is_complex else float
 
-    def solve(self, block: Array) -> Array:
+    def solve(self, block: Array, accuracy: float = EXACT) -> Array:
         """Solution for a block of right-hand sides (n, k), complex where the matrix or the block is."""
         if np.iscomplexobj(block) and self._numbers is float:
             return self.solve(block.real) + 1j * self.solve(block.imag)
@@ -101,7 +101,13 @@ class MatrixAlgebra:
         """The values themselves."""
         return np.asarray(values)
 
-    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: Array = NO_DOFS) -> MatrixFactor:
+    def factor(
+        self,
+        *terms: tuple[complex, Any],
+        solver: str = "auto",
+        fixed_dofs: Array = NO_DOFS,
+        columns: int = USUAL_COLUMNS,
+    ) -> MatrixFactor:
         """Factorisation of a sum of coefficient times matrix, `fixed_dofs` held; complex as soon as one coefficient is.
 
         Raises:

@@ -175,6 +175,16 @@ def test_closed_factors_give_their_memory_back(tmp_path, one_by_one):
     assert sizes[-1] - sizes[4] <= 60e6
 
 
+def test_multigrid_gives_its_memory_back(twins):
+    """Each takes 2 MB and more."""
+    sizes = []
+    for _ in range(25):
+        with closing(twins.algebra.factor((1.0, twins.stiffness), solver="iterative")) as factor:
+            factor.solve(np.ones((twins.size, 2)), 0.1)
+        sizes.append(resident_bytes())
+    assert sizes[-1] - sizes[4] <= 10e6
+
+
 def test_lowest_eigenpairs_are_those_of_lapack(twins, lapack):
     count = 40
     γ, V = twins.algebra.eigenpairs(twins.mass, twins.stiffness, count)

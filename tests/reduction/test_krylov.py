@@ -11,9 +11,15 @@ from bodies import assembled, box_arrays, sparse, write_arrays
 from test_own_matrices import triple_chain
 
 import fenics_rom as fr
+from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.fem import petsc_algebra
+from fenics_rom.fem.iterative import IterativeFactor
+from fenics_rom.reduction import krylov, validation
 from fenics_rom.reduction.balancing import balance
+from fenics_rom.reduction.frequency_response import response
 from fenics_rom.reduction.gramians import gramian_factors
 from fenics_rom.reduction.krylov_augmentation import low_rank_damping
+from fenics_rom.system.protocols import EXACT
 from fenics_rom.system.scipy_backend import MatrixAlgebra
 
 DATA = Path(__file__).parents[1] / "data"
@@ -74,6 +80,43 @@ def reduced(system, order=20, **choices):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         return fr.reduce(system, order=order, lyapunov="krylov", **choices)
+
+
+def test_iterations_change_models_by_less_than_they_were_allowed(tmp_path, monkeypatch):
+    """Of n = 1,512: what solves leave adds up to no more than their accuracy, though late blocks leave much more."""
+    asked = []
+
+    class Watched(IterativeFactor):
+        def solve(self, block, accuracy=EXACT):
+            asked.append(accuracy)
+            return super().solve(block, accuracy)
+
+    system = assembled(write_arrays(tmp_path / "box.msh", *box_arrays((1.0, 0.8, 0.7), (7, 7, 8), shake=0.2)))
+    monkeypatch.setattr(petsc_algebra, "IterativeFactor", Watched)
+    direct = reduced(system, solver="direct")
+
+    def change():
+        rom, most = fr.reduce(system, order=20, lyapunov="krylov", solver="iterative"), 0.0
+        for name, mode in rom.contact_models.items():
+            σ, of_direct = mode.hankel_singular_values[:20], direct.contact_models[name]
+            most = max(most, np.abs(σ / of_direct.hankel_singular_values[:20] - 1).max())
+            ω = np.sqrt(of_direct.eigenvalues[:11])
+            H, H_direct = ([shapes(of, name, w) for w in (ω[1:] + ω[:-1]) / 2] for of in (rom, direct))
+            sizes = [np.linalg.norm(of_one) for of_one in H_direct]
+            most = max(most, max(map(np.linalg.norm, np.subtract(H, H_direct))) / max(sizes))
+        return most
+
+    def shapes(rom, name, ω):
+        mode = rom.contact_models[name]
+        return rom.basis @ (mode.coordinates @ response(mode.eigenvalues, mode.damping, mode.inputs, ω))
+
+    with pytest.warns(FenicsRomWarning, match="conjugate gradients"):
+        assert change() <= krylov.SPACE_ACCURACY
+    assert {krylov.SPACE_ACCURACY, krylov.LEAST_ACCURACY, validation.SOLVE_ACCURACY} < set(asked)
+    monkeypatch.setattr(krylov, "SPACE_ACCURACY", 1e-2)
+    monkeypatch.setattr(krylov, "LEAST_ACCURACY", 1e-2)
+    with pytest.warns(FenicsRomWarning, match="conjugate gradients"):
+        assert change() > 1e-6
 
 
 def gap(rom, name, exact, count=20, floor=1e-8):

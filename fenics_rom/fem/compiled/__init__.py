@@ -1,0 +1,1 @@
+"""Products of multigrid as numba compiles them: sparse matrices of blocks times many columns at once."""

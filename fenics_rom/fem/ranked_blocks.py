@@ -1,0 +1,100 @@
+"""A PETSc matrix as blocks of this rank, times many columns at once, with what it needs of other ranks' columns."""
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from numpy import ndarray as Array
+from petsc4py import PETSc
+
+from fenics_rom.fem.column_products import BLOCK, LocalBlocks
+
+
+class RankedBlocks:
+    """A copy of a matrix, in a precision of its own; every rank must call every method.
+
+    Attributes:
+        rows, columns: how many are here.
+    """
+
+    def __init__(self, mat: PETSc.Mat, dtype: Any, scale: float = 1.0):
+        self._comm = mat.comm.tompi4py()
+        self.rows, self.columns = (sizes[0] for sizes in mat.getSizes())
+        start, column, values = mat.getValuesCSR()
+        values = (scale * values).astype(dtype)
+        first = mat.getOwnershipRangeColumn()[0]
+        is_own = (column >= first) & (column < first + self.columns)
+        whole = scipy.sparse.csr_matrix((values, column, start), shape=(self.rows, mat.getSize()[1]))
+        del start, values
+        if self._comm.size == 1:
+            self._own, self._halo = LocalBlocks(whole), None
+            return
+        divisible = not (self.rows % BLOCK or self.columns % BLOCK)
+        size = BLOCK if self._comm.allreduce(divisible, min) else 1
+        needed = np.unique(column[~is_own] // size)
+        needed = (size * needed[:, None] + np.arange(size)).ravel()
+        self._own = LocalBlocks(whole[:, first : first + self.columns])
+        place = np.zeros(whole.shape[1], dtype=whole.indices.dtype)
+        place[needed] = np.arange(len(needed))
+        rest = np.concatenate([[0], np.cumsum(~is_own)])[whole.indptr]
+        outer = whole.data[~is_own], place[column[~is_own]], rest
+        self._outer = LocalBlocks(scipy.sparse.csr_matrix(outer, shape=(self.rows, len(needed))))
+        self._halo = _Halo(self._comm, needed, self.columns, first)
+
+    def times(self, x: Array) -> Array:
+        """A x (rows, k)."""
+        y = np.empty((self.rows, x.shape[1]), dtype=x.dtype)
+        if self._halo is None:
+            self._own.into(x, y, True)
+            return y
+        waiting, others = self._halo.ask(x)
+        self._own.into(x, y, True)
+        self._halo.wait(waiting)
+        self._outer.into(others, y, False)
+        return y
+
+    def transposed_times(self, x: Array) -> Array:
+        """Aᵀ x (columns, k)."""
+        y = np.zeros((self.columns, x.shape[1]), dtype=x.dtype)
+        if self._halo is not None:
+            others = np.zeros((self._outer.shape[1], x.shape[1]), dtype=x.dtype)
+            self._outer.add_transposed(x, others)
+            self._halo.add(others, y)
+        self._own.add_transposed(x, y)
+        return y
+
+
+class _Halo:
+    """Which rows of columns go to which rank, and come from it."""
+
+    def __init__(self, comm: Any, needed: Array, count: int, first: int):
+        self._comm, self._size = comm, len(needed)
+        starts = np.array(comm.allgather(first))
+        bounds = np.searchsorted(needed, np.append(starts[1:], np.iinfo(needed.dtype).max))
+        begins = np.concatenate([[0], bounds[:-1]])
+        self._come = {rank: slice(a, b) for rank, (a, b) in enumerate(zip(begins, bounds, strict=True)) if b > a}
+        asked = comm.alltoall([needed[a:b] for a, b in zip(begins, bounds, strict=True)])
+        self._go = {rank: rows - first for rank, rows in enumerate(asked) if len(rows)}
+
+    def ask(self, x: Array) -> tuple[tuple[Any, ...], Array]:
+        """What to wait for, and rows (needed, k) of columns that will be there then."""
+        others = np.empty((self._size, x.shape[1]), dtype=x.dtype)
+        come = [self._comm.Irecv(others[rows], source=rank) for rank, rows in self._come.items()]
+        sent = [(rank, x[rows]) for rank, rows in self._go.items()]
+        go = [self._comm.Isend(rows, dest=rank) for rank, rows in sent]
+        return (come, go, sent), others
+
+    def wait(self, waiting: tuple[Any, ...]) -> None:
+        """Until all is there, and gone."""
+        for request in (*waiting[0], *waiting[1]):
+            request.Wait()
+
+    def add(self, others: Array, y: Array) -> None:
+        """Adds rows (needed, k) to those of the ranks whose they are, in y here."""
+        come = {rank: np.empty((len(rows), y.shape[1]), dtype=y.dtype) for rank, rows in self._go.items()}
+        requests = [self._comm.Irecv(rows, source=rank) for rank, rows in come.items()]
+        requests += [self._comm.Isend(others[rows], dest=rank) for rank, rows in self._come.items()]
+        for request in requests:
+            request.Wait()
+        for rank, rows in come.items():
+            y[self._go[rank]] += rows
