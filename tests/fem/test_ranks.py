@@ -11,6 +11,7 @@ from ranks import run_ranks
 from test_prisms import row
 
 import fenics_rom as fr
+from fenics_rom.reduction.krylov import SPACE_ACCURACY
 from fenics_rom.reduction.reduce import DENSE_LIMIT
 
 EFFECTS = """
@@ -169,6 +170,7 @@ def test_roms_do_not_depend_on_the_number_of_ranks(results, name, ranks):
 
 @on_ranks("free", "free-krylov", "free-iterative")
 def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
+    alike, moved = (10 * SPACE_ACCURACY, 1e-6) if name == "free-iterative" else (1e-8, 1e-10)
     one, other = (fr.read_rom(results / str(n) / f"{name}.h5") for n in (1, ranks))
     np.testing.assert_allclose(np.abs(other.basis[:, :6]), np.abs(one.basis[:, :6]), rtol=0, atol=1e-12)
     frames = [rom.moving_frame for rom in (one, other)]
@@ -176,7 +178,7 @@ def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
         np.testing.assert_allclose(*(getattr(frame, name) for frame in frames), rtol=1e-12, atol=1e-13)
     for name in ("inertia2", "coupling", "stiffening"):  # of vectors that have signs
         ours, others = (np.sort(np.linalg.norm(getattr(frame, name), axis=(1, 2))) for frame in frames)
-        np.testing.assert_allclose(others, ours, rtol=1e-8)
+        np.testing.assert_allclose(others, ours, rtol=alike)
     bodies = [fr.Simulator(rom, dt=1e-3) for rom in (one, other)]
     for body in bodies:
         for step in range(100):
@@ -184,7 +186,7 @@ def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
             body.step([1e-3, 2e-3, -1e-3])
     shapes = [body.displacement() for body in bodies]
     places = 10 * np.finfo(float).eps * np.abs(one.nodes).max()  # whose round-off displacements in the world have
-    assert np.abs(shapes[1] - shapes[0]).max() <= 1e-10 * np.abs(shapes[0]).max() + places
+    assert np.abs(shapes[1] - shapes[0]).max() <= moved * np.abs(shapes[0]).max() + places
 
 
 @pytest.mark.slow
