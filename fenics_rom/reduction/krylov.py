@@ -25,7 +25,7 @@ CONVERGENCE_TOLERANCE = 1e-7  # relative change of σ and of frequency responses
 # Of solves by iteration. What block k leaves, of relative size η_k, changes responses by at most Σ η_k |y_k|. There
 # the shares |y_k| of blocks in them shrink as the responses converge (Simoncini & Szyld 2003). So η_k |y_k| is kept at
 # SPACE_ACCURACY, |y_k| taken as the last change of responses and σ; the projection on the space is exact all the same.
-SPACE_ACCURACY = CONVERGENCE_TOLERANCE
+SPACE_ACCURACY = 0.1 * CONVERGENCE_TOLERANCE
 LEAST_ACCURACY = 1e-3  # of any block
 MEASURE_ACCURACY = 1e-2  # of residuals, whose size is asked for
 NEGLIGIBLE_SHARE = 1e-9  # of σ_1, below which σ need not converge in all their digits
