@@ -50,7 +50,10 @@ class IterativeFactor:
     def __init__(self, mat: PETSc.Mat, notice: str, coefficients: Sequence[float] = (1.0,)):
         self.notice, self.iterations = notice, 0
         self._comm, self._size, self._coefficients = mat.comm.tompi4py(), mat.getSize()[0], coefficients
-        estimate = BYTES_PER_ENTRY * mat.getInfo()["nz_used"] + BYTES_PER_UNKNOWN * mat.getLocalSize()[0]
+        estimate = (
+            BYTES_PER_ENTRY * mat.getInfo(PETSc.Mat.InfoType.LOCAL)["nz_used"]
+            + BYTES_PER_UNKNOWN * mat.getLocalSize()[0]
+        )
         needed, free = needed_and_free_bytes(self._comm, estimate)
         if needed > MAX_MEMORY_SHARE * free:
             raise SolverError(
