@@ -11,13 +11,14 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.body_matrices import BodyMatrices
+from fenics_rom.fem.finite_strain.follower_loads import PressureLoad
 from fenics_rom.fem.loads import contact_columns
-from fenics_rom.fem.nodes import Nodes, rim_edges
+from fenics_rom.fem.nodes import Nodes
 from fenics_rom.fem.petsc_algebra import PetscAlgebra
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.fem.places import held_nodes, patch_triangles
 from fenics_rom.fem.supports import supported_nodes
-from fenics_rom.mechanics.reactions import REACTION, ReactionReading, Turning
+from fenics_rom.mechanics.reactions import REACTION, PressedRim, ReactionReading, Turning
 from fenics_rom.scene.scene import ReadingEntry, Scene
 from fenics_rom.system.body import Unknowns
 from fenics_rom.system.system import System, components_of
@@ -111,7 +112,8 @@ class _Support:
                 for A in (matrices.mass, D, K)
             )
             of_contacts = {name: self._turned_by(-columns) for name, columns in pushes.items()}
-            turning = Turning(by_motion, by_rate, by_shape, of_contacts, self._turned_by(-acting), at_nodes)
+            of_inputs, rims = self._turned_by(-acting), self._rims(shared)
+            turning = Turning(by_motion, by_rate, by_shape, of_contacts, of_inputs, at_nodes, rims)
         at_points, inputs = Φ[components_of(touched)], borne - Φ.T @ acting
         rows = inertia, damping, stiffness
         return ReactionReading(self._point, *rows, contacts, inputs, touched, at_points, turning)
@@ -157,13 +159,19 @@ class _Support:
                 f"{self._where}: with effects.large_deformation a reaction is that of all supports together, as the "
                 "momentum of the body tells it; allowed is one without a place, or whose place has all that is held"
             )
-        for name, pressure in self._scene.effects.pressure.items():
-            where = f"effects.pressure.{name}"
-            if len(rim_edges(patch_triangles(self._nodes, pressure, where))):
-                raise SceneError(
-                    f"{self._where}: {where} is on a surface with an opening, whose pressure pushes the whole of a "
-                    "body that deforms largely by a force that is not known; allowed is a closed chamber"
-                )
+
+    def _rims(self, shared: Mapping[str, Array]) -> tuple[PressedRim, ...]:
+        """Of pressures on surfaces with an opening."""
+        rims, column, X, Z = list[PressedRim](), 0, self._nodes.coordinates, self._unknowns.matrix
+        for name, columns in shared.items():
+            if (pressure := self._scene.effects.pressure.get(name)) is not None:
+                triangles = patch_triangles(self._nodes, pressure, f"effects.pressure.{name}")
+                edge = PressureLoad(self._nodes, triangles).rim()
+                if edge[0].shape[0]:
+                    shapes = (scipy.sparse.kron(part, np.eye(3), format="csr") @ Z for part in edge)
+                    rims.append(PressedRim(column, *(part @ X for part in edge), *shapes))
+            column += columns.shape[1]
+        return tuple(rims)
 
     def _turned_by(self, forces: Any) -> tuple[Any, Any, Any]:
         """Zᵀ E_iᵀ F of forces F (3 N, any), which are linear in something: couples by displacements x̂ about each axis.

@@ -24,6 +24,25 @@ REACTION = "reaction"
 CHANNELS = ("inertia", "damping", "stiffness")
 
 
+class PressedRim(NamedTuple):
+    """The edge of a surface with an opening, by which its pressure pushes the whole (see `rom.deformation.ReducedRim`).
+
+    -∫ n dA = -½ ∮ y × dy,  -∫ y × n dA = ½ ∮ |y|² dy  with y along the edge, of which there are G points.
+    """
+
+    column: int  # of the pressure among the inputs that all contact modes share
+    points: Array  # at rest, (G, 3), m
+    pieces: Array  # dy there, (G, 3), m
+    shapes: Any  # displacements (3 G, c) of the points
+    piece_shapes: Any  # and of the pieces
+
+    def wrench(self, x: Array, about: Array) -> Array:
+        """Force, N, and couple about a point (3,), N m, of 1 Pa at displacements (c,), (6,)."""
+        y = self.points - about + np.asarray(self.shapes @ x).reshape(-1, 3)
+        dy = self.pieces + np.asarray(self.piece_shapes @ x).reshape(-1, 3)
+        return np.concatenate([-np.cross(y, dy).sum(axis=0), (y * y).sum(axis=1) @ dy]) / 2
+
+
 class Turning(NamedTuple):
     """What displacements x̂ add to couples of what is linear in c: for each axis (c, columns), x̂ᵀ T c, N m."""
 
@@ -33,6 +52,7 @@ class Turning(NamedTuple):
     contacts: dict[str, tuple[Any, Any, Any]]
     inputs: tuple[Any, Any, Any]
     nodes: Any  # displacements (3 s, c) of the nodes that can be touched
+    rims: tuple[PressedRim, ...] = ()
 
     def projected(self, basis: Array) -> "Turning":
         """Of a body whose displacement is basis (n, k) times its coordinates."""
@@ -45,7 +65,10 @@ class Turning(NamedTuple):
 
         contacts = {name: one(tables) for name, tables in self.contacts.items()}
         acting = both(self.inertia), both(self.damping), both(self.stiffness), contacts, one(self.inputs)
-        return Turning(*acting, np.asarray(self.nodes @ basis))
+        rims = tuple(
+            rim._replace(shapes=rim.shapes @ basis, piece_shapes=rim.piece_shapes @ basis) for rim in self.rims
+        )
+        return Turning(*acting, np.asarray(self.nodes @ basis), rims)
 
 
 @dataclass(frozen=True)
@@ -99,6 +122,8 @@ class ReactionReading:
         )
         R[3:] += sum(np.array([x @ (table @ c) for table in tables]) for tables, c in turned)
         R[3:] -= np.cross((T.nodes @ x).reshape(-1, 3), forces).sum(axis=0)
+        for rim in T.rims:
+            R -= shared[rim.column] * rim.wrench(x, self.point)
         return np.asarray(R)
 
     def projected(self, basis: Array) -> "ReactionReading":
