@@ -119,6 +119,23 @@ class OwnSurface:
         self.last = Facing(found, plain, twin, kept)
         return OnSurface(*(part[kept] for part in found))
 
+    def margin(self, points: Array, ways: Sequence[Array], most: float) -> float:
+        """How near, m, those come to one another that may meet; 0 where none do.
+
+        A point and a triangle may meet that are nearer than they go relative to one another by all `ways` (n, 3)
+        together, m, each of which counts for itself. `most`: m, no two points go farther so.
+        """
+        corners = points[self.triangles.T]
+        boxes = Boxes.about(corners)
+        row, triangle = self._candidates(points, boxes, most)
+        nodes, goes = self.triangles[triangle], np.zeros(len(row))
+        for way in ways:
+            relative = way[row, None] - way[nodes]
+            goes += np.sqrt(np.einsum("kci,kci->kc", relative, relative).max(axis=1, initial=0.0))
+        x = points[row]
+        outside = np.maximum(np.maximum(boxes.low[triangle] - x, x - boxes.high[triangle]), 0.0)
+        return float(goes[np.einsum("ki,ki->k", outside, outside) <= goes * goes].max(initial=0.0))
+
     def crossings(self, points: Array, ways: Array) -> Crossings:
         """Where points, of all at (n, 3) that go (n, 3), m, first go through triangles that they can touch."""
         return find_crossings(points, ways, self._touching, self.triangles, self._left_out)
@@ -181,7 +198,7 @@ class OwnSurface:
             drift = self._drift(points, boxes, known) + max(margin - known.margin, 0.0)
             if drift <= known.slack / 2:
                 return known.row, known.triangle
-        slack = _SLACK * boxes.size
+        slack = max(_SLACK * boxes.size, margin / 2)  # fast points need many, which last as long as few of slow ones
         row, triangle = near_boxes(points[self._touching], boxes.wider(margin + slack))
         row = self._touching[row]
         keys = self._keys(row, triangle)

@@ -177,3 +177,24 @@ def test_surfaces_that_are_through_one_another_are_named_with_their_depth():
     alone = {"upper": np.array([0, 1])}
     with pytest.raises(SceneError, match="'upper': its contact points are no corners of triangles"):
         ContactPoints(alone, alone, points).own_surface(["upper"], triangles)
+
+
+@given(seeds)
+@settings(max_examples=10, deadline=None)
+def test_pairs_are_looked_for_as_far_as_they_go_relative_to_one_another(seed):
+    """Of all pairs, one by one; what moves as one is never near, however fast."""
+    random = np.random.default_rng(seed)
+    points, triangles = two_patches(random, random.uniform(1e-3, 2e-2))
+    own, ways = own_surface(points, triangles), random.uniform(-5e-3, 5e-3, (2, 32, 3))
+    most, expected = 8 * float(np.abs(ways).max()), 0.0
+    for point in range(32):
+        for nodes in triangles:
+            if (point < 16) == (nodes[0] < 16):
+                continue  # of its own patch, where it is in no box but its neighbours'
+            goes = sum(np.linalg.norm(way[point] - way[nodes], axis=1).max() for way in ways)
+            low, high = points[nodes].min(axis=0), points[nodes].max(axis=0)
+            if np.linalg.norm(points[point] - points[point].clip(low, high)) <= goes:
+                expected = max(expected, goes)
+    assert own.margin(points, ways, most) >= expected * (1 - 8 * EPS)
+    assert own.margin(points, ways, most) <= most
+    assert own.margin(points, np.ones((1, 32, 3)), 4.0) == 0.0

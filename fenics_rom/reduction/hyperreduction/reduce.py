@@ -12,7 +12,6 @@ from fenics_rom.mechanics.fibres import LARGEST_EXPONENT, Fibres, pushed_along
 from fenics_rom.mechanics.hyperelastic import principal_stretches
 from fenics_rom.mechanics.isochoric import LAST_SHARE, isochoric_terms
 from fenics_rom.mechanics.rubber_tests import check_stable
-from fenics_rom.mechanics.step import StepInput
 from fenics_rom.mechanics.voigt import VOIGT_SHEAR
 from fenics_rom.reduction.balancing import choose_order
 from fenics_rom.reduction.checkpoint import Checkpoint
@@ -21,7 +20,7 @@ from fenics_rom.reduction.hyperreduction.cubature import fit_cubature
 from fenics_rom.reduction.hyperreduction.frame_loads import framed
 from fenics_rom.reduction.hyperreduction.modal_derivatives import modal_derivatives
 from fenics_rom.reduction.hyperreduction.training import Run, TrainingData, is_free, trained
-from fenics_rom.reduction.hyperreduction.training_loads import without_valves
+from fenics_rom.reduction.hyperreduction.training_loads import step_input, training_environment, without_valves
 from fenics_rom.reduction.moving_frame import with_moving_frame
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
@@ -352,7 +351,7 @@ def _reduced_states(rom: Rom, run: Run, messages: list[str]) -> Array:
         try:
             if not stuck:
                 stepper.switch(contact)
-                stepper.step(StepInput(u))
+                stepper.step(step_input(rom.environment, u))
                 q = stepper.state[:m] / np.sqrt(rom.stiffness)
         except StepError as error:
             stuck = True
@@ -365,4 +364,4 @@ def _reduced_states(rom: Rom, run: Run, messages: list[str]) -> Array:
 def _acting(rom: Rom, run: Run) -> ActiveEnvironment:
     """What acts in a run beside its inputs: on a free body in its frame, on others where they are held."""
     frame = "fixed" if run.start is None else "moving"
-    return ActiveEnvironment(replace(rom.environment, frame=frame, base_path=None, obstacles={}, contact_law=None))
+    return ActiveEnvironment(replace(training_environment(rom.environment), frame=frame, base_path=None))

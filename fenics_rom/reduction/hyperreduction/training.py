@@ -4,7 +4,8 @@ Each begins at rest, lets loads grow to a target within half of the slowest peri
 them, lets go and swings: what the scene does at its worst moment, then actuators, loads and contact modes one by one,
 and together. A contact mode that the scene never pushes is pushed by as much as undoes there what the other loads do:
 obstacles do no more. A free body among no obstacles has the history of the scene, with random shares of its loads, as
-how it spins comes of all that was before. Where the full model does not follow, the loads of a run are lowered.
+how it spins comes of all that was before; so has a body that touches itself, as how it lies on itself does, too. Its
+surfaces touch in training. Where the full model does not follow, the loads of a run are lowered.
 """
 
 from collections import defaultdict
@@ -20,8 +21,8 @@ from numpy import ndarray as Array
 from fenics_rom.errors import SolverError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.frame_motion import rotation_matrix
-from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.hyperreduction.frame_loads import KINDS, FrameLoads
 from fenics_rom.reduction.hyperreduction.training_loads import (
@@ -31,6 +32,9 @@ from fenics_rom.reduction.hyperreduction.training_loads import (
     scene_history,
     scene_with_run,
     slowest_period,
+    step_input,
+    touches_itself,
+    training_environment,
     training_targets,
 )
 from fenics_rom.reduction.methods.balanced import balanced
@@ -45,7 +49,7 @@ STATIC_STEPS = 10  # of a load that grows without inertia
 SNAPSHOTS = 50  # of each run
 MAX_HISTORY_STEPS = 400  # that the scene's own load history has in training
 GROWING_PERIODS, HOLDING_PERIODS, RUN_PERIODS = 0.5, 0.75, 2.5  # slowest periods that loads grow, are held, runs take
-VARIED = 0.5, 1.1  # of each load of a free body, in runs that are as its own
+VARIED = 0.5, 1.1  # of each load, in runs that are as the scene's own
 LOWERING, LEAST_SHARE = 0.7, 0.1  # of the loads of a run that the full model does not follow, and what is too little
 SMALL_MOTION_WEIGHT = 0.03  # of a run's that the directions of small motions of a contact mode have together
 
@@ -77,9 +81,8 @@ class Run:
         steps = ((contact, loads.whole(loads.passing(u), share)) for contact, u in self.steps)
         return replace(self, steps=tuple(steps), share=share)
 
-    def varied(self, loads: LoadExtremes, start: BaseState, random: np.random.Generator) -> "Run":
-        """The run of a free body that begins otherwise, with random shares of each of its loads."""
-        shares = random.uniform(*VARIED, len(loads.resting) + 1)
+    def varied(self, loads: LoadExtremes, shares: Array, start: BaseState | None = None) -> "Run":
+        """The run with shares of its pushes and of each of its loads (1 + c,); of a free body one begins otherwise."""
 
         def shared(u: Array) -> Array:
             pushes = np.full(len(u) - len(loads.resting), shares[0])
@@ -134,6 +137,9 @@ def _simulated(
     seen = np.zeros(3 + len(_acting_strokes(system)))
     series = scene_with_run(system)[0].environment.viscoelasticity
     relaxing = f"{series}; " if series else ""
+    environment = scene_with_run(system)[0].environment
+    if touches_itself(environment):
+        relaxing += f"{environment.contact_law}, {environment.self_contact}; "
     if is_free(system):
         made = body.stepper_in_frame(1.0, _acting(system), ledger=False)
     else:
@@ -145,7 +151,7 @@ def _simulated(
         problem.stages.report("training runs", done, len(planned))
         for number, (run, restored) in enumerate(zip(planned, earlier, strict=True)):
             name = f"training run {number + 1} of {len(planned)}"
-            share, snapshots, most = restored or _followed(stepper, run, loads, name)
+            share, snapshots, most = restored or _followed(stepper, run, loads, environment, name)
             seen = np.maximum(seen, most) if len(most) == len(seen) else seen
             if restored is None:
                 checkpoint.keep_run(number, *keys[number], share, system.algebra.gather(snapshots), most)
@@ -161,12 +167,14 @@ def _simulated(
     return runs, shapes, seen
 
 
-def _followed(stepper: Any, run: Run, loads: LoadExtremes, name: str) -> tuple[float, Array, Array]:
+def _followed(
+    stepper: Any, run: Run, loads: LoadExtremes, environment: Environment, name: str
+) -> tuple[float, Array, Array]:
     """The share of a run's loads that the full model follows, its shapes (rows here, s) and what else is seen then."""
     share, failure = 1.0, None
     while share >= LEAST_SHARE:
         try:
-            return share, *_shapes(stepper, run.lowered(loads, share), name)
+            return share, *_shapes(stepper, run.lowered(loads, share), environment, name)
         except SolverError as error:
             failure, share = failure or error, LOWERING * share
     assert failure is not None
@@ -219,11 +227,12 @@ def _acting_strokes(system: System) -> list[str]:
 def _acting(system: System) -> ActiveEnvironment | None:
     """What acts in a run beside its inputs, if anything does: what is given as strokes, rubs, or relaxes."""
     scene, _ = scene_with_run(system)
-    free = replace(scene.environment, obstacles={}, contact_law=None)
-    return ActiveEnvironment(free) if free.finds_forces or free.viscoelasticity or free.is_moving else None
+    acting = training_environment(scene.environment)
+    found = acting.finds_forces or acting.contact_law is not None
+    return ActiveEnvironment(acting) if found or acting.viscoelasticity or acting.is_moving else None
 
 
-def _shapes(stepper: Any, run: Run, name: str) -> tuple[Array, Array]:
+def _shapes(stepper: Any, run: Run, environment: Environment, name: str) -> tuple[Array, Array]:
     """The shapes (rows here, s) of a run, from rest, of a free body in its frame; and what was seen at most."""
     zero = np.zeros(stepper.x.size)
     stepper.set_state(zero, zero)
@@ -236,10 +245,11 @@ def _shapes(stepper: Any, run: Run, name: str) -> tuple[Array, Array]:
     try:
         for step, (contact, u) in enumerate(run.steps):
             stepper.switch(contact)
+            inputs = step_input(environment, u)
             if run.dt is None:
-                stepper.equilibrium(StepInput(u))
+                stepper.equilibrium(inputs)
             else:
-                stepper.step(StepInput(u))
+                stepper.step(inputs)
             if step in snapshot_steps:
                 shapes.append((stepper.x if run.start is None else stepper.strained)[:, 0].copy())
             if len(forces):
@@ -264,7 +274,12 @@ def plan_runs(problem: ReductionProblem) -> tuple[LoadExtremes, list[Run], list[
     dt = max(scene_run.dt, period / STEPS_PER_PERIOD) if moves else None
     loads = load_extremes(problem, period)
     number = min(MAX_RUNS if loads.frame is None else MAX_FRAMED_RUNS, max(MIN_RUNS, 2 * loads.count))
-    frame = loads.frame_loads
+    frame, random, kinds = loads.frame_loads, np.random.default_rng(2), len(loads.resting) + 1
+    if touches_itself(scene.environment):
+        own = _own_history(system, scene, frame, scene_run.dt, dt)
+        more = min(MAX_RUNS, 2 * int(loads.extremes.any(axis=0).sum()))
+        shares = [np.full(kinds, VARIED[1]), *random.uniform(*VARIED, (more, kinds))]
+        return loads, [own.varied(loads, of) for of in shares], [own]
     own = None if scene.effects.contact is not None else _own_history(system, scene, frame, scene_run.dt, dt)
     if frame is None or not frame.is_free:
         targets = islice(training_targets(loads), number + 1)
@@ -275,8 +290,7 @@ def plan_runs(problem: ReductionProblem) -> tuple[LoadExtremes, list[Run], list[
         flights = zip(training_targets(loads), starts, strict=False)
         runs = [_grown_and_released(system, loads, *target, dt, period, start) for target, start in flights]
         return loads, runs[:-1], runs[-1:]
-    random = np.random.default_rng(2)
-    runs = [own.varied(loads, start, random) for start in starts]
+    runs = [own.varied(loads, random.uniform(*VARIED, kinds), start) for start in starts]
     return loads, [own, *runs[:-1]], runs[-1:]
 
 

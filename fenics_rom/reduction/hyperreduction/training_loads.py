@@ -9,8 +9,10 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.environment import Run
+from fenics_rom.mechanics.contact import ObstacleMotion
+from fenics_rom.mechanics.environment import Environment, Run
 from fenics_rom.mechanics.load_history import LoadHistory
+from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.hyperreduction.frame_loads import FrameLoads, FrameRange
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.scene.scene import Scene
@@ -19,6 +21,7 @@ from fenics_rom.system.system import System
 SMOOTHING_PERIODS = 0.25  # slowest periods that loads are averaged over: what acts for less moves the body by less
 HISTORY_SAMPLES = 24  # of the load history, among which the worst is looked for
 MAX_SINGLE_LOADS, FRAME_LOADS = 6, 6  # that are tried alone, and so many more where a base moves
+NO_OBSTACLES = ObstacleMotion(*np.zeros((3, 0, 3)))
 RANDOM_PUSH_SHARE = 0.5  # of a contact force that is given to a random direction
 
 
@@ -61,6 +64,22 @@ def scene_with_run(system: System) -> tuple[Scene, Run]:
         where = scene.source if scene else "a system of matrices"
         raise SceneError(f"{where}: has no [run], whose loads say how far the body is to be trained to deform")
     return scene, scene.run
+
+
+def touches_itself(environment: Environment) -> bool:
+    """Whether a body touches itself in training, too: that of a moving frame does not."""
+    return bool(environment.self_contact) and not environment.is_moving
+
+
+def training_environment(environment: Environment) -> Environment:
+    """What acts in training beside inputs: no obstacles, as pushes stand for these."""
+    law = environment.contact_law if touches_itself(environment) else None
+    return replace(environment, obstacles={}, contact_law=law)
+
+
+def step_input(environment: Environment, u: Array) -> StepInput:
+    """An input (p,) of a step of training."""
+    return StepInput(u, NO_OBSTACLES if touches_itself(environment) else None)
 
 
 def without_valves(problem: ReductionProblem) -> ReductionProblem:
@@ -121,7 +140,10 @@ def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
     spins = far is not None and far.spins.any()
     if not (spins or extremes.any() or any(push.any() for push in pushes.values())):
         raise SceneError(f"{scene.source}: run: nothing acts, so there is nothing to train with")
-    if not flies or scene.effects.contact is not None:  # else nothing is where the scene pushes nothing
+    is_alone = touches_itself(scene.environment) and not scene.environment.obstacles
+    if not is_alone and (
+        not flies or scene.effects.contact is not None
+    ):  # else nothing pushes where the scene does not
         pushes = _completed(problem, extremes, pushes)
     worst = _worst(problem, acting, pushing)
     wrenches = tuple(name for name, patch in scene.contacts.items() if patch.force == "wrench")
