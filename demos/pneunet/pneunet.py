@@ -66,6 +66,7 @@ def main() -> None:
     if quick:
         scene = smaller(scene, out / "pneunet.msh")
     system = fr.assemble(scene)
+    assert scene.run is not None
     print(f"{system.size:,} unknowns, {len(system.points_of_contact().coordinates)} points that may touch")
 
     rom = fr.reduce(system, checkpoint=out / "training", resume=True)

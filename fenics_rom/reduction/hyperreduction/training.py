@@ -276,10 +276,10 @@ def plan_runs(problem: ReductionProblem) -> tuple[LoadExtremes, list[Run], list[
     number = min(MAX_RUNS if loads.frame is None else MAX_FRAMED_RUNS, max(MIN_RUNS, 2 * loads.count))
     frame, random, kinds = loads.frame_loads, np.random.default_rng(2), len(loads.resting) + 1
     if touches_itself(scene.environment):
-        own = _own_history(system, scene, frame, scene_run.dt, dt)
+        history = _own_history(system, scene, frame, scene_run.dt, dt)
         more = min(MAX_RUNS, 2 * int(loads.extremes.any(axis=0).sum()))
         shares = [np.full(kinds, VARIED[1]), *random.uniform(*VARIED, (more, kinds))]
-        return loads, [own.varied(loads, of) for of in shares], [own]
+        return loads, [history.varied(loads, of) for of in shares], [history]
     own = None if scene.effects.contact is not None else _own_history(system, scene, frame, scene_run.dt, dt)
     if frame is None or not frame.is_free:
         targets = islice(training_targets(loads), number + 1)
