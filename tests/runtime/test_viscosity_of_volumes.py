@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.optimize
+from gradient_checks import check_gradient
 from soft_rom import soft_rom
 
 import fenics_rom as fr
@@ -133,3 +134,16 @@ def test_steps_of_large_swings_are_of_second_order(stepper):
         ends.append(block.stretches(body.state[0]))
     errors = [np.abs(end - ends[2]).max() for end in ends[:2]]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.3)
+
+
+def test_gradients_are_those_of_differences():
+    block, rng = Block(0.45, light=0.3), np.random.default_rng(5)
+
+    def at(q, r):
+        body = block.simulator(8e-3, "linearly-implicit", q)
+        body.state = q, r
+        return body
+
+    u, start = 40 * rng.standard_normal((8, 1)), (block.at_rest(40.0), 0.3 * rng.standard_normal(3))
+    directions = [10 * rng.standard_normal(u.shape), *(0.03 * rng.standard_normal((2, 3)))]
+    check_gradient(at, u, start, directions)
