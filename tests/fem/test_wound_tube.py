@@ -1,22 +1,20 @@
 """A tube of rubber that is wound with threads of one direction turns as it is inflated.
 
-The closed form is that of a thick-walled tube that keeps its volume (Connolly, Polygerinos, Walsh & Bertoldi, 2015;
-Connolly, Walsh & Bertoldi, 2017): r² = a² + (R² - A²)/λ, θ = Θ + τ Z, z = λ Z, whose energy by length,
-
-    Π = ∫ 2πR μ/2 (λ_r² + λ_θ² + λ² + (r τ)² - 3) dR + 2πB k/2 (λ_f - 1)² - p π (a² λ - A²),   λ_θ = r/R = 1/(λ λ_r),
-    λ_f² = (λ_θ cos α + r τ sin α)² + (λ sin α)²  at the outside, where R = B,
-
-is stationary in the inner radius a, the stretch λ and the twist τ. The last term is of walls and of a closed end.
+The closed form is that of demos/wound. Its last term is of walls and of a closed end.
 """
 
+import sys
 from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.optimize
 from bodies import acted_on, skin_of
 
 import fenics_rom as fr
+
+sys.path.append(str(Path(__file__).parents[2] / "demos" / "wound"))
+from wound import Tube, closed_form
 
 A, B, LENGTH, ROWS = 6e-3, 8e-3, 0.05, 10  # m
 EDGES = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]  # of VTK's cells of ten nodes
@@ -24,20 +22,9 @@ GROUPS = {"mesh.groups": "root = 1\ntop = 2\noutside = 3\nwalls = 4"}
 YOUNG, POISSON, THREADS, ANGLE = 1e5, 0.499, 3e3, 0.4  # Pa, 1, N/m, rad
 
 
-def closed_form(pressure):
+def closed(pressure):
     """Inner radius, m, stretch, and twist by length, rad/m."""
-    x, w = np.polynomial.legendre.leggauss(16)
-    R, w, μ = (B + A) / 2 + (B - A) / 2 * x, w * (B - A) / 2, YOUNG / (2 * (1 + POISSON))
-
-    def energy(y):  # mJ/m
-        a, λ, τ = y[0] * A, y[1], y[2] / B
-        r, outside = (np.sqrt(a**2 + (at**2 - A**2) / λ) for at in (R, B))
-        wall = (w * np.pi * R * μ * ((R / (r * λ)) ** 2 + (r / R) ** 2 + λ**2 + (r * τ) ** 2 - 3)).sum()
-        stretch = np.hypot(outside / B * np.cos(ANGLE) + outside * τ * np.sin(ANGLE), λ * np.sin(ANGLE))
-        return 1e3 * (wall + np.pi * B * THREADS * (stretch - 1) ** 2 - pressure * np.pi * (a**2 * λ - A**2))
-
-    y = scipy.optimize.minimize(energy, [1.0, 1.0, 0.0], options={"gtol": 1e-11}).x
-    return y[0] * A, y[1], y[2] / B
+    return closed_form(Tube(A, B, YOUNG / (2 * (1 + POISSON)), THREADS, (ANGLE,)), pressure)
 
 
 def tube(path, count):
@@ -127,7 +114,7 @@ def inflated(path, count, pressures, effects=""):
 
 def test_a_wound_tube_turns_by_pressure_as_the_closed_form_says(tmp_path):
     """Of small strains, of curved cells: within 1 % of 16 cells around."""
-    expected = (closed_form(1.0)[2] - closed_form(-1.0)[2]) / 2
+    expected = (closed(1.0).twist - closed(-1.0).twist) / 2
     coarse, fine = (inflated(tmp_path, count, [1.0])[0].item() / expected - 1 for count in (8, 16))
     assert abs(fine) < 0.01
     assert abs(fine) < abs(coarse) / 2
@@ -138,7 +125,7 @@ def test_a_wound_tube_turns_far(tmp_path):
     """And is stretched and widened as the closed form says; to 5 kPa, by hand, see fem/README.md."""
     pressures = np.array([500.0, 1000.0])
     found = inflated(tmp_path, 16, pressures, 'large_deformation = { material = "neo_hookean" }\n')
-    a, λ, τ = np.array([closed_form(p) for p in pressures]).T
+    a, λ, τ = np.array([closed(p) for p in pressures]).T
     closed = τ, np.sqrt(a**2 + (B**2 - A**2) / λ) / B - 1, λ - 1
     parts = (found[0], 0.01), (found[1] - 1, 0.05), (found[2] - 1, 0.05)  # the last two are half a per cent
     for (value, within), expected in zip(parts, closed, strict=True):
