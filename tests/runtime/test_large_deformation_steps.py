@@ -246,6 +246,17 @@ def test_followers_pull_where_the_body_is(roms, law):
         assert apart(straight, finals[0]) > 0.01  # it is the turned force that makes the difference
 
 
+def test_a_pressure_comes_in_one_step_as_in_many():
+    """On the way the walls are pushed by a part of the pressure, not by all of it against dead forces."""
+    rom = soft_rom("neo_hookean", inertia=False)
+    one, many = fr.Simulator(rom, 1.0), fr.Simulator(rom, 1.0)
+    one.step(air=3e4)
+    for pressure in (5e3, 1e4, 2e4, 3e4):
+        many.step(air=pressure)
+    assert np.abs(one.displacement()).max() > 0.18
+    assert np.abs(one.displacement() - many.displacement()).max() <= 1e-10
+
+
 @ONE_LAW
 def test_without_inertia_every_step_is_an_equilibrium(law):
     rom = soft_rom(law, inertia=False)

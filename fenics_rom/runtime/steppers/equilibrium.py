@@ -139,7 +139,9 @@ class Equilibrium(PartedKernel):
         if self._is_linear:
             q, contact, reactions = self._linear(sought, lack)
         else:
-            unbalanced = lack if found is None else lack - strokes_before - rubbed_before
+            unbalanced = elastic - self.loads.force(0 * u, start)
+            if found is not None:
+                unbalanced = unbalanced - strokes_before - rubbed_before
             q, contact, reactions = self._followed(sought, unbalanced)
             pushed = self.loads.force(u, q)
         moved, of_friction, numerical, stored = q - start, 0.0, 0.0, Φ.energy(q)
@@ -189,7 +191,7 @@ class Equilibrium(PartedKernel):
         return pushed if contact is None else pushed + self._pushed(contact), contact, reactions
 
     def _followed(self, sought: Sought, unbalanced: Array) -> Found:
-        """The equilibrium that a load which grows from nothing leads to, of forces (m,) that the start lacks.
+        """The equilibrium that a load which grows from nothing leads to, as forces (m,) that hold the start give way.
 
         Raises:
             StepError: there is none beyond some share of the load.
@@ -201,7 +203,7 @@ class Equilibrium(PartedKernel):
             given = sought.strokes
             if self._found is not None:
                 given = self._found.actuators.towards(given, strokes, self.reactions, part)
-            towards = sought._replace(strokes=given)
+            towards = sought._replace(u=part * sought.u, strokes=given)
             balance = self._balanced(towards, found.q, (1 - part) * unbalanced)
             if balance is None:
                 growth /= 2
