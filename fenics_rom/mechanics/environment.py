@@ -215,7 +215,7 @@ class Environment:
                     f"{self.source}: effects.pressure.{name}: its surface encloses no volume that is known, so that "
                     "gas in it has no pressure; allowed is gas.volume, or a body reduced anew from this scene"
                 )
-            gases[name] = replace(gas, volume=gas.volume or volumes[name])
+            gases[name] = gas._replace(volume=gas.volume or volumes[name])
         return replace(self, gases=gases, chambers=volumes)
 
     def with_bars(self, names: Collection[str]) -> "Environment":

@@ -96,7 +96,7 @@ class Filling:
 
 def flow(gas: Gas, supply: float, pressure: float) -> float:
     """Of air through an orifice, m³ at ambient pressure per s, from gauge pressures, Pa; out of a chamber negative."""
-    before, behind = (max(gas.ambient + each, 0.0) for each in (max(supply, pressure), min(supply, pressure)))
+    before, behind = max(gas.ambient + max(supply, pressure), 0.0), max(gas.ambient + min(supply, pressure), 0.0)
     if before <= behind:
         return 0.0
     ratio, k = max(behind / before, CHOKED), HEATS
@@ -111,7 +111,8 @@ def let_in(gas: Gas, stroke: float, amount: float, supply: float, h: float) -> f
     By the backward Euler method, so that no step goes beyond the pressure of the supply.
     """
     volume = gas.volume + stroke
-    least, most = sorted((amount, amount_at(gas, stroke, supply)))
+    end = amount_at(gas, stroke, supply)
+    least, most = min(amount, end), max(amount, end)
     for _ in range(BISECTIONS):
         middle = (least + most) / 2
         if not least < middle < most:

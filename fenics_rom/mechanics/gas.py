@@ -16,7 +16,6 @@ exactly the work that the gas gives away (Gonzalez, 1996). An equilibrium has th
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -39,8 +38,7 @@ SETTLED = 1e-15  # of the pressures: what iterations leave
 STUCK = 1e-9  # the same, of one that gets no nearer for round-off
 
 
-@dataclass(frozen=True)
-class Gas:
+class Gas(NamedTuple):
     """What a chamber is filled with."""
 
     volume: float  # V₀, of the chamber at rest, m³; 0: what its surface encloses, which no scene knows
@@ -95,6 +93,17 @@ def mean_gauge(start: float, end: float, exponent: float) -> tuple[float, float]
     return at_start * mean - 1, at_start * slope / (1 + start)
 
 
+def pressure_at(gas: Gas, amount: float, stroke: float, end: float, at_rest: bool) -> tuple[float, float]:
+    """Gauge pressure, Pa, in a step in which a chamber's stroke goes to its end, m³, and what it changes by with that.
+
+    `at_rest`: that of the end, of an equilibrium.
+    """
+    whole = gas.volume + amount
+    first, last = (stroke - amount) / whole, (end - amount) / whole
+    p, slope = gauge(last, gas.exponent) if at_rest else mean_gauge(first, last, gas.exponent)
+    return gas.ambient * p, gas.ambient * slope / whole
+
+
 class GasStep(NamedTuple):
     """What g gases do in a step, or at its end, of an equilibrium."""
 
@@ -110,10 +119,8 @@ class GasStep(NamedTuple):
         """Pressures (g,), Pa, where chambers grow at rates (g,), m³/s, and what they change by with these."""
         pressures, slopes = np.empty(len(rates)), np.empty(len(rates))
         for k, (gas, u, s) in enumerate(zip(self.gases, self.amounts.tolist(), self.strokes.tolist(), strict=True)):
-            whole = gas.volume + u
-            start, end = (s - u) / whole, (s + self.h * rates.item(k) - u) / whole
-            p, slope = gauge(end, gas.exponent) if self.at_rest else mean_gauge(start, end, gas.exponent)
-            pressures[k], slopes[k] = gas.ambient * p, gas.ambient * slope * self.h / whole
+            pressures[k], slope = pressure_at(gas, u, s, s + self.h * rates.item(k), self.at_rest)
+            slopes[k] = self.h * slope
         return pressures, slopes
 
     def slopes(self, rates: Array) -> tuple[Array, Array, Array]:
@@ -214,7 +221,7 @@ class Targets(NamedTuple):
 def amount_at(gas: Gas, stroke: float, pressure: float) -> float:
     """Of gas, m³, that has a gauge pressure, Pa, where the chamber is larger by a stroke, m³."""
     share = max(1 + pressure / gas.ambient, 0.0)
-    return float((gas.volume + stroke) * share ** (1 / gas.exponent) - gas.volume)
+    return (gas.volume + stroke) * share ** (1 / gas.exponent) - gas.volume
 
 
 def energy_of(gas: Gas, stroke: float, amount: float) -> float:

@@ -128,7 +128,7 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
     if environment.controls:
         put_text(group.create_group("controls", track_order=True), **environment.controls)
     for name, gas in environment.gases.items():
-        put_arrays(group.require_group("gases").create_group(name), GAS, {}, vars(gas))
+        put_arrays(group.require_group("gases").create_group(name), GAS, {}, gas._asdict())
     for name, volume in environment.chambers.items():
         put_arrays(group.require_group("chambers").create_group(name), CHAMBER, {}, {"volume": volume})
     loads = group.create_group("loads", track_order=True)

@@ -4,110 +4,73 @@ A step goes through the same rounds, in each of which it looks for contact by it
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_apart, jit_part, jit_shared
-from fenics_rom.compiled_products import LANES, ROWS
 from fenics_rom.mechanics.actuator_forces import (
     AT_A_BOUND,
     LARGEST_MISS,
+    MAX_ROUNDS,
     PIVOTED,
     ROUND_OFF,
     SETTLED,
     TOGETHER,
     TOLERANCE,
-    ActuatorForces,
 )
 from fenics_rom.mechanics.compiled.copying import are_equal, copy, fill
 from fenics_rom.mechanics.compiled.elimination import matrix_in, solve
-from fenics_rom.mechanics.compiled.work_space import take, take_rows
+from fenics_rom.mechanics.compiled.gas import are_pressures, begin_gas
+from fenics_rom.mechanics.compiled.searched_forces import (
+    ARE_FOUND,
+    BY_PIVOTS,
+    GOES_ON,
+    NONE_FOUND,
+    ROUNDS,
+    Actuators,
+    Search,
+)
 from fenics_rom.mechanics.complementarity import pivoting
 
 solve_by_pivots = jit_shared(pivoting.solve_by_pivots)
-GOES_ON, ARE_FOUND, NONE_FOUND = range(3)  # what a round of a search ends with
-
-
-class Actuators(NamedTuple):
-    """What n forces are of, k of strokes and then g at guides."""
-
-    columns: Array  # of the input (n,)
-    pulls: Array  # 1 of cables by strokes (n,), 0 of others
-    share: Array  # (n,), as in `ActuatorForces`
-    # (g, 3), of each tendon from where it is pulled on: which force, which stroke the tendon has or -1, and its column
-    guides: Array
-    bends: Array  # μα at guides (n,), of angles at rest
-
-    @staticmethod
-    def of(actuators: ActuatorForces | None, p: int) -> "Actuators":
-        """Those of inputs (p,)."""
-        if actuators is None:
-            none = np.zeros(0)
-            return Actuators(np.zeros(0, int), none, none, np.zeros((0, 3), int), none)
-        chains = [
-            (guide, -1 if stroke is None else stroke, column % p)
-            for stroke, column, guides in actuators.chains
-            for guide in guides.tolist()
-        ]
-        share, pulls = actuators.share.astype(float), actuators.pulls.astype(float)
-        return Actuators(
-            actuators.columns % p, pulls, share, np.array(chains, int).reshape(-1, 3), actuators.bends(None)
-        )
-
-
-class Search(NamedTuple):
-    """Of a step, (n,) each but the last ones."""
-
-    z: Array  # forces
-    targets: Array  # rates of strokes
-    rates: Array  # those without these forces and without contact,
-    added: Array  # and what contact adds to them
-    beyond: Array  # what is at a bound, as contact was last found with it
-    sides: Array  # the bound where a force is, -1 or 1, or 0
-    holds: Array  # 1 of those within their bounds, with which contact is found next
-    tried: Array  # sides of the last time when pivots were to find them
-    kept: Array  # what is at guides, with which pivots begin
-    lower: Array
-    upper: Array
-    wrong: Array  # 1 of those that are to change
-    flags: Array  # whether pivots find the sides now (1,)
-    follows: Array  # forces by those that are looked for, (n, n + 1): the last is known
-    tensions: Array  # of tendons ahead of guides, likewise
-    matrix: Array  # room for equations, as of `elimination.matrix_in`,
-    solved: Array  # and for what they give (n + 3,)
 
 
 @jit_part
-def room_for_search(n: int) -> int:
-    """How many numbers it has."""
-    return 2 + 12 * n + 2 * n * (n + 1) + (n + ROWS) * (n + LANES) + n + 3
+def begin_search(given: Actuators, bends: Array, W: Array, u: Array, before: Array, h: float, search: Search) -> bool:
+    """Begins with what guides did under forces before (n,), as `ActuatorForces.solve`; whether gas is what it may be.
+
+    Args:
+        given: what forces are of.
+        bends: μα at guides (n,).
+        W: (n, n) rates by forces.
+        u: the input (p,).
+        before: as above.
+        h: step, s.
+        search: with targets and rates, and of gas strokes at the start.
+    """
+    copy(W, search.W)
+    for k in range(len(before)):
+        search.diagonal[k] = W[k, k]
+    copy(before, search.before)
+    copy(search.targets, search.aims)
+    fill(search.added, 0.0)
+    if not begin_gas(given, u, h, search):
+        return False
+    _begin_rounds(given, bends, u, search)
+    return True
 
 
 @jit_part
-def search_in(numbers: Array, n: int) -> Search:
-    """As parts of these."""
-    numbers[0] = 1.0
-    z, targets, rates, added = take(numbers, n), take(numbers, n), take(numbers, n), take(numbers, n)
-    beyond, sides, holds, tried = take(numbers, n), take(numbers, n), take(numbers, n), take(numbers, n)
-    kept, lower, upper, wrong = take(numbers, n), take(numbers, n), take(numbers, n), take(numbers, n)
-    last = take(numbers, 1), take_rows(numbers, n, n + 1), take_rows(numbers, n, n + 1)
-    of_equations = take(numbers, (n + ROWS) * (n + LANES)), take(numbers, n + 3)
-    bounds = kept, lower, upper, wrong
-    return Search(z, targets, rates, added, beyond, sides, holds, tried, *bounds, *last, *of_equations)
-
-
-@jit_part
-def begin_search(given: Actuators, bends: Array, W: Array, u: Array, before: Array, search: Search) -> None:
-    """Begins with what guides did under forces before (n,): as `ActuatorForces.solve`."""
+def _begin_rounds(given: Actuators, bends: Array, u: Array, search: Search) -> None:
+    """With forces before, and targets and rates by forces of which gas has its own."""
+    W, before = search.W, search.before
     n, largest, are_known = len(before), 0.0, False
     first = n - len(given.guides)
     for k in range(n):
         largest, are_known = max(largest, W[k, k]), are_known or before[k] != 0.0
     _set_bounds(given, bends, u, before, search)
     fill(search.beyond, 0.0)
-    fill(search.added, 0.0)
     fill(search.sides, 0.0)
     for k in range(first, n):
         idle = W[k, k] <= ROUND_OFF * largest
@@ -115,7 +78,7 @@ def begin_search(given: Actuators, bends: Array, W: Array, u: Array, before: Arr
             search.sides[k] = -1.0
         elif before[k] >= AT_A_BOUND * search.upper[k]:
             search.sides[k] = 1.0
-    search.flags[0] = 0.0
+    search.numbers[BY_PIVOTS] = search.numbers[ROUNDS] = 0.0
     copy(search.sides, search.tried)
     copy(search.beyond, search.kept)
     _hold_within(given, search)
@@ -126,7 +89,7 @@ def _hold_within(given: Actuators, search: Search) -> None:
     """Has those hold that are within their bounds; no guides, while pivots find where these are."""
     first = len(search.sides) - len(given.guides)
     for k in range(len(search.sides)):
-        search.holds[k] = 1.0 if search.sides[k] == 0.0 and not (search.flags[0] and k >= first) else 0.0
+        search.holds[k] = 1.0 if search.sides[k] == 0.0 and not (search.numbers[BY_PIVOTS] and k >= first) else 0.0
 
 
 @jit_part
@@ -145,17 +108,17 @@ def _set_bounds(given: Actuators, bends: Array, u: Array, z: Array, search: Sear
 
 
 @jit_part
-def hold(W: Array, search: Search) -> bool:
+def hold(search: Search) -> bool:
     """Sets the forces that contact is to be found with: those with which what is held goes as it is to.
 
     Whether there are some.
     """
-    n, z, holds = len(W), search.z, search.holds
+    n, z, holds, W = len(search.z), search.z, search.holds, search.W
     A, x = matrix_in(search.matrix, n), search.solved
     for k in range(n):
         z[k] = 0.0 if holds[k] else search.beyond[k]
     for k in range(n):
-        x[k] = search.targets[k] - search.rates[k]
+        x[k] = search.aims[k] - search.rates[k]
         for j in range(n):
             x[k] -= W[k, j] * z[j]
             A[k, j] = W[k, j]
@@ -196,9 +159,9 @@ def _chain(given: Actuators, bends: Array, u: Array, sides: Array, unknown: Arra
 
 
 @jit_part
-def _find(given: Actuators, bends: Array, W: Array, u: Array, search: Search) -> bool:
+def _find(given: Actuators, bends: Array, u: Array, search: Search) -> bool:
     """Sets forces with which those within their bounds give their rates, under contact as it is."""
-    n, z, follows, sides = len(W), search.z, search.follows, search.sides
+    n, z, follows, sides, W = len(search.z), search.z, search.follows, search.sides, search.W
     A, x = matrix_in(search.matrix, n), search.solved
     for k in range(n):
         search.wrong[k] = 0.0 if sides[k] else 1.0
@@ -209,7 +172,7 @@ def _find(given: Actuators, bends: Array, W: Array, u: Array, search: Search) ->
             A[k, j] = 1.0 if k == j else 0.0
         if sides[k]:
             continue
-        x[k] = search.targets[k] - search.rates[k] - search.added[k]
+        x[k] = search.aims[k] - search.rates[k] - search.added[k]
         A[k, k] = 0.0
         for j in range(n):
             x[k] -= W[k, j] * follows[j, n]
@@ -225,9 +188,9 @@ def _find(given: Actuators, bends: Array, W: Array, u: Array, search: Search) ->
 
 
 @jit_apart
-def _find_by_pivots(given: Actuators, bends: Array, W: Array, u: Array, search: Search) -> bool:
+def _find_by_pivots(given: Actuators, bends: Array, u: Array, search: Search) -> bool:
     """Sets the bounds where forces are that fulfil all conditions; whether pivots find them."""
-    n, g, sides, unknown = len(W), len(given.guides), search.sides, search.wrong
+    n, g, sides, unknown, W = len(search.z), len(given.guides), search.sides, search.wrong, search.W
     first, most = n - g, 0.0
     idle, at, free = np.zeros(n), np.full(n, -1), np.zeros(n)
     for k in range(n):
@@ -240,7 +203,7 @@ def _find_by_pivots(given: Actuators, bends: Array, W: Array, u: Array, search: 
     follows, tensions = search.follows, search.tensions
     A, b = np.zeros((n, n)), np.zeros(n)
     for k in range(n):
-        b[k] = search.rates[k] + search.added[k] - search.targets[k]
+        b[k] = search.rates[k] + search.added[k] - search.aims[k]
         for j in range(n):
             b[k] += W[k, j] * follows[j, n]
             for i in range(n):
@@ -287,18 +250,33 @@ def _find_by_pivots(given: Actuators, bends: Array, W: Array, u: Array, search: 
 
 
 @jit_part
-def look(given: Actuators, bends: Array, W: Array, u: Array, count: int, touches: bool, search: Search) -> int:
+def look(given: Actuators, bends: Array, u: Array, touches: bool, search: Search) -> int:
     """Sets the forces of a round, and what the next one begins with if these are not found: GOES_ON.
 
     Args:
-        given, bends, W, u, search: as in `begin_search`.
-        count: of rounds before.
+        given, bends, u, search: as in `begin_search`.
         touches: whether contact was found with the forces of `hold`.
     """
-    n, z, sides, beyond, targets = len(W), search.z, search.sides, search.beyond, search.targets
-    if search.flags[0] and not _find_by_pivots(given, bends, W, u, search):
+    outcome = _look(given, bends, u, int(search.numbers[ROUNDS]), touches, search)
+    search.numbers[ROUNDS] += 1.0
+    if outcome == GOES_ON:
+        return GOES_ON if search.numbers[ROUNDS] < MAX_ROUNDS else NONE_FOUND
+    if outcome == NONE_FOUND or len(given.gases) == 0:
+        return outcome
+    outcome = are_pressures(given, u, search)
+    if outcome == GOES_ON:
+        copy(search.z, search.before)
+        _begin_rounds(given, bends, u, search)
+    return outcome
+
+
+@jit_part
+def _look(given: Actuators, bends: Array, u: Array, count: int, touches: bool, search: Search) -> int:
+    """The same after so many rounds of strokes that go at their aims, of which gas gives way as it is known to."""
+    n, z, sides, beyond, targets, W = len(search.z), search.z, search.sides, search.beyond, search.aims, search.W
+    if search.numbers[BY_PIVOTS] and not _find_by_pivots(given, bends, u, search):
         return NONE_FOUND
-    if not _find(given, bends, W, u, search):
+    if not _find(given, bends, u, search):
         return NONE_FOUND
     missed, wrong, first = search.tensions[0], search.wrong, n - len(given.guides)
     scale = most = miss = 0.0
@@ -331,8 +309,8 @@ def look(given: Actuators, bends: Array, W: Array, u: Array, count: int, touches
                 bounded = min(max(z[k], search.lower[k]), search.upper[k])
                 beyond[k] = bounded if sides[k] else 0.0
                 search.kept[k] = bounded if k >= first else beyond[k]
-        elif not search.flags[0]:
-            search.flags[0] = 1.0
+        elif not search.numbers[BY_PIVOTS]:
+            search.numbers[BY_PIVOTS] = 1.0
             copy(search.kept, beyond)
         _hold_within(given, search)
         return GOES_ON
@@ -342,8 +320,8 @@ def look(given: Actuators, bends: Array, W: Array, u: Array, count: int, touches
             targets[k], helps = 0.0, True
     if not (helps or (touches and changed > SETTLED * most)):
         return ARE_FOUND
-    if search.flags[0] and not are_equal(sides, search.tried):  # turns are slow, so that these sides are tried
-        search.flags[0] = 0.0
+    if search.numbers[BY_PIVOTS] and not are_equal(sides, search.tried):  # turns are slow, so that these sides are tried
+        search.numbers[BY_PIVOTS] = 0.0
         copy(sides, search.tried)
         copy(beyond, search.kept)
         for k in range(n):

@@ -199,7 +199,7 @@ def _take(
     if sampled is None:
         if not free_step(body, u, r, pushed, strains, motion, pull):
             return NOT_TAKEN
-        in_step, contact = None, find_touching(u, r, motion, among, beside, pull)
+        in_step, contact = None, find_touching(body.law.h, u, r, motion, among, beside, pull)
     else:
         contact, in_step = find_by_newton(body, sampled, u, r, strains, motion, among, beside, pull)
     if contact.status == OTHERWISE:

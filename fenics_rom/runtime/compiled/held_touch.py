@@ -11,13 +11,13 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.mechanics.actuator_forces import MAX_ROUNDS
-from fenics_rom.mechanics.compiled.actuator_forces import ARE_FOUND, GOES_ON, begin_search, hold, look, search_in
+from fenics_rom.mechanics.compiled.actuator_forces import begin_search, hold, look
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, find_forces
 from fenics_rom.mechanics.compiled.contact_law import Law as ContactLaw
 from fenics_rom.mechanics.compiled.copying import add_row, add_rows, copy
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside, Moving
+from fenics_rom.mechanics.compiled.searched_forces import ARE_FOUND, GOES_ON, search_in
 from fenics_rom.mechanics.compiled.springs import held_by
 from fenics_rom.mechanics.compiled.work_space import work_space
 from fenics_rom.runtime.compiled.carried_strains import Law
@@ -104,7 +104,7 @@ NOT_FOUND = Found(OTHERWISE, 0, 0.0)
 
 @jit_part
 def find_touching(
-    u: Array, r: Array, motion: Motion, among: Among | None, beside: Beside | None, pull: Pull | None
+    h: float, u: Array, r: Array, motion: Motion, among: Among | None, beside: Beside | None, pull: Pull | None
 ) -> Found:
     """Finds forces of contact and cables at v̂ of the motion, and has v̂ follow them; sets what contact does (m,).
 
@@ -112,7 +112,7 @@ def find_touching(
     """
     v = motion.velocity
     if pull is not None:
-        return _find_all(u, r, motion, among, beside, pull)
+        return _find_all(h, u, r, motion, among, beside, pull)
     if among is None or beside is None:
         return Found(NOTHING, 0, 0.0)
     contact = _find_contact(r, motion, among, beside, among.W, True)
@@ -132,21 +132,25 @@ def _answer(motion: Motion, v: Array) -> None:
 
 
 @jit_part
-def _find_all(u: Array, r: Array, motion: Motion, among: Among | None, beside: Beside | None, pull: Pull) -> Found:
+def _find_all(
+    h: float, u: Array, r: Array, motion: Motion, among: Among | None, beside: Beside | None, pull: Pull
+) -> Found:
     """The same where something pulls."""
     given, n, v = pull.actuators, len(pull.forces), motion.velocity
     search, free, contact, outcome = search_in(pull.search, n), v.copy(), Found(NOTHING, 0, 0.0), GOES_ON
     for k in range(n):
         search.targets[k], search.rates[k] = pull.targets[k], dot(pull.lines[k], free)
-    begin_search(given, pull.bends, pull.W, u, pull.found, search)
+    copy(pull.strokes_before, search.strokes)
+    if not begin_search(given, pull.bends, pull.W, u, pull.found, h, search):
+        return NOT_FOUND
     if among is not None:
         held, X = np.empty_like(among.W), np.zeros((n, len(among.W)))
         for k in range(n):
             add_rows(among.touch.points, pull.spread[k], 0, len(among.W), X[k])
         _set_delassus(among.touch, motion.factor, among.spread, among.W)
-    for count in range(MAX_ROUNDS):
+    while outcome == GOES_ON:
         if among is not None and beside is not None:
-            if not (hold(pull.W, search) and hold_back(among.W, X, pull.W, search.holds, held)):
+            if not (hold(search) and hold_back(among.W, X, search.W, search.holds, held)):
                 return NOT_FOUND
             _move(pull, search.z, free, v)
             contact = _find_contact(r, motion, among, beside, held, False)
@@ -154,9 +158,7 @@ def _find_all(u: Array, r: Array, motion: Motion, among: Among | None, beside: B
                 return NOT_FOUND
             for k in range(n):
                 search.added[k] = dot(pull.spread[k], motion.pushed)
-        outcome = look(given, pull.bends, pull.W, u, count, among is not None, search)
-        if outcome != GOES_ON:
-            break
+        outcome = look(given, pull.bends, u, among is not None, search)
     if outcome != ARE_FOUND:
         return NOT_FOUND
     copy(search.z, pull.found)

@@ -10,20 +10,12 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_apart, jit_part
-from fenics_rom.mechanics.actuator_forces import MAX_ROUNDS
-from fenics_rom.mechanics.compiled.actuator_forces import (
-    ARE_FOUND,
-    GOES_ON,
-    Actuators,
-    begin_search,
-    hold,
-    look,
-    search_in,
-)
+from fenics_rom.mechanics.compiled.actuator_forces import begin_search, hold, look
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law, find_forces
 from fenics_rom.mechanics.compiled.copying import add_row, copy, fill
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside
+from fenics_rom.mechanics.compiled.searched_forces import ARE_FOUND, GOES_ON, Actuators, search_in
 from fenics_rom.mechanics.compiled.work_space import release, taken
 from fenics_rom.runtime.compiled.held_back import hold_back
 from fenics_rom.runtime.compiled.small_matrices import dot
@@ -85,15 +77,15 @@ def pull_alone(
     search, first = search_in(numbers, n), n - len(given.guides)
     for k in range(n):
         line, share = pulled.lines[k], given.share[k]
-        missing = 0.0 if k >= first else u[given.columns[k]] - dot(line, q)
+        search.strokes[k] = dot(line, q)
+        missing = 0.0 if k >= first else u[given.columns[k]] - search.strokes[k]
         search.targets[k] = share / h * missing + (1 - share) * dot(line, r)
         search.rates[k] = dot(line, free)
-    begin_search(given, given.bends, pulled.W, u, before, search)
+    if not begin_search(given, given.bends, pulled.W, u, before, h, search):
+        return False
     outcome = GOES_ON
-    for count in range(MAX_ROUNDS):
-        outcome = look(given, given.bends, pulled.W, u, count, False, search)
-        if outcome != GOES_ON:
-            break
+    while outcome == GOES_ON:
+        outcome = look(given, given.bends, u, False, search)
     copy(search.z, z)
     _move(pulled, z, free, v)
     return outcome == ARE_FOUND
@@ -137,12 +129,10 @@ def pull_among(
     """
     given, n, P = pulled.actuators, len(before), len(body.places)
     search, W, unknown = search_in(numbers, n), np.empty_like(body.W), in_one_piece(np.empty((0, 0)))
-    for k in range(n - len(given.guides), n):  # of which the search before may have had some go on
-        search.targets[k] = (1 - given.share[k]) * dot(pulled.lines[k], r)
-    begin_search(given, given.bends, pulled.W, u, before, search)
+    begin_search(given, given.bends, pulled.W, u, before, law.h, search)
     begin = taken(space)
-    for count in range(MAX_ROUNDS):
-        if not (hold(pulled.W, search) and hold_back(body.W, pulled.X, pulled.W, search.holds, W)):
+    while True:
+        if not (hold(search) and hold_back(body.W, pulled.X, search.W, search.holds, W)):
             return False
         _move(pulled, search.z, free, v)
         release(space, begin)
@@ -156,11 +146,10 @@ def pull_among(
         add_up_forces(contact, beside.w, found)
         for k in range(n):
             search.added[k] = dot(pulled.X[k], found.forces)
-        outcome = look(given, given.bends, pulled.W, u, count, True, search)
+        outcome = look(given, given.bends, u, True, search)
         if outcome != GOES_ON:
             copy(search.z, z)
             return outcome == ARE_FOUND
-    return False
 
 
 @jit_apart

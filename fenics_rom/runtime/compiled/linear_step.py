@@ -13,11 +13,11 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_apart, jit_part, jit_sums
 from fenics_rom.compiled_arrays import unowned
-from fenics_rom.mechanics.compiled.actuator_forces import room_for_search
 from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Found, Law, Pairs, find_forces
 from fenics_rom.mechanics.compiled.copying import copy, fill, largest_of
 from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, begin_beside, room_beside, turn, turn_too_far
+from fenics_rom.mechanics.compiled.searched_forces import room_for_search
 from fenics_rom.mechanics.compiled.springs import held_by
 from fenics_rom.mechanics.compiled.work_space import release, take, take_rows, taken
 from fenics_rom.runtime.compiled.branches import (

@@ -10,10 +10,10 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.compiled_arrays import unowned
-from fenics_rom.mechanics.compiled.actuator_forces import Actuators
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs
 from fenics_rom.mechanics.compiled.copying import are_equal, copy
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
+from fenics_rom.mechanics.compiled.searched_forces import Actuators
 from fenics_rom.mechanics.compiled.work_space import take, take_flags, take_frames, take_integers, take_rows, work_space
 from fenics_rom.runtime.compiled.arrays_at import cube_at, integer_rows_at, integers_at, matrix_at, vector_at
 from fenics_rom.runtime.compiled.block_products import Blocks
@@ -136,10 +136,10 @@ def _body_at(table: Array, numbers: Array) -> Body:
 
 @jit_part
 def pulled_at(t: Array) -> Pulled:
-    """What nine rows have of it."""
+    """What ten rows have of it."""
     of = integers_at(t[0]), vector_at(t[1]), vector_at(t[2]), integer_rows_at(t[3]), vector_at(t[4])
-    actuators = Actuators(of[0], of[1], of[2], of[3], of[4])
-    return Pulled(actuators, matrix_at(t[5]), matrix_at(t[6]), matrix_at(t[7]), matrix_at(t[8]))
+    actuators = Actuators(of[0], of[1], of[2], of[3], of[4], matrix_at(t[5]))
+    return Pulled(actuators, matrix_at(t[6]), matrix_at(t[7]), matrix_at(t[8]), matrix_at(t[9]))
 
 
 @jit_part

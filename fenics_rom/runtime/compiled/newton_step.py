@@ -68,7 +68,7 @@ def find_by_newton(
         _correct(v, lack, motion)
         if pull is not None:
             set_pull(pull, strains.at, motion.factor)
-        found = find_touching(u, r, motion, among, beside, pull)
+        found = find_touching(law.h, u, r, motion, among, beside, pull)
         if found.status == OTHERWISE:
             return NOT_FOUND, step
         error = 0.0

@@ -11,8 +11,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.actuator_forces import CREEP
-from fenics_rom.mechanics.compiled.actuator_forces import Actuators, room_for_search
 from fenics_rom.mechanics.compiled.copying import add_row, copy, fill
+from fenics_rom.mechanics.compiled.searched_forces import Actuators, room_for_search
 from fenics_rom.runtime.compiled.following import add_pressed_slope, add_pulled_slope
 from fenics_rom.runtime.compiled.small_matrices import dot, solve
 from fenics_rom.runtime.compiled.strain_tables import set_products
@@ -39,7 +39,8 @@ class Pull(NamedTuple):
     forces: Array  # z (n,) of the step before, then of this one
     targets: Array  # rates c (n,), m/s or m³/s
     found: Array  # z (n,)
-    strokes: Array  # (n,), m or m³
+    strokes: Array  # (n,), m or m³,
+    strokes_before: Array  # and those at the start of the step
     bends: Array  # μα at guides (n,)
     lines: Array  # Bᵀ (n, m)
     spread: Array  # what forces move (n, m)
@@ -49,7 +50,7 @@ class Pull(NamedTuple):
 
 def rooms_for_pull(n: int, m: int) -> tuple[Array, ...]:
     """For what is set, but for products and forces."""
-    sizes = (n,), (n,), (n,), (n,), (n, m), (n, m), (n, n), (room_for_search(n),)
+    sizes = (n,), (n,), (n,), (n,), (n,), (n, m), (n, m), (n, n), (room_for_search(n),)
     return tuple(map(np.zeros, sizes))
 
 
@@ -58,7 +59,7 @@ def own_pull(pull: Pull, forces: Array) -> Pull:
     """Of a body of many, whose forces of the step before are these (n,)."""
     n, m, p = len(forces), pull.lines.shape[1], pull
     fixed = p.actuators, p.friction, p.chambers, p.after, p.starts, p.beyond, p.at_rest, p.shapes, p.lengths
-    vectors = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    vectors = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     rest = np.zeros((n, m)), np.zeros((n, m)), np.zeros((n, n)), np.zeros(len(p.search))
     return Pull(*fixed, p.polynomials, np.zeros(len(p.products)), forces, *vectors, *rest)
 
@@ -126,6 +127,7 @@ def aim(pull: Pull, u: Array, q: Array, r: Array, h: float) -> None:
         share, missing = given.share[k], 0.0 if k >= first else u[given.columns[k]] - pull.strokes[k]
         pull.targets[k] = share / h * missing + (1 - share) * dot(pull.lines[k], r)
     copy(pull.forces, pull.found)
+    copy(pull.strokes, pull.strokes_before)
 
 
 @jit_part

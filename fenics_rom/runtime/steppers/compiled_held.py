@@ -7,9 +7,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain, jit, or_numpy
-from fenics_rom.mechanics.compiled.actuator_forces import Actuators
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving
+from fenics_rom.mechanics.compiled.searched_forces import Actuators
 from fenics_rom.mechanics.compiled_contact import CompiledContact
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
@@ -329,9 +329,9 @@ class CompiledHeld:
 
 
 def _pull(found: FoundForces, m: int, p: int) -> Pull | None:
-    """Of p inputs, as arrays; None where more is found than forces of cables and chambers, as of bars and gas."""
+    """Of p inputs, as arrays; None where more is found than forces of cables and chambers, as of bars."""
     followers, actuators = found.followers, found.actuators
-    if actuators.gases or not followers or not all(isinstance(each, ReducedTendon | Pressure) for each in followers):
+    if not followers or not all(isinstance(each, ReducedTendon | Pressure) for each in followers):
         return None
     n, k = len(followers), len(actuators.names)
     after, last = np.full(n, -1), dict[str, int]()

@@ -127,7 +127,7 @@ class ContactMidpoint(FollowingMidpoint):
     @property
     def pulled(self) -> "Pulled":
         """What forces are found in steps, as loops have it."""
-        from fenics_rom.mechanics.compiled.actuator_forces import Actuators  # here, as numba takes time to import
+        from fenics_rom.mechanics.compiled.searched_forces import Actuators  # here, as numba takes time to import
         from fenics_rom.runtime.compiled.linear_actuators import Pulled
 
         (m, width), given = self._Sᵀ.shape, Actuators.of(self._actuators, self._model.inputs.shape[1])

@@ -10,16 +10,9 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_apart, jit_part
 from fenics_rom.compiled_arrays import flat
-from fenics_rom.mechanics.actuator_forces import MAX_ROUNDS
-from fenics_rom.mechanics.compiled.actuator_forces import (
-    ARE_FOUND,
-    GOES_ON,
-    begin_search,
-    look,
-    room_for_search,
-    search_in,
-)
+from fenics_rom.mechanics.compiled.actuator_forces import begin_search, look
 from fenics_rom.mechanics.compiled.copying import add_row, copy
+from fenics_rom.mechanics.compiled.searched_forces import ARE_FOUND, GOES_ON, room_for_search, search_in
 from fenics_rom.runtime.compiled.arrays_at import vector_at
 from fenics_rom.runtime.compiled.contact_points import Points
 from fenics_rom.runtime.compiled.frame_tables import body_at, state_at
@@ -43,7 +36,7 @@ class PulledHere(NamedTuple):
 def pulled_of(table: Array) -> PulledHere:
     """What a body has of it."""
     t = table[PULLED:]
-    return PulledHere(pulled_at(t), vector_at(t[9]), vector_at(t[10]), vector_at(t[11]))
+    return PulledHere(pulled_at(t), vector_at(t[10]), vector_at(t[11]), vector_at(t[12]))
 
 
 @jit_apart
@@ -88,14 +81,12 @@ def _pull(
         missing = 0.0 if k >= first else u[given.columns[k]] - dot(line, q)
         search.targets[k] = share / h * missing + (1 - share) * dot(line, r)
         search.rates[k] = dot(line, rate)
-    begin_search(given, given.bends, pulled.W, u, of.reactions, search)
+    begin_search(given, given.bends, pulled.W, u, of.reactions, h, search)
     for k in range(n):
         search.added[k] = dot(pulled.lines[k], changed) - search.rates[k]
     outcome = GOES_ON
-    for count in range(MAX_ROUNDS):
-        outcome = look(given, given.bends, pulled.W, u, count, False, search)
-        if outcome != GOES_ON:
-            break
+    while outcome == GOES_ON:
+        outcome = look(given, given.bends, u, False, search)
     if outcome != ARE_FOUND:
         return False
     copy(search.z, of.found)
