@@ -37,6 +37,7 @@ SHARED = tuple(  # what else than their own folders compiled functions use
         "mechanics/contact_pairs",
         "mechanics/contact_search",
         "mechanics/frame_contact",
+        "mechanics/fibres",
         "mechanics/filling",
         "mechanics/frame_motion",
         "mechanics/gas",

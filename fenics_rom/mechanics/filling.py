@@ -1,11 +1,14 @@
 """How much gas the chambers of a body hold in a run, and what it stores: part of the energy account of the body."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from itertools import accumulate
 
+import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import compiled, jit
 from fenics_rom.mechanics.gas import Gas, amount_at, check_gas, energy_of, gauge, stored
 
 GAS_CONSTANT = 287.05  # of air, J/kg/K
@@ -29,6 +32,7 @@ class Filling:
 
     def __init__(self, gases: Mapping[str, Gas], widths: Mapping[str, int], stroke: Callable[[str], float]):
         self._gases, self._stroke, total = gases, stroke, sum(widths.values())
+        self._let_in = compiled_let_in() if compiled() and any(gas.orifice for gas in gases.values()) else let_in
         ends = dict(zip(widths, accumulate(widths.values()), strict=True))
         self.columns = {name: ends[name] - 1 - total for name in gases}
         self.resume({})
@@ -36,12 +40,28 @@ class Filling:
     @property
     def energy(self) -> float:
         """Stored in all gas, J."""
-        return math.fsum(energy_of(gas, self._stroke(name), self.amounts[name]) for name, gas in self._gases.items())
+        return self._energy_at({name: self._stroke(name) for name in self._gases})
+
+    def _energy_at(self, strokes: Mapping[str, float]) -> float:
+        return math.fsum(energy_of(gas, strokes[name], self.amounts[name]) for name, gas in self._gases.items())
 
     def resume(self, amounts: Mapping[str, float]) -> None:
         """Goes on from a body that is where it is, with some gas."""
         self.amounts = {name: amounts.get(name, 0.0) for name in self._gases}
-        self._stored = self.energy
+        self._stored = 0.0
+        self.gained()
+
+    def in_order(self, names: Sequence[str], count: int) -> Array:
+        """What was blown into chambers, (count,), of which the first have such names; 0 of others."""
+        amounts = np.zeros(count)
+        for place, name in enumerate(names):
+            amounts[place] = self.amounts.get(name, 0.0)
+        return amounts
+
+    def check(self, u: Array, time: float) -> None:
+        """A StepError where a chamber has no volume, or no gas, in a step that begins at a time, s, under (any,)."""
+        for name, gas in self._gases.items():
+            check_gas(name, gas, self._strokes[name], u.item(self.columns[name]), f"t = {time:.6g} s: ")
 
     def blown(self, u: Array, time: float, h: float) -> Array:
         """An input (any,), which ends with the actuators', with the gas of a step of h, s, that begins at a time, s.
@@ -51,10 +71,11 @@ class Filling:
         """
         blown = u.copy()
         for name, gas in self._gases.items():
-            stroke, column = self._stroke(name), self.columns[name]
             if gas.orifice:
-                blown[column] = let_in(gas, stroke, self.amounts[name], u.item(column), h)
-            check_gas(name, gas, stroke, blown.item(column), f"t = {time:.6g} s: ")
+                stroke, column, amount = self._strokes[name], self.columns[name], self.amounts[name]
+                check_gas(name, gas, stroke, amount, f"t = {time:.6g} s: ")
+                blown[column] = self._let_in(gas, stroke, amount, u.item(column), h)
+        self.check(blown, time)
         return blown
 
     def let_in_slopes(self, name: str, u: Array, h: float) -> tuple[float, float, float]:
@@ -90,8 +111,17 @@ class Filling:
 
     def gained(self) -> float:
         """What all gas stores more than when this was last asked, J."""
-        before, self._stored = self._stored, self.energy
+        self._strokes = {name: self._stroke(name) for name in self._gases}  # until the body is put elsewhere
+        before, self._stored = self._stored, self._energy_at(self._strokes)
         return self._stored - before
+
+
+@cache
+def compiled_let_in() -> "Callable[[Gas, float, float, float, float], float]":
+    """`let_in`, to the bit as loops have it."""
+    from fenics_rom.mechanics.compiled import gas  # here, as numba takes time to import
+
+    return jit(gas.let_in)
 
 
 def flow(gas: Gas, supply: float, pressure: float) -> float:

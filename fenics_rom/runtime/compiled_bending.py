@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import compiled, or_numpy
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving
+from fenics_rom.mechanics.compiled.searched_forces import Actuators
 from fenics_rom.mechanics.step import StepperState
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.compiled.branches import RATIO
@@ -24,7 +25,7 @@ from fenics_rom.runtime.compiled.carried_strains import (
     NUMBERS,
     VELOCITY,
 )
-from fenics_rom.runtime.compiled.held_bodies import Carried, restore_bodies, step_bodies
+from fenics_rom.runtime.compiled.held_bodies import Carried, restore_bodies, set_volumes_of, step_bodies
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.strain_tables import padded
 from fenics_rom.runtime.compiled.strokes import Pull
@@ -186,12 +187,13 @@ class CompiledBending(CompiledBodies):
     def _step_together(self, mode: Mode, own: Array, inputs: Array, obstacles: Moving) -> None:
         law = NO_LAW if self._interface is None else self._solver.law_in_steps(self._dt)
         given = mode.body, mode.touch, self._pulls[mode.name], law, self._friction, self._shapes
-        between = inputs, obstacles, self._begun, self._after, mode.states, self._carried, self._new
+        between = inputs, obstacles, self._begun, self._after, mode.states, self._filled, self._carried, self._new
         deal_out(partial(_step, given, between), own)
 
     def _take_back(self, bodies: Array) -> None:
         if len(bodies):
             restore_bodies(bodies, self._modes[0].states, self._carried)
+            self._filled.amounts[bodies] = self._filled.before[bodies]
 
     def _commit(self, taken: Array, stays: Array, obstacles: Moving) -> None:
         super()._commit(taken, stays, obstacles)
@@ -220,7 +222,14 @@ class CompiledBending(CompiledBodies):
         if beyond.size:
             g, y, ġ, ẏ = beyond.transpose(1, 0, 2)
             energy += (np.einsum("bp,bp->b", g, y) + mode.touch.τ**2 * np.einsum("bp,bp->b", ġ, ẏ)) / 2
-        return energy
+        return energy + self._gas_energy(np.arange(self.size))
+
+    def _strokes_of(self, mode: Mode, bodies: Array) -> tuple[Actuators, Array]:
+        pull = self._pulls[mode.name]
+        assert pull is not None
+        strokes = np.zeros((len(bodies), self._strokes))
+        set_volumes_of(pull, mode.states.halves[bodies], mode.body.inverse_ω, strokes)
+        return pull.actuators, strokes
 
     @property
     def beyond_training(self) -> Array:

@@ -60,8 +60,7 @@ class CompiledBodies(CompiledState):
     @property
     def reactions(self) -> dict[str, Array]:
         """(size,) of each, by name."""
-        names = () if self._single.environment is None else self._single.environment.stroke_names(self.rom.actuators)
-        return dict(zip(names, self._found.T, strict=False))
+        return dict(zip(self._single.stroke_names, self._found.T, strict=False))
 
     @property
     def _found(self) -> Array:
@@ -107,7 +106,10 @@ class CompiledBodies(CompiledState):
         assert ledger is not None
         self._rub(float(self._friction[body]))
         stepper.flush()
-        ledger.sums = EnergyLedger().sums
+        ledger.sums, filling = EnergyLedger().sums, self._single.filling
+        if filling is not None:
+            filling.resume(self._gas_of(body))
+            filling.check(u, float(self.time[body]))
         energy = stepper.step(self._all_of(body, u, obstacles))
         if not np.isfinite(energy):
             stepper.rollback()
@@ -121,6 +123,10 @@ class CompiledBodies(CompiledState):
         (supplied, *_), (dissipated, *_), *_, by_obstacles, contact, friction = sums
         of_contact = by_obstacles[0], contact[0], friction[0]
         told.works[body] = supplied - of_contact[0], dissipated - sum(of_contact[1:]), *of_contact
+        if filling is not None:
+            self._filled.before[body] = self._filled.amounts[body]
+            told.works[body, 0] += filling.take(u)
+            self._filled.amounts[body] = filling.in_order(self._single.stroke_names, self._strokes)
         touched = stepper.contact
         for kept, part in zip(told[2:], self._nothing(1), strict=True):
             kept[body] = part[0]
@@ -192,6 +198,7 @@ class CompiledBodies(CompiledState):
         self._begun.forces[bodies], self._begun.swung[bodies] = 0.0, 0
         self._began[bodies], self._taken[bodies] = 0.0, 0
         self._account[:, bodies] = self._least_tensions[:, bodies] = 0.0
+        self._filled.amounts[bodies] = 0.0
         for body in bodies.tolist():
             self._searches.pop(body, None)
         if self._skin is not None:
@@ -240,9 +247,9 @@ class CompiledBodies(CompiledState):
         """Makes contact modes active, by their numbers (B,), of bodies (B,)."""
         for mode, body in zip(modes.tolist(), bodies.tolist(), strict=True):
             if mode != self._mode[body]:
-                lost = self._enter(body).switch(self._modes[mode].name)
+                lost, before = self._enter(body).switch(self._modes[mode].name), self._gas_energy(np.array([body]))
                 self._leave(body)
-                self._account[LOST_IN_SWITCHING, body] += lost
+                self._account[LOST_IN_SWITCHING, body] += lost - float((self._gas_energy(np.array([body])) - before)[0])
 
     def step(self, u: Array, base: "BaseState | None", held: Array, on_error: str) -> Array:
         """As of `Batch`, but for "reset", under inputs and bases that are fine but for those of bodies held."""
@@ -280,6 +287,7 @@ class CompiledBodies(CompiledState):
             for kept, part in zip(mode.states[:PARTS], mode.states[PARTS:], strict=True):
                 kept[own] = part[own]
         self._clearance[:, bodies] = 0.0
+        self._filled.amounts[bodies] = self._filled.before[bodies]
 
     def _take(self, goes: Array, taken: Array, u: Array, loads: Array, obstacles: Moving, on_error: str) -> None:
         """Takes the steps of bodies that go (size,), and notes those that have taken theirs."""
@@ -308,7 +316,7 @@ class CompiledBodies(CompiledState):
         given = mode.body, law, self._friction, self._shapes
         gap, untouched, still, gone = self._clearance
         clearance = Clearance(gap, untouched, still, mode.stretch, gone, self._apart)
-        between = inputs, obstacles, self._begun, self._after, mode.states, clearance, self._new
+        between = inputs, obstacles, self._begun, self._after, mode.states, self._filled, clearance, self._new
         deal_out(partial(_step, given, between), own)
         mode.keep_rows()
 

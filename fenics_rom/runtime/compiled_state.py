@@ -12,6 +12,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.compiled.gas import Filled, store_in_gas
+from fenics_rom.mechanics.compiled.searched_forces import Actuators
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.step import StepperState
@@ -82,6 +84,7 @@ class CompiledState:
         self._friction, self.frozen = np.full(size, 0.0 if law is None else float(law.friction)), np.zeros(size, bool)
         self._clearance = np.zeros((4, size))  # as in `touching.Clearance`; 0 where it is not known
         self._apart = np.zeros((size, obstacles * P))
+        self._filled = Filled(np.zeros((size, self._strokes)), np.zeros((size, self._strokes)))
         self._began, self._taken = np.zeros(size), np.zeros(size, int)  # s, and steps since then
         sizes = (size, obstacles * P, 3), (size, obstacles * P)
         self._begun, self._after = (Begun(np.zeros(sizes[0]), np.zeros(sizes[1], int)) for _ in range(2))
@@ -221,7 +224,32 @@ class CompiledState:
             for relaxed in (mode.states.relaxed[bodies], mode.states.relaxed_beyond[bodies]):
                 stored += np.einsum("n,bnk,bnk->b", mode.body.branches[RATIO], relaxed[:, :, 0], relaxed[:, :, 1])
             energy[bodies] = (np.einsum("bim,bim->b", halves, halves) + stored) / 2
-        return energy
+        return energy + self._gas_energy(np.arange(self.size))
+
+    def _gas_energy(self, bodies: Array) -> Array:
+        """What gas of some bodies stores (B,), J."""
+        stored = np.zeros(len(bodies))
+        if self._single.filling is None:
+            return stored
+        for mode in self._modes:
+            at = (self._mode[bodies] == self._numbers[mode.name]).nonzero()[0]
+            if len(at):
+                given, strokes = self._strokes_of(mode, bodies[at])
+                own = np.zeros(len(at))
+                store_in_gas(given, strokes, self._filled.amounts[bodies[at]], own)
+                stored[at] = own
+        return stored
+
+    def _strokes_of(self, mode: Mode, bodies: Array) -> tuple[Actuators, Array]:
+        """What is found in steps, and strokes (B, n) of some bodies in a contact mode."""
+        pulled, states = mode.body.pulled, mode.states
+        q = states.halves[bodies, 0] * mode.body.inverse_ω
+        q[:, : self.rom.rigid] = states.rigid[bodies]
+        return pulled.actuators, q @ pulled.lines.T
+
+    def _gas_of(self, body: int) -> dict[str, float]:
+        """What was blown into chambers of a body, m³, by name."""
+        return dict(zip(self._single.stroke_names, self._filled.amounts[body].tolist(), strict=False))
 
     def _by_mode(self, bodies: Array | None = None) -> list[tuple[Array, Mode]]:
         """Those of some bodies (n,), None: of all, that are in each contact mode."""

@@ -335,10 +335,14 @@ class SimulatedBody(NotesLastStep):
         return self._output_rows[key]
 
     @property
+    def stroke_names(self) -> tuple[str, ...]:
+        """Of the actuators whose strokes or gas are given, in the order of their forces."""
+        return () if self.environment is None else self.environment.stroke_names(self.rom.actuators)
+
+    @property
     def reactions(self) -> dict[str, float]:
         """Forces of the actuators whose strokes are given, in the last step: tensions in N, pressures in Pa."""
-        names = () if self.environment is None else self.environment.stroke_names(self.rom.actuators)
-        return dict(zip(names, map(float, self._stepper.reactions), strict=False))
+        return dict(zip(self.stroke_names, map(float, self._stepper.reactions), strict=False))
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -81,8 +81,13 @@ class SteppedRollout:
             if ahead is None:
                 return None
             path, u = ahead[0], u[: ahead[1]]
-        taken: StepsTaken | HeldStepsTaken | None = kernel.roll(u, path)
+        names, filling, amounts = body.stroke_names, body.filling, np.zeros(len(body.integrator.reactions))
+        if filling is not None:
+            amounts = filling.in_order(names, len(amounts))
+        taken: StepsTaken | HeldStepsTaken | None = kernel.roll(u, path, amounts)
         if taken is not None:
+            if filling is not None:
+                filling.resume(dict(zip(names, amounts.tolist(), strict=False)))
             if path is not None:
                 self._path.go_on(len(taken.steps.q))
             body.steps += len(taken.steps.q)

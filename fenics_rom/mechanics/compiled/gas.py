@@ -1,10 +1,11 @@
 """Gas in chambers, compiled: `mechanics.gas`, whose law it is, and valves."""
 
 import math
+from typing import NamedTuple
 
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_apart, jit_part, jit_shared
+from fenics_rom.compilation import jit, jit_apart, jit_part, jit_shared
 from fenics_rom.mechanics import filling, gas
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.searched_forces import (
@@ -19,6 +20,15 @@ from fenics_rom.mechanics.compiled.searched_forces import (
     gas_in,
 )
 from fenics_rom.mechanics.gas import LEAST_VOLUME, MAX_ITERATIONS, SETTLED, SMALLEST, STUCK, Gas
+
+
+
+class Filled(NamedTuple):
+    """Gas that was blown into chambers of B bodies so far, m³: of n forces each, 0 of those that are not of gas."""
+
+    amounts: Array  # (B, n)
+    before: Array  # the same before the last step
+
 
 _pressure_at, _energy_of, _let_in = map(jit_shared, (gas.pressure_at, gas.energy_of, filling.let_in))
 
@@ -40,6 +50,55 @@ def energy_of(gas: Gas, stroke: float, amount: float) -> float:
 def let_in(gas: Gas, stroke: float, amount: float, supply: float, h: float) -> float:
     """As `filling.let_in`."""
     return _let_in(gas, stroke, amount, supply, h)
+
+
+@jit_apart
+def blow_in(given: Actuators, strokes: Array, amounts: Array, u: Array, h: float) -> float:
+    """Has an input (p,) say what gas there is after a step of h s, also of valves; what is stored before it, J.
+
+    Args:
+        given: what n forces are of.
+        strokes: (n,) of chambers, m³.
+        amounts: (n,) that was blown in so far, m³.
+        u: changed.
+        h: as above.
+
+    Returns:
+        What gas stores; not a number: a chamber has no volume, or no gas.
+    """
+    stored = 0.0
+    for i in range(len(given.gases)):
+        k, gas = int(given.gases[i, 0]), gas_in(given.gases, i)
+        column = given.columns[k]
+        if not gas.volume + strokes[k] > 0:
+            return math.nan
+        stored += energy_of(gas, strokes[k], amounts[k])
+        if gas.orifice > 0:
+            u[column] = let_in(gas, strokes[k], amounts[k], u[column], h)
+        if not gas.volume + u[column] > 0:
+            return math.nan
+    return stored
+
+
+@jit_apart
+def keep_gas(given: Actuators, strokes: Array, u: Array, amounts: Array) -> float:
+    """Has the gas of a step under an input (p,) that `blow_in` changed be there; what it stores, J."""
+    stored = 0.0
+    for i in range(len(given.gases)):
+        k = int(given.gases[i, 0])
+        amounts[k] = u[given.columns[k]]
+        stored += energy_of(gas_in(given.gases, i), strokes[k], amounts[k])
+    return stored
+
+
+@jit
+def store_in_gas(given: Actuators, strokes: Array, amounts: Array, stored: Array) -> None:
+    """Sets what the gas of bodies (B,) stores, J, of strokes and amounts (B, n)."""
+    for b in range(len(stored)):
+        stored[b] = 0.0
+        for i in range(len(given.gases)):
+            k = int(given.gases[i, 0])
+            stored[b] += energy_of(gas_in(given.gases, i), strokes[b, k], amounts[b, k])
 
 
 @jit_part

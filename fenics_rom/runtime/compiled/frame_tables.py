@@ -14,7 +14,7 @@ from fenics_rom.runtime.compiled.held_table import law_at, memory_at
 
 LOADS, STATE, WATCH, ROWS = 10, 15, 21, 24  # where a table has these after the body, and how many rows it has
 # Of a body that deforms largely: what its law carries along, and `Bending` after edges of open surfaces.
-MEMORY, OF_STEP = 38, 50
+MEMORY, OF_STEP = 41, 53
 HALVES, NOW, KEPT, NOTES = STATE, STATE + 2, STATE + 4, WATCH + 2  # rows of what a body has for itself: its state,
 VECTORS, CARRIED, STRAINED, RELAXED, IS_KNOWN = MEMORY, MEMORY + 2, MEMORY + 3, MEMORY + 5, OF_STEP + 1
 BEFORE = OF_STEP + 6  # v̂, what is carried, its numbers and branches before the last step: four rows
@@ -79,8 +79,8 @@ def bent_at(table: Array) -> Bending:
         (integers_at(t[1]), cube_at(t[2]), integers_at(t[3]), matrix_at(t[4]), cube_at(t[5])),
     )
     law = law_at(n, t[6:])
-    memory, rest = memory_at(t[14:]), t[26:]
-    edges = integers_at(t[22]), integers_at(t[23]), cube_at(t[24]), cube_at(t[25])
+    memory, rest = memory_at(t[17:]), t[29:]
+    edges = integers_at(t[25]), integers_at(t[26]), cube_at(t[27]), cube_at(t[28])
     of_step = matrix_at(rest[0]), vector_at(rest[1]), matrix_at(rest[2]), matrix_at(rest[3]), vector_at(rest[4])
     before = vector_at(rest[6]), matrix_at(rest[7]), vector_at(rest[8]), cube_at(rest[9])
     loads = Following(following[0], following[1], following[2], following[3], following[4])

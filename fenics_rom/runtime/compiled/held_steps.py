@@ -1,5 +1,6 @@
 """Steps in a row of a held body that deforms largely, each that of `held_step`, for rollouts."""
 
+import math
 from typing import NamedTuple
 
 from numpy import ndarray as Array
@@ -7,11 +8,12 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE
 from fenics_rom.mechanics.compiled.copying import copy
+from fenics_rom.mechanics.compiled.gas import blow_in, keep_gas
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, Memory
 from fenics_rom.runtime.compiled.held_step import NOT_TAKEN, Step, take_step
 from fenics_rom.runtime.compiled.held_touch import Among, Body, among_in, motion_in
-from fenics_rom.runtime.compiled.strokes import Pull
+from fenics_rom.runtime.compiled.strokes import Pull, set_volumes
 from fenics_rom.runtime.compiled.touching import Last, hand_on, keep_found
 
 
@@ -39,6 +41,7 @@ def take_steps(
     pull: Pull | None,
     path: Moving | None,
     last: Last | None,
+    amounts: Array,
     taken: Taken,
 ) -> tuple[int, Step]:
     """Takes steps under inputs (n, p) among obstacles: how many, and the last one.
@@ -48,14 +51,23 @@ def take_steps(
 
     Args:
         body, halves, pushed, memory, vectors, matrix: as in `take_step`; e and r are changed, too.
-        inputs: (n, p).
+        inputs: (n, p); where there is gas they are changed, see `blow_in`.
         among, pull: as there; what a step begins with is changed. None: nothing can touch the body, or is pulled.
         path: of the obstacles, as `moving_in` takes it, where something can.
         last: set, where something can.
+        amounts: of gas (n,), changed.
         taken: set.
     """
     motion, numbers, step, m = motion_in(vectors, matrix), memory.numbers.copy(), NOT_TAKEN, len(body.ω)
+    stored = 0.0
     for count in range(len(inputs)):
+        if pull is not None and len(pull.actuators.gases) > 0:
+            for i in range(m):
+                motion.q[i] = halves[0, i] * body.inverse_ω[i]
+            set_volumes(pull, motion.q)
+            stored = blow_in(pull.actuators, pull.strokes, amounts, inputs[count], body.law.h)
+            if not math.isfinite(stored):
+                return count, step
         copy(memory.numbers, numbers)
         given = body, inputs[count], halves, pushed, memory, vectors, matrix
         if among is None or path is None:
@@ -79,6 +91,9 @@ def take_steps(
         noted[0], noted[1] = 2 * memory.numbers[AHEAD], memory.numbers[GAP]
         if pull is not None:
             copy(pull.forces, taken.reactions[count])
+            if len(pull.actuators.gases) > 0:
+                set_volumes(pull, taken.q[count])
+                works[0] += keep_gas(pull.actuators, pull.strokes, inputs[count], amounts) - stored
         if among is not None and last is not None:
             _keep_contact(among, step.status == FOUND, last, taken, count)
     return len(inputs), step

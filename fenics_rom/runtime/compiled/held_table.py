@@ -52,8 +52,9 @@ def arrays_of(
 
 @jit_part
 def law_at(numbers: Array, table: Array) -> Law:
-    """What eight rows have of a law, with its numbers (6,)."""
-    n, points = numbers, Points(matrix_at(table[6]), matrix_at(table[7]))
+    """What eleven rows have of a law, with its numbers (6,)."""
+    n, of_fibres = numbers, (integers_at(table[9]), matrix_at(table[10]))
+    points = Points(matrix_at(table[6]), matrix_at(table[7]), integers_at(table[8]), of_fibres[0], of_fibres[1])
     D, K, steady = matrix_at(table[0]), matrix_at(table[1]), matrix_at(table[2])
     stiffness, gram, branches = matrix_at(table[3]), matrix_at(table[4]), matrix_at(table[5])
     return Law(n[0], n[1], n[2], n[3], n[4], n[5], D, K, steady, stiffness, gram, branches, points)
@@ -77,9 +78,9 @@ def take_step_at(table: Array, numbers: Array, u: Array, halves: Array) -> tuple
     following = Following(
         integers_at(table[3]), cube_at(table[4]), integers_at(table[5]), matrix_at(table[6]), cube_at(table[7])
     )
-    law, memory = law_at(numbers, table[8:]), memory_at(table[16:])
+    law, memory = law_at(numbers, table[8:]), memory_at(table[19:])
     body = Body(vector_at(table[0]), vector_at(table[1]), matrix_at(table[2]), following, law, None)
-    rest = table[24:]
+    rest = table[27:]
     vectors, factor, pushed = matrix_at(rest[0]), matrix_at(rest[1]), vector_at(rest[2])
     noted = Noted(
         matrix_at(rest[3]),

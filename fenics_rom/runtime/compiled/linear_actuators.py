@@ -41,6 +41,15 @@ class Answering(Touched, Protocol):
 
 
 @jit_apart
+def set_strokes(pulled: Pulled, e: Array, rigid: Array, inverse_ω: Array, strokes: Array) -> None:
+    """Sets strokes (n,) where √γ q is e (m,), or displacements along rigid motions are."""
+    for k in range(len(strokes)):
+        line, strokes[k] = pulled.lines[k], 0.0
+        for i in range(len(e)):
+            strokes[k] += line[i] * (rigid[i] if i < len(rigid) else e[i] * inverse_ω[i])
+
+
+@jit_apart
 def set_given(pulled: Pulled, u: Array, given: Array) -> None:
     """Sets what acts of an input u (p,): strokes and what is found do not."""
     copy(u, given)

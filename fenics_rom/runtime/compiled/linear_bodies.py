@@ -12,9 +12,11 @@ from fenics_rom.compilation import jit, jit_part
 from fenics_rom.compiled_arrays import unowned
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs, rubbed
 from fenics_rom.mechanics.compiled.copying import copy, fill
+from fenics_rom.mechanics.compiled.gas import Filled, blow_in, keep_gas
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.mechanics.compiled.shapes import measure
 from fenics_rom.mechanics.compiled.work_space import release, taken, work_space
+from fenics_rom.runtime.compiled.linear_actuators import set_strokes
 from fenics_rom.runtime.compiled.linear_step import Body, State, restore, room_for, step_in
 from fenics_rom.runtime.compiled.touching import LOST, Begun, Clearance, StepContact, Touched, hand_on, is_settled
 
@@ -41,6 +43,7 @@ def step_bodies(
     begun: Begun,
     after: Begun,
     states: State,
+    filled: Filled,
     clearance: Clearance,
     told: Told,
 ) -> None:
@@ -50,18 +53,20 @@ def step_bodies(
         body, law, shapes: as in `take_step`, of all bodies but for friction.
         friction: μ of each (B,).
         bodies: (n,) which of the B.
-        inputs: (B, p).
+        inputs: (B, p); where there is gas they are changed, see `blow_in`.
         obstacles: of all: as in `Moving`, bodies first.
         begun, after: what the step begins with of the past, and what the next one does, which is set.
         states: changed of those that take the step: not where its status is OTHERWISE or LOST.
+        filled: their gas, changed likewise.
         clearance: with numbers (B,), changed; of bodies whose obstacles are out of reach nothing is asked of these.
         told: set.
     """
     P, N = len(body.places), begun.forces.shape[1]
     found, space = contact_of(N, P), work_space(room_for(body, moving_in(obstacles, 0)))
     given = unowned(body), law, unowned(friction), unowned(shapes), unowned(bodies), unowned(inputs)
-    known = unowned(obstacles), unowned(begun), unowned(after), unowned(states), unowned(clearance), unowned(told)
-    _step_bodies(*given, *known, found, space)
+    known = unowned(obstacles), unowned(begun), unowned(after), unowned(states), unowned(filled)
+    last = unowned(clearance), unowned(told)
+    _step_bodies(*given, *known, *last, found, space)
 
 
 @jit_part
@@ -84,13 +89,15 @@ def _step_bodies(
     begun: Begun,
     after: Begun,
     states: State,
+    filled: Filled,
     clearance: Clearance,
     told: Told,
     kept: StepContact,
     space: Array,
 ) -> None:
     """The same; kept: for what the step of a body finds."""
-    found, begin = unowned(kept), taken(space)
+    found, begin, of, stored = unowned(kept), taken(space), body.pulled, 0.0
+    strokes, has_gas = np.empty(len(of.lines)), len(of.actuators.gases) > 0
     for i in range(len(bodies)):
         b = bodies[i]
         release(space, begin)
@@ -100,6 +107,12 @@ def _step_bodies(
         past = Begun(begun.forces[b], begun.swung[b])
         own_numbers = clearance.gap[b : b + 1], clearance.untouched[b : b + 1], clearance.still[b : b + 1]
         near = Clearance(*own_numbers, clearance.stretch, clearance.gone[b : b + 1], clearance.pairs[b])
+        if has_gas:
+            set_strokes(of, state.halves[0], state.rigid, body.inverse_ω, strokes)
+            stored = blow_in(of.actuators, strokes, filled.amounts[b], inputs[b], law.h)
+            if not np.isfinite(stored):
+                told.status[b] = OTHERWISE
+                continue
         step = step_in(space, body, own, shapes, inputs[b], moving, past, state, found, near)
         told.status[b] = step.status
         if step.status != OTHERWISE and not np.isfinite(step.square):
@@ -110,6 +123,10 @@ def _step_bodies(
             continue
         works, touched = told.works[b], step.status == FOUND
         works[0], works[1], works[2] = step.supplied, step.dissipated, step.by_obstacles
+        if has_gas:
+            set_strokes(of, state.halves[0], state.rigid, body.inverse_ω, strokes)
+            copy(filled.amounts[b], filled.before[b])
+            works[0] += keep_gas(of.actuators, strokes, inputs[b], filled.amounts[b]) - stored
         works[3], works[4] = step.contact, step.friction
         if not touched and is_settled(near.untouched):
             continue

@@ -12,12 +12,13 @@ from fenics_rom.compilation import jit, jit_part
 from fenics_rom.compiled_arrays import unowned
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, Pairs
 from fenics_rom.mechanics.compiled.copying import are_equal, copy
+from fenics_rom.mechanics.compiled.gas import blow_in, keep_gas
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.mechanics.compiled.searched_forces import Actuators
 from fenics_rom.mechanics.compiled.work_space import take, take_flags, take_frames, take_integers, take_rows, work_space
 from fenics_rom.runtime.compiled.arrays_at import cube_at, integer_rows_at, integers_at, matrix_at, vector_at
 from fenics_rom.runtime.compiled.block_products import Blocks
-from fenics_rom.runtime.compiled.linear_actuators import Pulled
+from fenics_rom.runtime.compiled.linear_actuators import Pulled, set_strokes
 from fenics_rom.runtime.compiled.linear_step import Body, State, Step, restore, room_for, step_in
 from fenics_rom.runtime.compiled.near_points import Yielding
 from fenics_rom.runtime.compiled.touching import Begun, Clearance, StepContact, hand_on
@@ -248,22 +249,32 @@ def take_step_at(
 
 
 @jit
-def take_steps_at(table: Array, numbers: Array, inputs: Array, path: Moving, records: Array, told: Taken) -> int:
+def take_steps_at(
+    table: Array, numbers: Array, inputs: Array, path: Moving, records: Array, amounts: Array, told: Taken
+) -> int:
     """Takes steps under inputs (n, p) among obstacles; how many.
 
     It ends before a step that is to be found otherwise, or whose energy is not finite.
 
     Args:
         table, numbers: as in `take_step_at`.
-        inputs: (n, p).
+        inputs: (n, p); where there is gas they are changed, see `blow_in`.
         path: of the obstacles, as `moving_in` takes it.
+        amounts: (n,) of gas, changed.
         records: three, (3, size): step k is in that of number k mod 3, and the last of them has what the first step
             begins with. Set.
         told: set.
     """
     body, state = _body_at(table, numbers), _state_at(table)
+    pulled, strokes, stored = body.pulled, np.empty(len(amounts)), 0.0
+    has_gas = len(pulled.actuators.gases) > 0
     ρ, N, friction = len(state.rigid), len(matrix_at(table[_OTHERS])) * len(body.places), vector_at(table[_OTHERS + 1])
     for count in range(len(inputs)):
+        if has_gas:
+            set_strokes(pulled, state.halves[0], state.rigid, body.inverse_ω, strokes)
+            stored = blow_in(pulled.actuators, strokes, amounts, inputs[count], numbers[0])
+            if not np.isfinite(stored):
+                return count
         begun = _parts(unowned(records[(count + 2) % 3]), N, len(body.places), friction).after
         record = records[count % 3]
         start, end, before = moving_in(path, count)
@@ -275,6 +286,9 @@ def take_steps_at(table: Array, numbers: Array, inputs: Array, path: Moving, rec
             restore(state)
             return count
         copy(step[3:8], told.works[count])
+        if has_gas:
+            set_strokes(pulled, state.halves[0], state.rigid, body.inverse_ω, strokes)
+            told.works[count, 0] += keep_gas(pulled.actuators, strokes, inputs[count], amounts) - stored
         for i in range(len(body.ω)):
             told.q[count, i] = state.rigid[i] if i < ρ else state.halves[0, i] * body.inverse_ω[i]
         if len(body.R) > 0:

@@ -8,15 +8,27 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
 from fenics_rom.runtime.compiled.small_matrices import dot
+from fenics_rom.runtime.compiled.threads import (
+    Six,
+    energy_along,
+    pulled_along,
+    slope_along,
+    stiffness_at_rest,
+    strain_along,
+)
 
+ST_VENANT, NEO_HOOKEAN = range(2)
 Nine = tuple[float, float, float, float, float, float, float, float, float]
 
 
 class Points(NamedTuple):
-    """P points of neo-Hookean material."""
+    """P points."""
 
     gradients: Array  # of each mode (m, 9 P): [i j P], ∂W_i/∂X_j
     moduli: Array  # λ and μ with the weights, (2, P), J
+    kind: Array  # of their law beside fibres (1,)
+    starts: Array  # of the fibres of each (P + 1,)
+    threads: Array  # fibres (K, 9), see `threads`
 
 
 @jit_part
@@ -34,10 +46,25 @@ def displacement_gradients(points: Points, q: Array) -> Array:
 @jit_part
 def set_piola(points: Points, H: Array) -> float:
     """Sets ∂W/∂H (9, P) in the place of H, and returns the energy, J: see `hyperelastic.energy_and_piola`."""
-    energy = 0.0
+    energy, kind = 0.0, points.kind[0]
     for p in range(H.shape[1]):
         λ, μ = points.moduli[0, p], points.moduli[1, p]
         a, b, c, d, e, f, g, i, k = H[0, p], H[1, p], H[2, p], H[3, p], H[4, p], H[5, p], H[6, p], H[7, p], H[8, p]
+        if kind == ST_VENANT or points.starts[p + 1] > points.starts[p]:
+            E, S = strains_at(H, p), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            if kind == ST_VENANT:
+                S = linear_stress(λ, μ, E)
+                energy += work(S, E) / 2
+            for t in range(points.starts[p], points.starts[p + 1]):
+                along = strain_along(points.threads, t, E)
+                energy += energy_along(points.threads, t, along)
+                S = pulled_along(points.threads, t, slope_along(points.threads, t, along), S)
+            _set_piola(H, p, S)
+            if kind == ST_VENANT:
+                continue
+        else:
+            for row in range(9):
+                H[row, p] = 0.0
         aa, bb, cc = e * k - f * i, f * g - d * k, d * i - e * g  # cofactors of H: those of F are 1 - X
         dd, ee, ff = c * i - b * k, a * k - c * g, b * g - a * i
         gg, ii, kk = b * f - c * e, c * d - a * f, a * e - b * d
@@ -49,16 +76,26 @@ def set_piola(points: Points, H: Array) -> float:
         square = a * a + b * b + c * c + d * d + e * e + f * f + g * g + i * i + k * k
         energy += μ * (trace - lnJ + square / 2) + volumetric * lnJ / 2
         scale, spread = (μ - volumetric) / J, (μ * change + volumetric) / J
-        H[0, p] = μ * a + scale * (a - aa - trace) + spread
-        H[1, p] = μ * b + scale * (d - bb)
-        H[2, p] = μ * c + scale * (g - cc)
-        H[3, p] = μ * d + scale * (b - dd)
-        H[4, p] = μ * e + scale * (e - ee - trace) + spread
-        H[5, p] = μ * f + scale * (i - ff)
-        H[6, p] = μ * g + scale * (c - gg)
-        H[7, p] = μ * i + scale * (f - ii)
-        H[8, p] = μ * k + scale * (k - kk - trace) + spread
+        H[0, p] += μ * a + scale * (a - aa - trace) + spread
+        H[1, p] += μ * b + scale * (d - bb)
+        H[2, p] += μ * c + scale * (g - cc)
+        H[3, p] += μ * d + scale * (b - dd)
+        H[4, p] += μ * e + scale * (e - ee - trace) + spread
+        H[5, p] += μ * f + scale * (i - ff)
+        H[6, p] += μ * g + scale * (c - gg)
+        H[7, p] += μ * i + scale * (f - ii)
+        H[8, p] += μ * k + scale * (k - kk - trace) + spread
     return energy
+
+
+@jit_part
+def _set_piola(H: Array, p: int, S: Six) -> None:
+    """Sets F S of point p in place of H."""
+    for row in range(0, 9, 3):
+        a, b, c = H[row, p] + (row == 0), H[row + 1, p] + (row == 3), H[row + 2, p] + (row == 6)
+        H[row, p] = a * S[0] + b * S[5] + c * S[4]
+        H[row + 1, p] = a * S[5] + b * S[1] + c * S[3]
+        H[row + 2, p] = a * S[4] + b * S[3] + c * S[2]
 
 
 @jit_part
@@ -88,7 +125,7 @@ def volume_piola(points: Points, H: Array, before: Array, size: float, β: float
     See `rom.volume_viscosity`.
     """
     piola = np.zeros(H.shape)
-    for p in range(H.shape[1] if β > 0 else 0):
+    for p in range(H.shape[1] if β > 0 and points.kind[0] == NEO_HOOKEAN else 0):
         inverse, of_volume, trace = _inverse(H, p), 0.0, 0.0
         for c in range(9):
             rate = size * (H[c, p] - before[c, p])
@@ -103,7 +140,7 @@ def volume_piola(points: Points, H: Array, before: Array, size: float, β: float
 def set_volumes(points: Points, H: Array, β: float, N: Array) -> None:
     """Sets what viscosity in volumes changes forces by with rates (m, m), symmetric."""
     m, P = len(N), H.shape[1]
-    if not (β > 0 and P > 0):
+    if not (β > 0 and P > 0 and points.kind[0] == NEO_HOOKEAN):
         N[:] = 0.0
         return
     less, more, left, right = np.empty((9, P)), np.empty((9, P)), np.empty((m, P)), np.empty((m, P))
@@ -131,9 +168,9 @@ def add_geometric(points: Points, H: Array, rates: Array, β: float, size: float
     """Adds, so many times, what stresses at H (9, P) make stiff (m, m); also those that rates (9, P) add in volumes."""
     S = np.empty((6, H.shape[1]))
     for p in range(H.shape[1]):
-        for n, stress in enumerate(_stress(points.moduli[0, p], points.moduli[1, p], H, p)):
+        for n, stress in enumerate(stress_of(points, strains_at(H, p), p)):
             S[n, p] = stress
-        if β > 0:
+        if β > 0 and points.kind[0] == NEO_HOOKEAN:
             inverse, of_volume, trace, share = _inverse(H, p), 0.0, 0.0, β * max(points.moduli[0, p], 0.0)
             for n in range(9):
                 of_volume += share * inverse[n] * rates[n, p]
@@ -201,18 +238,69 @@ def set_strains(H: Array, E: Array) -> None:
 
 
 @jit_part
-def _stress(λ: float, μ: float, H: Array, p: int) -> tuple[float, float, float, float, float, float]:
-    """S of point p."""
+def strains_at(H: Array, p: int) -> Six:
+    """Green's strain of point p."""
     a, b, c, d, e, f, g, i, k = H[0, p], H[1, p], H[2, p], H[3, p], H[4, p], H[5, p], H[6, p], H[7, p], H[8, p]
-    x, y, z = 2 * a + a * a + d * d + g * g, 2 * e + b * b + e * e + i * i, 2 * k + c * c + f * f + k * k
-    u, v, w = f + i + b * c + e * f + i * k, c + g + a * c + d * f + g * k, b + d + a * b + d * e + g * i
-    return neo_hookean_stress(λ, μ, x, y, z, u, v, w)
+    x, y, z = a + (a * a + d * d + g * g) / 2, e + (b * b + e * e + i * i) / 2, k + (c * c + f * f + k * k) / 2
+    return x, y, z, f + i + b * c + e * f + i * k, c + g + a * c + d * f + g * k, b + d + a * b + d * e + g * i
 
 
 @jit_part
-def neo_hookean_stress(
-    λ: float, μ: float, x: float, y: float, z: float, u: float, v: float, w: float
-) -> tuple[float, float, float, float, float, float]:
+def stress_of(points: Points, E: Six, p: int) -> Six:
+    """S of point p, with its weight."""
+    λ, μ = points.moduli[0, p], points.moduli[1, p]
+    if points.kind[0] == ST_VENANT:
+        S = linear_stress(λ, μ, E)
+    else:
+        S = neo_hookean_stress(λ, μ, 2 * E[0], 2 * E[1], 2 * E[2], E[3], E[4], E[5])
+    for t in range(points.starts[p], points.starts[p + 1]):
+        slope = slope_along(points.threads, t, strain_along(points.threads, t, E))
+        S = pulled_along(points.threads, t, slope, S)
+    return S
+
+
+@jit_part
+def energy_of(points: Points, E: Six, p: int) -> float:
+    """Of point p, J."""
+    λ, μ, trace, (u, v, w) = points.moduli[0, p], points.moduli[1, p], E[0] + E[1] + E[2], (E[3], E[4], E[5])
+    if points.kind[0] == ST_VENANT:
+        square = E[0] ** 2 + E[1] ** 2 + E[2] ** 2
+        energy = λ / 2 * trace**2 + μ * (square + (u * u + v * v + w * w) / 2)
+    else:
+        x, y, z = 2 * E[0], 2 * E[1], 2 * E[2]
+        first = y * z + y + z - u * u
+        lnJ = math.log1p(x * first + x + first + v * (w * u - v - v * y) + w * (u * v - w - w * z)) / 2
+        energy = μ * (trace - lnJ) + λ / 2 * lnJ**2
+    for t in range(points.starts[p], points.starts[p + 1]):
+        energy += energy_along(points.threads, t, strain_along(points.threads, t, E))
+    return energy
+
+
+@jit_part
+def linear_stress(λ: float, μ: float, E: Six) -> Six:
+    """That of small strains."""
+    on = λ * (E[0] + E[1] + E[2])
+    return 2 * μ * E[0] + on, 2 * μ * E[1] + on, 2 * μ * E[2] + on, μ * E[3], μ * E[4], μ * E[5]
+
+
+@jit_part
+def linear_stress_of(points: Points, size: float, E: Six, p: int) -> Six:
+    """So many times that of small strains at point p, with its weight and its fibres."""
+    S = linear_stress(size * points.moduli[0, p], size * points.moduli[1, p], E)
+    for t in range(points.starts[p], points.starts[p + 1]):
+        slope = stiffness_at_rest(points.threads, t) * strain_along(points.threads, t, E)
+        S = pulled_along(points.threads, t, size * slope, S)
+    return S
+
+
+@jit_part
+def work(S: Six, E: Six) -> float:
+    """S:E."""
+    return S[0] * E[0] + S[1] * E[1] + S[2] * E[2] + S[3] * E[3] + S[4] * E[4] + S[5] * E[5]
+
+
+@jit_part
+def neo_hookean_stress(λ: float, μ: float, x: float, y: float, z: float, u: float, v: float, w: float) -> Six:
     """S where C - 1 has x, y and z on its diagonal, and yz, xz and xy are u, v and w: see `hyperelastic`."""
     first, second, third = y * z + y + z - u * u, z * x + z + x - v * v, x * y + x + y - w * w
     fourth, fifth, sixth = v * w - u - u * x, w * u - v - v * y, u * v - w - w * z

@@ -1,4 +1,4 @@
-"""An elastic law by a discrete gradient of points, compiled: `steppers.elastic.sampled`, of two materials.
+"""An elastic law by a discrete gradient of points, compiled: `steppers.elastic.sampled`, of two materials and fibres.
 
 f̂ = Aᵀ ω Ŝ(E, E⁺)         A = ∂E/∂q in the middle of the step
 """
@@ -14,17 +14,21 @@ from fenics_rom.mechanics.hyperelastic import ROUND_OFF_STRAIN
 from fenics_rom.runtime.compiled.branches import add_row_of_pull, step_branches
 from fenics_rom.runtime.compiled.carried_strains import Law
 from fenics_rom.runtime.compiled.material_points import (
+    ST_VENANT,
     Points,
     add_resultant,
     add_stressed,
     displacement_gradients,
-    neo_hookean_stress,
+    energy_of,
+    linear_stress_of,
     set_strains,
+    stress_of,
+    work,
 )
 from fenics_rom.runtime.compiled.small_matrices import dot
+from fenics_rom.runtime.compiled.threads import Six, add_along, curvature_along, stiffness_at_rest, strain_along
 
 PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # of the six components
-Six = tuple[float, float, float, float, float, float]
 
 
 class Sampled(NamedTuple):
@@ -33,7 +37,7 @@ class Sampled(NamedTuple):
     points: Points
     viscosity: Array  # β, and that with what branches resist strain rates by (2, P), s
     round_off: float  # of forces, however small the strains
-    is_linear: bool  # whether stresses are, in the strains; else points are neo-Hookean
+    is_linear: bool  # whether stresses are, in the strains
 
 
 class InStep(NamedTuple):
@@ -58,44 +62,29 @@ def begin_points(sampled: Sampled, law: Law, relaxed: Array, q: Array) -> InStep
     step = InStep(strains[0], np.empty(P), np.zeros((6, P)), H, np.empty((9, P)), *strains[1:])
     set_strains(H, step.E)
     for p in range(P):
-        step.W[p] = _energy(sampled, step.E, p)
+        step.W[p] = energy_of(sampled.points, _six(step.E, p), p)
     add_row_of_pull(law.branches, relaxed, 1, step.history.reshape(-1))
     return step
 
 
 @jit_part
-def _energy(sampled: Sampled, E: Array, p: int) -> float:
-    """Of point p, J."""
-    λ, μ, trace = sampled.points.moduli[0, p], sampled.points.moduli[1, p], E[0, p] + E[1, p] + E[2, p]
-    u, v, w = E[3, p], E[4, p], E[5, p]
-    if sampled.is_linear:
-        square = E[0, p] ** 2 + E[1, p] ** 2 + E[2, p] ** 2
-        return λ / 2 * trace**2 + μ * (square + (u * u + v * v + w * w) / 2)
-    x, y, z = 2 * E[0, p], 2 * E[1, p], 2 * E[2, p]
-    first = y * z + y + z - u * u
-    lnJ = math.log1p(x * first + x + first + v * (w * u - v - v * y) + w * (u * v - w - w * z)) / 2
-    return μ * (trace - lnJ) + λ / 2 * lnJ**2
-
-
-@jit_part
-def _stress(sampled: Sampled, E: Array, p: int) -> Six:
+def _six(E: Array, p: int) -> Six:
     """Of point p."""
-    λ, μ = sampled.points.moduli[0, p], sampled.points.moduli[1, p]
-    if sampled.is_linear:
-        return _linear_stress(λ, μ, E[0, p], E[1, p], E[2, p], E[3, p], E[4, p], E[5, p])
-    return neo_hookean_stress(λ, μ, 2 * E[0, p], 2 * E[1, p], 2 * E[2, p], E[3, p], E[4, p], E[5, p])
+    return E[0, p], E[1, p], E[2, p], E[3, p], E[4, p], E[5, p]
 
 
 @jit_part
-def _linear_stress(λ: float, μ: float, x: float, y: float, z: float, u: float, v: float, w: float) -> Six:
-    on = λ * (x + y + z)
-    return 2 * μ * x + on, 2 * μ * y + on, 2 * μ * z + on, μ * u, μ * v, μ * w
+def _grown(step: InStep, p: int) -> Six:
+    """What strains of point p grow by in the step."""
+    E, after = step.E, step.after
+    x, y, z = after[0, p] - E[0, p], after[1, p] - E[1, p], after[2, p] - E[2, p]
+    return x, y, z, after[3, p] - E[3, p], after[4, p] - E[4, p], after[5, p] - E[5, p]
 
 
 @jit_part
 def _defect(sampled: Sampled, step: InStep, stress: Six, p: int) -> tuple[float, float]:
     """What the energy of point p grows by beside the work of a stress, over a square of its strains, and this one."""
-    share, square = _energy(sampled, step.after, p) - step.W[p], ROUND_OFF_STRAIN**2
+    share, square = energy_of(sampled.points, _six(step.after, p), p) - step.W[p], ROUND_OFF_STRAIN**2
     for c in range(6):
         Δ = step.after[c, p] - step.E[c, p]
         share, square = share - stress[c] * Δ, square + (Δ * Δ if c < 3 else Δ * Δ / 2)
@@ -118,7 +107,7 @@ def set_resistance(sampled: Sampled, law: Law, step: InStep, q: Array, v: Array,
         for p in range(len(step.W)):
             step.mean[c, p] = (E[c, p] + after[c, p]) / 2
     for p in range(len(step.W)):
-        stress, share = _stress(sampled, step.mean, p), 0.0
+        stress, share = stress_of(points, _six(step.mean, p), p), 0.0
         if not sampled.is_linear:
             share = _defect(sampled, step, stress, p)[0]
         viscous, history = _viscous(sampled, law, step, 1, p), step.history
@@ -133,16 +122,13 @@ def set_resistance(sampled: Sampled, law: Law, step: InStep, q: Array, v: Array,
 @jit_part
 def _viscous(sampled: Sampled, law: Law, step: InStep, row: int, p: int) -> Six:
     """Stress of the strain rates of point p, by a row of viscosities."""
-    size, after = sampled.viscosity[row, p] / law.h, step.after
-    λ, μ, E = size * sampled.points.moduli[0, p], size * sampled.points.moduli[1, p], step.E
-    x, y, z = after[0, p] - E[0, p], after[1, p] - E[1, p], after[2, p] - E[2, p]
-    u, v, w = after[3, p] - E[3, p], after[4, p] - E[4, p], after[5, p] - E[5, p]
-    S = _linear_stress(λ, μ, x, y, z, u, v, w)
+    Δ = _grown(step, p)
+    S = linear_stress_of(sampled.points, sampled.viscosity[row, p] / law.h, Δ, p)
     share = _dilating(sampled, p) / law.h
     if not share > 0:
         return S
     a, b, c, d, e, f = _inverse_metric(step.mean, p)
-    of_volume, trace = share * (a * x + b * y + c * z + d * u + e * v + f * w), share * (x + y + z)
+    of_volume, trace = share * work((a, b, c, d, e, f), Δ), share * (Δ[0] + Δ[1] + Δ[2])
     return (
         S[0] + of_volume * a - trace,
         S[1] + of_volume * b - trace,
@@ -156,7 +142,8 @@ def _viscous(sampled: Sampled, law: Law, step: InStep, row: int, p: int) -> Six:
 @jit_part
 def _dilating(sampled: Sampled, p: int) -> float:
     """β λ of point p, where viscosity resists J'/J: see `PointMaterial.dilating`."""
-    return 0.0 if sampled.is_linear else sampled.viscosity[0, p] * max(sampled.points.moduli[0, p], 0.0)
+    is_linear = sampled.points.kind[0] == ST_VENANT
+    return 0.0 if is_linear else sampled.viscosity[0, p] * max(sampled.points.moduli[0, p], 0.0)
 
 
 @jit_part
@@ -221,21 +208,33 @@ def _set_rates(H: Array, G: Array, rates: Array) -> None:
 @jit_part
 def _set_moduli(sampled: Sampled, step: InStep, is_exact: bool, p: int, h: float, C: Array, into: Array) -> None:
     """Sets h ∂Ŝ/∂E⁺, and what is viscous, of point p (6, 6); where it need not be exact what is definite of it."""
-    λ, μ, viscosity = sampled.points.moduli[0, p], sampled.points.moduli[1, p], sampled.viscosity[1, p]
+    points, viscosity = sampled.points, sampled.viscosity[1, p]
+    λ, μ, first, end = points.moduli[0, p], points.moduli[1, p], points.starts[p], points.starts[p + 1]
     into[:, :, p] = 0.0
-    if sampled.is_linear:
-        viscosity += h / 2
+    if points.kind[0] == ST_VENANT:
+        _add_linear(λ, μ, p, h / 2, into)
     else:
         _add_neo_hookean(λ, μ, step.mean, p, h / 2, C, into)
-        if is_exact:
-            _correct(sampled, step, p, h, into)
-        if viscosity > 0:
-            _add_volumes(sampled, step, is_exact, p, C, into)
+    for t in range(first, end):
+        along = strain_along(points.threads, t, _six(step.mean, p))
+        add_along(points.threads, t, h / 2 * curvature_along(points.threads, t, along), p, into)
+    if is_exact and not sampled.is_linear:
+        _correct(sampled, step, p, h, into)
+    if viscosity > 0 and points.kind[0] != ST_VENANT:
+        _add_volumes(sampled, step, is_exact, p, C, into)
+    _add_linear(λ, μ, p, viscosity, into)
+    for t in range(first, end):
+        add_along(points.threads, t, viscosity * stiffness_at_rest(points.threads, t), p, into)
+
+
+@jit_part
+def _add_linear(λ: float, μ: float, p: int, size: float, into: Array) -> None:
+    """Adds, so many times, moduli of small strains of point p."""
     for c in range(3):
         for d in range(3):
-            into[c, d, p] += viscosity * λ
-        into[c, c, p] += 2 * viscosity * μ
-        into[3 + c, 3 + c, p] += viscosity * μ
+            into[c, d, p] += size * λ
+        into[c, c, p] += 2 * size * μ
+        into[3 + c, 3 + c, p] += size * μ
 
 
 @jit_part
@@ -281,7 +280,8 @@ def _add_neo_hookean(λ: float, μ: float, E: Array, p: int, size: float, C: Arr
 @jit_part
 def _correct(sampled: Sampled, step: InStep, p: int, h: float, into: Array) -> None:
     """Adds h times what ∂Ŝ/∂E⁺ of point p is beside ½ ∂S/∂E of the mean strain: see `discrete_gradient_slopes`."""
-    stress, after = _stress(sampled, step.mean, p), _stress(sampled, step.after, p)
+    stress = stress_of(sampled.points, _six(step.mean, p), p)
+    after = stress_of(sampled.points, _six(step.after, p), p)
     share, square = _defect(sampled, step, stress, p)
     by_defect = np.empty(6)
     for d in range(6):
@@ -303,17 +303,14 @@ def close_points(sampled: Sampled, law: Law, step: InStep, relaxed: Array, v: Ar
     for i in range(len(v)):
         heat += h * v[i] * dot(law.damping[i], v)
     for p in range(P):
-        energy += _energy(sampled, step.after, p)
-        viscous = _viscous(sampled, law, step, 0, p)
-        for c in range(6):
-            heat += viscous[c] * (step.after[c, p] - step.E[c, p])
+        energy += energy_of(sampled.points, _six(step.after, p), p)
+        heat += work(_viscous(sampled, law, step, 0, p), _grown(step, p))
     if law.branches.size > 0:
         rates, stresses = step.mean, step.S
         for p in range(P):
-            λ, μ = sampled.points.moduli[0, p], sampled.points.moduli[1, p]
             for c in range(6):
                 rates[c, p] = (step.after[c, p] - step.E[c, p]) / h
-            stress = _linear_stress(λ, μ, rates[0, p], rates[1, p], rates[2, p], rates[3, p], rates[4, p], rates[5, p])
+            stress = linear_stress_of(sampled.points, 1.0, _six(rates, p), p)
             for c in range(6):
                 stresses[c, p] = stress[c]
         heat += step_branches(law.branches, relaxed, rates.reshape(-1), stresses.reshape(-1))

@@ -88,6 +88,14 @@ def _set_lines(pull: Pull, q: Array) -> None:
 
 
 @jit_part
+def set_volumes(pull: Pull, q: Array) -> None:
+    """Sets strokes of chambers at q (m,)."""
+    for k in range(len(pull.forces)):
+        if pull.chambers[k] >= 0:
+            pull.strokes[k] = _swell(pull.polynomials[pull.chambers[k]], q, pull.products, pull.lines[k])
+
+
+@jit_part
 def _segment(pull: Pull, s: int, q: Array) -> tuple[float, float, float]:
     """A segment of a cable at q (m,), m."""
     shapes, at = pull.shapes[s], pull.at_rest[s]

@@ -16,19 +16,20 @@ from fenics_rom.runtime.compiled.following import Following
 from fenics_rom.runtime.compiled.material_points import Points
 from fenics_rom.runtime.compiled.sampled_points import Sampled
 from fenics_rom.runtime.compiled.strain_tables import folded, padded
+from fenics_rom.runtime.compiled.threads import threads_of
 from fenics_rom.runtime.steppers.acts.following import FollowingLoads, Pressure
 from fenics_rom.runtime.steppers.deformation_maps import E_OF_Q, Carried
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.sampled import SampledPoints
 
-LAWS = "st_venant_kirchhoff", "neo_hookean"  # that are compiled,
+LAWS = "st_venant_kirchhoff", "neo_hookean"  # that are compiled, in the order of `material_points`,
 Known: TypeAlias = StrainsCarried | SampledPoints  # by these steps
 
 
 def is_known(law: object, body: ReducedDeformation) -> TypeGuard[Known]:
-    """Whether loops know what resists the shape of a body: none know fibres."""
+    """Whether loops know what resists the shape of a body."""
     has_tables = isinstance(law, StrainsCarried) and isinstance(law.strains, MonomialStrains)
-    return body.law in LAWS and not body.fibres and (has_tables or isinstance(law, SampledPoints))
+    return body.law in LAWS and (has_tables or isinstance(law, SampledPoints))
 
 
 def handed_on(velocity: Array, carried: Array, numbers: Array) -> Carried:
@@ -102,8 +103,9 @@ def law_of(body: ReducedDeformation, law: Known, h: float) -> Law:
 
 def _points_of(body: ReducedDeformation, P: int) -> Points:
     """The first of a body's."""
-    gradients = body.gradients[:, :, :P].reshape(-1, body.order).T.copy()
-    return Points(gradients, np.stack([body.weights * body.first_lame, body.weights * body.shear])[:, :P].copy())
+    gradients, material = body.gradients[:, :, :P].reshape(-1, body.order).T.copy(), body.material.scaled(body.weights)
+    moduli = np.stack([material.first_lame, material.shear])[:, :P].copy()
+    return Points(gradients, moduli, np.array([LAWS.index(body.law)]), *threads_of(material.fibres if P else (), P))
 
 
 def sampled_of(body: ReducedDeformation, law: Known) -> Sampled | None:
@@ -112,7 +114,7 @@ def sampled_of(body: ReducedDeformation, law: Known) -> Sampled | None:
         return None
     added = 0.0 if law.branches is None else law.branches.stiffening_time
     viscosity, round_off = np.stack([body.viscosity, body.viscosity + added]), float(np.max(law.round_off))
-    return Sampled(_points_of(body, len(body.weights)), viscosity, round_off, body.law == LAWS[0])
+    return Sampled(_points_of(body, len(body.weights)), viscosity, round_off, body.material.is_quadratic)
 
 
 def polynomials_of(pressures: Sequence[Array], m: int) -> Array:

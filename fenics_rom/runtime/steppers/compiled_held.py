@@ -205,11 +205,13 @@ class CompiledHeld:
         return step
 
     @or_numpy
-    def take_many(self, inputs: Array, start: Beginning) -> HeldStepsTaken | None:
+    def take_many(self, inputs: Array, start: Beginning, amounts: Array) -> HeldStepsTaken | None:
         """Takes steps under inputs (n, p) among obstacles on a path (`in_step`), as many as loops find; None: none.
 
-        e and r are changed.
+        e and r are changed, and amounts of gas (n,). What that stores more is among what is supplied.
         """
+        has_gas = self.pull is not None and len(self.pull.actuators.gases) > 0
+        inputs = inputs.copy() if has_gas else in_plain(inputs)
         path, last, n, met, halves = start.obstacles, None, len(inputs), self._met, start.halves
         among = self._begin(start._replace(obstacles=None if path is None else path.in_step(0)))
         if among is None and met is not None:
@@ -221,8 +223,8 @@ class CompiledHeld:
         if met is not None and among is not None:
             among, last = met.for_many(among)
         along = None if among is None or path is None else Moving(*path)
-        given = self._pushed, self._memory, *self._of_motion, among, self.pull, along, last, taken
-        count, step = take_steps(self.body, in_plain(inputs), halves, *given)
+        given = self._pushed, self._memory, *self._of_motion, among, self.pull, along, last, amounts, taken
+        count, step = take_steps(self.body, inputs, halves, *given)
         if step.status == LOST:
             halves[:] = before[0]
             if among is not None:

@@ -16,6 +16,7 @@ from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointM
 from fenics_rom.mechanics.contact_pairs import Pairs as AskedPairs
 from fenics_rom.mechanics.contact_pairs import SolvedPairs
 from fenics_rom.mechanics.contact_search import ContactSearch
+from fenics_rom.mechanics.gas import Gas, pressure_at
 from fenics_rom.mechanics.kept_rows import RowsOperator
 from fenics_rom.mechanics.points_operator import Operator
 from fenics_rom.rom.block_rows import BlockRows
@@ -244,39 +245,64 @@ class CompiledStep:
         begun, record, moving = self._begin(reactions), np.empty(self._size), obstacles or NO_OBSTACLES
         take_step_at(self._table, self._numbers, in_plain(u), *moving, *begun, record)
         search = None if self._solver is None else self._solver.search
-        return None if record.item(1) == OTHERWISE else self._note(record, search, moving)
+        return None if record.item(1) == OTHERWISE else self._note(record, search, moving, u)
 
     @or_numpy
-    def take_many(self, inputs: Array, path: ObstacleMotion | None, reactions: Array) -> StepsTaken | None:
-        """Takes steps under inputs (n, p) among obstacles on a path (`in_step`), as many as loops find; None: none."""
+    def take_many(
+        self, inputs: Array, path: ObstacleMotion | None, reactions: Array, amounts: Array
+    ) -> StepsTaken | None:
+        """Takes steps under inputs (n, p) among obstacles on a path (`in_step`), as many as loops find; None: none.
+
+        `amounts`: of gas (n,), changed, and what gas stores more is among what is supplied.
+        """
+        inputs = inputs.copy() if len(self.body.pulled.actuators.gases) else in_plain(inputs)
         begun, solver, records, n = self._begin(reactions), self._solver, np.empty((3, self._size)), len(inputs)
         path = path or ObstacleMotion(*(part[None] for part in NO_OBSTACLES))
         first = self._in(records[2]).after
         first.forces[:], first.swung[:] = begun
         taken = Taken(np.empty((n, 5)), np.empty((n, len(self.body.ω))), np.empty((n, len(self.body.R))))
-        count = take_steps_at(self._table, self._numbers, in_plain(inputs), Moving(*path), records, taken)
+        count = take_steps_at(self._table, self._numbers, inputs, Moving(*path), records, amounts, taken)
         if not count:
             return None
         forces, swung = self._in(records[(count + 1) % 3]).after
         search = None
         if solver is not None:
             solver.search = search = solver.search._replace(forces=forces, swung=swung if swung.any() else None)
-        last = self._note(records[(count + 2) % 3], search, path.in_step(count - 1))
+        last = self._note(records[(count + 2) % 3], search, path.in_step(count - 1), inputs[count - 1])
         return StepsTaken(Taken(*(rows[:count] for rows in taken)), last)
 
-    def _delassus(self, holding: int) -> Operator:
-        """The operator of the contact points with which contact was found: see `Step.holding`."""
+    def _delassus(self, holding: int, gives: Array | None) -> Operator:
+        """The operator of the contact points with which contact was found: see `Step.holding`, and `_gives`."""
         if not holding:
             return self._operator
         pulled = self.body.pulled
         holds = np.array([bool(holding & 1 << k) for k in range(len(pulled.W))])
-        return PointsHeldBack(self._operator, pulled.X.T, pulled.W).delassus(holds)
+        return PointsHeldBack(self._operator, pulled.X.T, pulled.W).delassus(holds, gives)
+
+    def _gives(self, u: Array) -> Array | None:
+        """What gas gives way by (n,) in the last step, under u (p,), m³/s/Pa; None where there is none."""
+        pulled, state = self.body.pulled, self.state
+        gases = pulled.actuators.gases
+        if not len(gases):
+            return None
+        gives, ends, ρ = np.zeros(len(pulled.W)), np.empty((2, len(pulled.W))), len(state.rigid)
+        for strokes, (e, _), rigid in zip(
+            ends, (state.halves_before, state.halves), (state.rigid_before, state.rigid), strict=True
+        ):
+            q = e * self.body.inverse_ω
+            q[:ρ] = rigid
+            strokes[:] = pulled.lines.dot(q)
+        for place, *of in gases.tolist():
+            k = int(place)
+            amount, strokes = u.item(pulled.actuators.columns[k]), ends[:, k].tolist()
+            gives[k] = -1 / (self._h * pressure_at(Gas(*of), amount, *strokes, False)[1])
+        return gives
 
     def _in(self, record: Array) -> Record:
         return record_in(record, self._pairs, self._points, self._friction)
 
-    def _note(self, record: Array, search: ContactSearch | None, obstacles: ObstacleMotion) -> StepTaken:
-        """A step that began with a search; the next one begins with what it found."""
+    def _note(self, record: Array, search: ContactSearch | None, obstacles: ObstacleMotion, u: Array) -> StepTaken:
+        """A step under u (p,) that began with a search; the next one begins with what it found."""
         solver, after = self._solver, self._after
         for each in self._relaxing:
             each.end()
@@ -287,7 +313,8 @@ class CompiledStep:
         if step.touches:
             forces = record[after[0]].reshape(-1, 3)
             swung = record[after[1]].view(np.int64) if record.item(OF_A_STEP) else None
-        solver.note(step.known(partial(self._delassus, int(step.did.holding))), step.touches, forces, swung)
+        delassus = partial(self._delassus, int(step.did.holding), self._gives(u) if step.touches else None)
+        solver.note(step.known(delassus), step.touches, forces, swung)
         self.keep_rows()
         return step
 

@@ -97,8 +97,8 @@ class ContactMidpoint(FollowingMidpoint):
         times, (beyond, beyond_before) = (0.0, 1.0, 0.0, 0.0), np.zeros((2, 4, 0))
         if self.residual is not None:
             R, times, (beyond, beyond_before) = self.residual.part.operator, self.residual.times, self.residual.states
-        if self.has_gas or (self._actuators is not None and isinstance(R, RowsOperator)):
-            return None  # loops hold back points by W as a whole, and know no gas
+        if self._actuators is not None and isinstance(R, RowsOperator):
+            return None  # loops hold back points by W as a whole
         ω, inverse_ω, inputs, A, heat = map(in_plain, (self._ω, self._inverse_ω, self._model.inputs, A, heat))
         at = np.zeros((0, 3)) if solver is None else solver.points
         points, places = map(in_plain, (self._Sᵀ, at))
@@ -216,11 +216,14 @@ class ContactMidpoint(FollowingMidpoint):
         """Whether compiled functions take steps."""
         return self.compiled_step is not None
 
-    def roll(self, inputs: Array, path: ObstacleMotion | None) -> "StepsTaken | None":
-        """Takes steps under inputs (n, p) among obstacles on a path (`in_step`), as many as loops find; None: none."""
+    def roll(self, inputs: Array, path: ObstacleMotion | None, amounts: Array) -> "StepsTaken | None":
+        """Takes steps under inputs (n, p) among obstacles on a path (`in_step`), as many as loops find; None: none.
+
+        `amounts`: of gas in chambers, of forces that are found (n,), m³, changed.
+        """
         if self.compiled_step is None:
             return None
-        taken = self.compiled_step.take_many(inputs, path, self.reactions)
+        taken = self.compiled_step.take_many(inputs, path, self.reactions, amounts)
         if taken is None:
             return None
         self.flush()

@@ -160,16 +160,16 @@ class HeldByLoops(HeldAdjoint):
         """Whether compiled functions take steps."""
         return self._compiled is not None
 
-    def roll(self, inputs: Array, path: ObstacleMotion | None) -> "HeldStepsTaken | None":
+    def roll(self, inputs: Array, path: ObstacleMotion | None, amounts: Array) -> "HeldStepsTaken | None":
         """Takes steps under inputs (n, p) among obstacles on a path (`in_step`), as many as loops find; None: none.
 
-        No step is to be taken back after them.
+        No step is to be taken back after them. `amounts`: as in ContactMidpoint.
         """
         law, halves = self.elastic, self._halves.copy()
         if self._compiled is None or law is None:
             return None
         start = self._beginning(path)._replace(halves=halves)
-        taken = self._compiled.take_many(inputs, start)
+        taken = self._compiled.take_many(inputs, start, amounts)
         if taken is None:
             return None
         self.flush()

@@ -74,7 +74,7 @@ from fenics_rom.world.compiled.relaxing_bodies import (
 
 # Rows of the table of a body: after those of `frame_tables`, of `contact_points.Points`, then of `Step`, then what one
 # has that deforms largely, that relaxes, and that is pulled by strokes or rubs at guides: addresses of others are 0.
-POINTS, STEP, BENT, RELAXED, PULLED, ROWS = FRAME_ROWS, 39, 53, 90, 96, 109
+POINTS, STEP, BENT, RELAXED, PULLED, ROWS = FRAME_ROWS, 39, 53, 93, 99, 112
 SQUARE, WITHIN, SUPPLIED, DISSIPATED, BY_OTHERS = range(5)  # in `Step.told`
 START, END, MIDDLE, TURN, V, Ω, V_END, Ω_END, ORIGIN, SPUN = 0, 9, 18, 27, 30, 33, 36, 39, 42, 45  # in `Step.turn`
 CENTRE, FORCE, TORQUE, POWER, RIMS, TURNS = 48, 51, 54, 57, 58, 64  # there, of free bodies
