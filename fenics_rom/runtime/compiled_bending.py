@@ -31,7 +31,7 @@ from fenics_rom.runtime.compiled.strain_tables import padded
 from fenics_rom.runtime.compiled.strokes import Pull
 from fenics_rom.runtime.compiled.touching import NO_LAW
 from fenics_rom.runtime.compiled_bodies import CompiledBodies
-from fenics_rom.runtime.compiled_state import Mode
+from fenics_rom.runtime.filled_bodies import Mode
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.compiled_deformation import Known, branches_of

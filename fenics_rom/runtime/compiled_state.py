@@ -5,15 +5,14 @@ One simulator has what all bodies share, and is put where a body is for what is 
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.compiled.gas import Filled, store_in_gas
-from fenics_rom.mechanics.compiled.searched_forces import Actuators
+from fenics_rom.mechanics.compiled.gas import Filled
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.step import StepperState
@@ -24,6 +23,7 @@ from fenics_rom.runtime.compiled.branches import RATIO
 from fenics_rom.runtime.compiled.linear_bodies import Told
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.touching import Begun
+from fenics_rom.runtime.filled_bodies import FilledBodies, Mode
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.clearance import stretch_of
 from fenics_rom.runtime.steppers.residual_maps import strained_back
@@ -47,18 +47,7 @@ ENTRIES = {
 }
 
 
-class Mode(NamedTuple):
-    """A contact mode."""
-
-    name: str
-    body: Any  # as compiled steps have it
-    touch: Any  # where it can be touched (`touching.Touched`); None: nowhere
-    states: State  # of all bodies; those of bodies in other modes say nothing
-    stretch: Array = np.empty(0)  # of its points, for steps that ask it: see `touching.Clearance`
-    keep_rows: Any = None  # called after steps: see `CompiledStep`
-
-
-class CompiledState:
+class CompiledState(FilledBodies):
     """Linear bodies among obstacles as they are; properties and methods as of `Batch`, where arguments are checked.
 
     Args:
@@ -225,31 +214,6 @@ class CompiledState:
                 stored += np.einsum("n,bnk,bnk->b", mode.body.branches[RATIO], relaxed[:, :, 0], relaxed[:, :, 1])
             energy[bodies] = (np.einsum("bim,bim->b", halves, halves) + stored) / 2
         return energy + self._gas_energy(np.arange(self.size))
-
-    def _gas_energy(self, bodies: Array) -> Array:
-        """What gas of some bodies stores (B,), J."""
-        stored = np.zeros(len(bodies))
-        if self._single.filling is None:
-            return stored
-        for mode in self._modes:
-            at = (self._mode[bodies] == self._numbers[mode.name]).nonzero()[0]
-            if len(at):
-                given, strokes = self._strokes_of(mode, bodies[at])
-                own = np.zeros(len(at))
-                store_in_gas(given, strokes, self._filled.amounts[bodies[at]], own)
-                stored[at] = own
-        return stored
-
-    def _strokes_of(self, mode: Mode, bodies: Array) -> tuple[Actuators, Array]:
-        """What is found in steps, and strokes (B, n) of some bodies in a contact mode."""
-        pulled, states = mode.body.pulled, mode.states
-        q = states.halves[bodies, 0] * mode.body.inverse_ω
-        q[:, : self.rom.rigid] = states.rigid[bodies]
-        return pulled.actuators, q @ pulled.lines.T
-
-    def _gas_of(self, body: int) -> dict[str, float]:
-        """What was blown into chambers of a body, m³, by name."""
-        return dict(zip(self._single.stroke_names, self._filled.amounts[body].tolist(), strict=False))
 
     def _by_mode(self, bodies: Array | None = None) -> list[tuple[Array, Mode]]:
         """Those of some bodies (n,), None: of all, that are in each contact mode."""

@@ -13,7 +13,7 @@ from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.mechanics.step import StepperState
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.runtime.last_step import NotesLastStep
+from fenics_rom.runtime.filled_body import FilledBody
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
 from fenics_rom.runtime.switching import SwitchLoss
@@ -21,7 +21,6 @@ from fenics_rom.runtime.tension_watch import TensionWatch, push_messages
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ObstacleState
-    from fenics_rom.mechanics.filling import Filling
     from fenics_rom.mechanics.skin_watch import Told
     from fenics_rom.runtime.environment_inputs import EnvironmentInputs
     from fenics_rom.runtime.error_tolerance import Exceeded
@@ -78,7 +77,7 @@ class BesideState(NamedTuple):
     exceeded: "Exceeded | None"
 
 
-class SimulatedBody(NotesLastStep):
+class SimulatedBody(FilledBody):
     """A body as its stepper has it, in the words of its ROM; `Simulator` moves it."""
 
     steps: int
@@ -95,7 +94,6 @@ class SimulatedBody(NotesLastStep):
     _slices: tuple[str, dict[str, slice]] | None = None  # where inputs are, of a contact mode
     _skin: "SkinLooks | None" = None  # None where no obstacle can come through it
     tensions: TensionWatch
-    filling: "Filling | None" = None  # None where no chamber holds gas
 
     def __repr__(self) -> str:
         model, steps = self._stepper.model, f"{self.steps} step{'' if self.steps == 1 else 's'}"
@@ -184,28 +182,6 @@ class SimulatedBody(NotesLastStep):
     def energy(self) -> float:
         """Stored energy ½ vᵀMv + ½ xᵀKx, with large deformation ½ vᵀMv + Φ(x), and that of gas in chambers, J."""
         return self._stepper.energy + (0.0 if self.filling is None else self.filling.energy)
-
-    @property
-    def gas(self) -> dict[str, float]:
-        """What was blown into each chamber so far, m³ at ambient pressure."""
-        return {} if self.filling is None else dict(self.filling.amounts)
-
-    def _fill(self) -> None:
-        """Begins to keep account of gas, if there is any."""
-        if self.environment is None or not self.environment.environment.gases:
-            return
-        from fenics_rom.mechanics.filling import Filling  # here, as few chambers hold gas
-        from fenics_rom.runtime.readings import readable
-
-        def stroke(name: str) -> float:
-            return readable(self.rom, self.contact, self._q, self._q, model=self.model).stroke(name)
-
-        self.filling = Filling(self.environment.environment.gases, self.rom.actuators, stroke)
-
-    def _refill(self, amounts: Mapping[str, float]) -> None:
-        """Goes on with some gas, where the body was put somewhere."""
-        if self.filling is not None:
-            self.filling.resume(amounts)
 
     @property
     def energy_coordinates(self) -> Array:
@@ -333,16 +309,6 @@ class SimulatedBody(NotesLastStep):
         if key not in self._output_rows:
             self._output_rows[key] = self.rom.outputs[output] @ model.coordinates
         return self._output_rows[key]
-
-    @property
-    def stroke_names(self) -> tuple[str, ...]:
-        """Of the actuators whose strokes or gas are given, in the order of their forces."""
-        return () if self.environment is None else self.environment.stroke_names(self.rom.actuators)
-
-    @property
-    def reactions(self) -> dict[str, float]:
-        """Forces of the actuators whose strokes are given, in the last step: tensions in N, pressures in Pa."""
-        return dict(zip(self.stroke_names, map(float, self._stepper.reactions), strict=False))
 
     @property
     def warnings(self) -> tuple[str, ...]:

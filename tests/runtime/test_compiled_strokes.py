@@ -9,7 +9,9 @@ from soft_rom import linear, soft_rom
 
 import fenics_rom as fr
 from fenics_rom.compilation import compiled, numpy_alone
+from fenics_rom.errors import StepError
 from fenics_rom.mechanics.environment import NOTHING, Guide, Load
+from fenics_rom.mechanics.gas import Gas
 from fenics_rom.rom.deformation import ReducedTendon
 
 pytestmark = [
@@ -263,19 +265,22 @@ def found_in_steps(part, contact):
     if "guides" in part:
         rom = rubbing(rom)
     controls = {"strokes": {"cable": "length"}, "guides": {}, "strokes at guides": {"cable": "length"}}
-    both = {"air": "volume", "cable": "length"}
-    rom = replace(rom, environment=replace(rom.environment, controls=controls.get(part, both)))
+    both, gases = {"air": "volume" if part == "volumes" else part, "cable": "length"}, {}
+    if part in GIVEN:
+        gases = {"air": Gas(1e-5, 1.4) if part == "gas" else Gas(1e-5, orifice=1e-6)}
+    rom = replace(rom, environment=replace(rom.environment, controls=controls.get(part, both), gases=gases))
     if contact:
         rom = replace(rom, contact_models={"tip": rom.contact_models["tip"]})  # so that obstacles ask for no other
     width = sum(rom.actuators.values())
     inputs = np.zeros((STEPS, next(iter(rom.contacts.values())) + width))
-    inputs[:, 2] = 0.05 * np.sin(30 * t) - (2.0 if part == "volumes" else 0.1) * contact
+    inputs[:, 2] = 0.05 * np.sin(30 * t) - (2.0 if part in ("volumes", *GIVEN) else 0.1) * contact
     inputs[:, -1] = 1.0 + np.sin(45 * t) if part == "guides" else 2e-3 * np.sin(35 * t)
-    inputs[:, -2] = 2e-8 * np.sin(40 * t) if part == "volumes" else 0.0
+    inputs[:, -2] = {"volumes": 2e-8, **GIVEN}.get(part, 0.0) * np.sin(40 * t)
     return rom, inputs
 
 
-PARTS = ("strokes", "guides", "strokes at guides", "volumes")
+GIVEN = {"gas": 3e-6, "valve": 3e4}  # blown in, m³, and the supply's pressure, Pa
+PARTS = ("strokes", "guides", "strokes at guides", "volumes", *GIVEN)
 
 
 @pytest.mark.parametrize("contact", [False, True])
@@ -321,3 +326,28 @@ def test_forces_found_in_steps_are_those_of_numpy(strains, part, contact, monkey
     np.testing.assert_allclose(many.supplied[0], alone.ledger.supplied, rtol=1e-10)
     assert rolled.ledger.supplied == pytest.approx(alone.ledger.supplied, rel=1e-10)
     np.testing.assert_allclose(many.dissipated[0], alone.ledger.dissipated, rtol=1e-10)
+    assert rolled.gas == alone.gas
+    assert many.energy.tolist() == pytest.approx([alone.energy] * 2, rel=1e-12)
+    if part in GIVEN:
+        assert abs(alone.gas["air"]) > 1e-7
+        assert_account_closes(rolled)
+        gas_is_told_and_begins_anew(many, alone)
+
+
+def gas_is_told_and_begins_anew(many, single):
+    """A step that is refused says why and changes nothing; a body that is reset has the gas it began with."""
+    many.reset([0])
+    assert many.energy[0] == 0.0
+    single.reset()
+    assert single.gas == {"air": 0.0}
+    lacking = np.zeros((2, many.inputs))
+    lacking[0, -2] = -2e-5
+    if single.environment.environment.controls["air"] == "gas":
+        before = many.energy.tolist()
+        for step, where in (many.step, "step 100, body 0: "), (lambda u: single.step(u[0]), ""):
+            with pytest.raises(StepError, match=rf"^{where}t = 0 s: chamber 'air': -2e-05 m³ of gas are"):
+                step(lacking)
+        assert many.energy.tolist() == before
+        assert many.step(lacking, on_error="hold").tolist() == [0]
+        with pytest.raises(StepError, match=r"t = 0\.002 s: chamber 'air'"):
+            single.rollout(np.stack([0 * lacking[0], lacking[0]]))

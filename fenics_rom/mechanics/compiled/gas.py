@@ -22,7 +22,6 @@ from fenics_rom.mechanics.compiled.searched_forces import (
 from fenics_rom.mechanics.gas import LEAST_VOLUME, MAX_ITERATIONS, SETTLED, SMALLEST, STUCK, Gas
 
 
-
 class Filled(NamedTuple):
     """Gas that was blown into chambers of B bodies so far, m³: of n forces each, 0 of those that are not of gas."""
 

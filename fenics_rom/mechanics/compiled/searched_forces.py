@@ -11,7 +11,6 @@ from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.compiled.work_space import take, take_rows
 from fenics_rom.mechanics.gas import Gas
 
-
 GOES_ON, ARE_FOUND, NONE_FOUND = range(3)  # what a round of a search ends with
 OF_GAS = 6
 

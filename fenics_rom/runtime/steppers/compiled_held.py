@@ -17,6 +17,7 @@ from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
 from fenics_rom.runtime.compiled import held_step
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, HAS_TANGENT, MADE_TANGENT, strains_in
+from fenics_rom.runtime.compiled.held_bodies import set_volumes_of
 from fenics_rom.runtime.compiled.held_step import Step
 from fenics_rom.runtime.compiled.held_steps import Taken, take_steps
 from fenics_rom.runtime.compiled.held_table import Noted, arrays_of, take_step_at
@@ -310,6 +311,13 @@ class CompiledHeld:
     def beyond(self) -> Array | None:
         """Velocities (P, 3) of the contact points beyond the basis in the last step, m/s; None where they have none."""
         return None if self._met is None else self._met.beyond
+
+    def strokes_at(self, halves: Array) -> Array:
+        """Of chambers, (n,), m³, where e and r are so (2, m)."""
+        assert self.pull is not None
+        strokes = np.empty((1, len(self.pull.forces)))
+        set_volumes_of(self.pull, halves[None], self.body.inverse_ω, strokes)
+        return strokes[0]
 
     def _load(self, tangent: Array) -> None:
         """Goes on from what another step carried along."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import in_plain, or_numpy
+from fenics_rom.compilation import in_plain, jit, or_numpy
 from fenics_rom.mechanics.actuator_forces import PointsHeldBack
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving
@@ -20,6 +20,7 @@ from fenics_rom.mechanics.gas import Gas, pressure_at
 from fenics_rom.mechanics.kept_rows import RowsOperator
 from fenics_rom.mechanics.points_operator import Operator
 from fenics_rom.rom.block_rows import BlockRows
+from fenics_rom.runtime.compiled import linear_actuators
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.compiled.block_products import Blocks
 from fenics_rom.runtime.compiled.linear_step import Body, State, Step
@@ -41,6 +42,7 @@ from fenics_rom.runtime.compiled.touching import NO_LAW, StepContact
 if TYPE_CHECKING:
     from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 
+set_strokes = jit(linear_actuators.set_strokes)
 NO_OBSTACLES, NO_SHAPES = ObstacleMotion(*np.zeros((3, 0, 3))), np.zeros((0, 17))
 NOTHING_BEGUN = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
 LARGEST_CONDITION, MOST_ROWS = 1e8, 300  # of Delassus operators whose inverses are kept
@@ -270,6 +272,13 @@ class CompiledStep:
             solver.search = search = solver.search._replace(forces=forces, swung=swung if swung.any() else None)
         last = self._note(records[(count + 2) % 3], search, path.in_step(count - 1), inputs[count - 1])
         return StepsTaken(Taken(*(rows[:count] for rows in taken)), last)
+
+    @property
+    def strokes(self) -> Array:
+        """Of what forces are found (n,), m or m³, where the body is."""
+        found = np.empty(len(self.body.pulled.W))
+        set_strokes(self.body.pulled, self.state.halves[0], self.state.rigid, self.body.inverse_ω, found)
+        return found
 
     def _delassus(self, holding: int, gives: Array | None) -> Operator:
         """The operator of the contact points with which contact was found: see `Step.holding`, and `_gives`."""

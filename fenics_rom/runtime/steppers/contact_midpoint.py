@@ -216,6 +216,11 @@ class ContactMidpoint(FollowingMidpoint):
         """Whether compiled functions take steps."""
         return self.compiled_step is not None
 
+    @property
+    def strokes_in_loops(self) -> Array | None:
+        """As in HeldByLoops."""
+        return None if self.compiled_step is None else self.compiled_step.strokes
+
     def roll(self, inputs: Array, path: ObstacleMotion | None, amounts: Array) -> "StepsTaken | None":
         """Takes steps under inputs (n, p) among obstacles on a path (`in_step`), as many as loops find; None: none.
 

@@ -89,6 +89,13 @@ class HeldByLoops(HeldAdjoint):
         return self.reactions if found is None else found
 
     @property
+    def strokes_in_loops(self) -> Array | None:
+        """By how much chambers are larger than at rest, (n,) of forces that are found, m³; None: NumPy takes steps."""
+        if self._compiled is None or self._compiled.pull is None:
+            return None
+        return self._compiled.strokes_at(self._halves)
+
+    @property
     def loops(self) -> "CompiledHeld":
         """What takes steps where `is_compiled`."""
         assert self._compiled is not None
