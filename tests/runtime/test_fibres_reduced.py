@@ -8,6 +8,7 @@ from gradient_checks import check_gradient
 from soft_rom import in_frame, soft_rom, swing
 
 import fenics_rom as fr
+from fenics_rom.compilation import compiled, numpy_alone
 from fenics_rom.mechanics.fibres import Fibres, structure_of
 
 CONSTANTS = {"quadratic": (2e5, 0.0, 0.0), "holzapfel": (1e5, 4.0, 0.1), "sheet": (2e5, 0.0, 0.0)}  # Pa, 1 and 1
@@ -40,6 +41,7 @@ def roms():
         "pull and push": reinforced("st_venant_kirchhoff", "quadratic"),
         "pull": reinforced("neo_hookean", "holzapfel", "holzapfel"),
         "sheet": reinforced("st_venant_kirchhoff", "sheet"),
+        "both": reinforced("neo_hookean", "quadratic", "sheet"),
     }
 
 
@@ -75,6 +77,41 @@ def test_bodies_with_fibres_are_the_same_in_a_batch_and_after_a_file(roms, name,
         for body, pushed in zip(single, u, strict=True):
             body.step(pushed)
     np.testing.assert_allclose(batch.state()[0], [body.state[0] for body in single], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.skipif(not compiled(), reason="numba is not installed, or turned off")
+@pytest.mark.parametrize("name", ["pull and push", "pull", "sheet", "both"])
+@pytest.mark.parametrize("kind", ["newton", "linearly-implicit", "carried"])
+def test_compiled_steps_with_fibres_are_those_of_numpy(roms, name, kind):
+    """From the same state every eighth step on; rollouts and bodies of a batch are single steps to the bit."""
+    rom, h, t = roms[name], 4e-3, np.arange(60)
+    rom, stepper = (rom, kind) if kind != "carried" else (in_frame(rom), "linearly-implicit")
+    one, alone, rolled = (fr.Simulator(rom, h, stepper=stepper) for _ in range(3))
+    with numpy_alone():
+        other = fr.Simulator(rom, h, stepper=stepper)
+    assert all(each.takes_compiled_steps if kind == "carried" else each.steps_in_loops for each in (one, rolled))
+    batch = None if kind == "newton" else fr.Batch(rom, 2, h, ledger=True)
+    u, moved, apart = np.zeros((len(t), one.inputs)), 0.0, []
+    u[:, 2], u[:, -2], u[:, -1] = 0.3 * np.sin(t / 6), 100 * np.sin(t / 9), 2.0
+    for k, row in enumerate(u):
+        if k % 8 == 0:
+            other.restore(one.save())
+        for body in (one, other, alone):
+            body.step(row)
+        states = [np.concatenate(body.state) for body in (one, other)]
+        moved = max(moved, np.abs(states[1]).max())
+        apart.append(np.abs(states[0] - states[1]).max())
+        if batch is not None:
+            batch.step(np.tile(row, (2, 1)))
+    assert max(apart) <= (1e-9 if kind == "newton" else 1e-12) * moved
+    assert one.energy == pytest.approx(other.energy, rel=1e-9)
+    assert imbalance(one) <= 1e-10
+    rolled.rollout(u, outputs=[])
+    np.testing.assert_array_equal(np.concatenate(rolled.state), np.concatenate(alone.state))
+    if batch is not None:
+        assert batch.stepping == "compiled"
+        np.testing.assert_array_equal(np.concatenate([part[1] for part in batch.state()]), np.concatenate(alone.state))
+        np.testing.assert_allclose(batch.energy, alone.energy, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -8,14 +8,14 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE, Law, rubbed
 from fenics_rom.mechanics.compiled.copying import copy, fill
-from fenics_rom.mechanics.compiled.gas import Filled, blow_in, keep_gas
+from fenics_rom.mechanics.compiled.gas import Filled
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, IS_AHEAD, IS_CARRIED, VELOCITY, Memory
 from fenics_rom.runtime.compiled.held_step import Step, take_step
 from fenics_rom.runtime.compiled.held_touch import Among, Body, Motion, Touch, motion_in
 from fenics_rom.runtime.compiled.linear_bodies import Told, contact_of, tell_contact
 from fenics_rom.runtime.compiled.linear_step import State
-from fenics_rom.runtime.compiled.strokes import Pull, own_pull, set_volumes
+from fenics_rom.runtime.compiled.strokes import Pull, blow_at, keep_at, own_pull, set_volumes
 from fenics_rom.runtime.compiled.touching import Begun
 
 
@@ -83,15 +83,11 @@ def step_bodies(
         )
         pushed = carried.pushed[b]
         _remember(b, states, carried)
-        pulled, stored = _pull_of(pull, carried.reactions[b]), 0.0
-        if pulled is not None and len(pulled.actuators.gases) > 0:
-            for i in range(m):
-                motion.q[i] = states.halves[b, 0, i] * body.inverse_ω[i]
-            set_volumes(pulled, motion.q)
-            stored = blow_in(pulled.actuators, pulled.strokes, filled.amounts[b], inputs[b], body.law.h)
-            if not np.isfinite(stored):
-                told.status[b] = OTHERWISE
-                continue
+        pulled, e = _pull_of(pull, carried.reactions[b]), states.halves[b, 0]
+        stored = blow_at(pulled, e, body.inverse_ω, filled.amounts[b], inputs[b], body.law.h)
+        if not np.isfinite(stored):
+            told.status[b] = OTHERWISE
+            continue
         if touch is None:
             step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, None, pulled)
         else:
@@ -107,12 +103,8 @@ def step_bodies(
             restore(b, states, carried)
             continue
         _end(body, b, step, motion, states, carried, told)
-        if pulled is not None and len(pulled.actuators.gases) > 0:
-            for i in range(m):
-                motion.q[i] = motion.e[i] * body.inverse_ω[i]
-            set_volumes(pulled, motion.q)
-            copy(filled.amounts[b], filled.before[b])
-            told.works[b, 0] += keep_gas(pulled.actuators, pulled.strokes, inputs[b], filled.amounts[b]) - stored
+        copy(filled.amounts[b], filled.before[b])
+        told.works[b, 0] += keep_at(pulled, e, body.inverse_ω, inputs[b], filled.amounts[b]) - stored
         if touch is not None:
             tell_contact(law, step.status == FOUND, found, past, Begun(after.forces[b], after.swung[b]), told, b)
 

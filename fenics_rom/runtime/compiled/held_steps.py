@@ -8,12 +8,11 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit, jit_part
 from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE
 from fenics_rom.mechanics.compiled.copying import copy
-from fenics_rom.mechanics.compiled.gas import blow_in, keep_gas
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, Memory
 from fenics_rom.runtime.compiled.held_step import NOT_TAKEN, Step, take_step
 from fenics_rom.runtime.compiled.held_touch import Among, Body, among_in, motion_in
-from fenics_rom.runtime.compiled.strokes import Pull, set_volumes
+from fenics_rom.runtime.compiled.strokes import Pull, blow_at, keep_at
 from fenics_rom.runtime.compiled.touching import Last, hand_on, keep_found
 
 
@@ -59,15 +58,10 @@ def take_steps(
         taken: set.
     """
     motion, numbers, step, m = motion_in(vectors, matrix), memory.numbers.copy(), NOT_TAKEN, len(body.ω)
-    stored = 0.0
     for count in range(len(inputs)):
-        if pull is not None and len(pull.actuators.gases) > 0:
-            for i in range(m):
-                motion.q[i] = halves[0, i] * body.inverse_ω[i]
-            set_volumes(pull, motion.q)
-            stored = blow_in(pull.actuators, pull.strokes, amounts, inputs[count], body.law.h)
-            if not math.isfinite(stored):
-                return count, step
+        stored = blow_at(pull, halves[0], body.inverse_ω, amounts, inputs[count], body.law.h)
+        if not math.isfinite(stored):
+            return count, step
         copy(memory.numbers, numbers)
         given = body, inputs[count], halves, pushed, memory, vectors, matrix
         if among is None or path is None:
@@ -91,9 +85,7 @@ def take_steps(
         noted[0], noted[1] = 2 * memory.numbers[AHEAD], memory.numbers[GAP]
         if pull is not None:
             copy(pull.forces, taken.reactions[count])
-            if len(pull.actuators.gases) > 0:
-                set_volumes(pull, taken.q[count])
-                works[0] += keep_gas(pull.actuators, pull.strokes, inputs[count], amounts) - stored
+        works[0] += keep_at(pull, halves[0], body.inverse_ω, inputs[count], amounts) - stored
         if among is not None and last is not None:
             _keep_contact(among, step.status == FOUND, last, taken, count)
     return len(inputs), step

@@ -241,8 +241,15 @@ def set_strains(H: Array, E: Array) -> None:
 def strains_at(H: Array, p: int) -> Six:
     """Green's strain of point p."""
     a, b, c, d, e, f, g, i, k = H[0, p], H[1, p], H[2, p], H[3, p], H[4, p], H[5, p], H[6, p], H[7, p], H[8, p]
-    x, y, z = a + (a * a + d * d + g * g) / 2, e + (b * b + e * e + i * i) / 2, k + (c * c + f * f + k * k) / 2
-    return x, y, z, f + i + b * c + e * f + i * k, c + g + a * c + d * f + g * k, b + d + a * b + d * e + g * i
+    x, y, z = 2 * a + a * a + d * d + g * g, 2 * e + b * b + e * e + i * i, 2 * k + c * c + f * f + k * k
+    return (
+        x / 2,
+        y / 2,
+        z / 2,
+        f + i + b * c + e * f + i * k,
+        c + g + a * c + d * f + g * k,
+        b + d + a * b + d * e + g * i,
+    )
 
 
 @jit_part

@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part
 from fenics_rom.mechanics.actuator_forces import CREEP
 from fenics_rom.mechanics.compiled.copying import add_row, copy, fill
+from fenics_rom.mechanics.compiled.gas import blow_in, keep_gas
 from fenics_rom.mechanics.compiled.searched_forces import Actuators, room_for_search
 from fenics_rom.runtime.compiled.following import add_pressed_slope, add_pulled_slope
 from fenics_rom.runtime.compiled.small_matrices import dot, solve
@@ -93,6 +94,28 @@ def set_volumes(pull: Pull, q: Array) -> None:
     for k in range(len(pull.forces)):
         if pull.chambers[k] >= 0:
             pull.strokes[k] = _swell(pull.polynomials[pull.chambers[k]], q, pull.products, pull.lines[k])
+
+
+@jit_part
+def blow_at(pull: Pull | None, e: Array, inverse_ω: Array, amounts: Array, u: Array, h: float) -> float:
+    """As `gas.blow_in`, where √γ q is e (m,)."""
+    if pull is None:
+        return 0.0
+    if len(pull.actuators.gases) == 0:
+        return 0.0
+    set_volumes(pull, e * inverse_ω)
+    return blow_in(pull.actuators, pull.strokes, amounts, u, h)
+
+
+@jit_part
+def keep_at(pull: Pull | None, e: Array, inverse_ω: Array, u: Array, amounts: Array) -> float:
+    """As `gas.keep_gas`."""
+    if pull is None:
+        return 0.0
+    if len(pull.actuators.gases) == 0:
+        return 0.0
+    set_volumes(pull, e * inverse_ω)
+    return keep_gas(pull.actuators, pull.strokes, u, amounts)
 
 
 @jit_part
