@@ -3,6 +3,9 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from numpy import ndarray as Array
+
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.runtime.last_step import NotesLastStep
 
 if TYPE_CHECKING:
@@ -13,6 +16,15 @@ class FilledBody(NotesLastStep):
     """A body in the words of its ROM."""
 
     filling: "Filling | None" = None  # None where no chamber holds gas
+
+    @property
+    def model(self) -> ContactModel:
+        """Of the active contact mode."""
+        raise NotImplementedError
+
+    @property
+    def _q(self) -> Array:
+        raise NotImplementedError
 
     @property
     def stroke_names(self) -> tuple[str, ...]:

@@ -303,8 +303,8 @@ class CompiledStep:
             strokes[:] = pulled.lines.dot(q)
         for place, *of in gases.tolist():
             k = int(place)
-            amount, strokes = u.item(pulled.actuators.columns[k]), ends[:, k].tolist()
-            gives[k] = -1 / (self._h * pressure_at(Gas(*of), amount, *strokes, False)[1])
+            amount, (start, end) = u.item(pulled.actuators.columns[k]), ends[:, k].tolist()
+            gives[k] = -1 / (self._h * pressure_at(Gas(*of), amount, start, end, False)[1])
         return gives
 
     def _in(self, record: Array) -> Record:
