@@ -51,10 +51,6 @@ PARTS = {
     "guides": {"tendon.rope": ROPE, "tendon_friction": "coefficient = 0.3"},
     "volumes": {"pressure.air": 'near = { point = [0, 0, 0], radius = 1.0 }\ncontrol = "volume"'},
     "gas": {"pressure.air": 'near = { point = [0, 0, 0], radius = 1.0 }\ncontrol = "gas"\ngas = { volume = 1e-4 }'},
-    "valves": {
-        "pressure.air": 'near = { point = [0, 0, 0], radius = 1.0 }\ncontrol = "valve"\ngas = { volume = 1e-4 }\n'
-        "valve = { area = 1e-7 }"
-    },
     "driven": {"driven_support.jaw": 'surface = "right"\ndirection = [1.0, 0.0, 0.0]'},
     "heat": {"temperature.warm": 'field = "20 + 100 * z"\namplitude = 1.0'},
     "reactions": {"readings.held": 'quantity = "reaction"'},  # read after each use
@@ -73,16 +69,7 @@ PARTS = {
     "impacts": {"contact": "restitution = 0.5", "contact.obstacles.floor": FLOOR},
     "penalty": {"contact": 'method = "penalty"\nstiffness = 1e2', "contact.obstacles.floor": FLOOR},
 }
-LARGEST = {
-    "tendons": 0.1,
-    "strokes": 1e-4,
-    "driven": 1e-4,
-    "guides": 0.1,
-    "volumes": 1e-8,
-    "gas": 1e-6,
-    "valves": 1e3,
-    "loads": 1.0,
-}
+LARGEST = {"tendons": 0.1, "strokes": 1e-4, "driven": 1e-4, "guides": 0.1, "volumes": 1e-8, "gas": 1e-6, "loads": 1.0}
 USES = ("full order", "step", "rollout", "batch", "world", "gradient")
 PHYSICS = {  # why a product has no meaning, by what its refusal says
     "no equilibrium": "nothing holds it, so that without inertia it has no equilibrium",
@@ -104,8 +91,7 @@ def scene_of(mesh: Path, law: str, frame: str, part: str) -> str:
         acting = {"damping": "alpha = 0.5\nbeta = 2e-4", **acting}
     run = f"dt = {dt}\nduration = {2 * dt}"
     if part in LARGEST:
-        of_air = dict.fromkeys(("loads", "volumes", "gas", "valves"), "air")
-        actuator = {**of_air, "driven": "jaw"}.get(part, "rope")
+        actuator = {"loads": "air", "volumes": "air", "gas": "air", "driven": "jaw"}.get(part, "rope")
         run += f'\n[[run.load]]\nactuator = "{actuator}"\nforce = [{LARGEST[part]}]'
     elif "contact" not in acting:
         run += '\n[[run.load]]\ncontact = "right"\nforce = [0.0, 0.0, 1e-3]'
