@@ -2,13 +2,11 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
 from itertools import accumulate
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import compiled, jit
 from fenics_rom.mechanics.gas import Gas, amount_at, check_gas, energy_of, gauge, stored
 
 GAS_CONSTANT = 287.05  # of air, J/kg/K
@@ -24,15 +22,22 @@ class Filling:
         gases: of chambers, by name.
         widths: number of input columns of all actuators, by name, in the order of the input.
         stroke: by how much a chamber is larger than at rest now, m³, by name.
+        by_valve: `let_in`, compiled; None: as it is.
 
     Attributes:
         columns: of each in the input, counted from the end of the actuators'.
         amounts: what was blown in so far, by name, m³ at ambient pressure.
     """
 
-    def __init__(self, gases: Mapping[str, Gas], widths: Mapping[str, int], stroke: Callable[[str], float]):
+    def __init__(
+        self,
+        gases: Mapping[str, Gas],
+        widths: Mapping[str, int],
+        stroke: Callable[[str], float],
+        by_valve: "Callable[[Gas, float, float, float, float], float] | None" = None,
+    ):
         self._gases, self._stroke, total = gases, stroke, sum(widths.values())
-        self._let_in = compiled_let_in() if compiled() and any(gas.orifice for gas in gases.values()) else let_in
+        self._let_in = by_valve or let_in
         ends = dict(zip(widths, accumulate(widths.values()), strict=True))
         self.columns = {name: ends[name] - 1 - total for name in gases}
         self.resume({})
@@ -114,14 +119,6 @@ class Filling:
         self._strokes = {name: self._stroke(name) for name in self._gases}  # until the body is put elsewhere
         before, self._stored = self._stored, self._energy_at(self._strokes)
         return self._stored - before
-
-
-@cache
-def compiled_let_in() -> "Callable[[Gas, float, float, float, float], float]":
-    """`let_in`, to the bit as loops have it."""
-    from fenics_rom.mechanics.compiled import gas  # here, as numba takes time to import
-
-    return jit(gas.let_in)
 
 
 def flow(gas: Gas, supply: float, pressure: float) -> float:

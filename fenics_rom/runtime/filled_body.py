@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from numpy import ndarray as Array
 
+from fenics_rom.compilation import compiled, jit
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.runtime.last_step import NotesLastStep
 
@@ -47,7 +48,12 @@ class FilledBody(NotesLastStep):
             return
         from fenics_rom.mechanics.filling import Filling  # here, as few chambers hold gas
 
-        self.filling = Filling(self.environment.environment.gases, self.rom.actuators, self._stroke_of)
+        gases, by_valve = self.environment.environment.gases, None
+        if compiled() and any(gas.orifice for gas in gases.values()):
+            from fenics_rom.mechanics.compiled.gas import let_in  # as loops have it, to the bit
+
+            by_valve = jit(let_in)
+        self.filling = Filling(gases, self.rom.actuators, self._stroke_of, by_valve)
 
     def _stroke_of(self, chamber: str) -> float:
         """By how much it is larger than at rest, m³, to the bit as what takes steps has it."""
