@@ -353,7 +353,7 @@ def compiled_world(
 ) -> CompiledWorld | None:
     """What takes whole steps of h s of bodies; None where one of them is none that it knows."""
     tables = dict[int, SoftTable]()
-    rigid = [body for body in bodies.values() if isinstance(body, Rigid)]
+    rigid = [body for body in bodies.values() if isinstance(body, Rigid) and body.touches]
     if any(body.off[0].any() or (body.off[1] != np.eye(3)).any() for body in rigid):
         return None
     for number, body in enumerate(bodies.values()):

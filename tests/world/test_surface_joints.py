@@ -1,11 +1,15 @@
 """Surfaces of soft bodies that joints hold: welded ones against dense algebra, and what may go wrong."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 from bodies import box_arrays, dense, scene_text, write_arrays
 from test_soft_motion import CLAMPED, TOUCHED, assembled_beam, momenta, reduced, ride
 
 import fenics_rom as fr
+from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.frame_geometry import crossed
 from fenics_rom.mechanics.frame_motion import cayley, rotation_matrix
 from fenics_rom.mechanics.triangles import nearest_on_triangles
@@ -300,3 +304,50 @@ def test_a_world_file_welds_a_surface_by_its_name(tmp_path):
 def test_surface_joints_that_cannot_be_are_refused(stiff, joint, said):
     with pytest.raises(fr.SceneError, match=said):
         fr.World({"beam": fr.SoftBody(stiff[1]), "box": block()}, 1e-3, joints=[SurfaceJoint(*joint)])
+
+
+def test_a_soft_body_is_mounted_on_a_link_of_a_robot_by_its_file(soft, tmp_path):
+    """It goes with the link, which motors turn; the force at the mount is in the account, which closes."""
+    pytest.importorskip("mujoco")
+    for name in ("arm.urdf", "plate.obj"):
+        shutil.copy(Path(__file__).parents[1] / "data" / "robots" / name, tmp_path)
+    fr.write_rom(tmp_path / "beam.h5", soft)
+    file = tmp_path / "world.toml"
+    text = """
+        [bodies.arm]
+        robot = "arm.urdf"
+        motors.all = { kind = "position", gain = 300.0, damping = 20.0 }
+        [bodies.beam]
+        rom = "beam.h5"
+        on = "arm.tool"
+        surface = "right"
+        position = [0.0, 0.0, 0.2]
+        rotation = [0.0, 1.5707963267948966, 0.0]
+        [run]
+        dt = 2e-3
+        duration = 1.0
+    """
+    file.write_text(text)
+    world = fr.make_world(fr.read_world(file))
+    start = world.energy
+    nodes = np.flatnonzero(soft.nodes[:, 0] > soft.nodes[:, 0].max() - 1e-9)
+
+    def place():
+        hand = world.pose("arm.hand")
+        return (world.simulator("beam").node_places()[nodes].mean(axis=0) - hand.position) @ rotation_matrix(
+            hand.rotation
+        )
+
+    begun, beam = place(), world.pose("beam").position
+    for _ in range(15):
+        world.step({"arm.j2": {"target": 0.3}})
+    assert np.abs(world.pose("beam").position - beam).max() > 1e-3
+    assert np.abs(place() - begun).max() < 1e-4  # the mean of nodes, where the weld holds areas
+    assert np.abs(world.joint_forces("beam.mount")).max() > 0
+    ledger = world.ledger
+    gap = world.energy - start - ledger.supplied + ledger.dissipated + ledger.numerical
+    assert gap == pytest.approx(0, abs=1e-13)
+    assert abs(ledger.numerical) < 1e-10 * ledger.supplied
+    file.write_text(text.replace("arm.tool", "arm.tol"))
+    with pytest.raises(SceneError, match="no link 'tol'"):
+        fr.make_world(fr.read_world(file))
