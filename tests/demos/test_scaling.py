@@ -31,3 +31,13 @@ def test_demo_of_costs_keeps_its_claims():
         assert sum(stages) == pytest.approx(2 * float(row["reduction (s)"]))
     assert "not in this run" in (out / "goals.md").read_text()
     assert (out / "scaling.png").stat().st_size > 10_000
+
+
+def test_cubes_are_alike_by_factors_and_by_iterations():
+    run = subprocess.run(
+        [sys.executable, FOLDER / "cubes.py", "--quick"], capture_output=True, text=True, env=dict(os.environ)
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count("holds: ") == 1
+    rows = (FOLDER / "out" / "quick" / "cubes.md").read_text().splitlines()
+    assert [row.split("|")[2].strip() for row in rows if row.startswith("| 3,")] == ["direct", "iterative"]
