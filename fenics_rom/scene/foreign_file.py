@@ -63,7 +63,7 @@ def fill_surface(file: Path, size: float | None, glue: bool = False) -> tuple[Ma
         why = f"Gmsh leaves {arrays['flat']} cells that are nearly flat"
     except MeshError as error:
         if not can_follow:
-            hint = '; mend it, or pip install "fenics-rom[surfaces]", which fills it as it is' if is_stl else ""
+            hint = "; mend it, or pip install pytetwild, which fills it as it is" if is_stl else ""
             raise MeshError(f"{error}{hint}") from None
         why = str(error).removeprefix(f"mesh file {file}: ")
     return _arrays(file, "follow", asked, timeout=MESHING_TIMEOUT), why
