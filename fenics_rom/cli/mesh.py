@@ -21,12 +21,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
     command.add_argument("file", metavar="FILE", help=".stl, .step or .stp, to be filled; with --glue a mesh, too")
     add_output(command, "MESH.msh")
-    command.add_argument(
-        "--size",
-        type=float,
-        metavar="M",
-        help="length of the cells' edges, m, of what is filled (default: that of some 5,000 cells)",
-    )
+    command.add_argument("--size", type=float, metavar="M", help="length of the cells' edges, m, of what is filled")
     command.add_argument(
         "--glue",
         type=_tolerance,
@@ -52,6 +47,8 @@ def run(choice: argparse.Namespace) -> None:
     """Meshes or glues, and prints how large the body is and how good its cells are."""
     file, glue = Path(choice.file), choice.glue
     is_filled = file.suffix.lower() in SURFACES
+    if is_filled and choice.size is None:
+        choice.wrong_usage("--size is required of what is filled: length of the cells' edges, m")
     if not is_filled and glue is None:
         choice.wrong_usage(f"{file}: what is filled ends in {', '.join(SURFACES)}; a mesh is taken with --glue")
     if not is_filled and choice.size is not None:

@@ -3,7 +3,6 @@
 A damaged file may crash it or hang it there.
 """
 
-import importlib.util
 import io
 import os
 import signal
@@ -42,36 +41,22 @@ def read_surface_arrays(file: Path) -> Mapping[str, np.ndarray]:
     return _arrays(file, "surface", timeout=BASE_TIMEOUT + file.stat().st_size / MIN_READING_RATE)
 
 
-def fill_surface(file: Path, size: float | None, glue: bool = False) -> tuple[Mapping[str, np.ndarray], str]:
-    """What `foreign_process` fills a closed surface or a STEP body with, and why not by Gmsh, where it was not.
+def fill_surface(file: Path, size: float, glue: bool = False) -> Mapping[str, np.ndarray]:
+    """Points (3 N,) and cells (4 C,) of tetrahedra that Gmsh fills a closed surface or a STEP body with.
 
     Args:
         file: `.stl`, `.step` or `.stp`.
-        size: length of their edges in the file's unit; of STEP, m. None: that of `foreign_process.DEFAULT_CELLS`.
+        size: length of their edges in the file's unit; of STEP, m.
         glue: let solids of STEP that touch or overlap share their nodes.
 
     Raises:
-        MeshError: as `read_arrays`; or the surface is open, or intersects itself where fTetWild is not there.
+        MeshError: as `read_arrays`; or the surface is open or intersects itself.
     """
-    asked = "default" if size is None else str(size)
-    is_stl = file.suffix.lower() == ".stl"
-    can_follow = is_stl and importlib.util.find_spec("pytetwild") is not None
-    try:
-        arrays = _arrays(file, "glue" if glue else "fill", asked, timeout=MESHING_TIMEOUT)
-        if not (can_follow and arrays["flat"]):
-            return arrays, ""
-        why = f"Gmsh leaves {arrays['flat']} cells that are nearly flat"
-    except MeshError as error:
-        if not can_follow:
-            hint = "; mend it, or pip install pytetwild, which fills it as it is" if is_stl else ""
-            raise MeshError(f"{error}{hint}") from None
-        why = str(error).removeprefix(f"mesh file {file}: ")
-    return _arrays(file, "follow", asked, timeout=MESHING_TIMEOUT), why
+    return _arrays(file, str(size), *["glue"] * glue, timeout=MESHING_TIMEOUT)
 
 
 def _arrays(file: Path, *words: str, timeout: float) -> Mapping[str, np.ndarray]:
-    program = "fTetWild" if words[:1] == ("follow",) else program_of(file)
-    does = "read" if words[:1] in ((), ("surface",)) else "fill"
+    program = program_of(file)
     try:
         process = subprocess.run(
             [sys.executable, "-P", foreign_process.__file__, file, *words],
@@ -81,14 +66,14 @@ def _arrays(file: Path, *words: str, timeout: float) -> Mapping[str, np.ndarray]
             timeout=timeout,
         )
     except subprocess.TimeoutExpired:
-        raise MeshError(f"mesh file {file}: {program} could not {does} it (it went on for {timeout:.0f} s)") from None
+        raise MeshError(f"mesh file {file}: {program} could not read it (it went on for {timeout:.0f} s)") from None
     if process.returncode < 0:
         name = signal.strsignal(-process.returncode)
-        raise MeshError(f"mesh file {file}: {program} could not {does} it (signal {-process.returncode}: {name})")
+        raise MeshError(f"mesh file {file}: {program} could not read it (signal {-process.returncode}: {name})")
     if process.returncode:
         messages = process.stderr.decode(errors="replace").strip().splitlines()
         reason = messages[-1] if messages else "it does not say why"
-        raise MeshError(f"mesh file {file}: {program} cannot {does} it: {reason}")
+        raise MeshError(f"mesh file {file}: {program} cannot read it: {reason}")
     with np.load(io.BytesIO(process.stdout), allow_pickle=False) as arrays:
         return dict(arrays)
 

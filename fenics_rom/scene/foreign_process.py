@@ -8,7 +8,6 @@ import io
 import os
 import re
 import sys
-import time
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -29,13 +28,6 @@ HEXAHEDRON = 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15
 FROM_GMSH = {10: (4, 5, 6, 7, 9, 8), 13: PYRAMID, 14: (*PYRAMID, 13), 15: PRISM, 18: (*PRISM, 15, 17, 16)}
 FROM_GMSH |= {20: HEXAHEDRON, 27: (*HEXAHEDRON, 22, 23, 21, 24, 20, 25, 26)}
 AROUND = 48  # triangles around a round face of a STEP file
-CELL = 6 * 2**0.5  # a cube in regular tetrahedra of its edges' length
-DEFAULT_CELLS, MOST_CELLS = 5000, 2e7  # about as many where no size is given; Gmsh takes an hour for as many
-OFF = 1e-3  # of the body's diagonal, that fTetWild's surface may be off
-STUCK, MIN_MESHING_RATE = 10.0, 2e3  # s, and cells a second, that Gmsh may take to fill a surface
-MEMORY_PER_CELL = 10_000  # bytes that it may take then
-FLAT = 0.01  # of the volume of a regular cell of its longest edge
-THROUGH = re.compile("(?i)intersect|overlapping facets|No elements in volume")  # what Gmsh says of such surfaces
 FEATURE_ANGLE = np.radians(40.0)  # between triangles of a surface; beyond it an edge stays an edge
 
 
@@ -44,23 +36,18 @@ def main() -> None:
 
     Or it ends with a message.
     """
-    file, what, *words = *sys.argv[1:], "cells"
-    size = None if words[:1] in ([], ["cells"], ["default"]) else float(words[0])
+    file, *words = sys.argv[1:]
     lower_limit("RLIMIT_CORE", 0)  # a crash leaves nothing behind
-    if what in ("cells", "surface"):  # sizes in a file may lie
+    if words == ["surface"] or not words:  # sizes in a file may lie
         base = BASE_MEMORY if program_of(Path(file)) == "Gmsh" else VTK_MEMORY
         lower_limit("RLIMIT_AS", base + MEMORY_PER_BYTE * Path(file).stat().st_size)
     with os.fdopen(os.dup(1), "wb") as output:
         os.dup2(2, 1)  # what libraries print is no part of the arrays
         try:
-            if what == "cells":
-                arrays = read_arrays(file)
-            elif what == "surface":
+            if words == ["surface"]:
                 arrays = read_surface(file)
-            elif what == "follow":
-                arrays = follow_surface(file, size)
             else:
-                arrays = fill_surface(file, size, what == "glue")
+                arrays = fill_surface(file, float(words[0]), words[1:] == ["glue"]) if words else read_arrays(file)
         except ModuleNotFoundError as error:
             sys.exit(f'it needs {error.name}, which this Python lacks: pip install "fenics-rom[view]"')
         except Exception as error:  # Gmsh's own, and what Python says of names that are no text
@@ -70,14 +57,14 @@ def main() -> None:
         output.write(content.getbuffer())
 
 
-def lower_limit(name: str, limit: float) -> None:
+def lower_limit(name: str, limit: int) -> None:
     """Lowers a limit of this process; Windows has none."""
     try:
         import resource
     except ModuleNotFoundError:
         return
     what = getattr(resource, name)
-    soft, hard = (int(limit if old == resource.RLIM_INFINITY else min(limit, old)) for old in resource.getrlimit(what))
+    soft, hard = (limit if old == resource.RLIM_INFINITY else min(limit, old) for old in resource.getrlimit(what))
     resource.setrlimit(what, (soft, hard))
 
 
@@ -337,21 +324,17 @@ def _border(triangles: np.ndarray) -> dict[tuple[int, int], int]:
     return {(int(low), int(high)): int(way) for (low, high), way in zip(alone, ways, strict=True)}
 
 
-def fill_surface(file: str, size: float | None, glue: bool) -> dict[str, Any]:
-    """Points (3 N,) and cells (4 C,) of tetrahedra that fill a closed surface, or what a STEP file holds.
+def fill_surface(file: str, size: float, glue: bool) -> dict[str, Any]:
+    """Points (3 N,) and cells (4 C,) of tetrahedra of a size that fill a closed surface, or what a STEP file holds.
 
     Solids that are to be glued are divided where they meet.
-
-    Returns:
-        points, cells, size: of the cells, and flat: how many are nearly so.
     """
     gmsh = _gmsh()
     gmsh.option.setString("Geometry.OCCTargetUnit", "M")
-    mesh, is_stl = gmsh.model.mesh, file.lower().endswith(".stl")
-    if is_stl:
-        _, size, count = _closed_surface(gmsh, file, size)
-        lower_limit("RLIMIT_CPU", time.process_time() + STUCK + count / MIN_MESHING_RATE)  # through itself, it may hang
-        lower_limit("RLIMIT_AS", BASE_MEMORY + MEMORY_PER_CELL * count)
+    mesh = gmsh.model.mesh
+    if file.lower().endswith(".stl"):
+        gmsh.merge(file)
+        _check_closed(mesh)
         mesh.classifySurfaces(FEATURE_ANGLE, True, True, np.pi)
         mesh.createGeometry()
         loop = gmsh.model.geo.addSurfaceLoop([tag for _, tag in gmsh.model.getEntities(2)])
@@ -363,66 +346,26 @@ def fill_surface(file: str, size: float | None, glue: bool) -> dict[str, Any]:
         if glue and len(solids) > 1:
             gmsh.model.occ.fragment(solids[:1], solids[1:])
         gmsh.model.occ.synchronize()
-        if not gmsh.model.getEntities(3):
-            raise ValueError("it holds no solid, only surfaces")
-        volume = sum(gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
-        size, _ = _checked_size(gmsh, size, volume)
+    if not gmsh.model.getEntities(3):
+        raise ValueError("it holds no solid, only surfaces")
     for option in ("Mesh.MeshSizeMin", "Mesh.MeshSizeMax"):
         gmsh.option.setNumber(option, size)
     try:
         mesh.generate(3)
     except Exception as error:  # Gmsh's own
-        if not THROUGH.search(str(error)):
+        if "intersect" not in str(error):
             raise
-        raise ValueError("its surface intersects itself") from error
+        raise ValueError(f"its surface intersects itself ({error})") from error
     tags, points, _ = mesh.getNodes()
     order = np.argsort(tags)
-    points, cells = points.reshape(-1, 3)[order], np.searchsorted(tags[order], mesh.getElementsByType(4)[1])
-    flat = np.array(_flat(points[cells.reshape(-1, 4)]))
-    return {"points": points.ravel(), "cells": cells, "size": np.array(size), "flat": flat}
+    cells = np.searchsorted(tags[order], mesh.getElementsByType(4)[1])
+    return {"points": points.reshape(-1, 3)[order].ravel(), "cells": cells}
 
 
-def follow_surface(file: str, size: float | None) -> dict[str, Any]:
-    """The same by fTetWild of any closed surface, to within a distance; it may intersect itself."""
-    corners, size, _ = _closed_surface(_gmsh(), file, size)
-    from pytetwild import tetrahedralize
-
-    vertices, triangles = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    points, cells = tetrahedralize(
-        vertices, triangles.reshape(-1, 3).astype(np.int32), edge_length_abs=size, epsilon=OFF, num_threads=1
-    )
-    within = np.array(OFF * np.linalg.norm(np.ptp(vertices, axis=0)))
-    return {"points": points.ravel(), "cells": cells.ravel(), "size": np.array(size), "within": within}
-
-
-def _checked_size(gmsh: Any, size: float | None, volume: float) -> tuple[float, float]:
-    """Size of the cells, and how many there will be."""
-    size = (CELL * volume / DEFAULT_CELLS) ** (1 / 3) if size is None else size
-    if (count := CELL * volume / size**3) > MOST_CELLS:
-        low, high = np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3))
-        lengths = " x ".join(f"{length:.4g}" for length in high - low)
-        raise ValueError(
-            f"cells of {size:.3g} would be some {count:.0e} in a body of {lengths}; allowed are {MOST_CELLS:.0e}: "
-            "give a larger size, or the scale 1e-3 where the file is in mm"
-        )
-    return size, count
-
-
-def _flat(corners: np.ndarray) -> int:
-    """How many cells (C, 4, 3) have next to no volume beside their edges."""
-    edges = np.linalg.norm(corners[:, [0, 0, 0, 1, 1, 2]] - corners[:, [1, 2, 3, 2, 3, 3]], axis=2)
-    volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
-    return int((CELL * volumes < FLAT * edges.max(axis=1) ** 3).sum())
-
-
-def _closed_surface(gmsh: Any, file: str, size: float | None) -> tuple[np.ndarray, float, float]:
-    """Triangles (T, 3, 3) of an STL file, and of the cells that are to fill it the size and how many there will be.
-
-    One with edges that are not between two triangles is refused.
-    """
-    gmsh.merge(file)
-    nodes, points, _ = gmsh.model.mesh.getNodes()
-    triangles = gmsh.model.mesh.getElementsByType(2)[1].reshape(-1, 3)
+def _check_closed(mesh: Any) -> None:
+    """Refuses a surface with edges that are not between two triangles."""
+    nodes, points, _ = mesh.getNodes()
+    triangles = mesh.getElementsByType(2)[1].reshape(-1, 3)
     if not len(triangles):
         raise ValueError("it holds no triangles")
     sides = np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1)
@@ -434,10 +377,6 @@ def _closed_surface(gmsh: Any, file: str, size: float | None) -> tuple[np.ndarra
             f"its surface is not closed: {len(loose)} of {len(edges)} edges are not between two triangles, e.g. one at "
             f"{at.round(9).tolist()}"
         )
-    order = np.argsort(nodes)
-    corners: np.ndarray = points.reshape(-1, 3)[order][np.searchsorted(nodes, triangles, sorter=order)]
-    a, b, c = corners.transpose(1, 0, 2)
-    return corners, *_checked_size(gmsh, size, abs(float((a * np.cross(b, c)).sum())) / 6)
 
 
 if __name__ == "__main__":
