@@ -370,7 +370,7 @@ MUTATIONS = [
     ("runtime/steppers/pushed_step.py", "np.where(follows, 0.0, by_x) - along", "np.where(follows, 0.0, by_x - along)"),
     ("runtime/steppers/pushed_step.py", "now.push.torque).dot(R)", "now.push.torque).dot(middle)"),
     ("world/contact_step.py", "proximal *= STEADIER", "proximal *= 1.0"),
-    ("world/rigid.py", "answers[3:, :3] = levered", "answers[3:, :3] = -levered"),
+    ("world/rigid.py", "per_push[3:, :3] = levered", "per_push[3:, :3] = -levered"),
     ("world/rigid.py", "float((torque - self._torque).dot(turning))", "float(torque.dot(turning))"),
     ("world/rigid.py", "h * (ω * self.size + h * (g + speeds_up / 4))", "0.0"),
     ("world/driven.py", "R.dot(cayley(turn / 2))", "R"),
