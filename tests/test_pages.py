@@ -132,7 +132,7 @@ def folder(request, tmp_path, zoo_folder):
         (tmp_path / "finger.toml").write_text(scene)
     else:
         shutil.copytree(request.getfixturevalue("files"), tmp_path, dirs_exist_ok=True)
-    for name in ("demos", "meshes"):
+    for name in ("demos", "meshes", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / zoo_folder.name).symlink_to(zoo_folder)
     return tmp_path

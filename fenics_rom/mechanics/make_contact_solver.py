@@ -31,7 +31,7 @@ def make_contact_solver(
     `own`: the surface of the body, if that touches itself; `faces`: of the body, if obstacles meet these, too.
     """
     given = points, obstacles, law
-    if faces is not None:
+    if faces is not None and obstacles:
         from fenics_rom.mechanics.face_contact import FaceAndSelfContact, FaceContact  # here, as few scenes have these
 
         if own is None:

@@ -126,7 +126,7 @@ def test_a_wound_tube_turns_far(tmp_path):
     pressures = np.array([500.0, 1000.0])
     found = inflated(tmp_path, 16, pressures, 'large_deformation = { material = "neo_hookean" }\n')
     a, λ, τ = np.array([closed(p) for p in pressures]).T
-    closed = τ, np.sqrt(a**2 + (B**2 - A**2) / λ) / B - 1, λ - 1
+    exact = τ, np.sqrt(a**2 + (B**2 - A**2) / λ) / B - 1, λ - 1
     parts = (found[0], 0.01), (found[1] - 1, 0.05), (found[2] - 1, 0.05)  # the last two are half a per cent
-    for (value, within), expected in zip(parts, closed, strict=True):
+    for (value, within), expected in zip(parts, exact, strict=True):
         np.testing.assert_allclose(value, expected, rtol=within)

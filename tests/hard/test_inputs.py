@@ -80,7 +80,7 @@ def test_cell_of_a_node_that_there_is_not_is_refused(tmp_path, version):
 @pytest.mark.parametrize(
     ("more", "what"),
     [
-        ({"cells": np.array([[1, 2, 3, 4]])}, "nodes"),
+        ({"cells4": np.array([[1, 2, 3, 4]])}, "nodes"),
         ({"dimensions": [2], "tags": [1], "names": ["left"], "group0": np.array([1, 2, 4])}, "nodes"),
         ({"dimensions": [3], "tags": [1], "names": ["body"], "group0": np.array([8])}, "cells"),
     ],
@@ -88,8 +88,9 @@ def test_cell_of_a_node_that_there_is_not_is_refused(tmp_path, version):
 def test_node_or_cell_that_gmsh_does_not_miss_is_missed(more, what):
     """What Gmsh makes of some damaged files: a cell of a node that is not among the nodes."""
     points, nodes = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]), np.array([1, 2, 3, 5])
-    whole = {"nodes": nodes, "points": points.ravel(), "kinds": [], "numbers": np.array([7]), "cells": nodes}
-    whole |= {"dimensions": [], "tags": [], "names": [], "edges": np.empty(0, dtype=int)}
+    whole = {"nodes": nodes, "points": points.ravel(), "others": [], "numbers": np.array([7]), "sizes": [4]}
+    whole["quadrilaterals0"] = np.empty(0, dtype=int)
+    whole |= {"cells4": nodes, "dimensions": [], "tags": [], "names": [], "edges": np.empty(0, dtype=int)}
     assert len(_from_arrays(whole, Path("whole.msh"), {})[1]) == 1
     with pytest.raises(MeshError, match=f"names {what} that it does not hold"):
         _from_arrays(whole | more, Path("hole.msh"), {})

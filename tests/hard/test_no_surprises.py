@@ -38,6 +38,7 @@ IMPORTS = {  # modules that the package names itself, when they are asked for
     PACKAGE / "lazy_import.py",
     PACKAGE / "rom" / "linearizer.py",
     PACKAGE / "system" / "backends.py",
+    PACKAGE / "zoo_bodies.py",
     PACKAGE / "visualization" / "optional_dependencies.py",
 }
 VIEWER = PACKAGE / "visualization" / "viewer"
@@ -135,7 +136,8 @@ def test_no_file_can_run_code(file):
         assert name.split(".")[0] not in MODULES, (node.lineno, name)
         if name.endswith("()"):
             imports = last == "import_module" and file in IMPORTS
-            assert imports or last not in RUN_CODE or called.startswith(("re.", "dispatcher.")), (node.lineno, name)
+            harmless = called.startswith(("re.", "dispatcher.", "spec."))  # that of MuJoCo compiles a model
+            assert imports or last not in RUN_CODE or harmless, (node.lineno, name)
             if not any(ast.unparse(keyword) == "allow_pickle=False" for keyword in node.keywords):
                 assert not (last in UNPICKLES and called.startswith(("np.", "numpy."))) or called == "np.fromfile", name
 

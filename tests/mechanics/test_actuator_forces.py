@@ -6,6 +6,7 @@ import pytest
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.actuator_forces import MAX_ROUNDS, ActuatorForces
 from fenics_rom.mechanics.compiled import actuator_forces as loops
+from fenics_rom.mechanics.compiled import searched_forces
 from fenics_rom.mechanics.complementarity.pivoting import solve_by_pivots
 from fenics_rom.mechanics.environment import Guide
 from fenics_rom.mechanics.gas import Targets
@@ -125,16 +126,17 @@ def in_python(monkeypatch):
         x[:n] = np.linalg.solve(A, x[:n])
         return True
 
-    monkeypatch.setattr(loops, "take", take)
-    monkeypatch.setattr(loops, "take_rows", lambda space, n, width: take(space, n * width).reshape(n, width))
-    monkeypatch.setattr(loops, "matrix_in", lambda numbers, n: np.zeros((n, n)))
-    monkeypatch.setattr(loops, "solve", solve)
+    replaced = {"take": take, "solve": solve, "matrix_in": lambda numbers, n: np.zeros((n, n))}
+    replaced["take_rows"] = lambda space, n, width: take(space, n * width).reshape(n, width)
+    for module in (loops, searched_forces):
+        for name in replaced.keys() & vars(module).keys():
+            monkeypatch.setattr(module, name, replaced[name])
 
 
 def by_loops(cable, before, touch):
     """Forces by the rounds of compiled steps."""
     n, given = len(cable.W), loops.Actuators.of(cable.actuators, len(cable.u))
-    search = loops.search_in(np.zeros(loops.room_for_search(n)), n)
+    search = searched_forces.search_in(np.zeros(searched_forces.room_for_search(n)), n)
     search.targets[:], search.rates[:] = cable.targets, cable.rates
     known = given, cable.actuators.bends(cable.angles), cable.W, cable.u
     loops.begin_search(*known, before, search)

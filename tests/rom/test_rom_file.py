@@ -231,10 +231,10 @@ def test_files_of_format_2_load_for_ever():
     assert run.effects == ("inertia", "damping", "pressure", "tendon", "large_deformation", "contact", "friction")
     assert run.forces["floor"].any()
     assert run.balance_error < 3e-14
-    again = fr.simulate(rom, stepper="linearly-implicit")
-    np.testing.assert_allclose(again.snapshots, run.snapshots, rtol=0, atol=1e-9 * abs(run.snapshots).max())
+    again = fr.simulate(rom, stepper="linearly-implicit")  # whose viscosity resists J'/J since, which the run's did not
+    np.testing.assert_allclose(again.snapshots, run.snapshots, rtol=0, atol=3e-3 * abs(run.snapshots).max())
     np.testing.assert_allclose(
-        again.forces["floor"], run.forces["floor"], rtol=0, atol=1e-6 * run.forces["floor"].max()
+        again.forces["floor"], run.forces["floor"], rtol=0, atol=1e-2 * run.forces["floor"].max()
     )
 
 
