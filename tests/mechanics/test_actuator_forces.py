@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.actuator_forces import MAX_ROUNDS, ActuatorForces
+from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.compiled import actuator_forces as loops
 from fenics_rom.mechanics.compiled import searched_forces
 from fenics_rom.mechanics.complementarity.pivoting import solve_by_pivots
@@ -138,15 +138,14 @@ def by_loops(cable, before, touch):
     n, given = len(cable.W), loops.Actuators.of(cable.actuators, len(cable.u))
     search = searched_forces.search_in(np.zeros(searched_forces.room_for_search(n)), n)
     search.targets[:], search.rates[:] = cable.targets, cable.rates
-    known = given, cable.actuators.bends(cable.angles), cable.W, cable.u
-    loops.begin_search(*known, before, search)
-    for count in range(MAX_ROUNDS):
+    bends = cable.actuators.bends(cable.angles)
+    assert loops.begin_search(given, bends, cable.W, cable.u, before, 1e-3, search)
+    outcome = loops.GOES_ON
+    while outcome == loops.GOES_ON:
         if touch is not None:
-            assert loops.hold(cable.W, search)
+            assert loops.hold(search)
             _, search.added[:] = touch(search.z, search.holds != 0)
-        outcome = loops.look(*known, count, touch is not None, search)
-        if outcome != loops.GOES_ON:
-            break
+        outcome = loops.look(given, bends, cable.u, touch is not None, search)
     assert outcome == loops.ARE_FOUND
     return search.z
 
