@@ -1,5 +1,6 @@
 """A world of its file: the bodies in motion, and a run of them."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
@@ -7,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.errors import SceneError, check_known, check_type
+from fenics_rom.errors import FenicsRomWarning, SceneError, check_known, check_type
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.lazy_import import load
 from fenics_rom.mechanics.base_path import BaseState
@@ -196,6 +197,8 @@ def _robot(name: str, body: WorldBody, scene: WorldScene) -> Robot:
         )
     except SceneError as error:
         raise SceneError(f"{scene.source}: bodies.{name}: {error}") from error
+    for text in robot.warnings:
+        warnings.warn(f"{scene.source}: bodies.{name}: {text}", FenicsRomWarning, stacklevel=3)
     return robot
 
 
