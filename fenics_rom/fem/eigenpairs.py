@@ -9,7 +9,6 @@ from petsc4py import PETSc
 from slepc4py import SLEPc
 
 from fenics_rom.errors import SolverError
-from fenics_rom.fem.iterative import reason_name
 from fenics_rom.fem.options import EIGEN_PREFIX
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 
@@ -50,7 +49,7 @@ def lowest_eigenpairs(
             raise SolverError(f"SLEPc failed with PETSc error {getattr(error, 'ierr', error)}") from error
         converged = eps.getConverged()
         if converged < count:
-            reason = reason_name(SLEPc.EPS.ConvergedReason, eps.getConvergedReason())
+            reason = _reason_name(SLEPc.EPS.ConvergedReason, eps.getConvergedReason())
             raise SolverError(
                 f"SLEPc found {converged} of {count} eigenpairs in {eps.getIterationNumber()} iterations "
                 f"({reason}); ask for fewer"
@@ -90,3 +89,8 @@ def _solver(mass: PetscMatrix, stiffness: PetscMatrix, solve: _Solve, count: int
     finally:
         ksp.reset()
         eps.destroy()
+
+
+def _reason_name(reasons: type, value: int) -> str:
+    """What SLEPc calls a reason to stop, such as "DIVERGED_ITS"."""
+    return next((name for name, number in vars(reasons).items() if number == value), str(value))

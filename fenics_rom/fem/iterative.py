@@ -24,11 +24,6 @@ BYTES_PER_ENTRY, BYTES_PER_UNKNOWN = 45, 900
 METHOD_NAME = "conjugate gradients with algebraic multigrid"
 
 
-def reason_name(reasons: type, value: int) -> str:
-    """What PETSc or SLEPc calls a reason to stop, such as "DIVERGED_ITS"."""
-    return next((name for name, number in vars(reasons).items() if number == value), str(value))
-
-
 class IterativeFactor:
     """What a factor of a symmetric positive definite matrix does, in little memory.
 

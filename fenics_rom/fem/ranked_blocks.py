@@ -17,11 +17,11 @@ class RankedBlocks:
         rows, columns: how many are here.
     """
 
-    def __init__(self, mat: PETSc.Mat, dtype: Any, scale: float = 1.0):
+    def __init__(self, mat: PETSc.Mat, dtype: Any):
         self._comm = mat.comm.tompi4py()
         self.rows, self.columns = (sizes[0] for sizes in mat.getSizes())
         start, column, values = mat.getValuesCSR()
-        values = (scale * values).astype(dtype)
+        values = values.astype(dtype)
         first = mat.getOwnershipRangeColumn()[0]
         is_own = (column >= first) & (column < first + self.columns)
         whole = scipy.sparse.csr_matrix((values, column, start), shape=(self.rows, mat.getSize()[1]))

@@ -35,7 +35,7 @@ class StaticShape(NamedTuple):
     rotation: Array  # (3, 3)
 
 
-def link_shape(mj: Any, m: Any, d: Any, geoms: Sequence[int], centre: Array, R: Array, where: str) -> LinkShape:
+def link_shape(m: Any, d: Any, geoms: Sequence[int], centre: Array, R: Array, where: str) -> LinkShape:
     """The shape of what touches of a link with a centre of mass and axes R: a primitive, or the hull of all."""
     if not geoms:
         return LinkShape(None, np.zeros(3), UPRIGHT, "")
@@ -50,7 +50,7 @@ def link_shape(mj: Any, m: Any, d: Any, geoms: Sequence[int], centre: Array, R: 
     return LinkShape(hull, hull.shift, UPRIGHT, said)
 
 
-def static_shapes(mj: Any, m: Any, d: Any, geoms: Sequence[int], where: object) -> list[StaticShape]:
+def static_shapes(m: Any, d: Any, geoms: Sequence[int], where: object) -> list[StaticShape]:
     """Those of what stands still, each by itself."""
     found = []
     for g in geoms:

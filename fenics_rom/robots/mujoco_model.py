@@ -155,7 +155,7 @@ class MujocoModel:
             geoms = [g for g in range(m.ngeom) if m.geom_bodyid[g] in some]
             touching = [g for g in geoms if m.geom_contype[g] or m.geom_conaffinity[g]]
             if root == 0:
-                for each in static_shapes(self._mj, m, d, touching, self._path):
+                for each in static_shapes(m, d, touching, self._path):
                     bodies[self._static_name(name, each, bodies)] = self._static(each)
                 continue
             masses = m.body_mass[some] * [self._urdf is None or self._urdf.has_mass(self._names[b]) for b in some]
@@ -166,7 +166,7 @@ class MujocoModel:
                 inertia += (turn * m.body_inertia[b]).dot(turn.T) + mass * (
                     arm.dot(arm) * np.eye(3) - np.outer(arm, arm)
                 )
-            shape = link_shape(self._mj, m, d, touching, centre, R, self._line("body", self._names[root]))
+            shape = link_shape(m, d, touching, centre, R, self._line("body", self._names[root]))
             if shape.said:
                 self.warnings.append(f"{own[root]}: {shape.said}")
             whole = R.T.dot(inertia).dot(R)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
 
 from fenics_rom.errors import SceneError
 
@@ -32,7 +33,7 @@ class Element:
 
     def text(self) -> str:
         """As XML."""
-        given = "".join(f" {name}={_quoted(value)}" for name, value in self.given.items())
+        given = "".join(f" {name}={quoteattr(value)}" for name, value in self.given.items())
         return f"<{self.tag}{given}>{''.join(child.text() for child in self.children)}</{self.tag}>"
 
 
@@ -56,9 +57,3 @@ def read_elements(text: str, source: str) -> Element:
     except expat.ExpatError as error:
         raise SceneError(f"{source}, line {error.lineno}: no XML: {expat.errors.messages[error.code]}") from error
     return roots[0]
-
-
-def _quoted(value: str) -> str:
-    for sign, name in (("&", "&amp;"), ("<", "&lt;"), ('"', "&quot;")):
-        value = value.replace(sign, name)
-    return f'"{value}"'

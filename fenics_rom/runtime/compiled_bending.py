@@ -25,13 +25,13 @@ from fenics_rom.runtime.compiled.carried_strains import (
     NUMBERS,
     VELOCITY,
 )
-from fenics_rom.runtime.compiled.held_bodies import Carried, restore_bodies, set_volumes_of, step_bodies
+from fenics_rom.runtime.compiled.held_bodies import Carried, restore_bodies, set_strokes_of, step_bodies
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.strain_tables import padded
 from fenics_rom.runtime.compiled.strokes import Pull
 from fenics_rom.runtime.compiled.touching import NO_LAW
 from fenics_rom.runtime.compiled_bodies import CompiledBodies
-from fenics_rom.runtime.filled_bodies import Mode
+from fenics_rom.runtime.compiled_mode import Mode
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.compiled_deformation import Known, branches_of
@@ -228,7 +228,7 @@ class CompiledBending(CompiledBodies):
         pull = self._pulls[mode.name]
         assert pull is not None
         strokes = np.zeros((len(bodies), self._strokes))
-        set_volumes_of(pull, mode.states.halves[bodies], mode.body.inverse_ω, strokes)
+        set_strokes_of(pull, mode.states.halves[bodies], mode.body.inverse_ω, strokes)
         return pull.actuators, strokes
 
     @property

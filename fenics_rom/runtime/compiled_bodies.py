@@ -26,8 +26,8 @@ from fenics_rom.runtime.batch_arrays import distinct, stacked_state
 from fenics_rom.runtime.compiled.linear_bodies import look_at_bodies, step_bodies
 from fenics_rom.runtime.compiled.linear_step import PARTS, State
 from fenics_rom.runtime.compiled.touching import LOST, NO_LAW, Clearance
+from fenics_rom.runtime.compiled_mode import Mode
 from fenics_rom.runtime.compiled_state import LOST_IN_SWITCHING, CompiledState
-from fenics_rom.runtime.filled_bodies import Mode
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.threads import deal_out
 

@@ -23,7 +23,8 @@ from fenics_rom.runtime.compiled.branches import RATIO
 from fenics_rom.runtime.compiled.linear_bodies import Told
 from fenics_rom.runtime.compiled.linear_step import State
 from fenics_rom.runtime.compiled.touching import Begun
-from fenics_rom.runtime.filled_bodies import FilledBodies, Mode
+from fenics_rom.runtime.compiled_mode import Mode
+from fenics_rom.runtime.filled_bodies import FilledBodies
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.clearance import stretch_of
 from fenics_rom.runtime.steppers.residual_maps import strained_back

@@ -1,25 +1,12 @@
-"""Gas in the chambers of many bodies of one ROM that compiled loops step, and the contact modes they are in."""
-
-from typing import Any, NamedTuple
+"""Gas in the chambers of many bodies of one ROM that compiled loops step."""
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.compiled.gas import Filled, store_in_gas
 from fenics_rom.mechanics.compiled.searched_forces import Actuators
-from fenics_rom.runtime.compiled.linear_step import State
+from fenics_rom.runtime.compiled_mode import Mode
 from fenics_rom.runtime.simulator import Simulator
-
-
-class Mode(NamedTuple):
-    """A contact mode."""
-
-    name: str
-    body: Any  # as compiled steps have it
-    touch: Any  # where it can be touched (`touching.Touched`); None: nowhere
-    states: State  # of all bodies; those of bodies in other modes say nothing
-    stretch: Array = np.empty(0)  # of its points, for steps that ask it: see `touching.Clearance`
-    keep_rows: Any = None  # called after steps: see `CompiledStep`
 
 
 class FilledBodies:

@@ -2,16 +2,13 @@
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.runtime.contact_readings import ContactReadings
-
-if TYPE_CHECKING:
-    pass
 
 
 class NotesLastStep(ContactReadings):
@@ -57,16 +54,21 @@ class NotesLastStep(ContactReadings):
 
         return noted
 
+    @cached_property
+    def _found_columns(self) -> Array:
+        """Of forces that steps find, among inputs (p,): counted from their end, which all contact modes share."""
+        if self.environment is None or not len(self._stepper.reactions):
+            return np.empty(0, dtype=int)
+        from fenics_rom.mechanics.actuator_forces import ActuatorForces
+
+        acting, widths = self.environment.environment, {**self.rom.actuators, **self.rom.loads}
+        return ActuatorForces(acting.controls, acting.guides, widths, acting.gases).columns
+
     def _note_last(self, start: tuple[Array, Array], u: Array) -> None:
         """Takes note of a step under inputs (p,), from what moved before it."""
-        from fenics_rom.mechanics.readable_body import LastStep  # here, as in the following: few bodies need it
+        from fenics_rom.mechanics.readable_body import LastStep  # here, as below: few bodies need it
 
-        acting = None if self.environment is None else self.environment.environment
-        found, u = self._stepper.reactions, np.array(u)
-        if acting is not None and len(found):
-            from fenics_rom.mechanics.actuator_forces import ActuatorForces
-
-            widths = {**self.rom.actuators, **self.rom.loads}
-            u[ActuatorForces(acting.controls, acting.guides, widths, acting.gases).columns] = found
+        acting, u = None if self.environment is None else self.environment.environment, np.array(u)
+        u[self._found_columns] = self._stepper.reactions
         h = self._dt if acting is None or acting.has_inertia else 0.0
         self.last_step = LastStep(h, start, self._moving(), self.contact, u)

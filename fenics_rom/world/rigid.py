@@ -175,7 +175,6 @@ class Rigid(PointsOfRigid):
         ω̂, τ, mean = self._turning(τ, held)
         if held is not None:
             held = np.concatenate([held, forces[k:].sum(axis=0)[None]])
-        if held is not None:
             arms[k:] = points.arms.dot(mean.T)
             if len(points.tells):
                 places[points.tells] = self._p + h / 2 * v̂ + arms[points.tells]

@@ -320,9 +320,8 @@ def _look(given: Actuators, bends: Array, u: Array, count: int, touches: bool, s
             targets[k], helps = 0.0, True
     if not (helps or (touches and changed > SETTLED * most)):
         return ARE_FOUND
-    if search.numbers[BY_PIVOTS] and not are_equal(
-        sides, search.tried
-    ):  # turns are slow, so that these sides are tried
+    if search.numbers[BY_PIVOTS] and not are_equal(sides, search.tried):
+        # Turns are slow, so that these sides are tried.
         search.numbers[BY_PIVOTS] = 0.0
         copy(sides, search.tried)
         copy(beyond, search.kept)

@@ -135,9 +135,8 @@ def _simulated(
     runs: list[Run] = []
     shapes: list[Array] = []
     seen = np.zeros(3 + len(_acting_strokes(system)))
-    series = scene_with_run(system)[0].environment.viscoelasticity
-    relaxing = f"{series}; " if series else ""
     environment = scene_with_run(system)[0].environment
+    relaxing = f"{environment.viscoelasticity}; " if environment.viscoelasticity else ""
     if touches_itself(environment):
         relaxing += f"{environment.contact_law}, {environment.self_contact}; "
     if is_free(system):

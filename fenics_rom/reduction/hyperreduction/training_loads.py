@@ -141,9 +141,8 @@ def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
     if not (spins or extremes.any() or any(push.any() for push in pushes.values())):
         raise SceneError(f"{scene.source}: run: nothing acts, so there is nothing to train with")
     is_alone = touches_itself(scene.environment) and not scene.environment.obstacles
-    if not is_alone and (
-        not flies or scene.effects.contact is not None
-    ):  # else nothing pushes where the scene does not
+    # Else nothing pushes where the scene does not.
+    if not is_alone and (not flies or scene.effects.contact is not None):
         pushes = _completed(problem, extremes, pushes)
     worst = _worst(problem, acting, pushing)
     wrenches = tuple(name for name, patch in scene.contacts.items() if patch.force == "wrench")

@@ -19,7 +19,7 @@ from fenics_rom.runtime.compiled.material_points import (
     add_resultants,
     displacement_gradients,
     set_piola,
-    set_volumes,
+    set_volume_viscosity,
     volume_piola,
 )
 from fenics_rom.runtime.compiled.small_matrices import dot, factor, invert
@@ -215,7 +215,7 @@ def set_slope(law: Law, strains: Strains, q: Array, slope: Array) -> None:
     add_pull(law.branches, strains.relaxed, strains.uppers[1, 1:])
     unfold(strains.uppers[1, 1 + m :], factored)
     H = displacement_gradients(law.points, middle)
-    set_volumes(law.points, H, law.viscosity, strains.volumes)
+    set_volume_viscosity(law.points, H, law.viscosity, strains.volumes)
     _set_matrix(law, strains.matrix, strains.volumes, slope)
     add_inertia(law, slope)
     for i in range(m):
@@ -246,7 +246,7 @@ def expect(law: Law, strains: Strains, q: Array, v: Array) -> None:
     read(law.stiffness, products, upper)
     unfold(upper[1 + m :], strains.K)
     H = displacement_gradients(law.points, at)
-    set_volumes(law.points, H, law.viscosity, strains.volumes)
+    set_volume_viscosity(law.points, H, law.viscosity, strains.volumes)
     _set_matrix(law, strains.K, strains.volumes, strains.matrix)
     z = strains.carried[1] if strains.numbers[IS_CARRIED] else strains.stressed[0, 1:]
     pull_by(z, at, strains.matrices, strains.pulled)

@@ -15,7 +15,7 @@ from fenics_rom.runtime.compiled.held_step import Step, take_step
 from fenics_rom.runtime.compiled.held_touch import Among, Body, Motion, Touch, motion_in
 from fenics_rom.runtime.compiled.linear_bodies import Told, contact_of, tell_contact
 from fenics_rom.runtime.compiled.linear_step import State
-from fenics_rom.runtime.compiled.strokes import Pull, blow_at, keep_at, own_pull, set_volumes
+from fenics_rom.runtime.compiled.strokes import Pull, blow_at, keep_at, own_pull, set_chamber_strokes
 from fenics_rom.runtime.compiled.touching import Begun
 
 
@@ -152,13 +152,13 @@ def restore(b: int, states: State, carried: Carried) -> None:
 
 
 @jit
-def set_volumes_of(pull: Pull, halves: Array, inverse_ω: Array, strokes: Array) -> None:
+def set_strokes_of(pull: Pull, halves: Array, inverse_ω: Array, strokes: Array) -> None:
     """Sets strokes of chambers (B, n) of bodies whose e and r are halves (B, 2, m)."""
     q = np.empty(len(inverse_ω))
     for b in range(len(halves)):
         for i in range(len(q)):
             q[i] = halves[b, 0, i] * inverse_ω[i]
-        set_volumes(pull, q)
+        set_chamber_strokes(pull, q)
         copy(pull.strokes, strokes[b])
 
 

@@ -260,9 +260,9 @@ def take_steps_at(
         table, numbers: as in `take_step_at`.
         inputs: (n, p); where there is gas they are changed, see `blow_in`.
         path: of the obstacles, as `moving_in` takes it.
-        amounts: (n,) of gas, changed.
         records: three, (3, size): step k is in that of number k mod 3, and the last of them has what the first step
             begins with. Set.
+        amounts: (n,) of gas, changed.
         told: set.
     """
     body, state = _body_at(table, numbers), _state_at(table)

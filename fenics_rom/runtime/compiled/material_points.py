@@ -137,7 +137,7 @@ def volume_piola(points: Points, H: Array, before: Array, size: float, β: float
 
 
 @jit_part
-def set_volumes(points: Points, H: Array, β: float, N: Array) -> None:
+def set_volume_viscosity(points: Points, H: Array, β: float, N: Array) -> None:
     """Sets what viscosity in volumes changes forces by with rates (m, m), symmetric."""
     m, P = len(N), H.shape[1]
     if not (β > 0 and P > 0 and points.kind[0] == NEO_HOOKEAN):

@@ -89,7 +89,7 @@ def _set_lines(pull: Pull, q: Array) -> None:
 
 
 @jit_part
-def set_volumes(pull: Pull, q: Array) -> None:
+def set_chamber_strokes(pull: Pull, q: Array) -> None:
     """Sets strokes of chambers at q (m,)."""
     for k in range(len(pull.forces)):
         if pull.chambers[k] >= 0:
@@ -103,7 +103,7 @@ def blow_at(pull: Pull | None, e: Array, inverse_ω: Array, amounts: Array, u: A
         return 0.0
     if len(pull.actuators.gases) == 0:
         return 0.0
-    set_volumes(pull, e * inverse_ω)
+    set_chamber_strokes(pull, e * inverse_ω)
     return blow_in(pull.actuators, pull.strokes, amounts, u, h)
 
 
@@ -114,7 +114,7 @@ def keep_at(pull: Pull | None, e: Array, inverse_ω: Array, u: Array, amounts: A
         return 0.0
     if len(pull.actuators.gases) == 0:
         return 0.0
-    set_volumes(pull, e * inverse_ω)
+    set_chamber_strokes(pull, e * inverse_ω)
     return keep_gas(pull.actuators, pull.strokes, u, amounts)
 
 

@@ -17,7 +17,7 @@ from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
 from fenics_rom.runtime.compiled import held_step
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, HAS_TANGENT, MADE_TANGENT, strains_in
-from fenics_rom.runtime.compiled.held_bodies import set_volumes_of
+from fenics_rom.runtime.compiled.held_bodies import set_strokes_of
 from fenics_rom.runtime.compiled.held_step import Step
 from fenics_rom.runtime.compiled.held_steps import Taken, take_steps
 from fenics_rom.runtime.compiled.held_table import Noted, arrays_of, take_step_at
@@ -316,7 +316,7 @@ class CompiledHeld:
         """Of chambers, (n,), m³, where e and r are so (2, m)."""
         assert self.pull is not None
         strokes = np.empty((1, len(self.pull.forces)))
-        set_volumes_of(self.pull, halves[None], self.body.inverse_ω, strokes)
+        set_strokes_of(self.pull, halves[None], self.body.inverse_ω, strokes)
         return strokes[0]
 
     def _load(self, tangent: Array) -> None:
