@@ -24,7 +24,7 @@ def is_number(value: Any, *, whole: bool = False) -> bool:
 def check_flag(where: str, given: Any, error: type[FenicsRomError]) -> bool:
     """True or False; the error of all else."""
     if not (isinstance(given, bool) or type(given).__name__ in ("bool_", "bool")):
-        raise error(f"{where} = {shown(given)}: allowed are True and False")
+        raise error(f"{where} = {shown(given)}: use True and False")
     return bool(given)
 
 
@@ -33,7 +33,7 @@ def names_in(where: str, given: Any, error: type[FenicsRomError]) -> tuple[str, 
     several = isinstance(given, Iterable) and not isinstance(given, str | bytes)
     names = tuple(given) if several else ()
     if not (several and all(isinstance(name, str) for name in names)):
-        raise error(f"{where} = {shown(given)}: allowed is a list of names")
+        raise error(f"{where} = {shown(given)}: use a list of names")
     return names
 
 
@@ -42,21 +42,21 @@ def mapping_in(where: str, given: Any, error: type[FenicsRomError]) -> dict[str,
     if given is None:
         return {}
     if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):
-        raise error(f"{where} = {shown(given)}: allowed is a dict by names")
+        raise error(f"{where} = {shown(given)}: use a dict by names")
     return dict(given)
 
 
 def check_function(where: str, given: Any, error: type[FenicsRomError], allowed: str) -> None:
     """The error of what is no function."""
     if not callable(given) or isinstance(given, type):
-        raise error(f"{where}: {shown(given)} was given; allowed is a function {allowed}")
+        raise error(f"{where}: {shown(given)} was given; use a function {allowed}")
 
 
 def path_in(where: str, given: Any, error: type[FenicsRomError] = FileError) -> Path:
     """The path of a file or folder; the error of what is none."""
     name = given.__fspath__() if isinstance(given, PathLike) else given
     if not isinstance(name, str):
-        raise error(f"{where}: {shown(given)} was given; allowed is the name of a file or folder")
+        raise error(f"{where}: {shown(given)} was given; use the name of a file or folder")
     if "\0" in name:
-        raise error(f"{where}: {shown(name)} cannot be read: allowed is a name without NUL")
+        raise error(f"{where}: {shown(name)} cannot be read: use a name without NUL")
     return Path(name)

@@ -88,7 +88,7 @@ def at_address(function: Callable[..., object], dispatcher: Any, ahead: bool) ->
 
         def generic(self, given: Any, named: Any) -> Any:
             if named:
-                raise TypeError(f"{name[1]}: allowed are arguments by position")
+                raise TypeError(f"{name[1]}: use arguments by position")
             kinds = tuple(map(types.unliteral, given))
             gives = None if ahead else _GIVEN.get(function.__annotations__.get("return", function))
             return signature(gives or _compiled(dispatcher, kinds).signature.return_type, *kinds)

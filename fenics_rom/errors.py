@@ -77,8 +77,7 @@ def check_type(where: str, given: Any, allowed: type, made_by: str) -> None:
     """Raises SceneError of something else than one allows `where` it was given, with what makes one."""
     if not isinstance(given, allowed):
         raise SceneError(
-            f"{where}: something of type {type(given).__name__} was given; allowed is a {allowed.__name__}, "
-            f"as of {made_by}"
+            f"{where}: something of type {type(given).__name__} was given; use a {allowed.__name__}, as of {made_by}"
         )
 
 

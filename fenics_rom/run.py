@@ -104,7 +104,7 @@ def simulate(
     of_roms |= {"enrich": enrich, "finer": finer}
     if isinstance(model, Rom):
         if arc_length:
-            raise SceneError("simulate: arc_length cannot be used with a Rom; allowed with a Scene or a System")
+            raise SceneError("simulate: arc_length cannot be used with a Rom; use it with a Scene or a System")
         from fenics_rom.runtime.simulate import simulate as simulate_rom
 
         del of_roms["enrich"]
@@ -114,13 +114,13 @@ def simulate(
         return simulate_rom(model if adding is None else adding.rom, **of_roms, enrichment=adding, **of_any)
     if not (isinstance(model, Scene) or hasattr(model, "stiffness")):
         raise SceneError(
-            f"simulate: {shown(model)} was given; allowed are a Scene, a WorldScene, a System, a Rom, or a file's name"
+            f"simulate: {shown(model)} was given; use a Scene, a WorldScene, a System, a Rom, or a file's name"
         )
     given = [name for name, value in of_roms.items() if value is not None and value is not False]
     if given:
         raise SceneError(
             f"simulate: {', '.join(given)} cannot be used with a {type(model).__name__}, which is run at full order; "
-            "allowed with a Rom"
+            "use it with a Rom"
         )
     trajectory: Trajectory = load("fem.simulate", "simulate")(model, arc_length=arc_length, **of_any)
     return trajectory

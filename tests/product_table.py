@@ -77,8 +77,8 @@ PHYSICS = {  # why a product has no meaning, by what its refusal says
     "effects.damping: means nothing without inertia": "equilibria have no speeds that a dashpot could resist",
     "viscoelasticity: means nothing without inertia": "equilibria are of the relaxed material",
     "moves nodes relative to what is clamped": "nothing is clamped that a support could move against",
-    "a base bears the body; allowed is its base_wrench": "its base bears it: `base_wrench` is what it reads",
-    "nothing is held; allowed is with supports": "nothing holds it that could have a reaction",
+    "a base bears the body; use its base_wrench": "its base bears it: `base_wrench` is what it reads",
+    "nothing is held; use it with supports": "nothing holds it that could have a reaction",
 }
 
 

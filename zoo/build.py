@@ -39,7 +39,7 @@ def main() -> None:
     size = sum(file.stat().st_size for file in choice.package.rglob("*"))
     print(f"{size / 1e6:.1f} MB")
     if exceeded or size > LARGEST:
-        sys.exit(f"errors beyond their bounds: {', '.join(exceeded) or 'none'}; allowed are {LARGEST / 1e6:g} MB")
+        sys.exit(f"errors beyond their bounds: {', '.join(exceeded) or 'none'}; use {LARGEST / 1e6:g} MB")
 
 
 def make(names: list[str], package: Path) -> list[str]:

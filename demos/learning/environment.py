@@ -102,9 +102,9 @@ def checked(env, actions):
         given = np.asarray(actions)
     except ValueError:
         raise InvalidAction(
-            f"actions: rows of different lengths are given; allowed are numbers of shape {env.action_space.shape}"
+            f"actions: rows of different lengths are given; use numbers of shape {env.action_space.shape}"
         ) from None
     if given.shape != env.action_space.shape or given.dtype.kind not in "fiu":
         what = f"{given.dtype} of shape {given.shape}"
-        raise InvalidAction(f"actions: {what} are given; allowed are real numbers of shape {env.action_space.shape}")
+        raise InvalidAction(f"actions: {what} are given; use real numbers of shape {env.action_space.shape}")
     return given

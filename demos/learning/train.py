@@ -108,7 +108,7 @@ def main() -> None:
     if unknown := [task for task in given.tasks if task not in soft_tasks.TASKS]:
         parser.error(f"no task {', '.join(unknown)}; there is {', '.join(soft_tasks.TASKS)}")
     if given.steps is not None and given.steps < 1:
-        parser.error(f"--steps {given.steps}: allowed are whole numbers > 0")
+        parser.error(f"--steps {given.steps}: use whole numbers > 0")
     torch.set_num_threads(1)
     warnings.simplefilter("ignore", FenicsRomWarning)
     soft_tasks.OUT.mkdir(exist_ok=True)

@@ -77,9 +77,9 @@ class SoftBodies(VectorEnv):
         render_mode: str | None = None,
     ):
         if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ValueError(f'render_mode = {render_mode!r}: allowed are "rgb_array" and None')
+            raise ValueError(f'render_mode = {render_mode!r}: use "rgb_array" and None')
         if length < 1:
-            raise ValueError(f"length = {length!r}: allowed is a number of actions > 0")
+            raise ValueError(f"length = {length!r}: use a number of actions > 0")
         self.rom = rom if isinstance(rom, Rom) else read_rom(rom)
         self._check_body()
         self.has_begun = False

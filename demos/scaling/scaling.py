@@ -90,7 +90,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="small meshes only")
     options = parser.parse_args()
     if options.largest < min(SIZES):
-        parser.error(f"--largest {options.largest}: allowed is {min(SIZES)} or more")
+        parser.error(f"--largest {options.largest}: use {min(SIZES)} or more")
     out = OUT / "quick" if options.quick else OUT  # so that a test does not overwrite what took minutes
     out.mkdir(parents=True, exist_ok=True)
     machine = f"{processor()}, {CORES} cores, load {os.getloadavg()[0]:.1f} at the start; one thread a rank"

@@ -69,8 +69,7 @@ def certify(scene: WorldScene, *, runs_file: Path | None = None, report: Report 
     found = np.concatenate([cover.values, at_corners])
     if not found[:, 0].any():
         raise SceneError(
-            f"{scene.source}: in {len(found)} runs nothing hits {table.body!r}; allowed are ranges and a run in which "
-            "it is hit"
+            f"{scene.source}: in {len(found)} runs nothing hits {table.body!r}; use ranges and a run in which it is hit"
         )
     rows = compared_rows(found)
     others = Strikes(scene, finer, run.dt), Strikes(scene, roms, run.dt / 2)

@@ -90,7 +90,7 @@ def check_certificate(file: str | Path, *, samples: int = SAMPLES, report: Repor
             quantity = [*QUANTITIES][int(off.argmax())]
             raise FileError(
                 f"{file}: was altered: at {strikes.where(point)} the model gives a {quantity} that is "
-                f"{off.max():.1e} of the largest away from what is written; allowed is {SAME_RUN:g}"
+                f"{off.max():.1e} of the largest away from what is written; at most {SAME_RUN:g}"
             )
     report("runs", len(again), len(again))
     return certificate

@@ -76,9 +76,7 @@ def check_end(impact: Impact) -> None:
     grows = (last >= impact.felt.max(axis=0)) & (last - before > GROWS * last)
     if grows.any():
         quantity = [*QUANTITIES][int(grows.argmax())]
-        raise SceneError(
-            f"the {quantity} still grows when the run ends, at {impact.times[-1]:g} s; allowed is a longer one"
-        )
+        raise SceneError(f"the {quantity} still grows when the run ends, at {impact.times[-1]:g} s; use a longer one")
 
 
 def _is_soft(world: World, name: str) -> bool:

@@ -39,14 +39,14 @@ def read_limits(region: str, file: Path = EXAMPLES) -> Limits:
     columns = ("region", *(column for column, _ in COLUMNS.values()), "source")
     missing = [column for column in columns if column not in table.heading]
     if missing:
-        raise DataError(f"{file}, line 1: column {missing[0]!r} is missing; allowed are {', '.join(columns)}")
+        raise DataError(f"{file}, line 1: column {missing[0]!r} is missing; use {', '.join(columns)}")
     regions = [cells[table.heading.index("region")] for cells in table.cells]
     check_known("region", region, regions, DataError, f"{file}: ")
     row, of = regions.index(region), dict[str, float]()
     for quantity, (column, factor) in COLUMNS.items():
         value = table.numbers(column, factor, empty=True)[row]
         if value <= 0:
-            table.refuse(table.lines[row], column, "allowed is a number > 0, or nothing")
+            table.refuse(table.lines[row], column, "use a number > 0, or nothing")
         if not np.isnan(value):
             of[quantity] = float(value)
     return Limits(region, of, table.cells[row][table.heading.index("source")])

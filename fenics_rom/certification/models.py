@@ -41,7 +41,7 @@ def models_of(scene: WorldScene, report: Report) -> Models:
         report("models", k, len(soft))
         where = f"{scene.source}: bodies.{name}"
         if body.scene is None:
-            raise SceneError(f"{where}: is of a ROM, whose error cannot be told without its scene; allowed is a scene")
+            raise SceneError(f"{where}: is of a ROM, whose error cannot be told without its scene; use a scene")
         described = load("scene.file", "read_scene")(scene.folder / body.scene)
         system = load("fem.assemble", "assemble")(described)
         reduce = load("reduction.reduce", "reduce")

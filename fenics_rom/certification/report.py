@@ -61,7 +61,7 @@ def check_report(file: Path) -> None:
     """What is worth asking before long work: MissingPackageError without Matplotlib, FileError of another ending."""
     figure_class()
     if file.suffix not in FORMATS:
-        raise FileError(f"{file}: allowed is a file that ends in {', '.join(FORMATS)}")
+        raise FileError(f"{file}: use a file that ends in {', '.join(FORMATS)}")
 
 
 def write_report(file: Path, certificate: Certificate) -> None:

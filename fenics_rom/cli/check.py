@@ -26,7 +26,7 @@ def run(choice: argparse.Namespace) -> int:
     from fenics_rom.certification.report import HEADING, coverage_lines, finding_rows
 
     if choice.runs < 0:
-        choice.wrong_usage(f"--runs {choice.runs}: allowed is a whole number >= 0")
+        choice.wrong_usage(f"--runs {choice.runs}: use a whole number >= 0")
     with progress() as report:
         certificate = check_certificate(choice.certificate, samples=choice.runs, report=report)
     print_table(f"impacts of {certificate.scene.file.name}", HEADING, finding_rows(certificate))

@@ -49,7 +49,7 @@ def _finer(choice: argparse.Namespace, reference: "fr.Trajectory") -> "fr.Trajec
     given, allowed = finer.settings["dt"], reference.settings["dt"]
     if not given < allowed:
         raise CompareError(
-            f"--finer {choice.finer}: took steps of {given:g} s; allowed are shorter ones than the {allowed:g} s of "
+            f"--finer {choice.finer}: took steps of {given:g} s; use shorter ones than the {allowed:g} s of "
             f"{choice.reference}"
         )
     return finer

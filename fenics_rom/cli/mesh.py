@@ -40,7 +40,7 @@ def _tolerance(word: str) -> float:
     with suppress(ValueError):
         if 0 <= float(word) < np.inf:
             return float(word)
-    raise argparse.ArgumentTypeError(f"{word!r}: allowed is a finite number >= 0, or none where --glue stands last")
+    raise argparse.ArgumentTypeError(f"{word!r}: use a finite number >= 0, or none where --glue stands last")
 
 
 def run(choice: argparse.Namespace) -> None:
@@ -54,12 +54,12 @@ def run(choice: argparse.Namespace) -> None:
     if not is_filled and choice.size is not None:
         choice.wrong_usage("--size is of what is filled; the cells of a mesh stay as they are: leave it out")
     if is_filled and glue not in (None, BY_ITSELF):
-        choice.wrong_usage(f"--glue {glue:g}: solids are divided where they meet; allowed is --glue without a number")
+        choice.wrong_usage(f"--glue {glue:g}: solids are divided where they meet; use --glue without a number")
     for option in ("size", "scale"):
         if (given := getattr(choice, option)) is not None and not 0 < given < np.inf:
-            choice.wrong_usage(f"--{option} {given:g}: allowed is a finite number > 0")
+            choice.wrong_usage(f"--{option} {given:g}: use a finite number > 0")
     if choice.output.suffix != ".msh":
-        choice.wrong_usage(f"-o {choice.output}: allowed is the ending .msh")
+        choice.wrong_usage(f"-o {choice.output}: use the ending .msh")
     check_outputs(choice.output, inputs=[choice.file], force=choice.force)
     lines = {}
     if is_filled:

@@ -56,11 +56,11 @@ def run(choice: argparse.Namespace) -> None:
     if in_the_way:
         raise FileError(f"{partial}: is needed for what is finished, but it is not a folder")
     if choice.tolerance is not None and not 0 < choice.tolerance < 1:
-        raise SceneError(f"--tolerance {exactly(choice.tolerance)}: allowed is more than 0 and less than 1")
+        raise SceneError(f"--tolerance {exactly(choice.tolerance)}: use more than 0 and less than 1")
     if choice.share is not None and not 0 < choice.share <= 1:
-        raise SceneError(f"--share {exactly(choice.share)}: allowed is more than 0 and at most 1")
+        raise SceneError(f"--share {exactly(choice.share)}: use more than 0 and at most 1")
     if choice.order is not None and choice.order < 1:
-        raise SceneError(f"--order {choice.order}: allowed are whole numbers from 1")
+        raise SceneError(f"--order {choice.order}: use whole numbers from 1")
     scene = None if files else fr.read_scene(choice.scene)
     check_outputs(choice.output, content="rom", inputs=scene.files if scene else (), force=choice.force)
     begun: dict[str, tuple[int, int]] = {}  # what was done already when a stage began, and of how much
@@ -112,7 +112,7 @@ def _add_matrix_options(command: argparse.ArgumentParser) -> None:
 def _named_file(text: str) -> tuple[str, str]:
     name, _, file = text.partition("=")
     if not (NAME.fullmatch(name) and file):
-        raise argparse.ArgumentTypeError(f"{text!r}: allowed is NAME=FILE, the name of {NAME_IN_WORDS}")
+        raise argparse.ArgumentTypeError(f"{text!r}: use NAME=FILE, the name of {NAME_IN_WORDS}")
     return name, file
 
 

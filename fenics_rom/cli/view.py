@@ -20,7 +20,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(choice: argparse.Namespace) -> None:
     """Serves the page until Ctrl-C."""
     if len(choice.files) > 2:
-        choice.wrong_usage("allowed are a ROM, a world, a run, or two runs")
+        choice.wrong_usage("use a ROM, a world, a run, or two runs")
     from fenics_rom.visualization.viewer.view import view
 
     view(*map(model_file, choice.files), port=choice.port, browser=not choice.no_browser, dt=choice.dt, wait=True)
@@ -28,5 +28,5 @@ def run(choice: argparse.Namespace) -> None:
 
 def _port(text: str) -> int:
     if not (text.isdecimal() and int(text) < 2**16):
-        raise argparse.ArgumentTypeError(f"{text!r}: allowed is a whole number from 0 (any that is free) to 65535")
+        raise argparse.ArgumentTypeError(f"{text!r}: use a whole number from 0 (any that is free) to 65535")
     return int(text)

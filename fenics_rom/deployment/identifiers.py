@@ -29,5 +29,5 @@ def check_identifier(name: str, where: str) -> None:
     """Checks that a name can be one in C; FileError where it cannot, which begins with `where`."""
     if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
         raise FileError(
-            f"{where}: {name!r} becomes a name in C: allowed are letters, digits and _, and a letter at the beginning"
+            f"{where}: {name!r} becomes a name in C: use letters, digits and _, and a letter at the beginning"
         )

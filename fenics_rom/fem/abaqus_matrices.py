@@ -103,12 +103,12 @@ def _read_table(file: Path) -> Array:
         table = np.concatenate([np.array([line.split() for line in part], dtype=float) for part in parts])
     except ValueError as error:
         raise StructureError(
-            f"{file}: cannot be read as a matrix of Abaqus: {error}; allowed are *Matrix output with format=MATRIX "
+            f"{file}: cannot be read as a matrix of Abaqus: {error}; use *Matrix output with format=MATRIX "
             "INPUT and COORDINATE"
         ) from error
     if table.shape[1] not in (3, 5):
         raise StructureError(
-            f"{file}: has {table.shape[1]} numbers in a line; allowed are node, degree of freedom, node, degree of "
+            f"{file}: has {table.shape[1]} numbers in a line; use node, degree of freedom, node, degree of "
             "freedom and entry, or row, column and entry"
         )
     places = table[:, :-1]
@@ -132,11 +132,11 @@ def _nodes_of_rows(
         if others:
             raise StructureError(
                 f"{files[name]}: names nodes that {content.file} does not hold, {others[0]} for one (below 1 are "
-                "Abaqus' own, of constraints); allowed are matrices of the same file, of solids without constraints"
+                "Abaqus' own, of constraints); use matrices of the same file, of solids without constraints"
             )
         kinds = np.unique(table[:, [1, 3]])
         if not np.isin(kinds, [1, 2, 3]).all():
-            raise StructureError(f"{files[name]}: has degree of freedom {kinds.max():.0f}; allowed are 1, 2 and 3")
+            raise StructureError(f"{files[name]}: has degree of freedom {kinds.max():.0f}; use 1, 2 and 3")
     if not rows:
         return sorted(named)
     of_solids = {node for _, nodes in content.solids.values() for node in nodes}
@@ -145,7 +145,7 @@ def _nodes_of_rows(
             return sorted(candidates)
     raise StructureError(
         f"{content.file}: has {len(of_solids)} nodes of solids and {len(content.nodes)} in all, but the matrices have "
-        f"{rows} rows; allowed are three for each node, or format=MATRIX INPUT, which says which row is which"
+        f"{rows} rows; use three for each node, or format=MATRIX INPUT, which says which row is which"
     )
 
 
@@ -168,7 +168,7 @@ def _assemble(table: Array, row_of: Mapping[int, int], file: str) -> scipy.spars
     if len(held):
         raise StructureError(
             f"{file}: holds {len(held)} degrees of freedom, row {rows[held[0]] + 1} for one: {values[held[0]]:.0e} on "
-            "the diagonal; allowed are matrices without *Boundary, or without the nodes that do not move"
+            "the diagonal; use matrices without *Boundary, or without the nodes that do not move"
         )
     matrix = scipy.sparse.csr_matrix((values, (rows, columns)), shape=(size, size))
     if not ((rows > columns).any() and (rows < columns).any()):

@@ -71,7 +71,7 @@ def _system(scene: Scene, comm: Any) -> System:
     nodes = run_on_rank_0(comm, lambda: checked_nodes(mesh, scene.degree))
     if scene.integration == "selective" and scene.degree == 1 and mesh.kind is TETRAHEDRON:
         raise SceneError(
-            f"{scene.source}: mesh.integration = 'selective': allowed is with mesh.degree = 2, or of hexahedra, where "
+            f"{scene.source}: mesh.integration = 'selective': use it with mesh.degree = 2, or of hexahedra, where "
             "cells do not change volume evenly"
         )
     unknowns = unknowns_of(scene, nodes)

@@ -96,7 +96,7 @@ def checked_nodes(mesh: Mesh, degree: int) -> Nodes:
         raise MeshError(
             f"{nodes.mesh.source}: {turned.sum()} of {len(every)} cells are inside out at points of quadrature{how}, "
             f"the worst around {place}: the Jacobian's determinant there is {share:.3g} of its mean; "
-            f"allowed is above 0{cure}"
+            f"it must be above 0{cure}"
         )
     return nodes
 
@@ -115,7 +115,7 @@ def cell_at(nodes: Nodes, point: Array, where: str) -> tuple[int, Array]:
     if distance[nearest] > 0.01 * size:
         raise SceneError(
             f"{where}: point {point.tolist()} is {distance[nearest]:.3g} m outside the body; "
-            f"allowed is 1 % of its size, {0.01 * size:.3g} m (mesh.scale says in which unit the mesh is)"
+            f"at most 1 % of its size, {0.01 * size:.3g} m (mesh.scale says in which unit the mesh is)"
         )
     return int(cells[nearest]), ξ[nearest]
 

@@ -69,7 +69,7 @@ def enclosed_volume(nodes: Nodes, triangles: Array, unknowns: Unknowns, where: s
             place, across = np.round(middle + tip, 6).tolist(), np.linalg.norm(ends - tip, axis=-1).max() * 2
             raise SceneError(
                 f"{where}: the surface has an opening whose rim moves, so that it encloses no volume: {len(around)} "
-                f"open edges around {place}, about {across:.3g} m across; allowed are closed surfaces, and openings "
+                f"open edges around {place}, about {across:.3g} m across; use closed surfaces, and openings "
                 "whose rim is held, or moves in its plane"
             )
         volume -= float(np.linalg.det(cap).sum()) / 6

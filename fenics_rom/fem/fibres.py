@@ -88,7 +88,7 @@ def _directions(
     for name in fibres.data:
         if not mesh.vectors:
             raise MeshError(
-                f"{where}.data: {mesh.source} has no vectors {name!r} of its cells, nor any; allowed are cell data of "
+                f"{where}.data: {mesh.source} has no vectors {name!r} of its cells, nor any; use cell data of "
                 f"three numbers in {DATA_FILES}"
             )
         check_known("vectors", name, mesh.vectors, MeshError, f"{where}.data: {mesh.source}: ")

@@ -28,7 +28,7 @@ def fill_surface(file: Path, output: Path, size: float, scale: float = 1.0, glue
         FileError: the output cannot be written.
     """
     if file.suffix.lower() not in SURFACES:
-        raise MeshError(f"mesh file {file}: allowed endings are {', '.join(SURFACES)}")
+        raise MeshError(f"mesh file {file}: use a file that ends in {', '.join(SURFACES)}")
     try:
         is_there = file.is_file()
     except OSError as error:  # as of a name that is too long
@@ -36,7 +36,7 @@ def fill_surface(file: Path, output: Path, size: float, scale: float = 1.0, glue
     if not is_there:
         raise MeshError(f"mesh file {file}: not found")
     if scale != 1.0 and file.suffix.lower() != ".stl":
-        raise MeshError(f"mesh file {file}: says its unit; a scale is allowed of .stl")
+        raise MeshError(f"mesh file {file}: says its unit; a scale is for .stl")
     arrays = foreign_file.fill_surface(file, size / scale, glue)
     points, cells = arrays["points"].reshape(-1, 3), arrays["cells"].reshape(-1, 4)
     mesh = checked_mesh(MeshArrays(points, cells, {}, {REGION: np.arange(len(cells))}), file, scale)

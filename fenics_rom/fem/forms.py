@@ -112,7 +112,7 @@ def assemble_forms(
     require_real(PETSc.ScalarType)
     check_damping_choice(damping, rayleigh)
     if not isinstance(mass, ufl.Form) or len(mass.arguments()) != 2:
-        raise StructureError(f"mass is no UFL form with two arguments; allowed is {ARITY[2]}")
+        raise StructureError(f"mass is no UFL form with two arguments; use {ARITY[2]}")
     space = mass.arguments()[0].ufl_function_space()
     bilinear = {"mass": mass, "stiffness": stiffness} | ({} if damping is None else {"damping": damping})
     linear = {
@@ -137,7 +137,7 @@ def assemble_forms(
         if rows.body is not None and C.shape[1] % 3:
             raise StructureError(
                 f"outputs[{name!r}] has {C.shape[1]} forms; on a body with nodes an output is displacements of "
-                "points: allowed are three forms (x, y, z) for each"
+                "points: use three forms (x, y, z) for each"
             )
     reduced = {name: rows.take_matrix(matrix) for name, matrix in matrices.items()}
     if rows.local_nodes is not None:
@@ -163,16 +163,16 @@ def _as_list(forms: Any, where: str) -> list[Any]:
     """Forms, one per column; one alone is one column."""
     listed = [forms] if isinstance(forms, ufl.Form) else list(forms)
     if not listed:
-        raise StructureError(f"{where} has no forms; allowed is one for each column, at least one")
+        raise StructureError(f"{where} has no forms; use one for each column, at least one")
     return listed
 
 
 def _check_form(where: str, form: Any, arity: int, space: Any) -> None:
     if not isinstance(form, ufl.Form):
-        raise StructureError(f"{where} is a {type(form).__name__}; allowed is a UFL form")
+        raise StructureError(f"{where} is a {type(form).__name__}; use a UFL form")
     arguments = form.arguments()
     if len(arguments) != arity:
-        raise StructureError(f"{where} has {len(arguments)} arguments; allowed is {ARITY[arity]}")
+        raise StructureError(f"{where} has {len(arguments)} arguments; use {ARITY[arity]}")
     if any(argument.ufl_function_space() != space for argument in arguments):
         raise StructureError(f"{where} is of another function space than mass")
 
@@ -181,7 +181,7 @@ def _constrained(space: Any, bcs: Sequence[Any]) -> np.ndarray:
     """Which of the degrees of freedom that this rank owns have a Dirichlet condition, (rows here,)."""
     for k, bc in enumerate(bcs):
         if not hasattr(bc, "function_space"):
-            raise StructureError(f"bcs[{k}] is a {type(bc).__name__}; allowed are Dirichlet conditions of dolfinx")
+            raise StructureError(f"bcs[{k}] is a {type(bc).__name__}; use Dirichlet conditions of dolfinx")
         if not space._cpp_object.contains(bc.function_space):
             raise StructureError(f"bcs[{k}] is of another function space than mass")
     dofs = space.dofmap
@@ -192,7 +192,7 @@ def _constrained(space: Any, bcs: Sequence[Any]) -> np.ndarray:
     nonzero = np.flatnonzero(fixed & (values.array_r != 0))
     refuse_together(
         space.mesh.comm,
-        f"bcs: a Dirichlet condition has the value {values.array_r[nonzero[0]]:g}; allowed is 0: the body hangs on it"
+        f"bcs: a Dirichlet condition has the value {values.array_r[nonzero[0]]:g}; use 0: the body hangs on it"
         if len(nonzero)
         else "",
     )

@@ -52,7 +52,7 @@ def glue_mesh(file: Path, output: Path, tolerance: float | None = None, scale: f
     """
     mesh = read_mesh(file, None, scale)
     if mesh.kind is not TETRAHEDRON:
-        raise MeshError(f"mesh file {file}: holds hexahedra; allowed to be glued are tetrahedra")
+        raise MeshError(f"mesh file {file}: holds hexahedra; only tetrahedra can be glued")
     used = np.unique(mesh.cells)
     points = mesh.points[used]
     if tolerance is None:
@@ -70,7 +70,7 @@ def glue_mesh(file: Path, output: Path, tolerance: float | None = None, scale: f
         shortest = np.linalg.norm(edges[:, :, 0] - edges[:, :, 1], axis=2).min()
         raise MeshError(
             f"mesh file {file}: {tolerance:g} m merges the ends of edges of cells, the shortest of which "
-            f"is {shortest:.3g} m long; allowed is less"
+            f"is {shortest:.3g} m long; use less"
         )
     surfaces = {name: place[triangles] for name, triangles in mesh.surfaces.items()}
     surfaces = {name: triangles[(triangles >= 0).all(axis=1)] for name, triangles in surfaces.items()}

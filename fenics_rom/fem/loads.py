@@ -104,7 +104,7 @@ def _refuse_open(nodes: Nodes, pressure: Pressure, where: str) -> None:
     if len(rim_edges(patch_triangles(nodes, pressure, where))):
         raise SceneError(
             f"{where}.control = {pressure.control!r}: the surface has an opening, so that a free body has no volume "
-            "behind it that its motion as a whole would leave; allowed is a closed chamber, or 'pressure'"
+            "behind it that its motion as a whole would leave; use a closed chamber, or 'pressure'"
         )
 
 

@@ -78,7 +78,7 @@ def read_system(
     def read() -> tuple[dict[str, Any], dict[str, Any]]:
         body = abaqus()
         if units is not None and body is None:
-            raise StructureError(f"units = {units!r}: allowed is with nodes of Abaqus' input file (.inp)")
+            raise StructureError(f"units = {units!r}: use it with nodes of Abaqus' input file (.inp)")
         of_files = {name: scipy.sparse.csr_matrix(_read(file)) for name, file in matrices.items()} if not body else {}
         square = dict(body.matrices) if body else of_files
         rows = square["mass"].shape[0]
@@ -116,7 +116,7 @@ def _read_nodes(file: File | None) -> np.ndarray | None:
         axis, factor = table.unit(column, UNITS["m"], bare=True)
         columns[axis] = table.numbers(column, factor)
     if sorted(columns) != ["x", "y", "z"]:
-        raise StructureError(f"{file}, line 1: has columns {', '.join(table.heading)}; allowed are x, y and z")
+        raise StructureError(f"{file}, line 1: has columns {', '.join(table.heading)}; use x, y and z")
     return np.stack([columns[axis] for axis in "xyz"], axis=1)
 
 
@@ -128,7 +128,7 @@ def _read(file: File) -> Any:
         if banner[:1] != ["%%matrixmarket"]:
             raise StructureError(f"{file}: is not a Matrix Market file: its first line must start with %%MatrixMarket")
         if not {"real", "integer", "double"} & set(banner):
-            raise StructureError(f"{file}: holds {' '.join(banner[3:4]) or 'no'} numbers; allowed are real ones")
+            raise StructureError(f"{file}: holds {' '.join(banner[3:4]) or 'no'} numbers; use real ones")
         return scipy.io.mmread(file, **AS_MATRIX)
     except StructureError:
         raise

@@ -89,7 +89,7 @@ def read_mesh(file: Path, groups: Mapping[str, int] | None, scale: float = 1.0) 
     readers = {".msh": _read_gmsh, ".inp": _read_inp, ".vtk": _read_vtk, ".vtu": _read_vtk, ".xdmf": read_xdmf}
     if file.suffix not in readers:
         filled = f"; fenics-rom mesh {file.name} -o part.msh --size LENGTH fills it" if file.suffix in SURFACES else ""
-        raise MeshError(f"mesh file {file}: allowed endings are {', '.join(readers)}{filled}")
+        raise MeshError(f"mesh file {file}: use a file that ends in {', '.join(readers)}{filled}")
     try:
         found = readers[file.suffix](file, groups)
     except OSError as error:
@@ -189,7 +189,7 @@ def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[s
     order = np.argsort(arrays["nodes"])
     points, tags = arrays["points"].reshape(-1, 3)[order], arrays["nodes"][order]
     if len(arrays["others"]):
-        raise MeshError(f"mesh file {file}: holds {', '.join(sorted(arrays['others']))}; allowed are {ALLOWED}")
+        raise MeshError(f"mesh file {file}: holds {', '.join(sorted(arrays['others']))}; use {ALLOWED}")
 
     def positions(wanted: np.ndarray, among: np.ndarray, what: str) -> np.ndarray:
         rows = np.searchsorted(among, wanted)  # tags may be anything, in any order

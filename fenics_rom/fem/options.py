@@ -26,7 +26,7 @@ def set_options(words: Sequence[str]) -> None:
         if word.startswith("-") and word[1:2].isalpha():
             name = word[1:]
             if not name.startswith(PREFIXES):
-                raise SolverError(f"option {word!r}: allowed are those that begin with {ALLOWED}")
+                raise SolverError(f"option {word!r}: use those that begin with {ALLOWED}")
             given[name] = None
         elif name is None or given[name] is not None:
             raise SolverError(f"{word!r} is not an option and not the value of one; options begin with {ALLOWED}")

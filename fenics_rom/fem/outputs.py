@@ -31,7 +31,7 @@ def marker_reading(nodes: Nodes, place: Array, unknowns: Unknowns, where: str) -
     distances, size = np.linalg.norm(feet - place, axis=1), float(np.linalg.norm(np.ptp(nodes.coordinates, axis=0)))
     if distances.min() > size:
         raise SceneError(
-            f"{where}: {place.tolist()} is {distances.min():.3g} m from the body; allowed is its size, {size:.3g} m "
+            f"{where}: {place.tolist()} is {distances.min():.3g} m from the body; at most its size, {size:.3g} m "
             "(mesh.scale says in which unit the mesh is)"
         )
     facet = int(np.argmax(distances <= distances.min() + SAME_DISTANCE * size))

@@ -96,7 +96,7 @@ class PetscAlgebra:
             SolverError: what was asked for cannot be had, or the factor does not fit into the memory.
         """
         if solver not in SOLVERS:
-            raise SolverError(f"solver: {solver!r} was given; allowed are {', '.join(map(repr, SOLVERS))}")
+            raise SolverError(f"solver: {solver!r} was given; use {', '.join(map(repr, SOLVERS))}")
         real = [(float(np.real(coefficient)), a) for coefficient, a in terms]
         if any(np.iscomplexobj(coefficient) for coefficient, _ in terms):
             if solver == "iterative":
@@ -149,7 +149,7 @@ class PetscAlgebra:
         if not (norms.max() <= EIGEN_RESIDUAL and deviation <= EIGEN_ORTHONORMALITY):  # so that NaN is refused too
             raise SolverError(
                 f"eigenvectors are not accurate enough: |K v - γ M v| / |K v| = {norms.max():.1e} "
-                f"(allowed {EIGEN_RESIDUAL:g}), |Vᵀ M V - I| = {deviation:.1e} (allowed {EIGEN_ORTHONORMALITY:g}); "
+                f"(at most {EIGEN_RESIDUAL:g}), |Vᵀ M V - I| = {deviation:.1e} (at most {EIGEN_ORTHONORMALITY:g}); "
                 "materials of very different stiffness and flat cells do this: see `info` for the cells"
             )
 

@@ -213,7 +213,7 @@ def _inner(nodes: Nodes, place: Place, where: str) -> Array:
             least = min(hollows, key=lambda hollow: hollow.open_share)
             found = (
                 f"of its {len(hollows)} hollows the least open, around {least.middle.round(9).tolist()}, has "
-                f"{least.open_share:.2g} of what its walls see open; allowed is {OPEN_SHARE:g}"
+                f"{least.open_share:.2g} of what its walls see open; at most {OPEN_SHARE:g}"
             )
         raise SceneError(f"{where}.inner: the body has no chamber: {found}")
     return inner

@@ -124,7 +124,7 @@ class _Support:
         if effects.viscoelasticity is not None and (effects.springs or system.rigid.shape[1]):
             raise SceneError(
                 f"{self._where}: beside effects.viscoelasticity and springs, or where supports leave the body free to "
-                "move, branches of the material act on a part of the supports by forces that are not read; allowed is "
+                "move, branches of the material act on a part of the supports by forces that are not read; use "
                 "a reaction of all supports"
             )
         held[components_of(self._picked)] = self._motions[components_of(self._picked)]
@@ -157,7 +157,7 @@ class _Support:
         if not self._is_all:
             raise SceneError(
                 f"{self._where}: with effects.large_deformation a reaction is that of all supports together, as the "
-                "momentum of the body tells it; allowed is one without a place, or whose place has all that is held"
+                "momentum of the body tells it; use one without a place, or whose place has all that is held"
             )
 
     def _rims(self, shared: Mapping[str, Array]) -> tuple[PressedRim, ...]:

@@ -87,7 +87,7 @@ def leaders(places: np.ndarray, where: str) -> np.ndarray:
     if FLAT < depth < SHALLOW:
         raise SceneError(
             f"{where}: the surface is flat but for {depth:.1e} of its size, too little to tell it from its mirror "
-            f"image when it turns; allowed with effects.large_deformation is flat to {FLAT:g}, or curved by "
+            f"image when it turns; use one that is flat to {FLAT:g}, or curved by "
             f"{SHALLOW:g} and more"
         )
     motions = np.hstack([np.full((len(places), 1), sizes[0] / np.sqrt(len(places))), arms])

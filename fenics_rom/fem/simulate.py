@@ -94,7 +94,7 @@ def check_arc_length(environment: Environment) -> None:
     has = next((what for what, is_so in wrong.items() if is_so), None)
     if has:
         raise SceneError(
-            f"{environment.source}: arc_length: the scene has {has}; allowed are equilibria of a body that deforms "
+            f"{environment.source}: arc_length: the scene has {has}; use equilibria of a body that deforms "
             "largely, under forces of [[run.load]] and what is always there"
         )
 

@@ -79,7 +79,7 @@ def unknowns_of(scene: Scene, nodes: Nodes) -> Unknowns:
     is_large = scene.effects.large_deformation is not None
     for where, numbers in rigid_nodes(scene, nodes).items():
         if not is_free[numbers].all() or np.isin(3 * numbers, [leader - leader % 3 for _, leader, _ in ties]).any():
-            raise SceneError(f"{where} has nodes that are held, or on another rigid surface: allowed are free ones")
+            raise SceneError(f"{where} has nodes that are held, or on another rigid surface: use free ones")
         places = nodes.coordinates[numbers]
         ties_of = affine_ties(places, leaders(places, where)) if is_large else rigid_ties(places)
         components, leading, shares = ties_of
@@ -199,14 +199,14 @@ def _check_flat(scene: Scene, name: str, places: Array) -> None:
     if off > FLAT * np.abs(arms).max():
         raise SceneError(
             f"{scene.source}: effects.driven_support.{name}: sliding = true is of a plate, and its nodes are up to "
-            f"{off:.3g} m off a plane; allowed is a flat place, sliding = false, or an obstacle that moves"
+            f"{off:.3g} m off a plane; use a flat place, sliding = false, or an obstacle that moves"
         )
 
 
 def _refused(scene: Scene, name: str, nodes: Nodes, node: int, why: str) -> SceneError:
     return SceneError(
         f"{scene.source}: effects.driven_support.{name}: node at {nodes.coordinates[node].round(9).tolist()} {why}; "
-        "allowed is a place without it, or with sliding = true supports that hold across the direction"
+        "use a place without it, or with sliding = true supports that hold across the direction"
     )
 
 

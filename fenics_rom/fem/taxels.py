@@ -58,7 +58,7 @@ def touch_reading(entry: OutputEntry, scene: Scene, nodes: Nodes, unknowns: Unkn
     facets, areas, places = facets.reshape(len(triangles), -1), triangle_areas(nodes, triangles), nodes.coordinates[own]
     if not _touchable(scene, nodes, unknowns)[own].any():
         raise SceneError(
-            f"{where}: its surface has no contact points; allowed is one with nodes of a contact mode that can move: "
+            f"{where}: its surface has no contact points; use one with nodes of a contact mode that can move: "
             f"of {', '.join(scene.contacts)}"
         )
     grid, corners = np.array([0, 0]), places[facets[:, :3]]
@@ -159,7 +159,7 @@ def _plane(moments: Array, normal: Array, along: tuple[float, ...] | None, where
     if along is not None:
         u = np.array(along) - (normal @ along) * normal
         if np.linalg.norm(u) < STEEP * np.linalg.norm(along):
-            raise SceneError(f"{where}.along: is normal to the surface; allowed is a direction that lies in it")
+            raise SceneError(f"{where}.along: is normal to the surface; use a direction that lies in it")
         u /= np.linalg.norm(u)
     else:
         first = _across(normal)

@@ -40,7 +40,7 @@ def thermal_loads(scene: Scene, nodes: Nodes, moduli: Array) -> dict[str, Array]
         if not forces.any():
             raise SceneError(
                 f"{scene.source}: effects.temperature.{name}: strains nothing: its field is 0 in all cells whose "
-                "material has an expansion; allowed is a field that is not"
+                "material has an expansion; use a field that is not"
             )
         loads[name] = forces.reshape(-1, 1)
     return loads

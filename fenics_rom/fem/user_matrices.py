@@ -42,7 +42,7 @@ def checked_fields(given: Mapping[str, Any]) -> dict[str, Any]:
     for name, matrix in present.items():
         if not isinstance(matrix, PETSc.Mat):
             kind = type(matrix).__name__
-            raise StructureError(f"{name} is a {kind}, but others are PETSc matrices; allowed are all of them or none")
+            raise StructureError(f"{name} is a {kind}, but others are PETSc matrices; use all of them or none")
     mass = present["mass"]
     comm = mass.comm.tompi4py()
     for name, matrix in present.items():
@@ -163,14 +163,14 @@ def _check_layout(name: str, matrix: PETSc.Mat, mass: PETSc.Mat) -> None:
         raise StructureError(f"{name} is on another communicator than mass")
     shape, size = matrix.getSize(), mass.getSize()[0]
     if shape != (size, size) or size == 0:
-        raise StructureError(f"{name} has shape {shape}; allowed is {(size, size) if matrix is not mass else 'square'}")
+        raise StructureError(f"{name} has shape {shape}; use {(size, size) if matrix is not mass else 'square'}")
     rows, mass_rows = matrix.getOwnershipRange(), mass.getOwnershipRange()
     columns = matrix.getOwnershipRangeColumn()
     differs = rows != mass_rows or columns != mass_rows
     refuse_together(
         mass.comm.tompi4py(),
         f"{name} has rows {rows[0]} to {rows[1]} and columns {columns[0]} to {columns[1]} here, but mass has rows "
-        f"{mass_rows[0]} to {mass_rows[1]}; allowed are the same"
+        f"{mass_rows[0]} to {mass_rows[1]}; use the same"
         if differs
         else "",
     )
@@ -245,7 +245,7 @@ def _checked_block(comm: Any, value: Any, where: str, local: int) -> np.ndarray:
     except (TypeError, ValueError, PETSc.Error) as error:
         complaint = f"{where} cannot be read as columns: {error}"
     if not complaint and (block.ndim != 2 or block.shape[0] != local or block.shape[1] == 0):
-        complaint = f"{where} has shape {block.shape}; allowed is ({local}, columns), the rows of this rank"
+        complaint = f"{where} has shape {block.shape}; use ({local}, columns), the rows of this rank"
     elif not np.isfinite(block).all():
         complaint = f"{where} holds numbers that are not finite"
     refuse_together(comm, complaint)

@@ -47,10 +47,10 @@ def _read(file: Path, groups: Mapping[str, int] | None) -> MeshArrays:
         raise ValueError("it has no grid with a topology")
     shape = _shape(grids[0])
     if shape not in CELLS:
-        raise MeshError(f"mesh file {file}: holds cells of type {shape}; allowed are {', '.join(CELLS)}")
+        raise MeshError(f"mesh file {file}: holds cells of type {shape}; use {', '.join(CELLS)}")
     points = _array(grids[0].find("Geometry/DataItem"), file.parent).astype(float)
     if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"its nodes have the shape {points.shape}; allowed are three coordinates each")
+        raise ValueError(f"its nodes have the shape {points.shape}; use three coordinates each")
     cells = _elements(grids[0], file.parent, len(points))
     corners, made = SHAPES[cells.shape[1]].corners, computable(points, [cells], file)
     surfaces: dict[str, np.ndarray] = {}
@@ -100,7 +100,7 @@ def _elements(grid: Element, folder: Path, nodes: int) -> np.ndarray:
     elements = _array(topology.find("DataItem"), folder).astype(np.int64)
     told, length = topology.get("NumberOfElements"), (CELLS | FACES)[_shape(grid)]
     if elements.ndim != 2 or elements.shape[1] != length:
-        raise ValueError(f"its {_shape(grid)}s have the shape {elements.shape}; allowed are {length} nodes each")
+        raise ValueError(f"its {_shape(grid)}s have the shape {elements.shape}; use {length} nodes each")
     if told is not None and told.split() != [str(len(elements))]:
         raise ValueError(f"it says {told} elements and holds {len(elements)}")
     lacking = elements[(elements < 0) | (elements >= nodes)]
@@ -127,7 +127,7 @@ def _array(item: Element | None, folder: Path) -> np.ndarray:
         if numbers.size != np.prod(shape):
             raise ValueError(f"it says {shape} numbers and holds {numbers.size}")
         return (numbers if item.get("NumberType", "Float") == "Float" else numbers.astype(np.int64)).reshape(shape)
-    raise ValueError(f"data in format {form} are not read; allowed are HDF and XML")
+    raise ValueError(f"data in format {form} are not read; use HDF and XML")
 
 
 def _rows(elements: np.ndarray, cells: np.ndarray, name: str) -> np.ndarray:

@@ -102,7 +102,7 @@ class DeformableBodies:
             before = error
             v = v - inverse @ residual
         raise SolverError(
-            f"the reduced model has no step of {h:g} s where the fit came by; allowed are start values that are "
+            f"the reduced model has no step of {h:g} s where the fit came by; use start values that are "
             "closer, or a smaller run.dt"
         )
 
@@ -134,7 +134,7 @@ class DeformableBodies:
                 return q
             before, q = error, q - np.linalg.solve(self._body.tangent(q[:, 0]), residual)
         raise SolverError(
-            "the reduced model has no equilibrium where the fit came by; allowed are start values that are closer"
+            "the reduced model has no equilibrium where the fit came by; use start values that are closer"
         )
 
     def _gradients(self, q: Array) -> Array:

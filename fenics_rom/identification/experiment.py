@@ -276,7 +276,7 @@ def _rest_inputs(scene: Scene, data: Sequence[Equilibria], system: System) -> di
             if constant is None:
                 raise SceneError(
                     f"{scene.source}: effects.prescribed.{name}: changes with time, so it has no value in an "
-                    "equilibrium; allowed beside data at rest is a constant force"
+                    "equilibrium; use a constant force beside data at rest"
                 )
             value = np.array(constant)
         loads.append(value)

@@ -68,10 +68,10 @@ def identify(
     check_type("identify", scene, Scene, "fr.read_scene(file)")
     check_identifiable(scene, ())
     if not isinstance(data, list | tuple):
-        raise DataError(f"data = {shown(data)}: allowed is a list of files, or of what fr.read_markers gave")
+        raise DataError(f"data = {shown(data)}: use a list of files, or of what fr.read_markers gave")
     read = [part if isinstance(part, Data) else read_markers(part, scene) for part in data]
     if not read:
-        raise DataError("no data were given; allowed is at least one file")
+        raise DataError("no data were given; use at least one file")
     scenes = {id(part.scene): part.scene for part in read}
     read.sort(key=lambda part: list(scenes).index(id(part.scene)))
     motions = [part for part in read if isinstance(part, Motion)]
@@ -79,9 +79,7 @@ def identify(
     recordings = _record(scene, list(scenes.values()), read, is_tilting(sought), report)
     experiment = Experiments(tuple(recording.experiment for recording in recordings))
     if len(experiment.measured) <= len(sought):
-        raise DataError(
-            f"{len(experiment.measured)} values were measured; to find {len(sought)} parameters, allowed are more"
-        )
+        raise DataError(f"{len(experiment.measured)} values were measured; to find {len(sought)} parameters, use more")
 
     def model_at(θ: Array) -> JointModel:
         return JointModel(tuple(recording.model_at(θ, report) for recording in recordings))
@@ -187,7 +185,7 @@ def _describe_attempt(problem: FitProblem, fit: Fit) -> str:
     residual = np.sqrt(np.mean((problem.experiment.measured - fit.predicted) ** 2))
     return (
         f"the fit did not settle on {MAX_BASES} bases; it reached {values}, with a residual of {residual:.3g} m (root "
-        "mean square). Allowed are start values that are closer, or fewer parameters"
+        "mean square). Use start values that are closer, or fewer parameters"
     )
 
 

@@ -95,7 +95,7 @@ def read_markers(file: str | Path, scene: Scene) -> Data:
         return _equilibria(table, scene)
     if first.startswith("time"):
         return _motion(table, scene)
-    table.refuse(1, first, "allowed in the first column are 'time (s)', 'time (ms)' and 'contact'")
+    table.refuse(1, first, "the first column must be one of 'time (s)', 'time (ms)' and 'contact'")
 
 
 def clocks_of(motions: Sequence[Motion]) -> list[tuple[str, float]]:
@@ -115,20 +115,18 @@ def _motion(table: Table, scene: Scene) -> Motion:
         raise DataError(f"{table.file}: has times, but {scene.source} has no [run] that they could be of")
     column = table.heading[0]
     if table.unit(column, UNITS["s"])[0] != "time":
-        table.refuse(1, column, "allowed in the first column are 'time (s)', 'time (ms)' and 'contact'")
+        table.refuse(1, column, "the first column must be one of 'time (s)', 'time (ms)' and 'contact'")
     times = _numbers(table, column, UNITS["s"])
     end = round(scene.run.duration / scene.run.dt) * scene.run.dt
     for k, time in enumerate(times):
         if not time <= end * (1 + END_TOLERANCE):
-            table.refuse(table.lines[k], column, f"{time:g} s was given; allowed is up to the run's end, {end:g} s")
+            table.refuse(table.lines[k], column, f"{time:g} s was given; use up to the run's end, {end:g} s")
         if k and time <= times[k - 1]:
-            table.refuse(
-                table.lines[k], column, f"{time:g} s follows {times[k - 1]:g} s; allowed are times that increase"
-            )
+            table.refuse(table.lines[k], column, f"{time:g} s follows {times[k - 1]:g} s; use times that increase")
     seen = _read_displacements(table, table.heading[1:], scene)
     before = times < 0
     if before.all():
-        raise DataError(f"{table.file}: has times before 0 alone; allowed are some of the run, which begins at 0 s")
+        raise DataError(f"{table.file}: has times before 0 alone; use some of the run, which begins at 0 s")
     if not before.any():
         return Motion(times=times, **vars(seen))
     for k, column in enumerate(seen.columns):
@@ -142,13 +140,11 @@ def _motion(table: Table, scene: Scene) -> Motion:
 def _equilibria(table: Table, scene: Scene) -> Equilibria:
     of_force = [column for column in table.heading if column.startswith("force")]
     if not of_force:
-        raise DataError(
-            f"{table.file}, line 1: no force was given; allowed are 'force.x (N)', ... and 'force.normal (N)'"
-        )
+        raise DataError(f"{table.file}, line 1: no force was given; use 'force.x (N)', ... and 'force.normal (N)'")
     given = {table.unit(column, UNITS["N"])[0]: column for column in of_force}
     for name, column in given.items():
         if name not in chain(*FORCES.values()):
-            table.refuse(1, column, "allowed are force.x, force.y, force.z and force.normal, in N")
+            table.refuse(1, column, "use force.x, force.y, force.z and force.normal, in N")
     values = {name: _numbers(table, column, UNITS["N"], empty=True) for name, column in given.items()}
     contacts, forces = [], []
     for k, (line, (contact, *_)) in enumerate(zip(table.lines, table.cells, strict=True)):
@@ -158,7 +154,7 @@ def _equilibria(table: Table, scene: Scene) -> Equilibria:
         if kind not in FORCES:
             allowed = " and ".join(map(repr, FORCES))
             has = "moments" if kind == "wrench" else "a force at every node"
-            table.refuse(line, "contact", f"{contact!r} has {has}; allowed are {allowed}")
+            table.refuse(line, "contact", f"{contact!r} has {has}; use {allowed}")
         pushed = {name: column[k] for name, column in values.items() if not np.isnan(column[k])}
         has = f"contact mode {contact!r} has {', '.join(FORCES[kind])}"
         for name in pushed:
@@ -175,7 +171,7 @@ def _equilibria(table: Table, scene: Scene) -> Equilibria:
 def _read_displacements(table: Table, columns: Sequence[str], scene: Scene) -> Displacements:
     """What both kinds of data have."""
     if not columns:
-        raise DataError(f"{table.file}, line 1: no marker was given; allowed are columns such as 'NAME.x (m)'")
+        raise DataError(f"{table.file}, line 1: no marker was given; use columns such as 'NAME.x (m)'")
     seen = _points_of(scene)
     markers = tuple(_marker(table, column, seen) for column in columns)
     for k, marker in enumerate(markers):
@@ -202,18 +198,14 @@ def _marker(table: Table, column: str, seen: Mapping[str, int]) -> Marker:
     name, _ = table.unit(column, UNITS["m"])
     match = MARKER_PATTERN.fullmatch(name)
     if match is None:
-        table.refuse(
-            1, column, "allowed are 'NAME.x (m)' and 'NAME[2].x (m)', with x, y or z, of an output of the scene"
-        )
+        table.refuse(1, column, "use 'NAME.x (m)' and 'NAME[2].x (m)', with x, y or z, of an output of the scene")
     output = match["output"]
     if output not in seen:
         table.refuse(1, column, unknown("output", output, seen))
     points = seen[output]
     if match["point"] is None and points > 1:
-        table.refuse(
-            1, column, f"output {output!r} has {points} points; allowed are {output}[0] to {output}[{points - 1}]"
-        )
+        table.refuse(1, column, f"output {output!r} has {points} points; use {output}[0] to {output}[{points - 1}]")
     point = int(match["point"] or 0)
     if point >= points:
-        table.refuse(1, column, f"output {output!r} has no point [{point}]; allowed are [0] to [{points - 1}]")
+        table.refuse(1, column, f"output {output!r} has no point [{point}]; use [0] to [{points - 1}]")
     return Marker(output, point, AXES.index(match["axis"]))

@@ -156,7 +156,7 @@ def select_parameters(
             )
     chosen = tuple(chain.from_iterable(choices[name] for name in names))
     if not chosen or len(set(chosen)) < len(chosen):
-        raise SceneError(f"parameters = {', '.join(names) or 'none'}: allowed is each name once, and at least one")
+        raise SceneError(f"parameters = {', '.join(names) or 'none'}: use each name once, and at least one")
     return chosen
 
 

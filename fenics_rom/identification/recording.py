@@ -96,9 +96,7 @@ class Recording:
         self._scene, self._data, self._first, self._affine = scene, data, first, AffineSystem(scene)
         self.system: System = self._affine.plain
         if self.system.rigid.shape[1] and not scene.effects.springs and any(isinstance(d, Equilibria) for d in data):
-            raise SceneError(
-                f"{scene.source}: is not wholly held, so it has no equilibria; allowed are data with times"
-            )
+            raise SceneError(f"{scene.source}: is not wholly held, so it has no equilibria; use data with times")
         self.experiment = self._experiment_of(scene)
 
     def _experiment_of(self, scene: Scene) -> Experiment:
@@ -161,19 +159,19 @@ def check_identifiable(scene: Scene, data: Sequence[Data]) -> None:
     effects, where = scene.effects, f"{scene.source}: effects."
     if scene.frame == "moving":
         raise SceneError(
-            f"{scene.source}: frame = 'moving': a fit has no models of a body that turns; allowed is frame = 'fixed', "
+            f"{scene.source}: frame = 'moving': a fit has no models of a body that turns; use frame = 'fixed', "
             "with a body that its supports hold or that turns but a little"
         )
     if effects.contact is not None:
         raise SceneError(
-            f"{where}contact: where obstacles push is not known before the run; allowed is a scene without them, with "
+            f"{where}contact: where obstacles push is not known before the run; use a scene without them, with "
             "the measured contact forces in its [[run.load]]"
         )
     if any(isinstance(part, Motion) for part in data) and effects.inertia is None:
         raise SceneError(f"{scene.source}: data with times need effects.inertia; without it give equilibria")
     for name in ("pressure", "tendon") if effects.large_deformation is not None else ():
         if getattr(effects, name):
-            raise SceneError(f"{where}{name}: turns with a body that deforms largely; allowed are loads that do not")
+            raise SceneError(f"{where}{name}: turns with a body that deforms largely; use loads that do not")
 
 
 def check_same_values(scene: Scene, other: Scene, *, tilting: bool) -> None:
@@ -183,10 +181,10 @@ def check_same_values(scene: Scene, other: Scene, *, tilting: bool) -> None:
     """
     if list(scene.materials) != list(other.materials) or not np.array_equal(values_of(scene), values_of(other)):
         raise SceneError(
-            f"{other.source}: its materials or damping are not those of {scene.source}; allowed are scenes that begin "
+            f"{other.source}: its materials or damping are not those of {scene.source}; use scenes that begin "
             "with the same values, as one fit moves them together"
         )
     if tilting and scene.effects.gravity != other.effects.gravity:
         raise SceneError(
-            f"{other.source}: effects.gravity is not that of {scene.source}; allowed is the same, as one tilt is sought"
+            f"{other.source}: effects.gravity is not that of {scene.source}; use the same, as one tilt is sought"
         )

@@ -106,22 +106,22 @@ def read_rubber_data(file: str | Path) -> list[RubberData]:
     """
     table = read_table(path_in("read_rubber_data", file), DataError)
     if table.heading[0] != STRETCH or len(table.heading) < 2:
-        table.refuse(1, table.heading[0], f"allowed is {STRETCH!r} first, then at least one of {_allowed()}")
+        table.refuse(1, table.heading[0], f"use {STRETCH!r} first, then at least one of {_allowed()}")
     stretch = table.numbers(STRETCH)
     for line, value in zip(table.lines, stretch, strict=True):
         if value <= 0:
-            table.refuse(line, STRETCH, f"{value:g} was given; allowed is > 0, the length over that at rest")
+            table.refuse(line, STRETCH, f"{value:g} was given; use > 0, the length over that at rest")
     found = []
     for column in table.heading[1:]:
         test, factor = table.unit(column, UNITS["Pa"])
         if test not in TESTS:
-            table.refuse(1, column, f"allowed is one of {_allowed()}")
+            table.refuse(1, column, f"use one of {_allowed()}")
         stress = table.numbers(column, factor, empty=True)
         seen = np.isfinite(stress)
         wrong = np.flatnonzero(seen & (stress * (stretch - 1) < 0))
         if len(wrong):
             where = int(wrong[0])
-            says = f"{stress[where]:g} Pa at a stretch of {stretch[where]:g}; allowed is > 0 above 1, and < 0 below 1"
+            says = f"{stress[where]:g} Pa at a stretch of {stretch[where]:g}; use > 0 above 1, and < 0 below 1"
             table.refuse(table.lines[where], column, says)
         if seen.any():
             found.append(RubberData(str(file), test, stretch[seen], stress[seen]))
@@ -153,17 +153,17 @@ def fit_rubber(scene: Scene, data: Sequence[str | Path | RubberData]) -> RubberF
     given = scene.effects.large_deformation
     if given is None or given.material not in LAWS_WITH_CONSTANTS:
         raise SceneError(
-            "effects.large_deformation.material: tests of rubber are fitted by a law with constants; allowed are "
+            "effects.large_deformation.material: tests of rubber are fitted by a law with constants; use "
             + ", ".join(LAWS_WITH_CONSTANTS)
         )
     if len(scene.materials) > 1:
-        raise SceneError(f"materials: {', '.join(scene.materials)}: to fit tests of rubber, allowed is one")
+        raise SceneError(f"materials: {', '.join(scene.materials)}: to fit tests of rubber, use one")
     tests = [test for part in data for test in ([part] if isinstance(part, RubberData) else read_rubber_data(part))]
     strained = sum(int((test.stretch != 1).sum()) for test in tests)
     if strained < len(given.constants) + 1:
         raise DataError(
             f"{strained} stresses of stretched rubber were measured; to find the modulus and {len(given.constants)} "
-            "constants, allowed are more"
+            "constants, use more"
         )
     family = FAMILIES[given.material]
     θ, moduli, longest = _fitted(family, given.constants, tests)

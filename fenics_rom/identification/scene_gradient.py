@@ -76,17 +76,17 @@ def differentiate_scene(
     check_type("differentiate_scene", scene, Scene, "fr.read_scene(file)")
     for effect in NOT_LINEAR:
         if getattr(scene.effects, effect):
-            raise SceneError(f"{scene.source}: effects.{effect}: allowed are linear bodies without")
+            raise SceneError(f"{scene.source}: effects.{effect}: use linear bodies without")
     if has_fibres(scene):
-        raise SceneError(f"{scene.source}: allowed are bodies without fibres, membranes and cables")
+        raise SceneError(f"{scene.source}: use bodies without fibres, membranes and cables")
     if scene.effects.temperature:
         raise SceneError(
-            f"{scene.source}: effects.temperature: what it does grows with the stiffness; allowed is a scene without"
+            f"{scene.source}: effects.temperature: what it does grows with the stiffness; use a scene without"
         )
     if scene.frame == "moving":
-        raise SceneError(f"{scene.source}: frame = 'moving': allowed are linear bodies, with frame = 'fixed'")
+        raise SceneError(f"{scene.source}: frame = 'moving': use linear bodies, with frame = 'fixed'")
     if scene.effects.inertia is None or scene.run is None or scene.run.initial is not None:
-        raise SceneError(f"{scene.source}: allowed is a scene with inertia and a run that begins at rest")
+        raise SceneError(f"{scene.source}: use a scene with inertia and a run that begins at rest")
     scene.environment.check_forces_given("a gradient")
     names = tuple(scene.outputs if outputs is None else outputs)
     for name in names:

@@ -71,7 +71,7 @@ def check_folder(folder: Path) -> None:
 
 def _check_folder(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
-        raise FileError(f"{folder}: is a file; allowed is a folder, or a name that is free")
+        raise FileError(f"{folder}: is a file; use a folder, or a name that is free")
     if not folder.resolve().parent.is_dir():
         raise FileError(f"{folder}: cannot be made: folder {folder.resolve().parent} does not exist")
 

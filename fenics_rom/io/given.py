@@ -46,5 +46,5 @@ def object_or_file(where: str, given: Any, *kinds: Kind) -> Any:
     kind_given, names = type(given).__name__, " or ".join(f"a {kind.type.__name__}" for kind in kinds)
     hint = f"; {INSTEAD[kind_given]}" if kind_given in INSTEAD else ""
     raise SceneError(
-        f"{where}: something of type {kind_given} was given; allowed are {names}, or the name of a file of one{hint}"
+        f"{where}: something of type {kind_given} was given; use {names}, or the name of a file of one{hint}"
     )

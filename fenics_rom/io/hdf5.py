@@ -102,7 +102,7 @@ def read_file(
     with _errors_of_reading(path, ERROR_OF.get(content, FileError)), _opened(path) as h5:
         given = get_text(h5, "content")
         if given != content:
-            raise FileError(f"is {KINDS.get(given, f'a {given}')}; allowed is {KINDS.get(content, f'a {content}')}")
+            raise FileError(f"is {KINDS.get(given, f'a {given}')}; use {KINDS.get(content, f'a {content}')}")
         if get_text(h5, "format_version").startswith(VERSION.partition(".")[0]):
             return take(h5)
         with h5py.File(io.BytesIO(), "w") as copy:
@@ -193,7 +193,7 @@ def check_names(names: Iterable[str]) -> None:
     """Checks names that are to become names in a file; FileError where one of them cannot."""
     for name in names:
         if not NAME.fullmatch(name):
-            raise FileError(f"name {name!r}: allowed are {NAME_IN_WORDS}")
+            raise FileError(f"name {name!r}: use {NAME_IN_WORDS}")
 
 
 def put_text(group: h5py.Group, **texts: str) -> None:
@@ -201,7 +201,7 @@ def put_text(group: h5py.Group, **texts: str) -> None:
     for name, text in texts.items():
         data = text.encode(errors="replace")  # a name of a file may be no UTF-8
         if len(data) > LONGEST_TEXT:
-            raise FileError(f"text {name!r} has {len(data)} bytes; allowed are {LONGEST_TEXT}")
+            raise FileError(f"text {name!r} has {len(data)} bytes; at most {LONGEST_TEXT}")
         group.attrs[name] = np.bytes_(data) if data else h5py.Empty("S1")
 
 
@@ -319,6 +319,6 @@ def _check(where: str, array: Array, entry: Entry, sizes: Sizes) -> None:
     for got, size in zip(array.shape, entry.shape, strict=True):
         expected = sizes.setdefault(size, got) if isinstance(size, str) else size
         if got != expected:
-            raise FileError(f"{where} has shape {array.shape}; allowed is {entry.shape}, {size} = {expected}")
+            raise FileError(f"{where} has shape {array.shape}; use {entry.shape}, {size} = {expected}")
     if entry.kind == "f" and not np.isfinite(array).all():
         raise FileError(f"{where} holds numbers that are not finite")

@@ -37,7 +37,7 @@ class Table:
             return column, 1.0
         if match is None or match["unit"].strip() not in units:
             given = "no unit" if match is None else f"unit {match['unit']!r}"
-            self.refuse(1, column, f"{given}; allowed is a name and one of {', '.join(f'({unit})' for unit in units)}")
+            self.refuse(1, column, f"{given}; use a name and one of {', '.join(f'({unit})' for unit in units)}")
         return match["what"], units[match["unit"].strip()]
 
     def numbers(self, column: str, factor: float = 1.0, *, empty: bool = False) -> Array:
@@ -50,7 +50,7 @@ class Table:
                 value = math.nan
             if value is not None and not math.isfinite(value):
                 allowed = "a finite number, or nothing" if empty else "a finite number"
-                self.refuse(line, column, f"{cells[k]!r} was given; allowed is {allowed}")
+                self.refuse(line, column, f"{cells[k]!r} was given; use {allowed}")
             values.append(math.nan if value is None else factor * value)
         return np.array(values)
 
@@ -67,18 +67,16 @@ def read_table(file: Path, error: type[FenicsRomError]) -> Table:
             reader = csv.reader(stream)
             rows = [(reader.line_num, tuple(map(str.strip, row))) for row in reader if any(map(str.strip, row))]
     except UnicodeDecodeError as reason:
-        raise error(
-            f"{file}: is no text in UTF-8, at byte {reason.start}: allowed is a CSV file, saved as UTF-8"
-        ) from reason
+        raise error(f"{file}: is no text in UTF-8, at byte {reason.start}: use a CSV file, saved as UTF-8") from reason
     except (OSError, ValueError, csv.Error) as reason:
         raise error(f"{file}: cannot be read: {getattr(reason, 'strerror', None) or reason}") from reason
     if len(rows) < 2:
-        raise error(f"{file}: allowed are a line that names the columns and at least one line of data")
+        raise error(f"{file}: use a line that names the columns and at least one line of data")
     heading = rows[0][1]
     for k, name in enumerate(heading):
         if name in heading[:k]:
             raise error(f"{file}, line 1: column {name!r} is there twice")
     for line, cells in rows[1:]:
         if len(cells) != len(heading):
-            raise error(f"{file}, line {line}: has {len(cells)} cells; allowed are {len(heading)}, as in line 1")
+            raise error(f"{file}, line {line}: has {len(cells)} cells; use {len(heading)}, as in line 1")
     return Table(file, error, heading, tuple(line for line, _ in rows[1:]), tuple(cells for _, cells in rows[1:]))

@@ -34,4 +34,4 @@ def check_shares(where: str, taxels: Mapping[str, np.ndarray], triangles: int) -
     for name, below in (("triangles", triangles), ("seen", len(taxels["triangles"])), ("taxels", count)):
         numbers = taxels[name]
         if len(numbers) and not 0 <= numbers.min() <= numbers.max() < below:
-            raise FileError(f"{where}/{name}: allowed are numbers below {below}")
+            raise FileError(f"{where}/{name}: use numbers below {below}")

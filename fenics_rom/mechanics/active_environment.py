@@ -110,7 +110,7 @@ class ActiveEnvironment:
             return PoseSignal(name, motion.origin, signal)
         if name in self.obstacles and isinstance(signal, BaseState | BasePath):
             raise StepError(
-                f"{name}: poses are given, but the scene gives this obstacle no motion: allowed are displacements, m "
+                f"{name}: poses are given, but the scene gives this obstacle no motion: use displacements, m "
                 f"(3,); or name effects.contact.obstacles.{name}.motion in the scene"
             )
         return CheckedSignal(name, self.columns.get(name, 3), signal)

@@ -133,12 +133,12 @@ class BasePath:
         for name, width in widths.items():
             given = getattr(self, name)
             if given is not None and not (given.shape == (*rows, *width) and np.isfinite(given).all()):
-                return f"{name} is of shape {given.shape}: allowed are finite numbers {(*rows, *width)}"
+                return f"{name} is of shape {given.shape}: use finite numbers {(*rows, *width)}"
         if (np.diff(self.times) <= 0).any():
-            return "times: allowed are times that increase strictly"
+            return "times: use times that increase strictly"
         for time, length in zip(self.times, np.linalg.norm(self.rotations, axis=1), strict=True):
             if not abs(length - 1) <= UNIT_TOLERANCE:
-                return f"the rotation at {time:g} s has length {length:.6g}: allowed are unit quaternions, w x y z"
+                return f"the rotation at {time:g} s has length {length:.6g}: use unit quaternions, w x y z"
         values = self._rows[0]
         turns = rotation_vectors(quaternion_product(values[1:, 3:], values[:-1, 3:] * CONJUGATE))
         angles = np.linalg.norm(turns, axis=1)
@@ -174,7 +174,7 @@ class BasePath:
             return (
                 f"the spline through its rows swings far beyond them: its {pose} at {time:g} s is "
                 f"{_shown(between[k, s, part])}{unit and ' ' + unit}, and all rows are between {_shown(low)} and "
-                f"{_shown(high)}; allowed are rows at even times where the base is fast, or rows with twists"
+                f"{_shown(high)}; use rows at even times where the base is fast, or rows with twists"
             )
         return ""
 
@@ -191,7 +191,7 @@ class BasePath:
         return (
             f"{rate} and {pose} do not fit each other: from {self.times[k]:g} s to {self.times[k + 1]:g} s the {pose} "
             f"changes by {_shown(moves[k])} {unit}, and {rate} means {_shown(means[k])} {unit}; over all rows they are "
-            f"{error / scale:.2g} apart: allowed is {LARGEST_MISFIT:g} (of the origin, in world axes; or poses alone)"
+            f"{error / scale:.2g} apart: at most {LARGEST_MISFIT:g} (of the origin, in world axes; or poses alone)"
         )
 
     def _jump(self, rate: str, unit: str, rates: Array, duration: float | None) -> str:
@@ -202,7 +202,7 @@ class BasePath:
             if within and speeds[row] > STILL * speeds.max():
                 return (
                     f"the base jumps at {self.times[row]:g} s: it {verb} with {rate} {_shown(rates[row])} {unit}: "
-                    "beyond its rows it stands still; allowed is 0 there, or rows that cover the run"
+                    "beyond its rows it stands still; use 0 there, or rows that cover the run"
                 )
         return ""
 
@@ -261,12 +261,12 @@ def checked_base(given: object, where: str) -> BaseState:
         sum([sum(part.tolist()) for part in parts])
     ):
         raise StepError(
-            f"{where} = {shown(given)}: allowed is a BaseState: position (3,) m, rotation (4,), velocity (3,) m/s, "
+            f"{where} = {shown(given)}: use a BaseState: position (3,) m, rotation (4,), velocity (3,) m/s, "
             "angular velocity (3,) rad/s, all finite"
         )
     length = math.hypot(*parts[1].tolist())
     if not abs(length - 1) <= UNIT_TOLERANCE:
-        raise StepError(f"{where}: the rotation has length {length:.6g}: allowed is a unit quaternion, w x y z")
+        raise StepError(f"{where}: the rotation has length {length:.6g}: use a unit quaternion, w x y z")
     return BaseState(parts[0], parts[1] / length, parts[2], parts[3])
 
 
@@ -282,7 +282,7 @@ def checked_bases(given: "Sequence[BaseState] | BaseState", first: int) -> Array
     parts = [real_numbers_or_nan(part) for part in given]
     if [part.shape for part in parts] != [(len(parts[0]), width) for width in (3, 4, 3, 3)]:
         given_shapes = [part.shape for part in parts]
-        raise StepError(f"base: allowed are (steps, 3), (steps, 4), (steps, 3) and (steps, 3), given: {given_shapes}")
+        raise StepError(f"base: use (steps, 3), (steps, 4), (steps, 3) and (steps, 3) (got {given_shapes})")
     rows: Array = np.hstack(parts)
     length = np.linalg.norm(rows[:, 3:7], axis=1)
     wrong = np.flatnonzero(~(np.isfinite(rows).all(axis=1) & (np.abs(length - 1) <= UNIT_TOLERANCE)))

@@ -79,7 +79,7 @@ class BodyFaces:
     def __init__(self, points: Array, triangles: Array):
         if not len(triangles):
             raise SceneError(
-                "effects.contact.points = 'faces': there is no triangle between contact points: allowed are contact "
+                "effects.contact.points = 'faces': there is no triangle between contact points: use contact "
                 "modes whose surfaces have areas"
             )
         self.triangles, (self.edges, self._beside, self._edge_of) = triangles, edges_of(triangles)

@@ -91,17 +91,17 @@ class ContactLaw:
 
     def __post_init__(self) -> None:
         if not 0 <= self.restitution <= 1:
-            raise SceneError(f"contact: restitution: allowed is a number in [0, 1], given: {self.restitution!r}")
+            raise SceneError(f"contact: restitution: use a number in [0, 1] (got {self.restitution!r})")
         for name in ("friction", "damping"):
             if not 0 <= getattr(self, name) < math.inf:
-                raise SceneError(f"contact: {name}: allowed is a finite number >= 0, given: {getattr(self, name)!r}")
+                raise SceneError(f"contact: {name}: use a finite number >= 0 (got {getattr(self, name)!r})")
         if self.stiffness is None:
             if self.damping:
                 raise SceneError("contact: damping acts beside a stiffness, and none is given")
         elif not 0 < self.stiffness < math.inf:
-            raise SceneError(f"contact: stiffness: allowed is a finite number > 0, in N/m, given: {self.stiffness!r}")
+            raise SceneError(f"contact: stiffness: use a finite number > 0, in N/m (got {self.stiffness!r})")
         elif self.restitution:
-            raise SceneError("contact: restitution belongs to the rigid law: allowed beside a stiffness is 0")
+            raise SceneError("contact: restitution belongs to the rigid law: use 0 beside a stiffness")
 
     def in_steps(self, dt: float) -> tuple[float, float]:
         """In steps of dt, s: rate by which a gap is closed, 1/s, and compliance along the normal, m/s/N; 0: rigid."""

@@ -129,7 +129,7 @@ class ContactPoints:
             own[name] = members = self._members[self._names.index(name)]
             if not len(triangles_among(self.nodes[members[members < len(self.nodes)]], triangles)):
                 raise SceneError(
-                    f"{where}{name!r}: its contact points are no corners of triangles: allowed are contact modes whose "
+                    f"{where}{name!r}: its contact points are no corners of triangles: use contact modes whose "
                     "surfaces have areas"
                 )
             surface_of[members] = name

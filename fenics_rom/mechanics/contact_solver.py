@@ -104,7 +104,7 @@ class ContactSolver:
         if gaps[deepest] < -PENETRATION_TOLERANCE * size:
             obstacle, point = divmod(deepest, len(self.points))
             raise StepError(
-                f"contact: allowed is a start outside of all obstacles, but {-gaps[deepest]:.3g} m inside "
+                f"contact: use a start outside of all obstacles, but {-gaps[deepest]:.3g} m inside "
                 f"{names[obstacle]!r} is the point at {(self.points[point] + displacement[point]).tolist()}"
             )
 

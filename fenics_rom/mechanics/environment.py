@@ -213,7 +213,7 @@ class Environment:
             if not gas.volume and name not in volumes:
                 raise SceneError(
                     f"{self.source}: effects.pressure.{name}: its surface encloses no volume that is known, so that "
-                    "gas in it has no pressure; allowed is gas.volume, or a body reduced anew from this scene"
+                    "gas in it has no pressure; use gas.volume, or a body reduced anew from this scene"
                 )
             gases[name] = gas._replace(volume=gas.volume or volumes[name])
         return replace(self, gases=gases, chambers=volumes)
@@ -243,13 +243,13 @@ class Environment:
         if self.bars:
             raise SceneError(
                 f"{self.source}: supports.rigid: {what} finds no forces that keep a surface rigid which turns far; "
-                "allowed is without effects.large_deformation, or a part of a stiff material in its place"
+                "use it without effects.large_deformation, or a part of a stiff material in its place"
             )
         if self.guides and not may_rub:
-            raise SceneError(f"{self.source}: effects.tendon_friction: allowed in {what} are tendons without friction")
+            raise SceneError(f"{self.source}: effects.tendon_friction: use tendons without friction in {what}")
         for name, control in self.controls.items():
             raise SceneError(
-                f"{self.source}: actuator {name!r}: control = {control!r}: {what} needs forces as inputs; allowed is "
+                f"{self.source}: actuator {name!r}: control = {control!r}: {what} needs forces as inputs; use "
                 "an actuator that is given its force, and a ROM made so can be run by length or volume"
             )
 
@@ -323,7 +323,7 @@ def given_environment(scene: HasEnvironment) -> Environment:
     environment = getattr(scene, "environment", None)
     if not isinstance(environment, Environment):
         raise SceneError(
-            f"scene: something of type {type(scene).__name__} was given; allowed are a Scene, as of "
+            f"scene: something of type {type(scene).__name__} was given; use a Scene, as of "
             "fr.read_scene(file), and an Environment"
         )
     return environment

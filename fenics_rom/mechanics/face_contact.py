@@ -110,7 +110,7 @@ class FaceContact(MeshContact):
         for name, offset, places in zip(names, offsets, self.near(displacement, offsets), strict=True):
             if len(places.gaps) and places.gaps[0] < -PENETRATION_TOLERANCE * size:
                 raise StepError(
-                    f"contact: allowed is a start outside of all obstacles, but {name!r} is {-places.gaps[0]:.3g} m "
+                    f"contact: use a start outside of all obstacles, but {name!r} is {-places.gaps[0]:.3g} m "
                     f"inside a face of the body at {placed(places.at[:1], offset)[0].tolist()}"
                 )
         self._put([self._none] * self._solids)

@@ -189,7 +189,7 @@ def check_fibres(fibres: tuple[Fibres, ...], count: int) -> None:
     """
     for family in fibres:
         if family.law not in FIBRE_LAWS:
-            raise ValueError(f"fibres have the law {family.law!r}; allowed are {', '.join(FIBRE_LAWS)}")
+            raise ValueError(f"fibres have the law {family.law!r}; use {', '.join(FIBRE_LAWS)}")
         points, sizes = family.points, np.concatenate([family.modulus, family.stiffening])
         if len(np.unique(points)) < len(points) or not np.isin(points, np.arange(count)).all():
             raise ValueError("fibres are of points that are not there, or twice of one")

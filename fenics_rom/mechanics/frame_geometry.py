@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.frame_motion import ZERO, Numbers, Rotation, Vector, added, cross_matrix, seen, turned_along
 
 TOO_FAR = (
-    "the body is so far from its shape at rest that its kinetic energy is not positive any more: allowed is what a "
+    "the body is so far from its shape at rest that its kinetic energy is not positive any more: use what a "
     "body of small strains can do in its frame; less force, or large_deformation, is the cure"
 )
 

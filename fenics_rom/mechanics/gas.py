@@ -202,7 +202,7 @@ def check_gas(name: str, gas: Gas, stroke: float, amount: float, where: str = ""
         )
     if not gas.volume + amount > 0:
         raise StepError(
-            f"{where}chamber {name!r}: {amount:.4g} m³ of gas are given; allowed is more than {-gas.volume:.4g} m³, as "
+            f"{where}chamber {name!r}: {amount:.4g} m³ of gas are given; use more than {-gas.volume:.4g} m³, as "
             "it holds no more at rest that could be taken out"
         )
 

@@ -43,10 +43,10 @@ class InitialState:
             SceneError: it cannot.
         """
         if self.equilibrium and rigid:
-            raise SceneError("run.initial.shape = 'equilibrium': allowed is a body that supports or springs hold")
+            raise SceneError("run.initial.shape = 'equilibrium': use a body that supports or springs hold")
         for name in ("translation", "rotation"):
             if any(getattr(self, name)) and not rigid:
-                raise SceneError(f"run.initial.{name}: allowed is a body that nothing holds")
+                raise SceneError(f"run.initial.{name}: use a body that nothing holds")
 
     def pose(self, origin: Array) -> BaseState:
         """Where a free body in a moving frame begins; `origin` (3,) is its centre of mass at rest, m.
@@ -55,7 +55,7 @@ class InitialState:
             SceneError: a shape other than that at rest.
         """
         if self.equilibrium or self.instant is not None:
-            raise SceneError("run.initial: a body in a moving frame begins in its shape at rest; allowed is no other")
+            raise SceneError("run.initial: a body in a moving frame begins in its shape at rest; use no other")
         position, rotation = origin + np.array(self.translation), quaternion_of_vector(self.rotation)
         return BaseState(position, rotation, np.array(self.velocity), np.array(self.spin))
 
@@ -77,7 +77,7 @@ class InitialState:
             if self.instant.nodes.shape != nodes.shape or not np.allclose(self.instant.nodes, nodes):
                 raise SceneError(
                     f"run.initial.trajectory: is of a mesh of {len(self.instant.nodes)} nodes, and the body has "
-                    f"another one, of {len(nodes)}; allowed is a run of the same mesh"
+                    f"another one, of {len(nodes)}; use a run of the same mesh"
                 )
             displacement, velocity = displacement + self.instant.displacement, velocity + self.instant.velocity
         return displacement, velocity
@@ -98,7 +98,7 @@ def lost_messages(lost: Mapping[str, float], model: str) -> list[str]:
     for name, share in lost.items():
         if share > 0.5:
             raise SceneError(
-                f"initial {name}: {share:.0%} of it (mass norm) is not in {model}; allowed is what supports let move, "
+                f"initial {name}: {share:.0%} of it (mass norm) is not in {model}; use what supports let move, "
                 "and a basis can follow"
             )
     return [

@@ -136,11 +136,11 @@ def isochoric_terms(law: str) -> tuple[IsochoricTerm, ...]:
         return ()
     kind = _LAWS.get(name, _NO_LAW)
     if not kind.allowed(constants):
-        raise ValueError(f"{name} has the constants {constants}: allowed are {kind.says}")
+        raise ValueError(f"{name} has the constants {constants}: use {kind.says}")
     terms = kind.terms(constants)
     shear = shear_modulus(terms)
     if not shear > 0:
-        raise ValueError(f"{name} has the constants {constants}, and {shear:g} as its shear modulus: allowed is > 0")
+        raise ValueError(f"{name} has the constants {constants}, and {shear:g} as its shear modulus: use > 0")
     return tuple(term._replace(k=term.k / shear) for term in terms)
 
 

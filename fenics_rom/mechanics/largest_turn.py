@@ -11,6 +11,6 @@ def check_turn(h: float, ω: Vector, body: str = "the body") -> None:
     speed = dot(ω, ω) ** 0.5
     if not h * speed <= LARGEST_TURN:
         raise StepError(
-            f"{body} would turn by {h * speed:.3g} rad in a step of {h:g} s: allowed are {LARGEST_TURN:g} rad, that "
+            f"{body} would turn by {h * speed:.3g} rad in a step of {h:g} s: at most {LARGEST_TURN:g} rad, that "
             f"is, at {speed:.3g} rad/s, a dt of at most {LARGEST_TURN / speed:.2g} s"
         )

@@ -19,14 +19,14 @@ WHOLE = 1e-6  # share of its steps that a run may miss a whole number of them by
 def check_width(load: AppliedLoad, columns: int, where: str) -> None:
     """A SceneError where a load has not one number for each column of what it acts on."""
     if load.signal.width != columns:
-        raise SceneError(f"{where}: numbers in its force: given {load.signal.width}, allowed {columns}")
+        raise SceneError(f"{where}: use {columns} numbers in its force (got {load.signal.width})")
 
 
 def check_pull(signal: Signal, where: str) -> None:
     """A SceneError where the tension of a cable is negative."""
     if (least := float(signal.values.min(initial=0.0))) < 0:
         raise SceneError(
-            f"{where}: a tension of {least:g} N: a cable pulls and cannot push; allowed is at least 0 (a tendon on the "
+            f"{where}: a tension of {least:g} N: a cable pulls and cannot push; use at least 0 (a tendon on the "
             "other side pulls the other way)"
         )
 
@@ -34,12 +34,12 @@ def check_pull(signal: Signal, where: str) -> None:
 def count_steps(duration: float, dt: float, every: int) -> int:
     """How many steps of dt, s, a run takes; SceneError where it takes none, or cannot be kept every so many."""
     if not (is_number(dt) and 0 < dt <= duration):
-        raise SceneError(f"dt = {shown(dt)}: allowed is more than 0 and at most the duration, {exactly(duration)} s")
+        raise SceneError(f"dt = {shown(dt)}: use more than 0 and at most the duration, {exactly(duration)} s")
     steps = duration / dt
     if steps > MOST_STEPS:
-        raise SceneError(f"dt = {float(dt):g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")
+        raise SceneError(f"dt = {float(dt):g}: a run of {steps:.3g} steps; use at most {MOST_STEPS:,}")
     if not (is_number(every, whole=True) and 1 <= every <= MOST_STEPS):
-        raise SceneError(f"every = {shown(every)}: allowed is a whole number of steps, from 1 to {MOST_STEPS:,}")
+        raise SceneError(f"every = {shown(every)}: use a whole number of steps, from 1 to {MOST_STEPS:,}")
     return round(steps)
 
 
@@ -128,7 +128,7 @@ class LoadHistory:
         if not any(load.start <= self._middle(k) < load.stop for k in range(first, min(first + 4, self.steps))):
             raise SceneError(
                 f"{place}: the force from {load.start:g} to {load.stop:g} s acts in the middle of no step "
-                f"of {self.dt:g} s, so the run would not see it; allowed is a smaller dt, or a longer force"
+                f"of {self.dt:g} s, so the run would not see it; use a smaller dt, or a longer force"
             )
 
     def _middle(self, step: int) -> float:

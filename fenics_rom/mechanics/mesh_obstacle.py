@@ -43,7 +43,7 @@ class Mesh:
     def __post_init__(self) -> None:
         vertices, triangles = real_numbers_or_nan(self.vertices), np.asarray(self.triangles)
         if triangles.dtype.kind not in "iu":
-            raise SceneError(f"mesh: triangles: allowed are whole numbers, given: {shown(self.triangles)}")
+            raise SceneError(f"mesh: triangles: use whole numbers (got {shown(self.triangles)})")
         check_arrays(vertices, triangles)
         position, turn = check_vector(self, "position"), rotation_matrix_of(check_vector(self, "rotation"))
         surface = TriangleSurface(vertices @ turn.T + position, triangles)

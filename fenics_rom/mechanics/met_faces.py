@@ -10,7 +10,7 @@ from fenics_rom.mechanics.body_faces import Places
 from fenics_rom.mechanics.obstacle_outline import FLAT
 
 NO_DERIVATIVE = (
-    "effects.contact.points = 'faces': steps that touch have no derivative: allowed are those where nothing touches, "
+    "effects.contact.points = 'faces': steps that touch have no derivative: use those where nothing touches, "
     "or contact points alone"
 )
 

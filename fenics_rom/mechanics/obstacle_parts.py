@@ -50,7 +50,7 @@ def check_vector(obstacle: object, name: str) -> Array:
     vector = real_numbers_or_nan(value)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         kind = type(obstacle).__name__.lower()
-        raise SceneError(f"{kind}: {name}: allowed are three finite numbers, given: {shown(value)}")
+        raise SceneError(f"{kind}: {name}: use three finite numbers (got {shown(value)})")
     keep(obstacle, **{name: tuple(vector.tolist())})
     return vector
 
@@ -60,7 +60,7 @@ def check_positive(obstacle: object, name: str) -> None:
     value = getattr(obstacle, name)
     if not (is_number(value) and SMALLEST <= value <= GREATEST):
         kind = type(obstacle).__name__.lower()
-        raise SceneError(f"{kind}: {name}: allowed is a finite number > 0, in m, given: {shown(value)}")
+        raise SceneError(f"{kind}: {name}: use a finite number > 0, in m (got {shown(value)})")
     keep(obstacle, **{name: float(value)})
 
 

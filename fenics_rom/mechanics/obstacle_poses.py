@@ -149,7 +149,7 @@ def mean_twists(start: Array, end: Array, dt: float) -> Array:
     if not (np.abs(turns[:, 0]) >= LEAST_COSINE).all():
         angle = np.linalg.norm(rotation_vectors(turns), axis=1).max()
         raise StepError(
-            f"an obstacle is told to turn by {angle:.3g} rad in a step of {dt:g} s: allowed are {MOST_TURNED:g} rad; "
+            f"an obstacle is told to turn by {angle:.3g} rad in a step of {dt:g} s: at most {MOST_TURNED:g} rad; "
             "a smaller dt is the cure"
         )
     return np.hstack([end[:, :3] - start[:, :3], 2 * turns[:, 1:] / turns[:, :1]]) / dt

@@ -79,7 +79,7 @@ class HalfSpace:
         point, normal = check_vector(self, "point"), check_vector(self, "normal")
         length = math.hypot(*normal)
         if not length > 0:
-            raise SceneError("halfspace: normal: allowed is a vector of any length but 0, given: length 0")
+            raise SceneError("halfspace: normal: use a vector of any length but 0 (got length 0)")
         n = normal / length
         n /= math.hypot(*n)
         keep(self, _n=n, _level=float(point.dot(n)))
@@ -193,7 +193,7 @@ class Capsule:
         axis = end - start
         square = float(axis.dot(axis))
         if not square > 0:
-            raise SceneError("capsule: allowed are a start and an end that differ, given: the same; use a sphere")
+            raise SceneError("capsule: use a start and an end that differ (got the same); use a sphere")
         perpendicular = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
         perpendicular /= np.linalg.norm(perpendicular)
         keep(self, _start=start, _axis=axis, _per_length=axis / square, _perpendicular=perpendicular)
@@ -253,7 +253,7 @@ class Box:
         center, half = check_vector(self, "center"), check_vector(self, "size") / 2
         keep(self, _center=center, _half=half, _axes=rotation_matrix_of(check_vector(self, "rotation")))
         if not half.min() > 0:
-            raise SceneError(f"box: size: allowed are edges > 0, in m, given: {list(self.size)}")
+            raise SceneError(f"box: size: use edges > 0, in m (got {list(self.size)})")
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""

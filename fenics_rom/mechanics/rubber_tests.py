@@ -47,7 +47,7 @@ def check_stable(law: str, least: float, largest: float) -> None:
             if not is_stable:
                 raise ValueError(
                     f"in a {test} test it is not stable beyond a stretch of {stretch:.3g}, and the body's stretches "
-                    f"go from {least:.3g} to {largest:.3g}: allowed are constants that are stable there, or less load"
+                    f"go from {least:.3g} to {largest:.3g}: use constants that are stable there, or less load"
                 )
 
 

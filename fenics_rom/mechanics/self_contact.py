@@ -35,7 +35,7 @@ from fenics_rom.mechanics.surface_pairs import OnSurface, unit_normals
 
 NO_DERIVATIVE = (
     "effects.contact.self_contact: a step in which points were held where they would go through the body has no "
-    "derivative: allowed are those in which they go by less than a quarter of its wall; a smaller dt is the cure"
+    "derivative: use those in which they go by less than a quarter of its wall; a smaller dt is the cure"
 )
 MOST_CROSSINGS = 12  # times that ways of points are looked at in a step, or a sweep of one
 _ONES = np.ones(3)
@@ -156,7 +156,7 @@ class SelfContact(MeshContact):
             there = self._itself.opposite.nodes[self._itself.row == deepest][0, 0]
             first, second = (self.surface.names[point] for point in (deepest, there))
             raise StepError(
-                f"contact: allowed is a start where no surface is inside another one of the body, but {first!r} is "
+                f"contact: use a start where no surface is inside another one of the body, but {first!r} is "
                 f"{-gaps[deepest]:.3g} m inside {second!r} at {places[deepest].tolist()}"
             )
         if self._O:

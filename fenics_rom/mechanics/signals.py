@@ -127,5 +127,5 @@ class CheckedSignal:
             numbers = np.empty(0)
         if len(numbers) != self._width or not np.isfinite(numbers).all():
             allowed = "a finite number" if self._width == 1 else f"{self._width} finite numbers"
-            raise StepError(f"{self._name} = {shown(value)}: allowed is {allowed}, or a function of time that gives it")
+            raise StepError(f"{self._name} = {shown(value)}: use {allowed}, or a function of time that gives it")
         return numbers

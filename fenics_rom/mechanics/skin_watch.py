@@ -131,7 +131,7 @@ class SkinWatch:
         """A StepError of the first that someone is in at the start, if there is one."""
         for depth, place, part, surface in found:
             raise StepError(
-                f"contact: allowed is a start outside of all obstacles and other bodies, but {who} is {depth:.3g} m "
+                f"contact: use a start outside of all obstacles and other bodies, but {who} is {depth:.3g} m "
                 f"inside {self._name} at {list(_rounded(place))}{_named(surface)}, {self._cure(part, surface)}"
             )
 

@@ -19,16 +19,14 @@ _ONES = np.ones(3)
 def check_arrays(vertices: Array, triangles: Array) -> None:
     """A SceneError unless vertices (V, 3) are finite, and triangles (T, 3) between them have areas."""
     if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
-        raise SceneError(
-            f"mesh: allowed are vertices (V, 3) and triangles (T, 3), given: {vertices.shape}, {triangles.shape}"
-        )
+        raise SceneError(f"mesh: use vertices (V, 3) and triangles (T, 3) (got {vertices.shape}, {triangles.shape})")
     if not 0 < len(triangles) <= MOST_TRIANGLES:
-        raise SceneError(f"mesh: triangles: allowed are 1 to {MOST_TRIANGLES:,}, given: {len(triangles):,}")
+        raise SceneError(f"mesh: triangles: use 1 to {MOST_TRIANGLES:,} (got {len(triangles):,})")
     if not np.isfinite(vertices).all():
         row = int((~np.isfinite(vertices)).any(axis=1).argmax())
-        raise SceneError(f"mesh: vertices: allowed are finite numbers, given: vertex {row} at {vertices[row].tolist()}")
+        raise SceneError(f"mesh: vertices: use finite numbers (got vertex {row} at {vertices[row].tolist()})")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise SceneError(f"mesh: triangles: allowed are rows 0 to {len(vertices) - 1} of the vertices")
+        raise SceneError(f"mesh: triangles: use rows 0 to {len(vertices) - 1} of the vertices")
     corners = vertices[triangles]
     sides = np.roll(corners, -1, axis=1) - corners
     areas, squares = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1), np.square(sides).sum(axis=2)
@@ -36,7 +34,7 @@ def check_arrays(vertices: Array, triangles: Array) -> None:
         row = int(flat.argmax())
         raise SceneError(
             f"mesh: {flat.sum()} of {len(triangles)} triangles have no area, e.g. triangle {row} at "
-            f"{_place(corners[row].mean(axis=0))}; allowed are others"
+            f"{_place(corners[row].mean(axis=0))}; use others"
         )
 
 
@@ -47,12 +45,12 @@ def check_solid(surface: TriangleSurface, may_be_open: bool) -> None:
         borders = surface.edges[surface.beside[:, 1] < 0]
         raise SceneError(
             f"mesh: is not closed: {len(borders)} of {len(surface.edges)} edges have a triangle on one side alone, "
-            f"e.g. one at {_place(surface.vertices[borders[0]].mean(axis=0))}; allowed is a closed surface, or with "
+            f"e.g. one at {_place(surface.vertices[borders[0]].mean(axis=0))}; use a closed surface, or with "
             "open = true one all behind which is solid"
         )
     if surface.is_closed and surface.volume <= 0:
         raise SceneError(
-            f"mesh: is turned inside out, as it encloses {surface.volume:.3g} m3; allowed are triangles whose corners "
+            f"mesh: is turned inside out, as it encloses {surface.volume:.3g} m3; use triangles whose corners "
             "go counterclockwise, seen from outside"
         )
     _check_crossings(surface)
@@ -70,7 +68,7 @@ def _check_sides(surface: TriangleSurface) -> None:
         wrong = found[count > (2 if what.startswith("edges have") else 1)]
         if len(wrong):
             raise SceneError(
-                f"mesh: {len(wrong)} {what}, e.g. one at {_place(surface.vertices[wrong[0]].mean(axis=0))}; allowed is "
+                f"mesh: {len(wrong)} {what}, e.g. one at {_place(surface.vertices[wrong[0]].mean(axis=0))}; use "
                 "a surface with one outside"
             )
 
@@ -81,7 +79,7 @@ def _check_crossings(surface: TriangleSurface) -> None:
     if found is not None:
         raise SceneError(
             f"mesh: goes through itself at {found.places} places, by {found.depth:.3g} m at {_place(found.place)}; "
-            "allowed is a surface that does not meet itself"
+            "use a surface that does not meet itself"
         )
 
 
@@ -117,7 +115,7 @@ def check_apart(nodes: Array, triangles: Array, surfaces: Mapping[str, Array], n
 
     raise SceneError(
         f"effects.contact.self_contact: {name_of(inner)} begins {depths[nearest]:.3g} m inside "
-        f"{name_of(triangles[others[nearest]])}, at {_place(nodes[inner])} m: allowed is a body that does not go "
+        f"{name_of(triangles[others[nearest]])}, at {_place(nodes[inner])} m: use a body that does not go "
         "through itself at rest"
     )
 

@@ -85,9 +85,7 @@ class Enrichment:
         check_type("enrich", body, Simulator, "fr.Simulator(rom, dt)")
         _, (given, *_) = body.__reduce__()
         if body.errors is None or body.errors.last_inputs is None or given.identity != self.rom.identity:
-            raise SceneError(
-                "enrich: allowed is a simulator of the Enrichment's rom, after a step, which keeps its errors"
-            )
+            raise SceneError("enrich: use a simulator of the Enrichment's rom, after a step, which keeps its errors")
         _check_environment(body.rom.environment)
         with closing(self._factor()) as factor:
             problem = self._problem(self.rom, factor)
@@ -144,7 +142,7 @@ class Enrichment:
             if np.abs(gap).max() > OFF:
                 mistake = f"has a basis that is not orthonormal in the system's mass: off by {np.abs(gap).max():.1e}"
         if mistake:
-            raise SceneError(f"enrich: ROM {rom.name!r} {mistake}; allowed is one that was reduced of it")
+            raise SceneError(f"enrich: ROM {rom.name!r} {mistake}; use one that was reduced of it")
 
     def _strained_basis(self, rom: Rom, contact: str) -> Array:
         """W (rows here, m) of a contact mode, without rigid motions."""
@@ -189,7 +187,7 @@ class Enrichment:
 def _check_environment(acting: Environment) -> None:
     """A SceneError where obstacles may touch the body."""
     if acting.contact_law is not None:
-        raise SceneError("enrich: obstacles may touch the body; allowed is one that inputs and loads alone act on")
+        raise SceneError("enrich: obstacles may touch the body; use one that inputs and loads alone act on")
 
 
 def _carried_over(body: Simulator, rom: Rom, kept: Array, finer: Array) -> Simulator:

@@ -23,7 +23,7 @@ NEW_STILL = 0.5  # of a unit vector that is orthogonalised again: less is left o
 UNRESISTED = 1e-7  # of the damping of other motions: rigid ones are not damped then
 COLUMNS_AT_ONCE = 32  # that are orthogonalised against others by one product
 UNSOLVED = 1e-6  # largest accepted |D D⁻¹f - f| / |f|
-UNDAMPED = "errors: no damping, no bound: {}; allowed is a body whose damping resists all that strains it"
+UNDAMPED = "errors: no damping, no bound: {}; use a body whose damping resists all that strains it"
 
 
 def check_errors_known(system: System) -> None:
@@ -34,7 +34,7 @@ def check_errors_known(system: System) -> None:
         reason = untold_errors(scene.environment, deforms=system.deformation is not None)
     if reason:
         raise SceneError(
-            f"errors: a run with {reason} does not know its error; allowed is a body of small strains with inertia in "
+            f"errors: a run with {reason} does not know its error; use a body of small strains with inertia in "
             "a fixed frame, on which inputs, loads and obstacles act"
         )
 

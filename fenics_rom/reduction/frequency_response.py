@@ -100,7 +100,7 @@ def _checked_basis(system: System, rom: Rom) -> Array:
     if not np.array_equal(moving, rom.free) or not np.allclose(system.body.nodes, rom.nodes):
         raise StructureError(
             f"ROM {rom.name!r} is of a body of {len(rom.free)} displacements, and the scene has another one, of "
-            f"{len(moving)}; allowed is the scene that the ROM was made from"
+            f"{len(moving)}; use the scene that the ROM was made from"
         )
     for name, width in rom.contacts.items():
         if name not in system.contacts or system.contacts[name].shape[1] != width:

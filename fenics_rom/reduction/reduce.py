@@ -272,7 +272,7 @@ def _require_linear_motions(system: System, lyapunov: str) -> None:
         )
     if lyapunov in ("as-printed", "bartels-stewart"):
         raise SceneError(
-            "bodies that are not wholly held have no dense Gramians of the first-order form; allowed are "
+            "bodies that are not wholly held have no dense Gramians of the first-order form; use "
             "lyapunov = 'closed-form', 'krylov' and 'adi', and switching = 'energy'"
         )
 

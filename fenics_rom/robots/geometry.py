@@ -94,7 +94,7 @@ def _primitive(m: Any, g: int, where: str) -> Shape | None:
     if kind in (MESH, ELLIPSOID):
         return None
     raise SceneError(
-        f"{where}: geom {m.geom(g).name or g}: is a plane, height field or sdf: allowed on a link are others"
+        f"{where}: geom {m.geom(g).name or g}: is a plane, height field or sdf: use another shape on a link"
     )
 
 

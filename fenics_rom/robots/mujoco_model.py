@@ -78,7 +78,7 @@ class MujocoModel:
                 names = ", ".join(self.joint_names[j] for j in joints)
                 raise SceneError(
                     f"{self._line('body', self._names[b])}: body {self._names[b]!r} has {len(joints)} joints, {names}: "
-                    "allowed is one; put a small body between them"
+                    "use one; put a small body between them"
                 )
         for j, name in enumerate(self.joint_names):
             dof = m.jnt_dofadr[j]
@@ -110,7 +110,7 @@ class MujocoModel:
             j = self.joint_names.index(name)
             if m.jnt_type[j] in (FREE, BALL):
                 raise SceneError(
-                    f"{self._line('joint', name)}: joint {name!r}: positions: allowed of hinges and slides"
+                    f"{self._line('joint', name)}: joint {name!r}: positions: give it to hinges and slides alone"
                 )
             d.qpos[m.jnt_qposadr[j]] = value
         for e in range(m.neq):
@@ -129,7 +129,7 @@ class MujocoModel:
         if c[2:5].any():
             raise SceneError(
                 f"{self._line('joint', self.joint_names[follower])}: joint {self.joint_names[follower]!r} follows "
-                "another one by more than a ratio and an offset: allowed are these"
+                "another one by more than a ratio and an offset: use these"
             )
         at = [m.qpos0[m.jnt_qposadr[j]] for j in (follower, leader)]
         return float(c[1]), float(at[0] + c[0] - c[1] * at[1])
@@ -267,9 +267,7 @@ class MujocoModel:
                 of, other_body = bodies
                 found.append((ball if kind == CONNECT else weld)(of, other_body, point, name=f"{name}.equality{e}"))
             else:
-                raise SceneError(
-                    f"{self._path}: equality {e}: allowed: connect and weld of bodies, joint of two joints"
-                )
+                raise SceneError(f"{self._path}: equality {e}: use connect and weld of bodies, joint of two joints")
         return followed
 
     def _actuators(self) -> dict[int, Motor]:
@@ -289,9 +287,7 @@ class MujocoModel:
             elif plain and bias[0] == bias[1] == 0 and bias[2] == -gain:
                 motor = Motor("velocity", gear**2 * gain, most=most)
             if motor is None or int(m.actuator_trnid[a, 0]) in known:
-                self.warnings.append(
-                    f"left out: actuator {name!r}: allowed is one motor, position or velocity of a joint"
-                )
+                self.warnings.append(f"left out: actuator {name!r}: use one motor, position or velocity of a joint")
             else:
                 known[int(m.actuator_trnid[a, 0])] = motor
         return known

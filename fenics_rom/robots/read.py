@@ -57,9 +57,7 @@ def read_robot(
     if root.tag == "robot":
         urdf = Urdf(root, path.parent, str(path))
     elif root.tag != "mujoco":
-        raise SceneError(
-            f"{path}, line {root.line}: begins with <{root.tag}>: allowed: <robot> (URDF), <mujoco> (MJCF)"
-        )
+        raise SceneError(f"{path}, line {root.line}: begins with <{root.tag}>: use <robot> (URDF), <mujoco> (MJCF)")
     try:
         import mujoco
     except ImportError as error:
@@ -76,7 +74,7 @@ def _positions(positions: Mapping[str, float] | None, known: Sequence[str]) -> d
     for name, value in given.items():
         check_known("joint", name, known, SceneError, "read_robot: positions: ")
         if not is_number(value):
-            raise SceneError(f"read_robot: positions: {name!r} = {shown(value)}: allowed is a finite number, rad or m")
+            raise SceneError(f"read_robot: positions: {name!r} = {shown(value)}: use a finite number, rad or m")
     return given
 
 
@@ -91,5 +89,5 @@ def _motors(motors: Motor | Mapping[str, Motor] | None, names: Sequence[str]) ->
     for name, motor in motors.items():
         check_known("joint", name, names, SceneError, "read_robot: motors: ")
         if not isinstance(motor, Motor):
-            raise SceneError(f"read_robot: motors: {name!r}: allowed is a Motor, given: {shown(motor)}")
+            raise SceneError(f"read_robot: motors: {name!r}: use a Motor (got {shown(motor)})")
     return motors

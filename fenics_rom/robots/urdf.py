@@ -57,7 +57,7 @@ class Urdf:
         for name, joint in self._joints.items():
             kind = joint.given.get("type", "")
             if kind not in TYPES:
-                raise self._refuse(joint, f"joint {name!r}: type = {kind!r}: allowed: {', '.join(TYPES)}")
+                raise self._refuse(joint, f"joint {name!r}: type = {kind!r}: use {', '.join(TYPES)}")
             ends = [joint.first(tag) for tag in ("parent", "child")]
             names = ["" if end is None else end.given.get("link", "") for end in ends]
             for end, link in zip(("parent", "child"), names, strict=True):
@@ -68,7 +68,7 @@ class Urdf:
                 raise self._refuse(
                     joint,
                     f"joint {name!r}: closes a loop, as link {names[1]!r} has a parent by joint "
-                    f"{other.given.get('name')!r}, line {other.line}: allowed is a tree; "
+                    f"{other.given.get('name')!r}, line {other.line}: use a tree; "
                     "a joint of the world may close it",
                 )
             parents[names[1]] = names[0], joint
@@ -78,7 +78,7 @@ class Urdf:
             while seen[-1] in parents:
                 seen.append(parents[seen[-1]][0])
                 if seen[-1] == link:
-                    raise self._refuse(parents[link][1], f"links {' in '.join(seen)}: a loop; allowed is a tree")
+                    raise self._refuse(parents[link][1], f"links {' in '.join(seen)}: a loop; use a tree")
         self._parents = parents
 
     def _check_distance(self, of: Element, what: str) -> None:
@@ -95,7 +95,7 @@ class Urdf:
         except ValueError:
             numbers = np.empty(0)
         if len(numbers) != count or not np.isfinite(numbers).all():
-            raise self._refuse(of, f"{key} = {given!r}: allowed: {count} finite number{'s' * (count > 1)}")
+            raise self._refuse(of, f"{key} = {given!r}: use {count} finite number{'s' * (count > 1)}")
         return numbers
 
     def _check_inertia(self, name: str, link: Element) -> None:
@@ -105,7 +105,7 @@ class Urdf:
             if by is not None and by[1].given["type"] in MOVING:
                 raise self._refuse(
                     link,
-                    f"link {name!r}: has no <inertial>, and joint {by[1].given.get('name')!r} moves it: allowed is a "
+                    f"link {name!r}: has no <inertial>, and joint {by[1].given.get('name')!r} moves it: use a "
                     "mass > 0 with an inertia",
                 )
             return
@@ -115,7 +115,7 @@ class Urdf:
         value = float(self._numbers(mass, "value", 1)[0])
         is_still = value == 0 and (by is None or by[1].given["type"] not in MOVING)
         if not (value > 0 or is_still):
-            raise self._refuse(mass, f"link {name!r}: mass = {value!r} kg: allowed is a number > 0")
+            raise self._refuse(mass, f"link {name!r}: mass = {value!r} kg: use a number > 0")
         xx, yy, zz, xy, xz, yz = (
             float(self._numbers(inertia, key, 1)[0]) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
         )
@@ -123,7 +123,7 @@ class Urdf:
         if not is_still and (moments[0] <= 0 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-6)):
             raise self._refuse(
                 inertia,
-                f"link {name!r}: principal moments {moments.tolist()} kg m2: allowed are moments > 0, none larger than "
+                f"link {name!r}: principal moments {moments.tolist()} kg m2: use moments > 0, none larger than "
                 "the sum of the others",
             )
         if not is_still and moments[2] > value * LARGEST**2:
@@ -138,7 +138,7 @@ class Urdf:
                     raise self._refuse(at, f"joint {chain[-1]!r}: mimics {leader!r}: there is no such joint")
                 chain.append(leader)
                 if leader in chain[:-1]:
-                    raise self._refuse(at, f"mimic: {' follows '.join(chain)}: allowed is no circle")
+                    raise self._refuse(at, f"mimic: {' follows '.join(chain)}: use a chain without a circle")
                 at = self._joints[leader].first("mimic")
 
     def _check_shapes(self, link: Element) -> None:
@@ -149,7 +149,7 @@ class Urdf:
                     if file.suffix.lower() not in READ:
                         if tag == "collision":
                             raise self._refuse(
-                                mesh, f"mesh {file.name}: allowed of a collision: {', '.join(READ)}; convert it"
+                                mesh, f"mesh {file.name}: use for a collision {', '.join(READ)}; convert it"
                             )
                         self.left_out.append(f"line {mesh.line}: visual mesh {file.name}, which is no .stl or .obj")
                         link.children.remove(shape)

@@ -79,7 +79,7 @@ def _mistake(rom: Rom, model: ErrorModel) -> str:
     ]
     for name, given, allowed in shapes:
         if given != allowed:
-            return f"{name} of shape {given}: allowed is {allowed}"
+            return f"{name} of shape {given}: use {allowed}"
     if (γ < 0).any() or np.count_nonzero(γ == 0) != rom.rigid or γ[: rom.rigid].any():
         return f"eigenvalues do not begin with those of {rom.rigid} rigid motions alone"
     gap = np.abs(model.coordinates.T @ model.coordinates - np.eye(k)).max()

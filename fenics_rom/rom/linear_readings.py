@@ -70,6 +70,6 @@ def reading_rows(name: str, reading: Reading, model: ContactModel, inputs: Mappi
         stresses = reading.components(gradients)
         return ReadRows((stresses.shape[1], 6), stresses.swapaxes(0, 1).reshape(-1, model.order), unit)
     raise StepError(
-        f"reading {name!r}: {READING_WORDS[reading.quantity]} is not linear in displacements; allowed are lengths, "
+        f"reading {name!r}: {READING_WORDS[reading.quantity]} is not linear in displacements; use lengths, "
         "volumes, strains, pressures, stresses by component and markers"
     )

@@ -11,7 +11,7 @@ from fenics_rom.rom.contact_model import ContactModel
 def checked_dt(dt: float) -> float:
     """A time step, s; a StepError where it is not a positive finite number."""
     if not (is_number(dt) and dt > 0):
-        raise StepError(f"dt = {shown(dt)}: allowed is a finite number > 0, in s")
+        raise StepError(f"dt = {shown(dt)}: use a finite number > 0, in s")
     return float(dt)
 
 

@@ -127,11 +127,11 @@ def check_moving_frame(frame: MovingFrame, order: int) -> MovingFrame:
     for name, shape in shapes.items():
         array = getattr(frame, name)
         if array.shape != shape:
-            raise StructureError(f"moving frame: {name} has shape {array.shape}; allowed is {shape}")
+            raise StructureError(f"moving frame: {name} has shape {array.shape}; use {shape}")
         if not np.isfinite(array).all():
             raise StructureError(f"moving frame: {name} holds numbers that are not finite")
     if not 0 < frame.mass < np.inf:
-        raise StructureError(f"moving frame: mass is {frame.mass:g} kg; allowed is above 0")
+        raise StructureError(f"moving frame: mass is {frame.mass:g} kg; use one above 0")
     for name, sign in (("inertia2", 1.0), ("stiffening", 1.0), ("coupling", -1.0)):
         A = getattr(frame, name)
         if A is not None and (lack := np.abs(A - sign * A.transpose(0, 2, 1)).max(initial=0.0)):
@@ -144,7 +144,7 @@ def check_moving_frame(frame: MovingFrame, order: int) -> MovingFrame:
         if least < -ROUND_OFF * most or most <= 0:
             raise StructureError(
                 f"moving frame: {name} could give energy to the ground or the body: eigenvalues are {least:.1e} to "
-                f"{most:.1e}; allowed are none below 0"
+                f"{most:.1e}; they must be >= 0"
             )
     for name in () if frame.carried else ("first_moment", "moment_modes", "coupling0"):
         if (lack := np.abs(getattr(frame, name)).max(initial=0.0)) > 0:

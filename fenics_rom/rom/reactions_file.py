@@ -92,4 +92,4 @@ def check_reaction(where: str, reading: ReactionReading, rom: Rom) -> None:
         raise FileError(f"{where}/contacts: of other contact modes or columns than the ROM has")
     for k, rim in enumerate(() if reading.turning is None else reading.turning.rims):
         if not 0 <= rim.column < shared:
-            raise FileError(f"{where}/turning/rims/rim_{k}/column: allowed are numbers below {shared}")
+            raise FileError(f"{where}/turning/rims/rim_{k}/column: use numbers below {shared}")

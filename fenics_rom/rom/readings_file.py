@@ -184,7 +184,7 @@ def _check_stress(where: str, reading: StressReading) -> None:
     ):
         check_indices(f"{where}/{name}", indices, count)
         if (np.diff(indices) < 0).any() or not np.isin(np.arange(count), indices).all():
-            raise FileError(f"{where}/{name}: allowed are all numbers below {count}, ascending")
+            raise FileError(f"{where}/{name}: use all numbers below {count}, ascending")
         if not (weights > 0).all() or np.abs(np.bincount(indices, weights) - 1).max() > ROUND_OFF:
             raise FileError(f"{where}/{name}: weights are not positive with the sum 1")
     if np.abs(reading.place_weights.sum(axis=1) - 1).max() > ROUND_OFF:

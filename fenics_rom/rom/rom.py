@@ -298,7 +298,7 @@ class Rom(ByContent):
             free = self.basis @ real_numbers(coordinates).reshape(self.stiffness.shape)
         except (TypeError, ValueError):
             k = len(self.stiffness)
-            raise StepError(f"coordinates = {shown(coordinates)}: allowed are {k} real numbers") from None
+            raise StepError(f"coordinates = {shown(coordinates)}: use {k} real numbers") from None
         if not len(self.nodes):
             return free
         field = np.zeros(3 * len(self.nodes))
@@ -396,4 +396,4 @@ def _check_mode(where: str, κ: Array, mode: ContactModel, rigid: int) -> None:
     ):
         gap = np.abs(columns.T @ columns - np.eye(columns.shape[1])).max()
         if not gap <= ORTHONORMALITY:
-            raise StructureError(f"{where}: {what}: off by {gap:.1e}, allowed {ORTHONORMALITY:g}")
+            raise StructureError(f"{where}: {what}: off by {gap:.1e}, at most {ORTHONORMALITY:g} is good")

@@ -65,7 +65,7 @@ def check_touch(where: str, reading: TouchReading, nodes: int, triangles: int) -
     if not np.isin(np.arange(len(reading.nodes)), reading.facets).all():
         raise FileError(f"{where}: a node has no facets")
     if reading.patches < 1:
-        raise FileError(f"{where}/patches: allowed is a number >= 1")
+        raise FileError(f"{where}/patches: use a number >= 1")
     taxels = len(reading.map.areas)
     check_shares(f"{where}/map", reading.map._asdict(), triangles)
     if taxels:
@@ -74,10 +74,10 @@ def check_touch(where: str, reading: TouchReading, nodes: int, triangles: int) -
         if np.abs(np.bincount(reading.felt, reading.shares, minlength=len(reading.nodes)) - 1).max() > ROUND_OFF:
             raise FileError(f"{where}/shares: those of a node have not the sum 1")
     if any(value < 0 for value in vars(reading.sensor).values()):
-        raise FileError(f"{where}/sensor: allowed are numbers >= 0")
+        raise FileError(f"{where}/sensor: use numbers >= 0")
 
 
 def check_indices(where: str, indices: np.ndarray, count: int) -> None:
     """A FileError where there are none, or some are beyond a count."""
     if not indices.size or not 0 <= indices.min() <= indices.max() < count:
-        raise FileError(f"{where}: allowed are some numbers below {count}")
+        raise FileError(f"{where}: use some numbers below {count}")

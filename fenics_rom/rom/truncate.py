@@ -35,7 +35,7 @@ def truncate(rom: "Rom | str | PathLike[str]", order: int) -> Rom:
     rom = given_rom("truncate", rom)
     most = max(mode.order - mode.rigid for mode in rom.contact_models.values())
     if not (is_number(order, whole=True) and 1 <= order <= most):
-        raise StructureError(f"order {shown(order)}: allowed are 1 to {most}, the largest order in the ROM")
+        raise StructureError(f"order {shown(order)}: use 1 to {most}, the largest order in the ROM")
     if rom.deformation is not None:
         raise StructureError("a ROM with large deformation cannot be truncated; reduce to that order instead")
     if rom.switching == "oblique":

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.separate_bodies import SeparateBodies
 
 ON_ERROR = "raise", "hold", "reset"
-ALLOWED_BASES = "allowed are finite numbers and a unit quaternion; all bodies were left as they were"
+ALLOWED_BASES = "use finite numbers and a unit quaternion; all bodies were left as they were"
 MOST_BODIES = 10**8  # of which even the smallest take some ten GB
 
 
@@ -101,9 +101,9 @@ class Batch(BatchedBodies):
     ):
         rom = given_rom("Batch", rom)
         if not (is_number(size, whole=True) and 0 < size <= MOST_BODIES):
-            raise StepError(f"size = {shown(size)}: allowed is a whole number > 0 and at most {MOST_BODIES:,}")
+            raise StepError(f"size = {shown(size)}: use a whole number > 0 and at most {MOST_BODIES:,}")
         if not _is_dtype(dtype):
-            raise StepError(f"dtype = {shown(dtype)}: allowed are float64 and float32")
+            raise StepError(f"dtype = {shown(dtype)}: use float64 and float32")
         signals, ledger = mapping_in("signals", signals, StepError), check_flag("ledger", ledger, StepError)
         errors = errors if errors is None else check_flag("errors", errors, StepError)
         self._told: dict[str, Any] = {"errors": errors, "error_tolerance": error_tolerance, "finer": finer}
@@ -244,9 +244,7 @@ class Batch(BatchedBodies):
         selected = self._select(bodies)
         names = [contact] if isinstance(contact, str) else list(names_in("contact", contact, StepError))
         if not isinstance(contact, str) and len(names) != len(selected):
-            raise StepError(
-                f"contact modes of {len(selected)} bodies: one name or {len(selected)}, given: {len(names)}"
-            )
+            raise StepError(f"contact modes of {len(selected)} bodies: one name or {len(selected)} (got {len(names)})")
         numbers = {name: k for k, name in enumerate(self.rom.contact_models)}
         for name in names:
             check_known("contact mode", str(name), numbers, StepError)

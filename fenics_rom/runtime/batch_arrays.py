@@ -57,7 +57,7 @@ def select_bodies(bodies: Bodies, size: int) -> Array:
         return np.empty(0, dtype=int)
     is_distinct = selected.ndim == 1 and selected.dtype.kind in "iu" and len(np.unique(selected)) == len(selected)
     if not (is_distinct and selected.min() >= 0 and selected.max() < size):
-        raise StepError(f"bodies: allowed are None, a mask ({size},) or distinct indices below {size}")
+        raise StepError(f"bodies: use None, a mask ({size},) or distinct indices below {size}")
     return selected
 
 
@@ -71,18 +71,17 @@ def checked_inputs(
     """
     size, inputs = shape
     if type(u) is not Array and hides_numbers(u):
-        raise StepError("input: allowed are numbers in N, given: an array that masks some of them")
+        raise StepError("input: use numbers in N (got an array that masks some of them)")
     try:
         u = np.asarray(u)
     except ValueError:
-        raise StepError(f"input: allowed are {inputs} numbers in N, given: rows of several lengths") from None
+        raise StepError(f"input: use {inputs} numbers in N (got rows of several lengths)") from None
     if u.shape not in (shape, (inputs,)):
         raise StepError(
-            f"input: allowed are {inputs} numbers in N for each of {size} bodies, or for all; "
-            f"given: an array of shape {u.shape}"
+            f"input: use {inputs} numbers in N for each of {size} bodies, or for all (got an array of shape {u.shape})"
         )
     if u.dtype.kind not in "fiub":
-        raise StepError(f"input: allowed are real numbers in N, given: an array of {u.dtype}")
+        raise StepError(f"input: use real numbers in N (got an array of {u.dtype})")
     if u.dtype != dtype:
         with np.errstate(over="ignore"):
             u = u.astype(dtype)
@@ -94,7 +93,7 @@ def checked_inputs(
     held = np.flatnonzero(~allowed)
     if len(held) and on_error == "raise":
         raise StepError(
-            f"step {step}, body {held[0]}: input {u[held[0]].tolist()}: allowed are finite numbers within "
+            f"step {step}, body {held[0]}: input {u[held[0]].tolist()}: use finite numbers within "
             f"{limit:.0e}, in N; all bodies were left as they were"
         )
     return np.where(allowed[:, None], u, 0), held
@@ -144,7 +143,7 @@ def checked_bases(base: object, count: int, where: str) -> tuple[BaseState, Arra
         part.shape not in ((width,), (count, width)) for part, width in zip(parts, widths, strict=True)
     ):
         raise StepError(
-            f"{where}: allowed is a BaseState of position, m, rotation, w x y z, velocity, m/s, and angular "
+            f"{where}: use a BaseState of position, m, rotation, w x y z, velocity, m/s, and angular "
             f"velocity, rad/s, with arrays of shapes ({count}, 3) and ({count}, 4), or those of one base for all"
         )
     position, rotation, velocity, turning = (
@@ -159,7 +158,7 @@ def checked_bases(base: object, count: int, where: str) -> tuple[BaseState, Arra
 def stacked_state(q: Array, r: Array, shape: tuple[int, int]) -> Array:
     """(2, bodies, m) of what was given as the state of bodies; a StepError where that has another shape."""
     if any(part.shape not in (shape, shape[1:]) for part in (q, r)):
-        raise StepError(f"state: allowed are two arrays of shape {shape}, given: {[q.shape, r.shape]}")
+        raise StepError(f"state: use two arrays of shape {shape} (got {[q.shape, r.shape]})")
     return np.stack([np.broadcast_to(part, shape) for part in (q, r)])
 
 

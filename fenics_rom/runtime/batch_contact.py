@@ -146,8 +146,8 @@ class BatchContact:
         given = real_numbers_or_nan(displacement)
         if given.shape not in ((3,), (len(bodies), 3)) or not (np.abs(given) <= FARTHEST).all():
             raise StepError(
-                f"{name}: allowed are three finite numbers within {FARTHEST:.0e}, in m, for each of {len(bodies)} "
-                f"bodies, or for all; given: an array of shape {given.shape}"
+                f"{name}: use three finite numbers within {FARTHEST:.0e}, in m, for each of {len(bodies)} "
+                f"bodies, or for all (got an array of shape {given.shape})"
             )
         self._placed[self.names.index(name), :, bodies] = given @ self._axes.T
 
@@ -221,7 +221,7 @@ class BatchContact:
             scene = np.stack([self._offsets_at(time + h) for time in instants], axis=-1)
             if not (np.abs(scene) <= FARTHEST).all():
                 raise StepError(
-                    f"obstacles: allowed are displacements within {FARTHEST:.0e} m; all bodies were left as they were"
+                    f"obstacles: use displacements within {FARTHEST:.0e} m; all bodies were left as they were"
                 )
             np.copyto(ends, scene[..., which], where=follows)
         ends[..., held] = self._offsets[..., held]

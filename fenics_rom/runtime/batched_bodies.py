@@ -154,7 +154,7 @@ class BatchedBodies:
 
     def _account(self, entry: str) -> Array:
         if not self._ledger:
-            raise StepError("this batch keeps no energy account: allowed is that of Batch(..., ledger=True)")
+            raise StepError("this batch keeps no energy account: use that of Batch(..., ledger=True)")
         return self._bodies.account(entry)
 
     @property
@@ -172,7 +172,7 @@ class BatchedBodies:
         self._check_contact()
         given = real_numbers_or_nan(μ)
         if given.shape not in ((), (self.size,)) or not (np.isfinite(given) & (given >= 0)).all():
-            raise StepError(f"friction: allowed is a finite number >= 0, or one of each of {self.size} bodies")
+            raise StepError(f"friction: use a finite number >= 0, or one of each of {self.size} bodies")
         self._bodies.friction = np.broadcast_to(given, self.size)
 
     @property
@@ -212,7 +212,7 @@ class BatchedBodies:
 
     def _check_contact(self) -> None:
         if self.rom.environment.contact_law is None:
-            raise StepError(f"nothing can touch bodies of ROM {self.rom.name!r}: allowed is a scene with contact")
+            raise StepError(f"nothing can touch bodies of ROM {self.rom.name!r}: use a scene with contact")
 
     @property
     def beyond_training(self) -> Array:
@@ -259,7 +259,7 @@ class BatchedBodies:
     @property
     def _in_frames(self) -> "JointBodies | SeparateBodies":
         if not self.rom.environment.is_moving:
-            raise StepError(f"no base carries bodies of ROM {self.rom.name!r}: allowed is a scene with a moving frame")
+            raise StepError(f"no base carries bodies of ROM {self.rom.name!r}: use a scene with a moving frame")
         return self._bodies  # type: ignore[return-value]  # loops are of held bodies
 
     @property
@@ -328,7 +328,7 @@ class BatchedBodies:
 
     def _one(self, body: int) -> int:
         if not is_number(body, whole=True):
-            raise StepError(f"body = {shown(body)}: allowed is the number of one body")
+            raise StepError(f"body = {shown(body)}: use the number of one body")
         (own,) = select_bodies([body], self.size)
         return int(own)
 

@@ -155,7 +155,7 @@ class CompiledBodies(CompiledState):
         """
         state = stacked_state(q, r, (len(bodies), self._m))
         if not np.isfinite(state).all():
-            raise StepError("state: allowed are finite numbers")
+            raise StepError("state: use finite numbers")
         orders = np.array([model.order for model in self._models])[self._mode[bodies]]
         if state[:, np.arange(self._m) >= orders[:, None]].any():
             raise StepError("state: beyond the order of a body's contact mode only zeros are allowed")
@@ -232,11 +232,11 @@ class CompiledBodies(CompiledState):
         number, shape = self._number_of(name), (len(bodies), 3)
         if displacement.shape not in ((3,), shape) or not (np.abs(displacement) <= FARTHEST).all():
             raise StepError(
-                f"{name}: allowed are three finite numbers within {FARTHEST:.0e}, in m, for each of {len(bodies)} "
-                f"bodies, or for all; given: an array of shape {displacement.shape}"
+                f"{name}: use three finite numbers within {FARTHEST:.0e}, in m, for each of {len(bodies)} "
+                f"bodies, or for all (got an array of shape {displacement.shape})"
             )
         if self.rom.environment.obstacles[name].motion is not None:
-            raise StepError(f"{name}: it has a motion, which says where it is: allowed are obstacles without one")
+            raise StepError(f"{name}: it has a motion, which says where it is: use obstacles without one")
         self._placed[bodies, number, :3] = displacement
         self._placed[bodies, number, 3:] = NO_TURN[: self._placed.shape[2] - 3]
 
@@ -280,7 +280,7 @@ class CompiledBodies(CompiledState):
     def _move_bases(self, base: "BaseState | None") -> None:
         """Where bases are at the end of the step; a StepError where nothing carries bodies."""
         if base is not None:
-            raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
+            raise StepError(f"step {self.steps}: base: use a body in a moving frame that a rigid base carries")
 
     def _take_back(self, bodies: Array) -> None:
         """Puts bodies where they were before the last step."""
@@ -348,9 +348,7 @@ class CompiledBodies(CompiledState):
         instants, which = distinct(self.time)
         scene = np.array([self._environment.offsets_at(time + self._dt) for time in instants])
         if not (np.abs(scene) <= FARTHEST).all():
-            raise StepError(
-                f"obstacles: allowed are displacements within {FARTHEST:.0e} m; all bodies were left as they were"
-            )
+            raise StepError(f"obstacles: use displacements within {FARTHEST:.0e} m; all bodies were left as they were")
         ends = np.where(np.isnan(self._placed), scene[which], self._placed)
         ends[~goes] = self._offsets[~goes]
         return Moving(self._offsets, ends, self._velocities)
@@ -362,7 +360,7 @@ class CompiledBodies(CompiledState):
         bad = np.flatnonzero(~(np.abs(loads) <= self.input_limit).all(axis=1))
         if len(bad):
             raise StepError(
-                f"loads at {instants[bad[0]] + self._dt / 2:g} s: {loads[bad[0]].tolist()}: allowed are numbers within "
+                f"loads at {instants[bad[0]] + self._dt / 2:g} s: {loads[bad[0]].tolist()}: use numbers within "
                 f"{self.input_limit:.0e}; all bodies were left as they were"
             )
         return loads[which]
@@ -392,6 +390,6 @@ def _look(given: Any, between: Any, bodies: Array) -> None:
 def inside_message(body: int) -> str:
     """Of one that was put there."""
     return (
-        f"body {body} is inside an obstacle: allowed is a start outside of all of them, or "
+        f"body {body} is inside an obstacle: use a start outside of all of them, or "
         'on_error="hold"; all bodies were left as they were'
     )

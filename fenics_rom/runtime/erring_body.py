@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.finer_beside import FinerBeside
     from fenics_rom.runtime.simulated_body import BesideState
 
-NO_BOUND = "error_bound: a ROM beside gives an estimate alone; allowed is error_estimate"
+NO_BOUND = "error_bound: a ROM beside gives an estimate alone; use error_estimate"
 
 
 class ErringBody(MovingBody):

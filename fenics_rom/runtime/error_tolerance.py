@@ -44,7 +44,7 @@ def tell(message: str) -> None:
 def checked_tolerance(tolerance: object) -> float:
     """The tolerance, m; a StepError where it is none."""
     if not (is_number(tolerance) and 0 < tolerance < np.inf):  # type: ignore[operator]
-        raise StepError(f"error_tolerance = {shown(tolerance)}: allowed is a number > 0, m")
+        raise StepError(f"error_tolerance = {shown(tolerance)}: use a number > 0, m")
     return float(tolerance)  # type: ignore[arg-type]
 
 
@@ -62,7 +62,7 @@ class OutputErrors:
             raise StepError(NO_OUTPUTS.format(rom.name))
         if errors.couples_rigid_motions:
             raise StepError(
-                "error_tolerance: dashpots couple how the body moves as a whole with how it strains; allowed is a body "
+                "error_tolerance: dashpots couple how the body moves as a whole with how it strains; use a body "
                 "whose errors of outputs are known"
             )
         self._rom, ω = rom, np.sqrt(errors.eigenvalues)

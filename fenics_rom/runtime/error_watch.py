@@ -33,9 +33,9 @@ ESTIMATE = "a finer model, of {} displacements, takes the same steps"
 SAME_FORCES = " under the same contact forces"
 FORCES_DIFFER = (
     "a bound of the error is not known where obstacles touch the body: contact forces of the full order are others, "
-    "which no residual tells; allowed is the estimate"
+    "which no residual tells; use the estimate"
 )
-NO_READING = "errors of readings are differences to a finer ROM beside; allowed is Simulator(rom, dt, finer=better)"
+NO_READING = "errors of readings are differences to a finer ROM beside; use Simulator(rom, dt, finer=better)"
 PUT_IN = "; the full order is taken to begin in the state that was put in"
 
 
@@ -284,7 +284,7 @@ class ErrorWatch:
             if self._model.couples_rigid_motions:
                 raise StepError(
                     f"output {name!r}: dashpots couple how the body moves as a whole with how it strains, and an error "
-                    "of the former takes no energy; allowed is the energy norm"
+                    "of the former takes no energy; use the energy norm"
                 )
             check_output(name, self._rom.outputs)
             return self._rom.by_point(self._model.outputs[name] @ displacements)

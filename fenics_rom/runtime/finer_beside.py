@@ -53,7 +53,7 @@ class FinerBeside:
     def __init__(self, body: Simulator, rom: Any, tolerance: float | None, acting: dict[str, Any]):
         rom, environment = given_rom("finer", rom), _environment_of(body, acting["scene"])
         if body.errors is not None:
-            raise SceneError("finer: the body states its own errors; allowed is one that does not, or errors = False")
+            raise SceneError("finer: the body states its own errors; use one that does not, or errors = False")
         check_finer(body.rom, rom)
         if tolerance is None and environment.run is not None:
             tolerance = environment.run.error_tolerance
@@ -168,10 +168,10 @@ def check_finer(rom: Rom, finer: Rom) -> None:
     orders = [max(model.order for model in each.contact_models.values()) for each in (rom, finer)]
     mistake = ""
     if orders[1] <= orders[0]:
-        mistake = f"is of order {orders[1]}, and the body of {orders[0]}; allowed is a higher one"
+        mistake = f"is of order {orders[1]}, and the body of {orders[0]}; use a higher one"
     elif finer.contacts != rom.contacts or finer.actuators != rom.actuators or finer.nodes.shape != rom.nodes.shape:
-        mistake = "is of another body; allowed is one that was reduced of the same scene"
+        mistake = "is of another body; use one that was reduced of the same scene"
     elif not (rom.outputs or rom.readings) or finer.outputs.keys() != rom.outputs.keys():
-        mistake = "is compared by outputs and readings; allowed is a scene that has some, and the same ones"
+        mistake = "is compared by outputs and readings; use a scene that has some, and the same ones"
     if mistake:
         raise SceneError(f"finer: ROM {finer.name!r} {mistake}")

@@ -68,7 +68,7 @@ class JointBodies(JointState):
         try:
             self._layout = BatchLayout(self.size, modes, m, p, self.dtype)
         except MemoryError as error:
-            raise StepError(f"size = {size}: allowed are as many bodies as the memory holds: {error}") from error
+            raise StepError(f"size = {size}: use as many bodies as the memory holds: {error}") from error
         self._number_limit = float(np.finfo(self._layout.state.dtype).max) ** 0.25
         self.ledger = ledger
         self._account = np.zeros((6, self.size))
@@ -76,7 +76,7 @@ class JointBodies(JointState):
         self._ones = np.ones(m, self.dtype)
         self._contacts = self._deformation = self._carried = self._skin = None
         if detail is not None and not rom.environment.is_moving:
-            raise StepError(f"detail = {shown(detail)}: allowed is a ROM of a body in a moving frame")
+            raise StepError(f"detail = {shown(detail)}: use a ROM of a body in a moving frame")
         if rom.environment.is_moving:  # imports are here, as few scenes have such things
             from fenics_rom.runtime.batch_carried import BatchCarried
 
@@ -138,9 +138,7 @@ class JointBodies(JointState):
             state[0] *= 2 / self._dt
             size = np.abs(state) * np.maximum(1.0, [self._dt / 2 * ω[modes], np.ones(shape)])
         if not (size <= self._number_limit).all():  # NaN is not, either
-            raise StepError(
-                f"state: allowed are finite numbers, within {self._number_limit:.0e} in 2 q / dt, √γ q and r"
-            )
+            raise StepError(f"state: use finite numbers, within {self._number_limit:.0e} in 2 q / dt, √γ q and r")
         if state[:, np.arange(shape[1]) >= self._models.orders[modes, None]].any():
             raise StepError("state: beyond the order of a body's contact mode only zeros are allowed")
         if self._contacts is not None:
@@ -209,7 +207,7 @@ class JointBodies(JointState):
     def step(self, u: Array, base: "BaseState | None", held: Array, on_error: str) -> Array:
         """As of `Batch`, but for "reset", under inputs and bases that are fine but for those of bodies held."""
         if base is not None and self._carried is None:
-            raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
+            raise StepError(f"step {self.steps}: base: use a body in a moving frame that a rigid base carries")
         if self._environment is not None:
             u = np.hstack([u, self._loads(self._environment)])
         contacts = self._contacts
@@ -340,7 +338,7 @@ class JointBodies(JointState):
         """Which of the bodies to hold still, of those that are inside an obstacle."""
         if inside.any() and on_error == "raise":
             raise StepError(
-                f"body {bodies[inside.argmax()]} is inside an obstacle: allowed is a start outside of all of them, or "
+                f"body {bodies[inside.argmax()]} is inside an obstacle: use a start outside of all of them, or "
                 'on_error="hold"; all bodies were left as they were'
             )
         return inside

@@ -258,7 +258,7 @@ class JointState:
         bad = np.flatnonzero(~(np.abs(loads) <= self.input_limit).all(axis=1))
         if len(bad):
             raise StepError(
-                f"loads at {times[bad[0]]:g} s: {loads[bad[0]].tolist()}: allowed are numbers within "
+                f"loads at {times[bad[0]]:g} s: {loads[bad[0]].tolist()}: use numbers within "
                 f"{self.input_limit:.0e}; all bodies were left as they were"
             )
         return loads[which]

@@ -34,7 +34,7 @@ class NotesLastStep(ContactReadings):
     def _acting_on(self, name: str) -> dict[str, Any]:
         """What a reading is told: the last step, and temperatures; a StepError where a world has taken a step of it."""
         if self.read_touch is not None and self.rom.readings[name].quantity == "reaction":
-            raise StepError(f"reading {name!r}: in a world no reactions are read; allowed is a Simulator or a Batch")
+            raise StepError(f"reading {name!r}: in a world no reactions are read; use a Simulator or a Batch")
         environment, time = self.environment, self.time
         amplitudes = None if environment is None else lambda: environment.amplitudes_at(time)
         return {"last": self.last_step, "amplitudes": amplitudes}

@@ -105,7 +105,7 @@ def _tell(rom: Rom, body: Simulator, touching: Array) -> None:
 def _body_at(rom: Rom, contact: str, at: Any, dt: float | None) -> Simulator:
     """A simulator in the state and in a contact mode, that does not follow obstacles to another one."""
     if not (at is None or isinstance(at, Simulator | SimulatorState | Trajectory)):
-        raise StepError(f"at = {shown(at)}: allowed are a Simulator, what its save() gave, or a run of this ROM")
+        raise StepError(f"at = {shown(at)}: use a Simulator, what its save() gave, or a run of this ROM")
     known = dt
     if known is None:
         known = at.dt if isinstance(at, SimulatorState | Simulator) else None
@@ -186,7 +186,7 @@ def _inputs(body: Simulator, u: ArrayLike | None, at: Any) -> Array:
         except (TypeError, ValueError):
             given = np.empty((0, 0))
         if given.shape != (body.inputs,) or not np.isfinite(given).all():
-            raise StepError(f"u: allowed are {body.inputs} finite numbers, of inputs without loads; given: {shown(u)}")
+            raise StepError(f"u: use {body.inputs} finite numbers, of inputs without loads (got {shown(u)})")
         return given.copy()
     u0, controls = np.zeros(body.inputs), {} if body.environment is None else body.environment.environment.controls
     if isinstance(at, Trajectory):
@@ -203,7 +203,7 @@ def _inputs(body: Simulator, u: ArrayLike | None, at: Any) -> Array:
         if controls[name] == "valve":
             raise StepError(
                 f"state_space: chamber {name!r} gets gas through a valve, so that what it holds is a further state; "
-                "allowed is control = 'gas'"
+                "use control = 'gas'"
             )
         u0[starts[name]] = body.gas.get(name, strokes(name))
     for pull in PULLS if at is None and cables else ():
@@ -264,9 +264,7 @@ def _rows(body: Simulator, state: StepState, name: str) -> ReadRows:
         beyond[ρ:] = rows / np.sqrt(rom.stiffness[ρ:, None])
     if name in rom.readings:
         if body.pose is not None or rom.deformation is not None:
-            raise StepError(
-                f"reading {name!r}: of a body that moves or deforms far it is not linear; allowed are outputs"
-            )
+            raise StepError(f"reading {name!r}: of a body that moves or deforms far it is not linear; use outputs")
         columns = rom.input_columns(body.contact)
         read = reading_rows(name, rom.readings[name], model, columns)
         if not len(points):

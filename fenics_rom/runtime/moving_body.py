@@ -80,7 +80,7 @@ class MovingBody(SimulatedBody):
         """
         frame = self._frame
         if frame is None:
-            raise StepError(f"place: allowed is a body in a moving frame, which ROM {self.rom.name!r} is not of")
+            raise StepError(f"place: use a body in a moving frame, which ROM {self.rom.name!r} is not of")
         from fenics_rom.mechanics.base_path import checked_base  # here, as few bodies move so far
 
         before = frame.snapshot()
@@ -161,7 +161,7 @@ class MovingBody(SimulatedBody):
         if base is None:
             return
         if not self.is_carried:
-            raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
+            raise StepError(f"step {self.steps}: base: use a body in a moving frame that a rigid base carries")
         from fenics_rom.mechanics.base_path import checked_base
 
         self.next_base = checked_base(base, f"step {self.steps}: base")
@@ -228,9 +228,9 @@ class MovingBody(SimulatedBody):
 
     def _wrong_input(self, u: object) -> str:
         given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else shown(u)
-        allowed = f"input of contact mode {self.contact!r}: allowed are {self.inputs} numbers in N"
+        allowed = f"input of contact mode {self.contact!r}: use {self.inputs} numbers in N"
         alone = f", or the {n} of actuators" if self._source and (n := sum(self.rom.actuators.values())) else ""
-        return f"step {self.steps}: {allowed}{alone}, given: {given}"
+        return f"step {self.steps}: {allowed}{alone} (got {given})"
 
     def _leave_finite(self, u: Array) -> None:
         self._stepper.rollback()
@@ -252,7 +252,7 @@ class MovingBody(SimulatedBody):
         acting = None if self.environment is None else self.environment.environment
         if acting is None or not acting.is_moving:
             if given is not None:
-                raise StepError(f"detail = {shown(given)}: allowed is a ROM of a body in a moving frame")
+                raise StepError(f"detail = {shown(given)}: use a ROM of a body in a moving frame")
             return "full"
         return given or (acting.run.detail if acting.run else "full")
 

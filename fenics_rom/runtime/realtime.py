@@ -73,10 +73,10 @@ def run_realtime(
         10 steps of 1 ms: ...
     """
     if not isinstance(simulator, Simulator):
-        raise StepError(f"run_realtime: {shown(simulator)} was given; allowed is a Simulator")
+        raise StepError(f"run_realtime: {shown(simulator)} was given; use a Simulator")
     check_function("control", control, StepError, "of the simulator, which gives its inputs")
     if not (is_number(duration) and duration > 0):
-        raise StepError(f"duration = {shown(duration)}: allowed is a finite number > 0, in s")
+        raise StepError(f"duration = {shown(duration)}: use a finite number > 0, in s")
     times = array("d")
     missed, lateness, simulated = 0, 0.0, 0.0
     start = time.perf_counter()

@@ -144,7 +144,7 @@ def find_constant_intervals(
     for name, values in (("contact", contact), ("dt", dt)):
         column = np.asarray(values, dtype=object)
         if column.shape not in ((), (steps,)):
-            raise StepError(f"{name}: allowed is one for all {steps} steps, or one of each, given: {column.shape}")
+            raise StepError(f"{name}: use one for all {steps} steps, or one of each (got {column.shape})")
         columns.append(np.broadcast_to(column, (steps,)))
     if not steps:
         return []
@@ -168,7 +168,7 @@ def plan_steps(
     rom = body.rom
     if contact is not None and body.switches_itself:
         raise StepError(
-            "contact: obstacles say which contact mode is active; allowed is None, or "
+            "contact: obstacles say which contact mode is active; use None, or "
             "effects.contact.switching = 'scene' in the scene"
         )
     if isinstance(inputs, Mapping):
@@ -176,9 +176,9 @@ def plan_steps(
     try:
         u = real_numbers(inputs)
     except (TypeError, ValueError):
-        raise StepError(f"inputs: allowed are (steps, {body.inputs}) real numbers in N") from None
+        raise StepError(f"inputs: use (steps, {body.inputs}) real numbers in N") from None
     if u.ndim != 2:
-        raise StepError(f"inputs: allowed are (steps, {body.inputs}) numbers in N, given: shape {u.shape}")
+        raise StepError(f"inputs: use (steps, {body.inputs}) numbers in N (got shape {u.shape})")
     if body.takes_actuators_alone and u.shape[1] == sum(rom.actuators.values()):
         u = np.hstack([np.zeros((len(u), body.inputs - u.shape[1])), u])
     bad = np.flatnonzero(~np.isfinite(u).all(axis=1))
@@ -192,8 +192,8 @@ def plan_steps(
         columns = rom.contact_models[interval.contact].inputs.shape[1] - load_columns
         if u.shape[1] != columns:
             raise StepError(
-                f"step {body.steps + interval.start}: inputs of contact mode {interval.contact!r}: allowed are "
-                f"(steps, {columns}) numbers in N, given: shape {u.shape}"
+                f"step {body.steps + interval.start}: inputs of contact mode {interval.contact!r}: use "
+                f"(steps, {columns}) numbers in N (got shape {u.shape})"
             )
     environment = body.environment
     if environment is not None:
@@ -206,7 +206,7 @@ def plan_steps(
 def check_bases(base: "Sequence[BaseState] | BaseState | None", steps: int) -> None:
     """A StepError where bases are given, but not one of each step."""
     if base is not None and (given := len(getattr(base, "position", base))) != steps:
-        raise StepError(f"base: allowed is one of each of {steps} steps, given: {given}")
+        raise StepError(f"base: use one of each of {steps} steps (got {given})")
 
 
 def _by_name(body: Simulator, inputs: Mapping[str, Any], contact: str | Sequence[str] | None) -> Array:
@@ -223,7 +223,7 @@ def _by_name(body: Simulator, inputs: Mapping[str, Any], contact: str | Sequence
         part = part[:, None] if part.ndim == 1 and columns[name] == 1 else part
         if part.ndim != 2 or part.shape[1] != columns[name] or len(part) != len(next(iter(parts.values()), part)):
             raise StepError(
-                f"inputs of {name!r}: allowed are (steps, {columns[name]}) real numbers, of as many steps as the others"
+                f"inputs of {name!r}: use (steps, {columns[name]}) real numbers, of as many steps as the others"
             )
         parts[name] = part
     steps = len(next(iter(parts.values()), np.empty(0)))
@@ -251,7 +251,7 @@ class Rollout:
         """As Simulator.rollout."""
         body = self._body
         if not (is_number(every, whole=True) and every >= 1):
-            raise StepError(f"every = {shown(every)}: allowed is a whole number of steps, at least 1")
+            raise StepError(f"every = {shown(every)}: use a whole number of steps, at least 1")
         u, plan = plan_steps(body, inputs, contact, dt)
         check_bases(base, len(u))
         bases = None

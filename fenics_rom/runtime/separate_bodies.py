@@ -254,7 +254,7 @@ class SeparateBodies:
         orders = np.array([self.bodies[body].model.order for body in bodies])
         state = stacked_state(q, r, (len(bodies), self._order))
         if not np.isfinite(state).all():
-            raise StepError("state: allowed are finite numbers")
+            raise StepError("state: use finite numbers")
         if state[:, np.arange(self._order) >= orders[:, None]].any():
             raise StepError("state: beyond the order of a body's contact mode only zeros are allowed")
 
@@ -308,8 +308,8 @@ class SeparateBodies:
         shape = len(bodies), 3
         if displacement.shape not in ((3,), shape) or not np.isfinite(displacement).all():
             raise StepError(
-                f"{name}: allowed are three finite numbers, in m, for each of {len(bodies)} bodies, or for all; given: "
-                f"an array of shape {displacement.shape}"
+                f"{name}: use three finite numbers, in m, for each of {len(bodies)} bodies, or for all "
+                f"(got an array of shape {displacement.shape})"
             )
         for body, own in zip(bodies, np.broadcast_to(displacement, shape), strict=True):
             self.bodies[body].set_signal(name, own.copy())

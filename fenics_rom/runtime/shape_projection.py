@@ -45,14 +45,14 @@ def project_fields(rom: Rom, contact: str, fields: Mapping[str, Array]) -> tuple
         StepError: fields of other nodes, or not finite.
     """
     if rom.environment.is_moving:
-        raise StepError("shapes of nodes are of a body in a fixed frame: allowed are `state` and `place`")
+        raise StepError("shapes of nodes are of a body in a fixed frame: use `state` and `place`")
     if not len(rom.nodes):
         raise StepError(f"ROM {rom.name!r} has no mesh, so that it has no shapes of nodes; set its `state`")
     if "displacement" not in fields:
-        raise StepError(f"displacement: allowed is a finite array of shape {rom.nodes.shape}, given: None")
+        raise StepError(f"displacement: use a finite array of shape {rom.nodes.shape} (got None)")
     for name, field in fields.items():
         if field.shape != rom.nodes.shape or not np.isfinite(field).all():
-            raise StepError(f"{name}: allowed is a finite array of shape {rom.nodes.shape}, given: {shown(field)}")
+            raise StepError(f"{name}: use a finite array of shape {rom.nodes.shape} (got {shown(field)})")
     C = rom.contact_models[contact].coordinates
     coordinates = dict(zip(fields, nearest_coordinates(rom, contact, list(fields.values())), strict=True))
     taken = {name: rom.reconstruct(C @ column) for name, column in coordinates.items()}

@@ -93,19 +93,19 @@ def _check_tolerance(
     run = environment.run
     if run is not None and errors is not False and run.error_tolerance is not None and body.error_tolerance is None:
         raise SceneError(
-            f"run.error_tolerance = {run.error_tolerance:g}: the ROM's runs do not tell their errors; allowed is one "
+            f"run.error_tolerance = {run.error_tolerance:g}: the ROM's runs do not tell their errors; use one "
             "of fr.reduce(system, errors=True), a finer one beside, or errors = False"
         )
     if run is not None and errors is not False and run.enrich and enrichment is None:
         raise SceneError(
-            "run.enrich: adds directions by solves with the full system; allowed is with fr.simulate(rom, "
+            "run.enrich: adds directions by solves with the full system; use it with fr.simulate(rom, "
             "enrich=system), simulate --enrich --scene SCENE, or errors = False"
         )
     if enrichment is not None:
         if body.errors is None or body.error_tolerance is None:
             raise SceneError(
                 "enrich: adds directions where an error that the ROM's runs state is beyond an error_tolerance; "
-                "allowed is with both"
+                "use it with both"
             )
         body.advice = ADDED
 

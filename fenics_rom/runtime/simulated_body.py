@@ -38,7 +38,7 @@ class Belongs(NamedTuple):
     def check(self, state: Any) -> None:
         """A StepError where something was not saved by a simulator of this ROM among these obstacles."""
         if not isinstance(state, SimulatorState):
-            raise StepError(f"restore: {shown(state)} was given; allowed is what save() gave")
+            raise StepError(f"restore: {shown(state)} was given; use what save() gave")
         given = state.belongs or Belongs("unknown", "", ())
         if given.identity != self.identity:
             raise StepError(f"the snapshot is of another ROM, {given.rom!r}, than this simulator's, {self.rom!r}")
@@ -223,7 +223,7 @@ class SimulatedBody(FilledBody):
         """An input (p,) of a mapping, or of arguments with names."""
         if not isinstance(given, Mapping):
             if np.size(given):
-                raise StepError(f"step {self.steps}: inputs were given by position and by name; allowed is one of both")
+                raise StepError(f"step {self.steps}: inputs were given by position and by name; use one of both")
             given = {}
         u, starts = np.zeros(self._width), self.input_slices()
         for name, value in {**given, **named}.items():
@@ -236,7 +236,7 @@ class SimulatedBody(FilledBody):
                 numbers = np.empty(0)
             if numbers.shape != u[starts[name]].shape:
                 allowed = f"{len(u[starts[name]])} real numbers"
-                raise StepError(f"step {self.steps}: input {name!r} = {shown(value)}: allowed are {allowed}")
+                raise StepError(f"step {self.steps}: input {name!r} = {shown(value)}: use {allowed}")
             u[starts[name]] = numbers
         return u
 

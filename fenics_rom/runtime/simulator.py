@@ -142,7 +142,7 @@ class Simulator(ErringBody):
         given = [real_numbers_or_nan(part) for part in (state if isinstance(state, tuple | list | Array) else ())]
         shape = (self._order,)
         if len(given) != 2 or any(part.shape != shape or not np.isfinite(part).all() for part in given):
-            raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
+            raise StepError(f"state: use two finite arrays of shape {shape} (got {[p.shape for p in given]})")
         self._stepper.set_state(*given)
         self.last_step = None
         self._refill(self.gas)

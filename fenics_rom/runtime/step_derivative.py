@@ -86,7 +86,7 @@ def lean_on(state: StepState, u: Array, lean: float) -> Lean | None:
     if contact.opposite is not None:
         raise StepError(
             "effects.contact.self_contact: steps in which a body that may touch itself touches something have no state "
-            "space: allowed are those where nothing touches, or a scene without; `fr.differentiate` goes through them"
+            "space: use those where nothing touches, or a scene without; `fr.differentiate` goes through them"
         )
     environment, law = body.environment, interface.solver.law
     pressing = np.einsum("ca,ca->c", contact.pair_forces, contact.normals)[:, None] * contact.normals

@@ -29,7 +29,7 @@ def check_step_error(error: float) -> float:
     """
     if not (is_number(error) and 0 < error < math.inf):
         raise SceneError(
-            f"step_error = {shown(error)}: allowed is a positive number, the error that steps may have as a share of "
+            f"step_error = {shown(error)}: use a positive number, the error that steps may have as a share of "
             "the largest displacement"
         )
     return float(error)

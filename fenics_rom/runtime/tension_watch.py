@@ -49,6 +49,6 @@ def push_messages(least: Mapping[str, float]) -> tuple[str, ...]:
     """What to say of tendons by the least tension, N, that each was given."""
     return tuple(
         f"effects.tendon.{name}: its tension was down to {tension:.3g} N: a cable does not push, and the model let it; "
-        "allowed are tensions >= 0 N"
+        "use tensions >= 0 N"
         for name, tension in least.items()
     )

@@ -20,17 +20,19 @@ def check_certificate_table(file: WorldFile) -> None:
         check_known("body", name, file.bodies, SceneError, f"{where}: ")
         given = {key: value for key, value in vars(ranges).items() if value is not None}
         if not given:
-            raise SceneError(f"{where}: says nothing; allowed are {', '.join(vars(ranges))}")
+            raise SceneError(f"{where}: says nothing; use {', '.join(vars(ranges))}")
         for key, (low, high) in given.items():
             lows, highs = (low, high) if isinstance(low, tuple) else ((low,), (high,))
             for least, most in zip(lows, highs, strict=True):
                 if least > most:
-                    raise SceneError(f"{where}.{key}: from {exactly(least)} to {exactly(most)}: allowed is upwards")
+                    raise SceneError(
+                        f"{where}.{key}: from {exactly(least)} to {exactly(most)}: put the lower one first"
+                    )
                 varied += least < most
         _check_body(ranges, file.bodies[name], where)
         _check_joined(name, given.keys() & OF_POSE, file, where)
     if not varied:
-        raise SceneError("certificate.ranges: nothing changes from low to high; allowed is at least one range")
+        raise SceneError("certificate.ranges: nothing changes from low to high; use at least one range")
 
 
 def joined_to(name: str, file: WorldFile) -> list[str]:
@@ -55,29 +57,29 @@ def _check_who(table: CertificateTable, file: WorldFile) -> None:
     for name in table.by:
         check_known("body", name, file.bodies, SceneError, "certificate.by: ")
         if name in own:
-            raise SceneError(f"certificate.by: {name!r} is joined to {table.body!r}, or is it: allowed are others")
+            raise SceneError(f"certificate.by: {name!r} is joined to {table.body!r}, or is it: use others")
     rigid = [name for name in (table.body, *table.by) if file.bodies[name].shape is not None]
     if table.body in rigid and len(rigid) > 1:
         raise SceneError(
             f"certificate.by: {rigid[1]!r} and {table.body!r} are rigid: their force grows as the step shrinks, "
-            "and nothing tells a pressure; allowed is that one of both is soft"
+            "and nothing tells a pressure; one of both must be soft"
         )
     if len(set(table.by)) < len(table.by):
-        raise SceneError(f"certificate.by: allowed are different bodies, given: {', '.join(table.by)}")
+        raise SceneError(f"certificate.by: use different bodies (got {', '.join(table.by)})")
 
 
 def _check_body(ranges: BodyRanges, body: WorldBody, where: str) -> None:
     if ranges.mass is not None and body.mass is None:
-        raise SceneError(f"{where}.mass: allowed for a rigid body with a mass")
+        raise SceneError(f"{where}.mass: give it to a rigid body with a mass")
     if ranges.pace is not None and body.path is None:
-        raise SceneError(f"{where}.pace: allowed for a body with a path")
+        raise SceneError(f"{where}.pace: give it to a body with a path")
     still = body.shape is not None and body.mass is None and body.density is None
     for key in ("position", "rotation"):
         if getattr(ranges, key) is not None and body.path is not None:
             raise SceneError(f"{where}.{key}: has no effect beside a path, which says where the body is")
     for key in ("velocity", "spin"):
         if getattr(ranges, key) is not None and (still or body.on is not None):
-            raise SceneError(f"{where}.{key}: allowed for a body that moves freely")
+            raise SceneError(f"{where}.{key}: give it to a body that moves freely")
 
 
 def _check_joined(name: str, keys: set[str], file: WorldFile, where: str) -> None:
@@ -89,10 +91,10 @@ def _check_joined(name: str, keys: set[str], file: WorldFile, where: str) -> Non
     for other in group[1:]:
         ranges = table.ranges.get(other)
         if ranges is not None and any(getattr(ranges, key) is not None for key in OF_POSE):
-            raise SceneError(f"{where}: is joined to {other!r}, and moves with it: allowed are ranges of one of both")
+            raise SceneError(f"{where}: is joined to {other!r}, and moves with it: use ranges of one of both")
     held = joints_to_world(group, file)
     refused = sorted(keys & {"position", "velocity"})
     if held and refused:
-        raise SceneError(f"{where}.{refused[0]}: is joined to the world; allowed are rotation and spin about its joint")
+        raise SceneError(f"{where}.{refused[0]}: is joined to the world; use rotation and spin about its joint")
     if held and (len(held) > 1 or held[0].point is None):
-        raise SceneError(f"{where}.{min(keys)}: allowed of what one joint with a point holds to the world")
+        raise SceneError(f"{where}.{min(keys)}: give it to what one joint with a point holds to the world")

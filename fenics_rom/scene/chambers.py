@@ -34,14 +34,14 @@ class Valve:
 def check_filling(control: str, gas: ChamberGas | None, valve: Valve | None, where: str) -> None:
     """A SceneError where a chamber has gas or a valve and nothing comes of it, or lacks them."""
     if gas is not None and control not in GAS_CONTROLS:
-        raise SceneError(f"{where}.gas: goes with control = 'gas' or 'valve'; given: {control!r}")
+        raise SceneError(f"{where}.gas: goes with control = 'gas' or 'valve' (got {control!r})")
     if valve is not None and control != "valve":
-        raise SceneError(f"{where}.valve: goes with control = 'valve'; given: {control!r}")
+        raise SceneError(f"{where}.valve: goes with control = 'valve' (got {control!r})")
     if control == "valve":
         if valve is None:
             raise SceneError(f"{where}.valve is missing: the orifice between the supply and the chamber")
         if gas is not None and gas.exponent != 1:
             raise SceneError(
                 f"{where}.gas.exponent = {exactly(gas.exponent)}: what comes through a valve is as warm as its supply, "
-                "and stays so; allowed is 1"
+                "and stays so; use 1"
             )

@@ -36,7 +36,7 @@ def check_consistency(file: SceneFile) -> None:
     _check_tolerance(file)
     for k, held in enumerate(file.supports.held):
         if held.normal is not None and not any(held.normal):
-            raise SceneError(f"supports.held[{k}].normal: allowed is any but zero")
+            raise SceneError(f"supports.held[{k}].normal: use any direction but zero")
         if held.sliding and (held.normal is not None or held.point is not None):
             key = "point" if held.normal is None else "normal"
             raise SceneError(f"supports.held[{k}].sliding: is along a surface's own normals; leave {key} out")
@@ -59,8 +59,7 @@ def check_consistency(file: SceneFile) -> None:
             raise SceneError(f"outputs.{name}: the name is taken by readings.{name}")
         if output.markers is not None and file.effects.large_deformation is not None:
             raise SceneError(
-                f"outputs.{name}.markers: are for small turns; allowed with large_deformation are readings of quantity "
-                "'marker', one for each"
+                f"outputs.{name}.markers: are for small turns; use readings of quantity 'marker', one for each"
             )
     for name, reading in file.readings.items():
         check_reading(reading, file, f"readings.{name}")
@@ -73,9 +72,9 @@ def _check_together(file: SceneFile) -> None:
         for part in parts:
             check_known("contact mode", part, file.contacts, SceneError, f"{where}.together: ")
             if file.contacts[part].together is not None:
-                raise SceneError(f"{where}.together: {part!r} is made of others; allowed are those that have a place")
+                raise SceneError(f"{where}.together: {part!r} is made of others; use those that have a place")
         if len(set(parts)) < len(parts):
-            raise SceneError(f"{where}.together: allowed is every contact mode once")
+            raise SceneError(f"{where}.together: use every contact mode once")
         if parts and patch.force != Patch.force:
             raise SceneError(f"{where}.force: is that of each of {', '.join(parts)}; leave it out")
     for name, patch in file.actuators.items():
@@ -89,7 +88,7 @@ def _check_selective(file: SceneFile) -> None:
     for name, material in materials.items():
         if material is not None and material.poisson <= 0:
             raise SceneError(
-                f"mesh.integration = 'selective': poisson = {exactly(material.poisson)} of {name}: allowed is > 0"
+                f"mesh.integration = 'selective': poisson = {exactly(material.poisson)} of {name}: use > 0"
             )
 
 
@@ -108,7 +107,7 @@ def _check_fibres(file: SceneFile) -> None:
                 raise SceneError(f"{where}.{key}: goes with law = {HOLZAPFEL!r}")
         if fibres.law == HOLZAPFEL and file.effects.large_deformation is None:
             raise SceneError(
-                f"{where}.law = {HOLZAPFEL!r}: its fibres only pull, which is not linear; allowed is {QUADRATIC!r}, or "
+                f"{where}.law = {HOLZAPFEL!r}: its fibres only pull, which is not linear; use {QUADRATIC!r}, or "
                 "effects.large_deformation"
             )
     for where, directed in given.items():
@@ -117,10 +116,10 @@ def _check_fibres(file: SceneFile) -> None:
             vectors[f"{where}.helix.axis"] = directed.helix.axis
         for key, vector in vectors.items():
             if not any(vector):
-                raise SceneError(f"{key}: allowed is any but zero")
+                raise SceneError(f"{key}: use any direction but zero")
         for key in ("directions", "data"):
             if len(getattr(directed, key, None) or ()) > 2:
-                raise SceneError(f"{where}.{key}: allowed are one or two families")
+                raise SceneError(f"{where}.{key}: use one or two families")
     for name, cable in file.effects.cables.items():
         for k, (one, other) in enumerate(pairwise(cable.points)):
             if one == other:
@@ -132,7 +131,7 @@ def check_choices(part: Any, where: str) -> None:
     for keys in getattr(part, "ONE_OF", ()):
         given = [key for key in keys if getattr(part, key) is not None]
         if len(given) != 1:
-            raise SceneError(f"{where}: give exactly one of {', '.join(keys)}; given: {', '.join(given) or 'none'}")
+            raise SceneError(f"{where}: give exactly one of {', '.join(keys)} (got {', '.join(given) or 'none'})")
     given = [key for key in getattr(part, "AT_MOST_ONE", ()) if getattr(part, key) is not None]
     if len(given) > 1:
         raise SceneError(f"{where}: give {' or '.join(given)}, not both")
@@ -164,20 +163,20 @@ def _check_effects(effects: Effects, contacts: Collection[str], actuators: Mappi
         check_filling(chamber.control, chamber.gas, chamber.valve, f"effects.pressure.{name}")
     for name, fixed in effects.point_masses.items():
         if fixed.direction is not None and not any(fixed.direction):
-            raise SceneError(f"effects.point_masses.{name}.direction: allowed is any but zero")
+            raise SceneError(f"effects.point_masses.{name}.direction: use any direction but zero")
     for name, part in effects.rigid_parts.items():
         largest = max(part.inertia)
         if 2 * largest > (1 + ROUND_OFF) * sum(part.inertia):
             raise SceneError(
-                f"effects.rigid_parts.{name}.inertia = {list(part.inertia)}: no body has such moments; allowed is the "
+                f"effects.rigid_parts.{name}.inertia = {list(part.inertia)}: no body has such moments; use the "
                 f"largest, {exactly(largest)}, at most the sum of the other two, {exactly(sum(part.inertia) - largest)}"
             )
     for name, motion in effects.base_motion.items():
         if not any(motion.direction):
-            raise SceneError(f"effects.base_motion.{name}.direction: allowed is any but zero")
+            raise SceneError(f"effects.base_motion.{name}.direction: use any direction but zero")
     for name, support in effects.driven_support.items():
         if not any(support.direction):
-            raise SceneError(f"effects.driven_support.{name}.direction: allowed is any but zero")
+            raise SceneError(f"effects.driven_support.{name}.direction: use any direction but zero")
     if effects.viscoelasticity is not None:
         _check_branches(effects.viscoelasticity)
     if effects.large_deformation is not None:
@@ -196,7 +195,7 @@ def _check_temperatures(file: SceneFile) -> None:
     for name, material in materials.items():
         if material is not None and material.expansion is not None and not (file.effects.temperature and expanding):
             where = "material" if file.materials is None else f"materials.{name}"
-            raise SceneError(f"{where}.expansion: has no effect; allowed is another than 0, with effects.temperature")
+            raise SceneError(f"{where}.expansion: has no effect; use another than 0, with effects.temperature")
     for name, temperature in file.effects.temperature.items():
         where = f"effects.temperature.{name}"
         if not expanding:
@@ -206,20 +205,20 @@ def _check_temperatures(file: SceneFile) -> None:
         if file.effects.large_deformation is not None:
             raise SceneError(
                 f"{where}: with effects.large_deformation strains that are not elastic have no place in the tables of "
-                "reduced bodies; allowed is without it"
+                "reduced bodies; leave one of both out"
             )
         if file.effects.viscoelasticity is not None:
             raise SceneError(
-                f"{where}: with effects.viscoelasticity branches would resist expansion itself; allowed is without it"
+                f"{where}: with effects.viscoelasticity branches would resist expansion itself; leave one of both out"
             )
         if file.mesh.integration == "selective":
-            raise SceneError(f"{where}: with mesh.integration = 'selective' it is not computed; allowed is 'full'")
+            raise SceneError(f"{where}: with mesh.integration = 'selective' it is not computed; use 'full'")
 
 
 def _check_branches(viscous: Viscoelasticity) -> None:
     if len(viscous.ratios) != len(viscous.times):
         raise SceneError(
-            f"effects.viscoelasticity: ratios are {len(viscous.ratios)}, times {len(viscous.times)}: allowed is one of "
+            f"effects.viscoelasticity: ratios are {len(viscous.ratios)}, times {len(viscous.times)}: use one of "
             "each for every branch"
         )
 
@@ -232,9 +231,9 @@ def _check_tolerance(file: SceneFile) -> None:
     displaced = any(output.quantity != TOUCH for output in file.outputs.values())
     if run.error_tolerance is not None and not (run.errors and displaced):
         lacks = "run.errors = true" if displaced else "[outputs] of displacements"
-        raise SceneError(f"run.error_tolerance: is of errors of outputs that a run tells; allowed is with {lacks}")
+        raise SceneError(f"run.error_tolerance: is of errors of outputs that a run tells; use it with {lacks}")
     if run.enrich and run.error_tolerance is None:
-        raise SceneError("run.enrich: adds directions beyond run.error_tolerance; allowed is with that")
+        raise SceneError("run.enrich: adds directions beyond run.error_tolerance; use it with that")
 
 
 def _check_frame(file: SceneFile) -> None:
@@ -243,18 +242,18 @@ def _check_frame(file: SceneFile) -> None:
     carried = bool(file.supports.clamped or file.supports.held)
     if file.frame == "fixed":
         if effects.base_path is not None:
-            raise SceneError("effects.base_path: carries a body whose frame moves; allowed is with frame = 'moving'")
+            raise SceneError("effects.base_path: carries a body whose frame moves; use it with frame = 'moving'")
         if effects.large_deformation is not None and effects.large_deformation.training is not None:
             raise SceneError(
-                "effects.large_deformation.training: is of a frame that moves; allowed is with frame = 'moving'"
+                "effects.large_deformation.training: is of a frame that moves; use it with frame = 'moving'"
             )
         if run is not None and run.detail != "full":
-            raise SceneError(f"run.detail = {run.detail!r}: allowed is 'full', or any with frame = 'moving'")
+            raise SceneError(f"run.detail = {run.detail!r}: use 'full', or any with frame = 'moving'")
         turn = (run.initial.rotation if run and run.initial else None) or ZERO
         for k, angle in enumerate(turn):
             if abs(angle) > SMALL_ROTATION:
                 raise SceneError(
-                    f"run.initial.rotation[{k}] = {exactly(angle)}: allowed is at most {SMALL_ROTATION:g} rad, or any "
+                    f"run.initial.rotation[{k}] = {exactly(angle)}: use at most {SMALL_ROTATION:g} rad, or any "
                     "with frame = 'moving'"
                 )
         return
@@ -272,12 +271,12 @@ def _check_frame(file: SceneFile) -> None:
         )
     for name, spring in effects.springs.items():
         if spring.sliding:
-            raise SceneError(f"effects.springs.{name}.sliding: allowed is with frame = 'fixed'")
+            raise SceneError(f"effects.springs.{name}.sliding: use it with frame = 'fixed'")
     for name, fixed in effects.point_masses.items():
         if fixed.direction is not None:
             raise SceneError(
                 f"effects.point_masses.{name}.direction: a weight on a thread pulls along it alone only while the body "
-                "hardly turns or moves aside, else it swings; allowed is with frame = 'fixed', or without direction"
+                "hardly turns or moves aside, else it swings; use it with frame = 'fixed', or without direction"
             )
     training = None if effects.large_deformation is None else effects.large_deformation.training
     for key in ("accelerations", "angular_accelerations") if training is not None and not carried else ():
@@ -345,11 +344,11 @@ def check_load(
         raise SceneError(f"{where}.actuator: {unknown('actuator', load.actuator, actuators)}")
     if load.start >= duration:
         raise SceneError(
-            f"{where}.start = {exactly(load.start)}: allowed is less than the run's duration, {exactly(duration)} s"
+            f"{where}.start = {exactly(load.start)}: use less than the run's duration, {exactly(duration)} s"
         )
     stop = duration if load.stop is None else load.stop
     if stop <= load.start:
-        raise SceneError(f"{where}.stop = {exactly(stop)}: allowed is more than start, {exactly(load.start)} s")
+        raise SceneError(f"{where}.stop = {exactly(stop)}: use more than start, {exactly(load.start)} s")
 
 
 def check_pushes(loads: Collection[AppliedLoad], effects: Effects, together: Mapping[str, tuple[str, ...]]) -> None:
@@ -369,5 +368,5 @@ def check_pushes(loads: Collection[AppliedLoad], effects: Effects, together: Map
     if pushes and effects.contact is not None and effects.contact.switching == "automatic":
         raise SceneError(
             "effects.contact.switching = 'automatic': the contact mode follows the obstacles, so run.load can push "
-            "with actuators only; allowed beside contacts in run.load is 'scene'"
+            "with actuators only; use 'scene' beside contacts in run.load"
         )

@@ -36,7 +36,7 @@ class Expression(Value):
     def checked(self, value: Any) -> str:
         """See Value."""
         if not isinstance(value, str) or not value.strip():
-            raise Refused(f" = {value!r}: allowed is {self.allowed}")
+            raise Refused(f" = {value!r}: use {self.allowed}")
         evaluated(value, np.zeros((0, 3)))
         return value
 
@@ -50,7 +50,7 @@ def evaluated(text: str, places: Array) -> Array:
         with np.errstate(all="ignore"):  # the caller looks at what is not finite
             found = _value(tree, dict(zip(NAMES, places.T, strict=True)) | CONSTANTS)
     except (SyntaxError, ValueError, RecursionError, MemoryError, OverflowError, TypeError) as error:
-        raise Refused(f" = {text[:LONGEST]!r}: {error}; allowed is {Expression.allowed}") from None
+        raise Refused(f" = {text[:LONGEST]!r}: {error}; use {Expression.allowed}") from None
     return np.broadcast_to(np.asarray(found, dtype=float), (len(places),)).copy()
 
 
@@ -74,6 +74,6 @@ def _value(node: ast.expr, known: dict[str, Any]) -> Any:
     ):
         function, count = FUNCTIONS[node.func.id]
         if len(node.args) != count:
-            raise ValueError(f"{node.func.id} has {count} arguments, given: {len(node.args)}")
+            raise ValueError(f"{node.func.id} has {count} arguments (got {len(node.args)})")
         return function(*(_value(part, known) for part in node.args))
     raise ValueError(f"{ast.unparse(node)!r} is no part of it")

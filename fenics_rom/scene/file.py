@@ -68,7 +68,7 @@ def text_of(path: Path) -> str:
     except (OSError, ValueError) as error:
         if isinstance(error, UnicodeDecodeError):
             what = "a ROM or a run, which info takes" if is_sealed(path) else f"no text in UTF-8, at byte {error.start}"
-            raise SceneError(f"{path}: is {what}; allowed is a scene file (TOML), saved as UTF-8") from error
+            raise SceneError(f"{path}: is {what}; use a scene file (TOML), saved as UTF-8") from error
         raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
@@ -88,7 +88,7 @@ def parse_scene(
     """
     raw = toml_of(text, source)
     if "bodies" in raw:
-        raise SceneError(f"{source}: is a world, as it has bodies, which fr.read_world reads; allowed is a scene")
+        raise SceneError(f"{source}: is a world, as it has bodies, which fr.read_world reads; use a scene")
     try:
         return _scene(raw, text, folder, tables, source)
     except ValidationError as error:
@@ -100,7 +100,7 @@ def parse_scene(
 def toml_of(text: str, source: str) -> dict[str, Any]:
     """The tables of a text; SceneError where it is no TOML, or too long."""
     if len(text.encode(errors="replace")) > LONGEST:
-        raise SceneError(f"{source}: is too long: bytes allowed are {LONGEST}; long force histories belong in tables")
+        raise SceneError(f"{source}: is too long: bytes at most {LONGEST}; long force histories belong in tables")
     try:
         return tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, and what Python says of numbers with thousands of digits
@@ -164,7 +164,7 @@ def _run(file: SceneFile, folder: Path | None) -> Run | None:
     if run is None:
         return None
     if run.dt > run.duration:
-        raise SceneError(f"run.dt = {exactly(run.dt)}: allowed is at most the duration, {exactly(run.duration)} s")
+        raise SceneError(f"run.dt = {exactly(run.dt)}: use at most the duration, {exactly(run.duration)} s")
     actuators = [*file.actuators, *(name for kind in ACTUATORS for name in getattr(file.effects, kind))]
     loads = []
     for k, load in enumerate(run.load):
@@ -203,7 +203,7 @@ def _instant(file: Path, time: float | None) -> Instant:
     except FileError as error:
         raise SceneError(f"{where}: {error}") from error
     if run.velocities is None:
-        raise SceneError(f"{where}: {file} has no velocities; allowed is a run of this release")
+        raise SceneError(f"{where}: {file} has no velocities; use a run of this release")
     k = len(run.snapshot_times) - 1 if time is None else int(np.abs(run.snapshot_times - time).argmin())
     if time is not None and abs(run.snapshot_times[k] - time) > SAME_TIME * run.times[-1]:
         raise SceneError(
@@ -239,7 +239,7 @@ def mistake(error: ValidationError, whole: type) -> str:
 def _not_toml(text: str, error: str) -> str:
     """What is wrong with a text that is no TOML."""
     if text.startswith("$MeshFormat"):
-        return "is a mesh; allowed is a scene file (TOML), which names it as mesh.file"
+        return "is a mesh; use a scene file (TOML), which names it as mesh.file"
     line = re.match(r"Cannot (?:declare|mutate) .*\(at line (\d+),", error)  # also where braces have closed a table
     header = text.split("\n")[int(line[1]) - 1].strip() if line else ""
     *keys, _ = header.strip("[]").split(".")

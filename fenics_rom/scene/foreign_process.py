@@ -151,7 +151,7 @@ def _read_vtk(file: str) -> dict[str, Any]:
 
     grid = _vtk_data(file)
     if not isinstance(grid, vtkUnstructuredGrid):
-        raise ValueError(f"it holds {grid.GetClassName()}; allowed is an unstructured grid of cells")
+        raise ValueError(f"it holds {grid.GetClassName()}; use an unstructured grid of cells")
     count, data = grid.GetNumberOfCells(), grid.GetCellData()
     kinds = np.array([grid.GetCellType(k) for k in range(count)], dtype=int)
     starts = vtk_to_numpy(grid.GetCells().GetOffsetsArray()) if count else np.empty(0, int)
@@ -251,7 +251,7 @@ def _vtk_surface(file: str) -> dict[str, Any]:
 
     data = _vtk_data(file)
     if not isinstance(data, vtkPointSet):
-        raise ValueError(f"it holds {data.GetClassName()}; allowed are polygons, or an unstructured grid")
+        raise ValueError(f"it holds {data.GetClassName()}; use polygons, or an unstructured grid")
     outer, split = vtkGeometryFilter(), vtkTriangleFilter()
     outer.SetInputData(data)
     split.SetInputConnection(outer.GetOutputPort())

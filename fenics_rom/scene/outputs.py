@@ -87,9 +87,7 @@ def check_output(entry: OutputEntry, where: str, *, has_contact: bool) -> None:
         return
     for key in ("points", "markers"):
         if getattr(entry, key) is not None:
-            raise SceneError(
-                f"{where}.{key}: touch is of a piece of the surface; allowed is one of {', '.join(PIECES)}"
-            )
+            raise SceneError(f"{where}.{key}: touch is of a piece of the surface; use one of {', '.join(PIECES)}")
     if not has_contact:
         raise SceneError(f"{where}: touch means nothing without contact; name effects.contact as well")
     taxels, sensor = entry.taxels, entry.sensor
@@ -100,7 +98,7 @@ def check_output(entry: OutputEntry, where: str, *, has_contact: bool) -> None:
                 f"are at most {MOST_TAXELS}"
             )
         if taxels.along is not None and not any(taxels.along):
-            raise SceneError(f"{where}.taxels.along: allowed is any but zero")
+            raise SceneError(f"{where}.taxels.along: use any direction but zero")
     if sensor is not None:
         _check_sensor(sensor, f"{where}.sensor", has_taxels=taxels is not None)
 

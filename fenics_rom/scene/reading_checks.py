@@ -31,7 +31,7 @@ def check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:
     if reading.quantity in OF_VOLUME and file.mesh.integration == "selective":
         raise SceneError(
             f"{where}.quantity = {reading.quantity!r}: with mesh.integration = 'selective' changes of volume have no "
-            "value at the surface; allowed is 'stress' at points"
+            "value at the surface; use 'stress' at points"
         )
     if not kind:
         return
@@ -47,11 +47,9 @@ def check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:
 
 def _check_reaction(file: SceneFile, where: str) -> None:
     if not (file.supports.clamped or file.supports.held or file.effects.driven_support):
-        raise SceneError(f"{where}: nothing is held; allowed is with supports, or effects.driven_support")
+        raise SceneError(f"{where}: nothing is held; use it with supports, or effects.driven_support")
     if file.frame == "moving":
-        raise SceneError(
-            f"{where}: with frame = 'moving' a base bears the body; allowed is its base_wrench, which runs have"
-        )
+        raise SceneError(f"{where}: with frame = 'moving' a base bears the body; use its base_wrench, which runs have")
 
 
 def _check_marker(reading: ReadingEntry, frame: str, where: str) -> None:
@@ -61,4 +59,4 @@ def _check_marker(reading: ReadingEntry, frame: str, where: str) -> None:
         if key is not None and getattr(reading, key) is not None:
             raise SceneError(f"{where}.{key}: a marker is on the triangle that is nearest to its point")
     if frame == "moving":
-        raise SceneError(f"{where}: allowed with frame = 'moving' are outputs.NAME.markers, which the frame carries")
+        raise SceneError(f"{where}: use outputs.NAME.markers with frame = 'moving', which the frame carries")

@@ -74,7 +74,7 @@ class SignalTables:
                 raise SceneError(f"surface {error}") from error
         corners = self._known(name)
         if corners.ndim != 2 or corners.shape[1] != 9:
-            raise SceneError(f"surface {name}: allowed are rows of nine numbers, the corners of triangles")
+            raise SceneError(f"surface {name}: use rows of nine numbers, the corners of triangles")
         return FileTriangles(corners.reshape(-1, 3, 3))
 
     def _from_file(self, name: str, unit: str) -> np.ndarray:
@@ -112,11 +112,11 @@ def _path_columns(table: Table) -> np.ndarray:
     columns = []
     for k, (name, unit) in enumerate(allowed.items()):
         if k >= len(table.heading):
-            table.refuse(1, table.heading[-1], f"is the last; {name} ({unit}) is missing: allowed are {_named(POSES)}")
+            table.refuse(1, table.heading[-1], f"is the last; {name} ({unit}) is missing: use {_named(POSES)}")
         column = table.heading[k]
         named, factor = table.unit(column, UNITS.get(unit, {unit: 1.0}), bare=True)
         if named.lower() != name and not (name == "time" and named.lower() == "t"):
-            table.refuse(1, column, f"allowed here is {name} ({unit}); of all {_named(POSES)}, then {_named(TWISTS)}")
+            table.refuse(1, column, f"use here {name} ({unit}); of all {_named(POSES)}, then {_named(TWISTS)}")
         columns.append(table.numbers(column, factor))
     return np.stack(columns, axis=1)
 
@@ -136,19 +136,19 @@ def _factors(table: Table, unit: str) -> list[float]:
         named, factor = table.unit(column, UNITS[unit], bare=True)
         for word in named.lower().replace(".", " ").replace("_", " ").split():
             if QUANTITIES.get(word, unit) != unit:
-                table.refuse(1, column, f"is a {word}; allowed are numbers in {unit}")
+                table.refuse(1, column, f"is a {word}; use numbers in {unit}")
         if len(others) == 3 and named.lower()[-1:] != "xyz"[k]:
-            table.refuse(1, column, "allowed are x, y and z in this order, alone or after a name, as in force.x")
+            table.refuse(1, column, "use x, y and z in this order, alone or after a name, as in force.x")
         factors.append(factor)
     return factors
 
 
 def _check_table(table: np.ndarray, name: str, columns: int | None) -> None:
     if table.ndim != 2 or table.shape[0] < 2 or table.shape[1] < 2:
-        raise SceneError(f"table {name}: allowed are two or more rows, of a time and one number or more")
+        raise SceneError(f"table {name}: use two or more rows, of a time and one number or more")
     if not np.isfinite(table).all() or (np.diff(table[:, 0]) <= 0).any():
-        raise SceneError(f"table {name}: allowed are finite numbers and strictly increasing times")
+        raise SceneError(f"table {name}: use finite numbers and strictly increasing times")
     if columns is not None and table.shape[1] != 1 + columns:
         raise SceneError(
-            f"table {name}: columns beside the time: given {table.shape[1] - 1}, allowed {columns} for what uses it"
+            f"table {name}: use {columns} columns beside the time (got {table.shape[1] - 1}) for what uses it"
         )

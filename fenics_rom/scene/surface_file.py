@@ -44,7 +44,7 @@ def read_surface(file: Path) -> FileTriangles:
     """
     ending = file.suffix.lower()
     if ending not in ENDINGS:
-        raise SceneError(f"{file}: allowed endings are {', '.join(ENDINGS)}")
+        raise SceneError(f"{file}: use a file that ends in {', '.join(ENDINGS)}")
     try:
         if ending == ".stl":
             corners = _stl(file.read_bytes())
@@ -70,7 +70,7 @@ def _stl(content: bytes) -> Array:
             return np.frombuffer(content, _RECORD, offset=_HEADER)["corners"].astype(float)
     words = content.split()
     if words[:1] != [b"solid"]:
-        raise ValueError("is no STL file, or was cut: allowed are text, or as many triangles as its header says")
+        raise ValueError("is no STL file, or was cut: use text, or as many triangles as its header says")
     starts = [k for k, word in enumerate(words) if word == b"vertex"]
     if len(starts) % 3 or words[-1 - len(_after_end(words)) :][:1] != [b"endsolid"]:
         raise ValueError("was cut: its text does not end with endsolid")

@@ -25,7 +25,7 @@ class Refused(ValueError):
 
 def refused(value: Any, allowed: str) -> Refused:
     """The usual sentence: what was given, and what is allowed."""
-    return Refused(f" = {shown(value)}: allowed is {allowed}")
+    return Refused(f" = {shown(value)}: use {allowed}")
 
 
 class Value:
@@ -127,7 +127,7 @@ class NameRule(Value):
     def checked(self, value: Any) -> str:
         """See Value."""
         if not NAME.fullmatch(value):
-            raise Refused(f": name {value!r}: allowed are {NAME_IN_WORDS}")
+            raise Refused(f": name {value!r}: use {NAME_IN_WORDS}")
         return str(value)
 
 
@@ -155,7 +155,7 @@ class Items(Value):
             if not isinstance(value, list):
                 raise refused(value, f"{self.allowed}, each {item}{self.example and ', such as '}{self.example}")
             if len(value) < self.at_least or (self.length is not None and len(value) != self.length):
-                raise Refused(f" is a list of {len(value)}: allowed is {self.allowed}")
+                raise Refused(f" is a list of {len(value)}: use {self.allowed}")
             return value
 
         return core_schema.no_info_before_validator_function(checked, handler(source))

@@ -50,7 +50,7 @@ def read_world(file: str | Path) -> WorldScene:
     source = str(path)
     raw = toml_of(text_of(path), source)
     if "mesh" in raw and "bodies" not in raw:
-        raise SceneError(f"{source}: is a scene, as it has a mesh, which fr.read_scene reads; allowed is a world")
+        raise SceneError(f"{source}: is a scene, as it has a mesh, which fr.read_scene reads; use a world")
     return parse_world(raw, source, path.parent)
 
 
@@ -103,11 +103,11 @@ def _check(file: WorldFile) -> None:
         if (joint.axis is not None) != (joint.kind == "hinge"):
             raise SceneError(f"{where}.axis: a hinge has one, and no other joint; this is a {joint.kind}")
         if joint.axis is not None and not any(joint.axis):
-            raise SceneError(f"{where}.axis: allowed is any but zero")
+            raise SceneError(f"{where}.axis: use any direction but zero")
         if joint.surface is not None and joint.first not in soft:
             raise SceneError(
-                f"{where}.surface = {joint.surface!r}: allowed is that of a soft body, as the first; given: "
-                f"{joint.first!r}, which is rigid"
+                f"{where}.surface = {joint.surface!r}: use that of a soft body, as the first "
+                f"(got {joint.first!r}, which is rigid)"
             )
     _check_joint_times(file)
     if file.certificate is not None:
@@ -115,21 +115,19 @@ def _check(file: WorldFile) -> None:
     if file.run is None:
         return
     if file.run.dt > file.run.duration:
-        raise SceneError(
-            f"run.dt = {exactly(file.run.dt)}: allowed is at most the duration, {exactly(file.run.duration)} s"
-        )
+        raise SceneError(f"run.dt = {exactly(file.run.dt)}: use at most the duration, {exactly(file.run.duration)} s")
     check_whole_steps(file.run.duration, file.run.dt, "run")
     for k, each in enumerate(file.run.input):
         if each.joint is not None:
             check_known("robot", each.joint.partition(".")[0], robots, SceneError, f"run.input[{k}].joint: ")
             if each.table is not None:
-                raise SceneError(f"run.input[{k}].table: allowed of a joint is a value; give an entry for each time")
+                raise SceneError(f"run.input[{k}].table: use a value for a joint; give an entry for each time")
         else:
             check_known("soft body", str(each.body), soft, SceneError, f"run.input[{k}].body: ")
         if (each.actuator is None) != (each.joint is not None):
             raise SceneError(f"run.input[{k}].actuator: goes with a body, and not with a joint")
         if each.stop is not None and each.stop <= each.start:
-            raise SceneError(f"run.input[{k}].stop = {exactly(each.stop)}: allowed is after its start")
+            raise SceneError(f"run.input[{k}].stop = {exactly(each.stop)}: use one after its start")
 
 
 def check_whole_steps(duration: float, dt: float, where: str) -> None:
@@ -139,7 +137,7 @@ def check_whole_steps(duration: float, dt: float, where: str) -> None:
         ends = f"{below * dt:.9g} s" if below else "0 s"
         raise SceneError(
             f"{where}: a duration of {exactly(duration)} s is no whole number of steps of {exactly(dt)} s: {below} "
-            f"end at {ends}, {below + 1} at {(below + 1) * dt:.9g} s; allowed is one of these, or dt = "
+            f"end at {ends}, {below + 1} at {(below + 1) * dt:.9g} s; use one of these, or dt = "
             f"{duration / (below + 1):.9g}"
         )
 
@@ -148,14 +146,14 @@ def _check_joint_times(file: WorldFile) -> None:
     names = set[str]()
     for k, joint in enumerate(file.joints):
         if joint.name in names:
-            raise SceneError(f"joints[{k}].name = {joint.name!r}: is that of another one: allowed is a name of its own")
+            raise SceneError(f"joints[{k}].name = {joint.name!r}: is that of another one: use a name of its own")
         if joint.name is not None:
             names.add(joint.name)
         if joint.stop is not None and joint.stop <= joint.start:
-            raise SceneError(f"joints[{k}].stop = {exactly(joint.stop)}: allowed is after its start")
+            raise SceneError(f"joints[{k}].stop = {exactly(joint.stop)}: use one after its start")
         if file.run is not None and joint.start >= file.run.duration:
             raise SceneError(
-                f"joints[{k}].start = {exactly(joint.start)}: allowed is before the end of the run, "
+                f"joints[{k}].start = {exactly(joint.start)}: use one before the end of the run, "
                 f"{exactly(file.run.duration)} s"
             )
 
@@ -166,15 +164,15 @@ def _check_pairs(file: WorldFile) -> None:
     for k, pair in enumerate(file.pairs):
         where, bodies = f"pairs[{k}].bodies: {' and '.join(pair.bodies)}", frozenset(pair.bodies)
         if bodies in named:
-            raise SceneError(f"{where}: are named in pairs[{named[bodies]}], too: allowed is one law of two bodies")
+            raise SceneError(f"{where}: are named in pairs[{named[bodies]}], too: use one law of two bodies")
         named[bodies] = k
         if len(bodies) == 1:
             if pair.bodies[0] not in file.bodies or file.bodies[pair.bodies[0]].shape is not None:
-                raise SceneError(f"{where}: is rigid: allowed are two bodies, or a soft one twice")
+                raise SceneError(f"{where}: is rigid: use two bodies, or a soft one twice")
             continue
         for j, group in enumerate(file.apart):
             if bodies <= set(group):
-                raise SceneError(f"{where}: do not touch one another, as apart[{j}] says: allowed is one of both")
+                raise SceneError(f"{where}: do not touch one another, as apart[{j}] says: use one of both")
         for j, joint in enumerate(file.joints):
             if bodies == {joint.first, joint.second} and not joint.start and joint.stop is None:
                 raise SceneError(f"{where}: are joined by joints[{j}], and what is joined does not touch: leave it out")
@@ -191,13 +189,13 @@ def _check_names(names: Collection[str], known: Collection[str], where: str) -> 
         if name.partition(".")[0] not in known:  # links of robots are looked at when these are read
             check_known("body", name, known, SceneError, f"{where}: ")
     if len(set(names)) < len(names):
-        raise SceneError(f"{where}: allowed are different bodies, given: {', '.join(names)}")
+        raise SceneError(f"{where}: use different bodies (got {', '.join(names)})")
 
 
 def _check_body(name: str, body: WorldBody, file: WorldFile) -> None:
     where = f"bodies.{name}"
     if name == STANDS_STILL:
-        raise SceneError(f"{where}: allowed is any other name, as this is of what stands still")
+        raise SceneError(f"{where}: use any other name, as this is of what stands still")
     if body.robot is None and (body.positions or body.motors):
         raise SceneError(f"{where}.{'positions' if body.positions else 'motors'}: is of a robot, which this is not")
     if body.surface is not None and (body.on is None or body.shape is not None or body.robot is not None):
@@ -211,7 +209,9 @@ def _check_body(name: str, body: WorldBody, file: WorldFile) -> None:
     if body.shape is None:
         given = [key for key in OF_RIGID if getattr(body, key) is not None]
         if given:
-            raise SceneError(f"{where}.{given[0]}: is of a rigid body, and this is a soft one; allowed beside a shape")
+            raise SceneError(
+                f"{where}.{given[0]}: is of a rigid body, and this is a soft one; give it to one with a shape"
+            )
         if body.on is not None:
             robot, dot, _ = body.on.partition(".")
             if dot and robot in file.bodies and file.bodies[robot].robot is not None:
@@ -224,10 +224,10 @@ def _check_body(name: str, body: WorldBody, file: WorldFile) -> None:
                 raise SceneError(f"{where}.surface: {body.on!r} is no link of a robot, and carries it by its supports")
         return
     if body.on is not None:
-        raise SceneError(f"{where}.on: allowed is what carries a soft body; a rigid one is joined, as [[joints]]")
+        raise SceneError(f"{where}.on: use what carries a soft body; a rigid one is joined, as [[joints]]")
     for key in OF_MESH:
         if body.shape != "mesh" and getattr(body, key) is not None:
-            raise SceneError(f"{where}.{key}: a {body.shape} has none; allowed of a mesh")
+            raise SceneError(f"{where}.{key}: a {body.shape} has none; give it to a mesh")
     for key in ("size", "radius", "length", "points", "file"):
         has, needs = getattr(body, key) is not None, key in DIMENSIONS[body.shape]
         if has != needs:
@@ -250,7 +250,7 @@ def _check_carrier(name: str, on: str, file: WorldFile) -> None:
     while carrier in file.bodies:
         chain.append(carrier)
         if carrier in chain[:-1]:
-            raise SceneError(f"bodies.{name}.on: {' is on '.join(chain)}: allowed is no circle")
+            raise SceneError(f"bodies.{name}.on: {' is on '.join(chain)}: use a chain without a circle")
         following = file.bodies[carrier].on
         if following is None:
             break
@@ -258,6 +258,6 @@ def _check_carrier(name: str, on: str, file: WorldFile) -> None:
     carrying = file.bodies[on]
     if carrying.shape is None or carrying.density is not None or carrying.mass is not None:
         raise SceneError(
-            f"bodies.{name}.on = {on!r}: allowed is a rigid body that stands still or follows a path, without mass; to "
+            f"bodies.{name}.on = {on!r}: use a rigid body that stands still or follows a path, without mass; to "
             "others a free soft body is joined, as [[joints]]"
         )

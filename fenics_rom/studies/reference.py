@@ -76,7 +76,7 @@ def compare_meshes(system: System, files: Sequence[Path], dt: float, report: Rep
     report("meshes", len(files), len(files))
     finest, finest_run = max(runs.values(), key=lambda run: run[0])
     if finest == system.size:
-        raise SceneError(f"{scene.mesh_file.name} has {system.size} unknowns; allowed are meshes that are finer")
+        raise SceneError(f"{scene.mesh_file.name} has {system.size} unknowns; use meshes that are finer")
     rows = [
         MeshRow(
             file.name, size, {name: _distance(values, finest_run.outputs[name]) for name, values in run.outputs.items()}

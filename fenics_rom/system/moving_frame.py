@@ -145,4 +145,4 @@ def check_motions(rigid: int, carried: bool, where: str = "") -> None:
     if rigid != (0 if carried else 6):
         kind = "is carried" if carried else "is free"
         allowed = "none: its supports are to hold it wholly" if carried else "six: it is one piece, held by nothing"
-        raise StructureError(f"{where}a body that {kind} has {rigid} rigid motions; allowed are {allowed}")
+        raise StructureError(f"{where}a body that {kind} has {rigid} rigid motions; use {allowed}")

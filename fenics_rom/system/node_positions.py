@@ -25,13 +25,13 @@ def body_of_matrices(nodes: Any, M: Operator, diagonal: Array, algebra: Algebra)
     if nodes is None:
         return body_without_mesh(size)
     if size % 3:
-        raise StructureError(f"nodes: the matrices have {size} rows; allowed with nodes are three for each")
+        raise StructureError(f"nodes: the matrices have {size} rows; use three for each node")
     X = np.array(nodes, dtype=float)
     if X.shape != (size // 3, 3) or not np.isfinite(X).all():
-        raise StructureError(f"nodes has shape {X.shape}; allowed are ({size // 3}, 3) finite numbers, m")
+        raise StructureError(f"nodes has shape {X.shape}; use ({size // 3}, 3) finite numbers, m")
     rows = algebra.rows()
     if (algebra.total(rows.start % 3 + rows.stop % 3) > 0).any():
-        raise StructureError("nodes: ranks have parts of a node's three rows; allowed are whole nodes")
+        raise StructureError("nodes: ranks have parts of a node's three rows; use whole nodes")
     along_x = np.tile([[1.0], [0.0], [0.0]], (size // 3, 1))[rows]
     node_mass = diagonal[::3] * float(algebra.inner(along_x, M @ along_x).item() / diagonal[::3].sum())
     return Body(X, np.empty((0, 3), dtype=int), Unknowns(size, np.arange(size)), node_mass)
@@ -43,9 +43,7 @@ def with_surface(body: Body, triangles: Any) -> Body:
         return body
     T = np.array(triangles, dtype=int).reshape(-1, 3)
     if T.size and not 0 <= T.min() <= T.max() < len(body.nodes):
-        raise StructureError(
-            f"triangles: name nodes from {T.min()} to {T.max()}; allowed are 0 to {len(body.nodes) - 1}"
-        )
+        raise StructureError(f"triangles: name nodes from {T.min()} to {T.max()}; use 0 to {len(body.nodes) - 1}")
     return replace(body, triangles=T)
 
 
@@ -55,7 +53,7 @@ def check_outputs(outputs: Mapping[str, Array]) -> None:
         if C.shape[1] % 3:
             raise StructureError(
                 f"outputs[{name!r}] has {C.shape[1]} columns; on a body with nodes an output is displacements of "
-                "points: allowed are three (x, y, z) for each"
+                "points: use three (x, y, z) for each"
             )
 
 

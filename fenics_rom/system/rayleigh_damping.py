@@ -22,12 +22,12 @@ def check_damping_choice(damping: Any, rayleigh: tuple[float, float] | None) -> 
     if (damping is None) == (rayleigh is None):
         raise StructureError(
             f"{'neither' if damping is None else 'both'} damping {'nor' if damping is None else 'and'} rayleigh given; "
-            "allowed is one of them"
+            "use one of them"
         )
     pair = rayleigh if isinstance(rayleigh, tuple | list) else ()
     if rayleigh is not None and not (len(pair) == 2 and all(is_number(c) and c >= 0 for c in pair)):
         allowed = "two finite numbers (α, β) from 0, in 1/s and s"
-        raise StructureError(f"rayleigh = {shown(rayleigh)}: allowed are {allowed}")
+        raise StructureError(f"rayleigh = {shown(rayleigh)}: use {allowed}")
 
 
 def fitted_rayleigh(M: Operator, D: Operator, K: Operator, algebra: Algebra) -> tuple[float, float] | None:

@@ -59,7 +59,7 @@ def checked_rigid_columns(M: Operator, K: Operator, columns: Array, algebra: Alg
         if not abs(energy) <= 1e3 * ENERGY_ROUND_OFF * scale:  # of anyone's columns, which may have fewer digits
             raise StructureError(
                 f"rigid: stiffness sees these columns: RᵀKR is up to {energy:.1e} for RᵀMR = 1, of any columns about "
-                f"{scale:.1e}; allowed are columns that span its null space"
+                f"{scale:.1e}; use columns that span its null space"
             )
     return R
 
@@ -105,7 +105,7 @@ def found_motions(M: Any, K: Any, shifted: Any, algebra: Algebra) -> Array:
         shares = ", ".join(f"{share:.0e}" for share in γ / scale)
         raise StructureError(
             "stiffness is not positive definite, and nobody can tell which motions it does not see: its lowest "
-            f"eigenvalues are, as shares of the mean, {shares}; allowed are up to {MOST_MOTIONS} within "
+            f"eigenvalues are, as shares of the mean, {shares}; at most {MOST_MOTIONS} may be within "
             f"{ENERGY_ROUND_OFF:g}, the others above {CLEAR_OF_ROUND_OFF * ENERGY_ROUND_OFF:g}; give nodes, or rigid"
         )
     return mass_orthonormal(M, V @ U[:, is_zero], algebra)

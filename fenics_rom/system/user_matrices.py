@@ -75,7 +75,7 @@ def _refuse_petsc_and_complex(given: Mapping[str, Any]) -> None:
         if any(belongs_to(v, "petsc4py") for v in (value if isinstance(value, list | tuple) else [value])):
             raise StructureError(f"{name} is of PETSc, but the matrices are not")
         if np.iscomplexobj(_array(value, name)):
-            raise StructureError(f"{name} is complex; allowed are real numbers")
+            raise StructureError(f"{name} is complex; use real numbers")
 
 
 def _array(given: Any, name: str) -> Any:
@@ -85,7 +85,7 @@ def _array(given: Any, name: str) -> Any:
     try:
         return np.asarray(given)
     except ValueError as error:
-        raise StructureError(f"{name} = {shown(given)}: allowed are rows of one length") from error
+        raise StructureError(f"{name} = {shown(given)}: use rows of one length") from error
 
 
 def checked_matrix(matrix: Any, name: str, size: int | None, definite: bool | None) -> Any:
@@ -93,7 +93,7 @@ def checked_matrix(matrix: Any, name: str, size: int | None, definite: bool | No
     sparse = scipy.sparse.issparse(matrix)
     A = scipy.sparse.csr_matrix(matrix, dtype=float) if sparse else _numbers(matrix, name)
     if A.ndim != 2 or A.shape[0] != A.shape[1] or A.shape[0] != (size or A.shape[0]) or A.shape[0] == 0:
-        raise StructureError(f"{name} has shape {A.shape}; allowed is {(size, size) if size else 'square'}")
+        raise StructureError(f"{name} has shape {A.shape}; use {(size, size) if size else 'square'}")
     entries: Any = A.data if sparse else A
     if not np.isfinite(entries).all():
         raise StructureError(f"{name} holds numbers that are not finite")
@@ -116,7 +116,7 @@ def _numbers(given: Any, name: str) -> Array:
     try:
         return real_numbers(given)
     except (TypeError, ValueError) as error:
-        raise StructureError(f"{name} = {shown(given)}: allowed are real numbers: {error}") from error
+        raise StructureError(f"{name} = {shown(given)}: use real numbers: {error}") from error
 
 
 def checked_block(block: Any, where: str, size: int) -> Array:
@@ -124,7 +124,7 @@ def checked_block(block: Any, where: str, size: int) -> Array:
     dense = block.toarray() if scipy.sparse.issparse(block) else _numbers(block, where)
     dense = dense[:, None] if dense.ndim == 1 else dense
     if dense.ndim != 2 or dense.shape[0] != size or dense.shape[1] == 0:
-        raise StructureError(f"{where} has shape {dense.shape}; allowed is ({size}, columns)")
+        raise StructureError(f"{where} has shape {dense.shape}; use ({size}, columns)")
     if not np.isfinite(dense).all():
         raise StructureError(f"{where} holds numbers that are not finite")
     return dense

@@ -76,6 +76,6 @@ def take_bodies(group: Any, sizes: Sizes) -> dict[str, BodyTrack]:
     for name, body in bodies.items():
         begin, end = body.rows.tolist()
         if begin != last or not begin <= end <= sizes["N"]:
-            raise FileError(f"/bodies/{name}/rows: allowed are nodes of the run, body after body")
+            raise FileError(f"/bodies/{name}/rows: use nodes of the run, body after body")
         last = end
     return bodies

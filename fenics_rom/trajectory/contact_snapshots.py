@@ -48,7 +48,7 @@ def take_contact(arrays: dict[str, Any], nodes: int) -> NodalContact | None:
     if all(missing):
         return None
     if any(missing):
-        raise FileError(f"/{', /'.join(CONTACT)}: allowed are all of them, or none")
+        raise FileError(f"/{', /'.join(CONTACT)}: use all of them, or none")
     if len(given[0]) and not 0 <= given[0].min() <= given[0].max() < nodes:
         raise FileError(f"/touched names nodes beyond {nodes}")
     return NodalContact(*given)

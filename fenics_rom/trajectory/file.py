@@ -296,5 +296,5 @@ def _check_fit(run: Trajectory) -> None:
     if (run.node_mass < 0).any():
         raise FileError("/node_mass has negative masses")
     if run.contact_account.keys() - CONTACT_ACCOUNT.keys():
-        raise FileError(f"/contact_account: allowed are {', '.join(CONTACT_ACCOUNT)}")
+        raise FileError(f"/contact_account: use {', '.join(CONTACT_ACCOUNT)}")
     check_series(run)

@@ -131,7 +131,7 @@ def check_series(run: Trajectory) -> None:
         for what, count in (("nodes", len(run.nodes)), ("triangles", len(run.triangles))):
             numbers = getattr(reading, what)
             if numbers.size and not 0 <= numbers.min() <= numbers.max() < count:
-                raise FileError(f"/readings/{name}/{what}: allowed are numbers below {count}")
+                raise FileError(f"/readings/{name}/{what}: use numbers below {count}")
         if reading.taxels is not None:
             check_shares(f"/readings/{name}/taxels", reading.taxels._asdict(), len(run.triangles))
             length, taxels = reading.values.shape[1], len(reading.taxels.areas)

@@ -26,7 +26,7 @@ def acting_in_world(rom: Rom) -> tuple[Rom, Environment, tuple[str, ...]]:
     acting = rom.environment
     if not acting.is_of_scene:
         raise SceneError(
-            f"ROM {rom.name!r} was made from matrices, which do not say where it can be touched or held: allowed is a "
+            f"ROM {rom.name!r} was made from matrices, which do not say where it can be touched or held: use a "
             "ROM of a scene"
         )
     law, said = acting.contact_law, list[str]()

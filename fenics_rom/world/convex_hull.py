@@ -41,7 +41,7 @@ def _tetrahedron(points: Array, size: float) -> dict[tuple[int, int, int], tuple
     height = (points - points[a]) @ across[c]
     d = int(np.abs(height).argmax())
     if not abs(height[d]) > 1e-6 * size**3:
-        raise SceneError("hull: points: allowed are points that do not lie in one plane, given: points that do")
+        raise SceneError("hull: points: use points that do not lie in one plane (got points that do)")
     if height[d] > 0:  # across[c] then points into the tetrahedron from the face (a, c, b), as c x b does
         b, c = c, b
     return {triangle: _plane(points, triangle) for triangle in [(a, c, b), (a, b, d), (b, c, d), (c, a, d)]}

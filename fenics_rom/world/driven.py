@@ -81,7 +81,7 @@ class Driven(PointsOfRigid):
     def take(self, inputs: Mapping[str, Any]) -> None:
         """As in Body: it has none."""
         if inputs:
-            raise StepError("it moves as it is told: allowed are inputs of bodies that do not")
+            raise StepError("it moves as it is told: use inputs of bodies that do not")
 
     def begin(self, h: float) -> None:
         """As in Body."""

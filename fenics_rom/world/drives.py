@@ -45,13 +45,15 @@ class Motor:
         check_known("kind of motor", self.kind, MOTORS, SceneError)
         if (self.kind != "torque") != (_is_least("gain", self.gain, 0.0) > 0):
             raise SceneError(
-                f"motor: kind = {self.kind!r}, gain = {shown(self.gain)}: allowed is a gain > 0 of a position or "
+                f"motor: kind = {self.kind!r}, gain = {shown(self.gain)}: use a gain > 0 of a position or "
                 "velocity, none of a torque"
             )
         if _is_least("damping", self.damping, 0.0) and self.kind != "position":
-            raise SceneError(f"motor: damping = {self.damping!r}: allowed of a position; this is a {self.kind}")
+            raise SceneError(
+                f"motor: damping = {self.damping!r}: give it to a motor of kind position; this is a {self.kind}"
+            )
         if not (isinstance(self.most, float | int) and self.most > 0):
-            raise SceneError(f"motor: most = {shown(self.most)}: allowed is a number > 0")
+            raise SceneError(f"motor: most = {shown(self.most)}: use a number > 0")
 
 
 @dataclass(frozen=True)
@@ -90,19 +92,19 @@ class Drive:
         for name in ("position", "rest"):
             _is_least(name, getattr(self, name), -math.inf)
         if self.motor is not None and not isinstance(self.motor, Motor):
-            raise SceneError(f"drive: motor = {shown(self.motor)}: allowed is a Motor")
+            raise SceneError(f"drive: motor = {shown(self.motor)}: use a Motor")
         if self.limits is not None:
             lower, upper = self.limits
             if not lower < upper:
-                raise SceneError(f"drive: limits = {self.limits!r}: allowed are two numbers, the smaller one first")
+                raise SceneError(f"drive: limits = {self.limits!r}: use two numbers, the smaller one first")
             if not lower <= self.position <= upper:
                 raise SceneError(
-                    f"drive: position = {self.position!r}: allowed is one within its limits, {lower!r} to {upper!r}"
+                    f"drive: position = {self.position!r}: use one within its limits, {lower!r} to {upper!r}"
                 )
         if self.follows is not None:
             name, *numbers = self.follows
             if not isinstance(name, str) or len(numbers) != 2 or not all(map(is_number, numbers)):
-                raise SceneError(f"drive: follows = {shown(self.follows)}: allowed are a name, a ratio and an offset")
+                raise SceneError(f"drive: follows = {shown(self.follows)}: use a name, a ratio and an offset")
 
     def energy(self, state: "State") -> float:
         """Of rotor and spring, J."""
@@ -122,7 +124,7 @@ class Drive:
 def _is_least(name: str, value: float, least: float) -> float:
     if not (is_number(value) and value >= least):
         allowed = "a finite number" if least == -math.inf else f"a finite number >= {least:g}"
-        raise SceneError(f"drive: {name} = {shown(value)}: allowed is {allowed}")
+        raise SceneError(f"drive: {name} = {shown(value)}: use {allowed}")
     return value
 
 

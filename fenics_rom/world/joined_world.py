@@ -58,11 +58,11 @@ class JoinedWorld(CutWorld):
         if self._lone is not None:
             raise StepError("a soft body by itself has no joints: give its world one to begin with, or another body")
         if not isinstance(joint, AnyJoint):
-            raise StepError(f"join: {shown(joint)} was given; allowed is a joint: ball, hinge, weld or SurfaceJoint")
+            raise StepError(f"join: {shown(joint)} was given; use a joint: ball, hinge, weld or SurfaceJoint")
         if joint.start:
-            raise StepError(f"join: start = {joint.start:g} s: allowed is a joint without, as it is made now")
+            raise StepError(f"join: start = {joint.start:g} s: use a joint without, as it is made now")
         if joint.stop is not None and joint.stop <= self._time:
-            raise StepError(f"join: stop = {joint.stop:g} s: allowed is a time after {self._time:g} s, which is now")
+            raise StepError(f"join: stop = {joint.stop:g} s: use a time after {self._time:g} s, which is now")
         name = self._joints.make(joint)
         self._go_on_with_joints([name])
         return name
@@ -108,7 +108,7 @@ class JoinedWorld(CutWorld):
             if "target" in given:
                 target = given.pop("target")
                 if not is_number(target):
-                    raise StepError(f"joint {name!r}: target = {shown(target)}: allowed is a finite number")
+                    raise StepError(f"joint {name!r}: target = {shown(target)}: use a finite number")
                 targets[name] = float(target)
         rows.take_targets(targets)
         return left
@@ -124,5 +124,5 @@ class JoinedWorld(CutWorld):
         name = self._joints.name_of(which)
         joint = self._joints.points.get(name)
         if joint is None or joint.drive is None:
-            raise StepError(f"joint {name!r} has no drive, or does not hold now: allowed is a hinge or slider with one")
+            raise StepError(f"joint {name!r} has no drive, or does not hold now: use a hinge or slider with one")
         return joint.state

@@ -39,7 +39,7 @@ class JointPlan:
     def _named(self, joint: AnyJoint) -> str:
         name = f"joint{len(self._all)}" if joint.name is None else joint.name
         if name in self._all:
-            raise SceneError(f"joint {name!r}: there are two of this name; allowed is a name of its own")
+            raise SceneError(f"joint {name!r}: there are two of this name; use a name of its own")
         self._all[name] = joint
         return name
 
@@ -50,9 +50,7 @@ class JointPlan:
             check_known("joint", which, names, StepError)
             return which
         if not (is_number(which, whole=True) and -len(names) <= which < len(names)):
-            raise StepError(
-                f"joint {shown(which)}: allowed is a number below {len(names)}, or a name: {', '.join(names)}"
-            )
+            raise StepError(f"joint {shown(which)}: use a number below {len(names)}, or a name: {', '.join(names)}")
         return names[which]
 
     def make(self, joint: AnyJoint) -> str:

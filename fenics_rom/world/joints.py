@@ -43,14 +43,14 @@ class _OfTwo:
     def __post_init__(self) -> None:
         where = f"joint of {self.first!r} and {self.second!r}"
         if not 0 <= self.start < np.inf:
-            raise SceneError(f"{where}: start = {self.start!r}: allowed is a time from 0 on, in s")
+            raise SceneError(f"{where}: start = {self.start!r}: use a time from 0 on, in s")
         if self.stop is not None and not self.start < self.stop < np.inf:
-            raise SceneError(f"{where}: stop = {self.stop!r}: allowed is a time after its start, {self.start!r} s")
+            raise SceneError(f"{where}: stop = {self.stop!r}: use a time after its start, {self.start!r} s")
         for name in (self.first, self.second):
             if not isinstance(name, str):
-                raise SceneError(f"joint: {shown(name)} was given; allowed is the name of a body")
+                raise SceneError(f"joint: {shown(name)} was given; use the name of a body")
         if self.first == self.second:
-            raise SceneError(f"joint: allowed are two bodies, given: {self.first!r} with itself")
+            raise SceneError(f"joint: use two bodies (got {self.first!r} with itself)")
 
 
 @dataclass(frozen=True)
@@ -78,14 +78,12 @@ class Joint(_OfTwo):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.drive is not None and not isinstance(self.drive, Drive):
-            raise SceneError(f"joint of {self.first!r} and {self.second!r}: allowed is a Drive, given: {self.drive!r}")
+            raise SceneError(f"joint of {self.first!r} and {self.second!r}: use a Drive (got {self.drive!r})")
         if (self.slides or self.drive is not None) and (self.along is None or not np.any(_vector(self.along))):
             raise SceneError(f"joint of {self.first!r} and {self.second!r}: an axis along which it goes is missing")
         points = np.array(self.points, dtype=float)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
-            raise SceneError(
-                f"joint of {self.first!r} and {self.second!r}: allowed are points of three finite numbers, m"
-            )
+            raise SceneError(f"joint of {self.first!r} and {self.second!r}: use points of three finite numbers, m")
 
 
 @dataclass(frozen=True)
@@ -162,7 +160,7 @@ def weld(first: str, second: str, point: Sequence[float], size: float = 0.1, **w
 def _vector(numbers: Sequence[float] | Array) -> tuple[float, float, float]:
     vector = real_numbers_or_nan(numbers)
     if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise SceneError(f"joint: allowed are three finite numbers, given: {shown(numbers)}")
+        raise SceneError(f"joint: use three finite numbers (got {shown(numbers)})")
     x, y, z = vector.tolist()
     return x, y, z
 
@@ -170,7 +168,7 @@ def _vector(numbers: Sequence[float] | Array) -> tuple[float, float, float]:
 def _direction(axis: Sequence[float]) -> Array:
     vector = np.array(_vector(axis))
     if not vector.any():
-        raise SceneError("hinge: axis: allowed is a vector of any length but 0, given: length 0")
+        raise SceneError("hinge: axis: use a vector of any length but 0 (got length 0)")
     return vector
 
 
@@ -206,7 +204,7 @@ class JointPoints:
         self.axes, self.state = dict[int, Array](), STILL
         self.drive: Drive | None = None
         if one.is_driven and other.is_driven:
-            raise SceneError(f"{where}allowed is a body that can move, and both move as they are told")
+            raise SceneError(f"{where}use a body that can move, and both move as they are told")
         if isinstance(joint, Joint):
             self.points = np.array(joint.points, dtype=float)
             where += f"{joint.means}: " if joint.means else ""
@@ -216,7 +214,7 @@ class JointPoints:
             self.on_first = one.points_at(self.points, where)
         else:
             if not isinstance(one, Soft):
-                raise SceneError(f"{where}surface {joint.surface!r}: allowed is one of a soft body, which comes first")
+                raise SceneError(f"{where}surface {joint.surface!r}: use one of a soft body, which comes first")
             self.points, self.on_first = _hold_surface(one, joint, not isinstance(other, Soft), where)
             order = one.rom.contact_models[joint.surface].order
             if joint.kind == "weld" and order < HELD_BY_WELD and not one.takes_couples:
@@ -233,9 +231,7 @@ class JointPoints:
         """A slider, or a hinge with a drive: a pair stands for how the bodies turn, and comes last."""
         for name, body in ((joint.first, one), (joint.second, other)):
             if isinstance(body, Soft):
-                raise SceneError(
-                    f"{where}{name!r} is soft: allowed are rigid bodies; weld one to its surface, and join that"
-                )
+                raise SceneError(f"{where}{name!r} is soft: use rigid bodies; weld one to its surface, and join that")
         assert joint.along is not None
         frame = _frame_along(np.array(joint.along)).dot(rotation_matrix(one.pose.rotation))
         self.points = np.concatenate([self.points, self.points[:1]])
@@ -289,7 +285,7 @@ def _hold_surface(body: Soft, joint: SurfaceJoint, whole: bool, where: str) -> t
     held = hold_surface(joint.kind, axis, body.places()[nodes], triangles, whole and not yields, yields)
     if held.gap > CLOSED * body.size:
         raise SceneError(
-            f"{where}cannot be closed: its axis leaves surface {surface!r}, by {held.gap:.3g} m; allowed is one in it, "
+            f"{where}cannot be closed: its axis leaves surface {surface!r}, by {held.gap:.3g} m; use one in it, "
             "or a rigid body that is welded to it, and hinged"
         )
     return held.places, soft_points(nodes[held.nodes], held.weights)._replace(couples=held.couples)

@@ -34,15 +34,15 @@ def make_bodies(
     """
     g = real_numbers_or_nan(gravity)
     if g.shape != (3,) or not np.isfinite(g).all():
-        raise SceneError(f"gravity: allowed are three finite numbers, in m/s2, given: {shown(gravity)}")
+        raise SceneError(f"gravity: use three finite numbers, in m/s2 (got {shown(gravity)})")
     bodies: dict[str, AnyBody] = {FIXED: Driven(None, lambda time: AT_REST)}
     for name, record in records.items():
         if name == FIXED:
-            raise SceneError(f"body {name!r}: allowed is any other name, as this is of what stands still")
+            raise SceneError(f"body {name!r}: use any other name, as this is of what stands still")
         if isinstance(record, RigidBody):
             bodies[name] = _rigid(name, record, g)
         elif not isinstance(record, SoftBody):
-            raise SceneError(f"body {name!r}: allowed are a RigidBody and a SoftBody, given: {record!r}"[:200])
+            raise SceneError(f"body {name!r}: use a RigidBody and a SoftBody (got {record!r})"[:200])
     for name, record in records.items():
         if isinstance(record, SoftBody):
             bodies[name] = _soft(name, record, _carrier(name, records, bodies), dt, len(records) == 1 and not is_met)
@@ -92,15 +92,15 @@ def _carrier(name: str, records: Mapping[str, RigidBody | SoftBody], bodies: Map
     while (on := getattr(records[chain[-1]], "on", None)) is not None:
         check_known("body", on, records, SceneError, f"body {chain[-1]!r}: on: ")
         if on == name and len(chain) == 1:
-            raise SceneError(f"body {name!r}: on = {name!r}: allowed is another body, no body carries itself")
+            raise SceneError(f"body {name!r}: on = {name!r}: use another body, no body carries itself")
         if on in chain:
-            raise SceneError(f"body {name!r}: on: {' is on '.join([*chain, on])}: allowed is no circle")
+            raise SceneError(f"body {name!r}: on: {' is on '.join([*chain, on])}: use a chain without a circle")
         chain.append(on)
     if len(chain) == 1:
         return None
     if not isinstance(carrier := bodies.get(chain[1]), Driven):
         raise SceneError(
-            f"body {name!r}: on = {chain[1]!r}: allowed is a rigid body with a motion; to one that moves freely "
+            f"body {name!r}: on = {chain[1]!r}: use a rigid body with a motion; to one that moves freely "
             "a free soft body can be joined"
         )
     return carrier
@@ -113,6 +113,6 @@ def _soft(name: str, record: SoftBody, carrier: Driven | None, dt: float, is_alo
     pose = record.pose(where)
     if not is_free and (pose.velocity.any() or pose.angular_velocity.any()):
         given = f"velocity = {record.velocity!r}, angular_velocity = {record.angular_velocity!r}"
-        raise SceneError(f"{where}: {given}: allowed is 0 of a body that is held or carried; a free one has its own")
+        raise SceneError(f"{where}: {given}: use 0 of a body that is held or carried; a free one has its own")
     kind = FreeSoft if is_free and rom.moving_frame is not None and not rom.moving_frame.carried else Soft
     return kind(name, rom, dt, pose, carrier, record.signals, is_alone)

@@ -99,7 +99,7 @@ def make_meetings(
             continue
         why = "as `apart` says" if pair in separate else "as the scene of one of them names no effects.contact"
         if pair in separate or not all(bodies[name].touches for name in pair):
-            raise SceneError(f"pairs: {' and '.join(sorted(pair))}: have no contact, {why}: allowed is one of both")
+            raise SceneError(f"pairs: {' and '.join(sorted(pair))}: have no contact, {why}: use one of both")
     meetings = []
     for (a, (first, one)), (b, (second, other)) in combinations(enumerate(bodies.items()), 2):
         both, size = frozenset((first, second)), min(one.size, other.size)
@@ -122,9 +122,7 @@ def _own_surface(name: str, body: Body) -> OwnSurface:
     """Of a body that may touch itself."""
     if not isinstance(body, Soft) or not len(body.contact_triangles):
         why = "its contact points are no corners of triangles" if isinstance(body, Soft) else "it is rigid"
-        raise SceneError(
-            f"pairs: {name!r} with itself: {why}: allowed is a soft body whose contact surfaces have areas"
-        )
+        raise SceneError(f"pairs: {name!r} with itself: {why}: use a soft body whose contact surfaces have areas")
     points, interface = body.contact_coordinates, body.integrator.interface
     assert interface is not None
     named = interface.points.own_surface(body.rom.environment.self_contact, body.rom.triangles)
@@ -137,9 +135,9 @@ def _laws(pairs: Mapping[tuple[str, str], ContactLaw], bodies: Mapping[str, Body
         for name in pair:
             check_known("body", name, bodies, SceneError, "pairs: ")
         if law.stiffness is not None:
-            raise SceneError(f"pairs: {pair}: allowed between bodies is a law without stiffness, 'complementarity'")
+            raise SceneError(f"pairs: {pair}: use a law without stiffness between bodies, 'complementarity'")
         if frozenset(pair) in laws:
-            raise SceneError(f"pairs: {' and '.join(pair)}: are named twice: allowed is one law of two bodies")
+            raise SceneError(f"pairs: {' and '.join(pair)}: are named twice: use one law of two bodies")
         if all(bodies[name].is_driven for name in pair) and len(set(pair)) == 2:
             raise SceneError(f"pairs: {' and '.join(pair)}: both move as they are told, and do not push one another")
         laws[frozenset(pair)] = law
@@ -170,10 +168,10 @@ def check_apart(bodies: Sequence[Body], meetings: Sequence[Meeting]) -> None:
             there = f"{-contacts.gaps[deepest]:.3g} m", f"at {contacts.first.arms[deepest].round(9).tolist()}"
             if meeting.own is not None:
                 raise StepError(
-                    f"allowed is a surface that begins outside of itself, but that of {first!r} is through itself by "
+                    f"use a surface that begins outside of itself, but that of {first!r} is through itself by "
                     f"{' '.join(there)}; begin with another shape, or leave out that it touches itself (`pairs`)"
                 )
             raise StepError(
-                f"allowed are bodies that begin outside of one another, but {first!r} is {there[0]} inside {second!r} "
+                f"use bodies that begin outside of one another, but {first!r} is {there[0]} inside {second!r} "
                 f"{there[1]}; move one of them, or name both in `apart`"
             )

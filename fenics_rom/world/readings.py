@@ -83,7 +83,7 @@ class ReadWorld:
         """A soft body's: displacements, readings, switching; it is stepped by the world alone."""
         body = self._body(name)
         if not isinstance(body, Soft):
-            raise StepError(f"body {name!r} is rigid: allowed is a soft one")
+            raise StepError(f"body {name!r} is rigid: use a soft one")
         return body
 
     def account(self, name: str) -> EnergyLedger:
@@ -124,9 +124,7 @@ class ReadWorld:
         for name in (first, second):
             self._body(name)
         if first == second:
-            raise StepError(
-                f"forces of {first!r} on itself add up to 0: allowed are two bodies; `contact_forces` has each"
-            )
+            raise StepError(f"forces of {first!r} on itself add up to 0: use two bodies; `contact_forces` has each")
         if self._loops is not None and self._loops.is_ahead:
             return self._loops.force_between(self._names.index(first), self._names.index(second))
         return self._step_pairs.force_between(self._names.index(first), self._names.index(second), self._found.forces)

@@ -38,7 +38,7 @@ class WorldRecorder:
     def __init__(self, world: World, steps: int, *, snapshots: int = 100, every: int = 1):
         for name in world.names:
             if "-" in name:
-                raise SceneError(f"body {name!r}: allowed in a run that is kept are names without a hyphen")
+                raise SceneError(f"body {name!r}: use a name without a hyphen in a run that is kept")
         self._world, self._every = world, every
         self._kept = np.union1d(np.arange(0, steps + 1, every), steps)
         self._snapshot_steps = np.unique(np.round(np.linspace(0, steps, min(snapshots, steps) + 1)).astype(int))[1:]

@@ -92,12 +92,12 @@ class RigidBody:
         known = [number for number in (self.density, self.mass) if number is not None]
         if len(known) != 1 or not (is_number(known[0]) and known[0] > 0):
             raise SceneError(
-                f"{given}: allowed is one of both, finite and > 0; or neither, and no inertia, of one that "
+                f"{given}: use one of both, finite and > 0; or neither, and no inertia, of one that "
                 "stands still or has a motion"
             )
         if self.inertia is None or self.mass is None:
             if self.shape is None or tuple(self.shape_position) != STILL or tuple(self.shape_rotation) != UPRIGHT:
-                raise SceneError("mass and inertia: allowed are both, of a body without shape, or whose shape lies off")
+                raise SceneError("mass and inertia: use both, of a body without shape, or whose shape lies off")
             mass, inertia = self.shape.inertia(1.0 if self.density is None else self.density)
             if self.mass is not None:
                 inertia, mass = inertia * (self.mass / mass), float(self.mass)
@@ -106,11 +106,11 @@ class RigidBody:
         if self.inertia is not None:
             inertia = real_numbers_or_nan(self.inertia)
             if inertia.shape != (3, 3) or not np.isfinite(inertia).all() or not np.allclose(inertia, inertia.T):
-                raise SceneError("inertia: allowed is a symmetric (3, 3) of finite numbers, in kg m2")
+                raise SceneError("inertia: use a symmetric (3, 3) of finite numbers, in kg m2")
             moments = np.linalg.eigvalsh(inertia)
             if moments[0] <= DEFINITE * moments.sum() or moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
                 raise SceneError(
-                    f"inertia: principal moments {moments.tolist()}: allowed are moments > 0, none larger than the sum "
+                    f"inertia: principal moments {moments.tolist()}: use moments > 0, none larger than the sum "
                     "of the others, in kg m2"
                 )
         return mass, inertia

@@ -158,7 +158,7 @@ class Rigid(PointsOfRigid):
             try:
                 given[name] = real_numbers(value).reshape(3)
             except (TypeError, ValueError):
-                raise StepError(f"input {name!r} = {shown(value)}: allowed are 3 real numbers") from None
+                raise StepError(f"input {name!r} = {shown(value)}: use 3 real numbers") from None
         self._force, self._torque = given.values()
 
     def attempt(self, points: Points, places: Array, forces: Array) -> Array:

@@ -199,7 +199,7 @@ class HalfSpace(Shape):
 
     def inertia(self, density: float) -> tuple[float, Array]:
         """Refused by a SceneError."""
-        raise SceneError("half-space: has no mass; allowed is one that is held, or moves on a given path")
+        raise SceneError("half-space: has no mass; use one that is held, or moves on a given path")
 
     def surface(self) -> tuple[Array, Array]:
         """A square of its face, 2 m wide."""
@@ -228,7 +228,7 @@ class Mesh(Shape):
 
     def inertia(self, density: float) -> tuple[float, Array]:
         """Refused by a SceneError."""
-        raise SceneError("mesh: has no mass; allowed is one that is held, or moves on a given path")
+        raise SceneError("mesh: has no mass; use one that is held, or moves on a given path")
 
     def planes_near(self, points: Array, reach: float) -> NearPlanes:
         """As of a TriangleSurface."""
@@ -313,12 +313,10 @@ class Hull(Polytope):
     def __post_init__(self) -> None:
         points = real_numbers_or_nan(self.points)
         if points.ndim != 2 or points.shape[1:] != (3,) or len(points) < 4 or not np.isfinite(points).all():
-            raise SceneError("hull: points: allowed are at least 4 points of three finite numbers, in m")
+            raise SceneError("hull: points: use at least 4 points of three finite numbers, in m")
         vertices, faces = convex_hull(points)
         if len(vertices) > MOST_CORNERS:
-            raise SceneError(
-                f"hull: points: allowed are hulls of at most {MOST_CORNERS} corners, given: {len(vertices)}"
-            )
+            raise SceneError(f"hull: points: use hulls of at most {MOST_CORNERS} corners (got {len(vertices)})")
         origin = vertices.mean(axis=0)  # near, for round-off
         self._set_faces(vertices - origin, faces)
         volume, first, _ = self._moments()
@@ -375,7 +373,7 @@ def _check_positive(shape: Shape, name: str) -> None:
     value = getattr(shape, name)
     if not (is_number(value) and SMALLEST <= value <= GREATEST):
         kind = type(shape).__name__.lower()
-        raise SceneError(f"{kind}: {name}: allowed is a finite number > 0, in m, given: {shown(value)}")
+        raise SceneError(f"{kind}: {name}: use a finite number > 0, in m (got {shown(value)})")
     _keep(shape, **{name: float(value)})
 
 

@@ -85,14 +85,14 @@ class Soft(Simulator, Body):
                 self.place(pose)
             return
         if (carrier is not None) != (rom.moving_frame is not None and acting.is_moving and rom.moving_frame.carried):
-            needs = "carried: allowed is on = BODY, one that moves as it is told" if carrier is None else "not carried"
+            needs = "carried: use on = BODY, one that moves as it is told" if carrier is None else "not carried"
             raise SceneError(f"body {name!r}: ROM {rom.name!r} is {needs}")
         try:
             rom, acting, self._said = acting_in_world(rom)
         except SceneError as error:
             raise SceneError(f"body {name!r}: {error}") from error
         super().__init__(rom, dt, scene=acting, signals=signals, errors=False)
-        self._untold = "a body of a world with others does not know its error; allowed is one that is alone"
+        self._untold = "a body of a world with others does not know its error; use one that is alone"
         assert self._stepper.interface is not None
         assert self.ledger is not None
         self.account, self.size = self.ledger, float(np.linalg.norm(np.ptp(self.contact_coordinates, axis=0))) / 2
@@ -101,7 +101,7 @@ class Soft(Simulator, Body):
             self.place(pose if carrier is None else mounted(carrier.pose, pose))
         elif acting.loads.get("gravity") is not None and not np.allclose(self._R, np.eye(3)):
             raise SceneError(
-                f"body {name!r}: ROM {rom.name!r} has gravity along axes of its own: allowed is a rotation of a ROM "
+                f"body {name!r}: ROM {rom.name!r} has gravity along axes of its own: use a rotation of a ROM "
                 'without it, or one with frame = "moving"'
             )
         self._given: Mapping[str, Any] = {}

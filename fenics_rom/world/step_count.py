@@ -7,7 +7,7 @@ from fenics_rom.errors import StepError, shown
 def checked_count(count: int) -> int:
     """A number of steps; StepError where it is none."""
     if not (type(count) is int or is_number(count, whole=True)) or count < 1:  # the type first: it takes less time
-        raise StepError(f"count = {shown(count)}: allowed is a whole number of steps > 0")
+        raise StepError(f"count = {shown(count)}: use a whole number of steps > 0")
     return count
 
 

@@ -85,7 +85,7 @@ class World(JoinedWorld):
     ):
         self.bodies, self.gravity, self._dt = mapping_in("bodies", bodies, SceneError), gravity, checked_dt(dt)
         if not isinstance(joints, list | tuple) or not all(isinstance(each, AnyJoint) for each in joints):
-            raise SceneError(f"joints = {shown(joints)}: allowed is a list of Joints and SurfaceJoints")
+            raise SceneError(f"joints = {shown(joints)}: use a list of Joints and SurfaceJoints")
         self._arguments: dict[str, Any] = {
             "joints": joints,
             "gravity": gravity,
@@ -171,7 +171,7 @@ class World(JoinedWorld):
         """Moves a rigid body that has a `motion` by another one, from the next step on."""
         body = self._body(name)
         if not isinstance(body, Driven):
-            raise StepError(f"body {name!r} moves freely: allowed is one that has a motion")
+            raise StepError(f"body {name!r} moves freely: use one that has a motion")
         body.motion = motion
 
     def step(self, inputs: Mapping[str, Mapping[str, Any]] | None = None, count: int = 1) -> None:
@@ -327,12 +327,12 @@ class World(JoinedWorld):
 
     def _check_inputs(self, inputs: Mapping[str, Any]) -> None:
         if not isinstance(inputs, Mapping):
-            raise StepError(f"inputs = {shown(inputs)}: allowed is a mapping of bodies to their inputs by name")
+            raise StepError(f"inputs = {shown(inputs)}: use a mapping of bodies to their inputs by name")
         for name in inputs:
             if name not in self._motors:
                 self._body(name)
             if not isinstance(given := inputs[name], Mapping):
-                raise StepError(f"body {name!r}: allowed are inputs by name, a mapping; given: {shown(given)}")
+                raise StepError(f"body {name!r}: use inputs by name, a mapping (got {shown(given)})")
 
     def _book(self, pairs: Pairs, found: Found) -> None:
         C, n = len(pairs.normals), pairs.normals

@@ -231,7 +231,7 @@ def test_the_commands(folder, tmp_path, capsys):
     assert "holds" in capsys.readouterr().out
     for words, said in {
         ("-o", str(out), "--resume"): "nothing to go on from",
-        ("-o", str(tmp_path / "impact.txt")): "impact.txt: allowed is a file that ends in .pdf, .svg, .png",
+        ("-o", str(tmp_path / "impact.txt")): "impact.txt: use a file that ends in .pdf, .svg, .png",
         ("-o", str(out), "--json", str(out)): "is the file of -o, too; give another name",
     }.items():
         with pytest.raises(SystemExit):
@@ -293,7 +293,7 @@ def test_limits(tmp_path):
     with pytest.raises(DataError, match=r"no region 'hand'; there is abdomen"):
         read_limits("hand")
     (tmp_path / "mine.csv").write_text("region,force_N,pressure_N_per_cm2,energy_J,source\nnose,50,,-1,me\n")
-    with pytest.raises(DataError, match=r"column 'energy_J': allowed is a number > 0"):
+    with pytest.raises(DataError, match=r"column 'energy_J': use a number > 0"):
         read_limits("nose", tmp_path / "mine.csv")
     (tmp_path / "mine.csv").write_text("region,force_N,pressure_N_per_cm2,energy_J,source\nnose,50,,,me\n")
     assert read_limits("nose", tmp_path / "mine.csv").of == {"force": 50.0}

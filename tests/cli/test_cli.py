@@ -388,9 +388,7 @@ def test_options_of_the_other_kind_of_model_are_refused(inside, say, database, a
 def test_python_refuses_options_of_a_rom_by_name(plate_system):
     with pytest.raises(SceneError, match="profile, stepper cannot be used with a System, which is run at full order"):
         fr.simulate(plate_system, profile=True, stepper="newton")
-    with pytest.raises(
-        SceneError, match=r"3 was given; allowed are a Scene, a WorldScene, a System, a Rom, or a file's name$"
-    ):
+    with pytest.raises(SceneError, match=r"3 was given; use a Scene, a WorldScene, a System, a Rom, or a file's name$"):
         fr.simulate(3)
 
 
@@ -480,7 +478,7 @@ class TestOptions:
     def test_of_nothing_here_are_refused_before_the_work(self, refused, database):
         for command in ("reduce", "simulate"):
             said = refused(command, "none.toml", "-o", "out.h5", "-fenics_rom_ncv", "40")
-            assert said.startswith("option '-fenics_rom_ncv': allowed are those that begin with -fenics_rom_factor_")
+            assert said.startswith("option '-fenics_rom_ncv': use those that begin with -fenics_rom_factor_")
         assert database() == {}
 
     @pytest.mark.parametrize(
@@ -500,8 +498,8 @@ class TestOptions:
 @pytest.mark.parametrize(
     ("there", "instead", "said"),
     [
-        ("poisson = 0.49", "poisson = 0.5", "material.poisson = 0.5: allowed is a finite number and > -1 and < 0.5"),
-        ("density = 2300.0", "density = -1", "material.density = -1: allowed is a finite number and > 0, in kg/m3"),
+        ("poisson = 0.49", "poisson = 0.5", "material.poisson = 0.5: use a finite number and > -1 and < 0.5"),
+        ("density = 2300.0", "density = -1", "material.density = -1: use a finite number and > 0, in kg/m3"),
         ("[supports]", "[suports]", "did you mean 'supports'?"),
         (
             "inertia = {}",
@@ -512,13 +510,9 @@ class TestOptions:
         ('surface = "middle"', 'surface = "midle"', "no surface 'midle'; there is"),
         ('surface = "middle"', 'surface = "root"', "contacts.middle: the whole patch is clamped"),
         ("plate.msh", "none.msh", "none.msh: not found"),
-        (
-            'clamped = ["root"]',
-            'clamped = "root"',
-            "supports.clamped = 'root': allowed is a list, each a name, or a table",
-        ),
+        ('clamped = ["root"]', 'clamped = "root"', "supports.clamped = 'root': use a list, each a name, or a table"),
         ("[0.5, 0.2, 0.01]", "[9.0, 0.2, 0.01]", "outputs.tip: point [9.0, 0.2, 0.01] is"),
-        ("dt = 1e-3", "dt = nan", "run.dt = nan: allowed is a finite number and > 0, in s"),
+        ("dt = 1e-3", "dt = nan", "run.dt = nan: use a finite number and > 0, in s"),
         ("name", "[name", "is not TOML"),
     ],
 )
@@ -540,8 +534,8 @@ def test_empty_mesh_group_is_refused(inside, refused):
 @pytest.mark.parametrize(
     ("force", "said"),
     [
-        ("[1.0, 2.0]", "contact mode 'tip_left': numbers in its force: given 2, allowed 3"),
-        ("[0.0, nan, 0.0]", "run.load[0].force[1] = nan: allowed is a finite number, in N"),
+        ("[1.0, 2.0]", "contact mode 'tip_left': use 3 numbers in its force (got 2)"),
+        ("[0.0, nan, 0.0]", "run.load[0].force[1] = nan: use a finite number, in N"),
     ],
 )
 def test_force_that_does_not_fit_is_refused(inside, refused, force, said):
@@ -563,17 +557,17 @@ def test_what_is_no_rom_or_run_is_refused(inside, refused):
             ("compare", RUN, file),
         ):
             assert refused(*arguments) == f"{file}: {what}"
-    assert refused("simulate", RUN, "-o", "run.h5") == f"{RUN}: is a run; allowed is a ROM"
-    assert refused("compare", ROM, RUN) == f"{ROM}: is a ROM; allowed is a run"
+    assert refused("simulate", RUN, "-o", "run.h5") == f"{RUN}: is a run; use a ROM"
+    assert refused("compare", ROM, RUN) == f"{ROM}: is a ROM; use a run"
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["reduce", "plate.toml", "--order", "0"], "--order 0: allowed are whole numbers from 1"),
-        (["reduce", "plate.toml", "--tolerance", "2"], "--tolerance 2: allowed is more than 0 and less than 1"),
-        (["reduce", "plate.toml", "--tolerance", "nan"], "--tolerance nan: allowed is more than 0 and less than 1"),
-        (["reduce", "plate.toml", "--share", "0"], "--share 0: allowed is more than 0 and at most 1"),
+        (["reduce", "plate.toml", "--order", "0"], "--order 0: use whole numbers from 1"),
+        (["reduce", "plate.toml", "--tolerance", "2"], "--tolerance 2: use more than 0 and less than 1"),
+        (["reduce", "plate.toml", "--tolerance", "nan"], "--tolerance nan: use more than 0 and less than 1"),
+        (["reduce", "plate.toml", "--share", "0"], "--share 0: use more than 0 and at most 1"),
         (
             ["reduce", "plate.toml", "--share", "0.9"],
             "share = 0.9: goes with method = 'eigenvector-selection', not with",
@@ -585,10 +579,10 @@ def test_what_is_no_rom_or_run_is_refused(inside, refused):
         (["reduce", "eigenvectors.toml"], "have no singular values for a tolerance to leave out; give an order"),
         (["reduce", "none.toml"], "none.toml: cannot be read: No such file or directory"),
         (["reduce", "two\nlines.toml"], "two lines.toml: cannot be read: No such file or directory"),
-        (["simulate", "plate.toml", "--dt", "-1"], "dt = -1.0: allowed is more than 0 and at most the duration, 3 s"),
-        (["simulate", ROM, "--dt", "nan"], "dt = nan: allowed is more than 0 and at most the duration, 0.4 s"),
-        (["simulate", ROM, "--dt", "1e-12"], "dt = 1e-12: a run of 4e+11 steps; allowed are at most 10,000,000"),
-        (["simulate", ROM, "--order", "5"], "order 5: allowed are 1 to 4, the largest order in the ROM"),
+        (["simulate", "plate.toml", "--dt", "-1"], "dt = -1.0: use more than 0 and at most the duration, 3 s"),
+        (["simulate", ROM, "--dt", "nan"], "dt = nan: use more than 0 and at most the duration, 0.4 s"),
+        (["simulate", ROM, "--dt", "1e-12"], "dt = 1e-12: a run of 4e+11 steps; use at most 10,000,000"),
+        (["simulate", ROM, "--order", "5"], "order 5: use 1 to 4, the largest order in the ROM"),
         (
             ["simulate", ROM, "--scene", "plate.toml"],
             "plate.toml: run.load: the model has no contact mode 'tip_left'; there",
@@ -622,7 +616,7 @@ def test_place_that_cannot_be_written_to_is_refused_before_the_work(inside, refu
 
 def test_a_finer_run_has_shorter_steps(story, refused):
     files = [story[0] / name for name in ("run.h5", "full.h5")]
-    assert "took steps of 0.01 s; allowed are shorter ones than the 0.01 s of" in refused(
+    assert "took steps of 0.01 s; use shorter ones than the 0.01 s of" in refused(
         "compare", *files, "--finer", files[1]
     )
 
@@ -639,7 +633,7 @@ def test_program_and_module_are_the_same_and_show_no_traceback(inside):
     arguments = ("reduce", "bad.toml", "-o", "rom.h5")
     for run in (fenics_rom(*arguments), process(sys.executable, "-m", "fenics_rom", *arguments)):
         assert (run.returncode, run.stdout) == (1, "")
-        assert run.stderr == "fenics-rom: error: bad.toml: name = 3: allowed is a non-empty string\n"
+        assert run.stderr == "fenics-rom: error: bad.toml: name = 3: use a non-empty string\n"
     assert fenics_rom("--version").stdout == f"fenics-rom {fr.__version__}\n"
 
 

@@ -173,12 +173,12 @@ def test_what_cannot_be_stepped_is_a_clear_error_and_changes_nothing(make):
     bad = actions.copy()
     bad[1] = np.nan
     for given, said in (
-        (actions[:2], r"float32 of shape \(2, 1\) are given; allowed are real numbers of shape \(3, 1\)"),
+        (actions[:2], r"float32 of shape \(2, 1\) are given; use real numbers of shape \(3, 1\)"),
         (actions[:, 0], r"float32 of shape \(3,\)"),
         (np.zeros((3, 2)), r"float64 of shape \(3, 2\)"),
         (actions.astype(complex), "complex128 of shape"),
         (None, r"object of shape \(\)"),
-        ([[0.0], [0.0, 1.0], [0.0]], r"rows of different lengths are given; allowed are numbers of shape \(3, 1\)"),
+        ([[0.0], [0.0, 1.0], [0.0]], r"rows of different lengths are given; use numbers of shape \(3, 1\)"),
         (bad, r"those of environments \[1\] are not finite"),
     ):
         with pytest.raises(InvalidAction, match=f"actions: {said}"):

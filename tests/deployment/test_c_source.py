@@ -202,7 +202,7 @@ def test_code_of_state_spaces_takes_their_steps(kind, plate_rom, tmp_path):
 
 def test_what_c_cannot_do_is_refused(plate_rom, tmp_path):
     for name in ("2nd.c", "my-plant.c", "ä.c"):
-        with pytest.raises(FileError, match="becomes a name in C: allowed are letters, digits and _"):
+        with pytest.raises(FileError, match="becomes a name in C: use letters, digits and _"):
             fr.export(plate_rom, tmp_path / name)
     with pytest.raises(StepError, match="dt = -1"):
         fr.export(plate_rom, tmp_path / "plant.c", dt=-1.0)

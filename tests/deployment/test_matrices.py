@@ -79,4 +79,4 @@ def test_export_says_what_it_cannot_do(plate_rom, tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["export", str(tmp_path / "plate.h5"), "-o", str(tmp_path / "plant.npz"), "--dt", "0"])
     assert ended.value.code == 1
-    assert capsys.readouterr().err == "fenics-rom: error: dt = 0.0: allowed is a finite number > 0, in s\n"
+    assert capsys.readouterr().err == "fenics-rom: error: dt = 0.0: use a finite number > 0, in s\n"

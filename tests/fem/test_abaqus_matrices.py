@@ -129,13 +129,13 @@ BAD = {
     "words.mtx": ("1,1, 1,one, 1.0\n", "words.mtx: cannot be read as a matrix of Abaqus"),
     "empty.mtx": ("** nothing\n", "empty.mtx: holds no entries"),
     "ragged.mtx": (LINE + "1, 1, 1, 1\n", "ragged.mtx: cannot be read as a matrix of Abaqus"),
-    "four.mtx": ("1, 1, 1, 1\n", "four.mtx: has 4 numbers in a line; allowed are node, degree of freedom"),
+    "four.mtx": ("1, 1, 1, 1\n", "four.mtx: has 4 numbers in a line; use node, degree of freedom"),
     "market.mtx": ("%%MatrixMarket matrix coordinate real general\n1 1 1\n1 1 1\n", "cannot be read as a matrix"),
     "half.mtx": (LINE + "1.5,1, 1,1, 1.0\n", "half.mtx: holds nodes or rows that are no whole numbers"),
     "nan.mtx": (LINE + "2,1, 1,1, nan\n", "or entries that are not finite"),
     "twice.mtx": (LINE + LINE, "twice.mtx: has row 1, column 1 twice"),
     "held.mtx": (LINE.replace("1.0", "1.0e36"), "held.mtx: holds 1 degrees of freedom, row 1 for one"),
-    "shell.mtx": (LINE + "1,6, 1,6, 1.0\n", "shell.mtx: has degree of freedom 6; allowed are 1, 2 and 3"),
+    "shell.mtx": (LINE + "1,6, 1,6, 1.0\n", "shell.mtx: has degree of freedom 6; use 1, 2 and 3"),
     "other.mtx": (LINE + "400,1, 1,1, 1.0\n", "other.mtx: names nodes that rotor.inp does not hold, 400"),
     "own.mtx": (LINE + "-1,1, 1,1, 1.0\n", "own.mtx: names nodes that rotor.inp does not hold, -1 for one"),
     "small.mtx": ("1 1 1.0\n12 12 1.0\n", "rotor.inp: has 115 nodes of solids and 115 in all, but the matrices have"),
@@ -162,5 +162,5 @@ def test_sets_and_units_that_are_not_there_are_told(files):
         fr.read_system(**files, units="mm")
     scipy.io.mmwrite("I.mtx", scipy.sparse.identity(3))
     market = {"mass": "I.mtx", "stiffness": "I.mtx", "rayleigh": (0.0, 1.0), "contacts": {"all": "I.mtx"}}
-    with pytest.raises(FenicsRomError, match=r"units = 'mm-t-s': allowed is with nodes of Abaqus' input file"):
+    with pytest.raises(FenicsRomError, match=r"units = 'mm-t-s': use it with nodes of Abaqus' input file"):
         fr.read_system(**market, units="mm-t-s")

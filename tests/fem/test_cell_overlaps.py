@@ -256,9 +256,9 @@ def test_what_gluing_cannot_do_is_told(halves, tmp_path, monkeypatch, capsys):
         ),
         (["halves.msh"], "what is filled ends in .stl, .step, .stp; a mesh is taken with --glue"),
         (["part.stl"], "--size is required of what is filled"),
-        (["part.step", "--size", "1", "--glue", "1e-3"], "allowed is --glue without a number"),
-        (["--glue", "halves.msh"], "'halves.msh': allowed is a finite number >= 0, or none where --glue stands last"),
-        (["halves.msh", "--glue", "-1"], "'-1': allowed is a finite number >= 0"),
+        (["part.step", "--size", "1", "--glue", "1e-3"], "use --glue without a number"),
+        (["--glue", "halves.msh"], "'halves.msh': use a finite number >= 0, or none where --glue stands last"),
+        (["halves.msh", "--glue", "-1"], "'-1': use a finite number >= 0"),
     ):
         with pytest.raises(SystemExit) as ended:
             main(["mesh", *words, "-o", "out.msh"])

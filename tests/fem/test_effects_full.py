@@ -342,7 +342,7 @@ def test_rigid_part_on_a_beam_that_bends_far_keeps_the_account(bar):
 
 
 def test_rigid_part_in_another_unit_is_refused(bar):
-    with pytest.raises(SceneError, match=r"camera.center = .* m from its surface; allowed are 10 sizes"):
+    with pytest.raises(SceneError, match=r"camera.center = .* m from its surface; use 10 sizes"):
         fr.assemble(beam(bar, f"inertia = {{}}\n{PART}".replace("[1.3, 0.1, 0.25]", "[1300, 100, 250]")))
 
 
@@ -433,7 +433,7 @@ def test_foundations_resist_by_area_and_along_normals_where_they_slide(bar):
         assert np.linalg.eigvalsh((added + added.T) / 2)[0] >= -1e-12 * np.abs(added).max()
     flat = bed.replace('any = ["left", "right", "front", "back", "bottom", "top"]', 'surface = "bottom"')
     assert fr.assemble(beam(bar, f"{flat}sliding = true", **FREE)).rigid.shape[1] == 3  # two ways, and about the normal
-    with pytest.raises(SceneError, match=r"springs\.bed\.sliding: allowed is with frame"):
+    with pytest.raises(SceneError, match=r"springs\.bed\.sliding: use it with frame"):
         parse_scene('frame = "moving"\n' + scene_text(bar, effects=f"inertia = {{}}\n{flat}sliding = true"))
     with pytest.raises(SceneError, match="foundation"):
         beam(bar, flat.replace("foundation = 100.0", ""), **FREE)

@@ -181,14 +181,14 @@ def test_derivatives_by_parameters_refuse_fibres(cube, of):
     cable = {"effects.cables.wire": "points = [[0, 0, 0], [1, 1, 1]]\nstiffness = 1.0"} if of == "cable" else {}
     material = PULL % "directions = [[1, 2, 2]]" if of == "fibres" else "young = 1e5\npoisson = 0.3\ndensity = 1000.0"
     scene = acted_on(cube, "inertia = {}\n", material=material, run="dt = 1e-3\nduration = 1e-2", **cable)
-    with pytest.raises(SceneError, match="allowed are bodies without fibres, membranes and cables"):
+    with pytest.raises(SceneError, match="use bodies without fibres, membranes and cables"):
         fr.differentiate_scene(scene, lambda outputs, energies: (0.0, {}, None))
 
 
 @pytest.mark.parametrize(
     ("fibres", "says"),
     [
-        ('data = ["fibre"]', "has no vectors 'fibre' of its cells, nor any; allowed are cell data"),
+        ('data = ["fibre"]', "has no vectors 'fibre' of its cells, nor any; use cell data"),
         (
             "helix = { axis = [0, 0, 1], point = [0.5, 0.25, 0.0], angle = 0.3 }",
             "fibres of 1 of 6 places have no direction",

@@ -213,7 +213,7 @@ def test_bodies_of_step_files_are_filled_in_metres(tmp_path):
     mesh = fill_surface(tmp_path / "part.step", tmp_path / "part.msh", 6e-3)
     assert signed_volumes(mesh.points, mesh.cells).sum() == pytest.approx(3e-6, rel=1e-9)
     assert len(read_mesh(tmp_path / "part.msh", {}).region("body")) == len(mesh.cells)
-    with pytest.raises(MeshError, match=r"part\.step: says its unit; a scale is allowed of \.stl"):
+    with pytest.raises(MeshError, match=r"part\.step: says its unit; a scale is for \.stl"):
         fill_surface(tmp_path / "part.step", tmp_path / "part.msh", 6e-3, scale=1e-3)
 
 
@@ -228,7 +228,7 @@ def test_surfaces_that_cannot_be_filled_are_told(skin, tmp_path):
         "through.stl": "its surface intersects itself|cells overlap",
         "garbage.step": "Gmsh cannot read it",
         "none.stl": "not found",
-        "box.obj": r"allowed endings are \.stl, \.step, \.stp",
+        "box.obj": r"use a file that ends in \.stl, \.step, \.stp",
     }.items():
         with pytest.raises(MeshError, match=said):
             fill_surface(tmp_path / name, tmp_path / "out.msh", 5.0)
@@ -283,10 +283,7 @@ def test_pieces_that_are_not_there_are_told(file, place, said):
 
 INP = "*Node\n1, 0, 0, 0\n2, 1, 0, 0\n3, 0, 1, 0\n4, 0, 0, 1\n*Element, type=C3D4\n1, 1, 2, 3, 4\n"
 BAD = {
-    "bricks.inp": (
-        INP + "*Element, type=C3D8R\n2, 1, 2, 3, 4, 1, 2, 3, 4\n",
-        "holds 1 C3D8R; allowed are tetrahedra: C3D4",
-    ),
+    "bricks.inp": (INP + "*Element, type=C3D8R\n2, 1, 2, 3, 4, 1, 2, 3, 4\n", "holds 1 C3D8R; use tetrahedra: C3D4"),
     "quadratic.inp": (INP + f"*Element, type=C3D20\n2{', 1' * 20}\n", "holds 1 C3D20;"),
     "few.inp": (INP + "*Element, type=C3D4\n2, 1, 2, 3\n", "line 9: .*element 2 of type C3D4 has 3 nodes"),
     "word.inp": (INP.replace("0, 1, 0", "0, one, 0"), "line 4: cannot be read as Abaqus' input, .*'one'"),
@@ -305,12 +302,12 @@ BAD = {
     "poly.vtk": (
         "# vtk DataFile Version 3.0\np\nASCII\nDATASET POLYDATA\nPOINTS 3 double\n0 0 0 1 0 0 0 1 0\n"
         "POLYGONS 1 4\n3 0 1 2\n",
-        "it holds vtkPolyData; allowed is an unstructured grid of cells",
+        "it holds vtkPolyData; use an unstructured grid of cells",
     ),
     "voxel.vtk": (
         "# vtk DataFile Version 3.0\nb\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 8 double\n"
         "0 0 0 1 0 0 0 1 0 1 1 0 0 0 1 1 0 1 0 1 1 1 1 1\nCELLS 1 9\n8 0 1 2 3 4 5 6 7\nCELL_TYPES 1\n11\n",
-        "holds Voxel; allowed are tetrahedra of 4 or 10 nodes, pyramids of 5, 13 or 14, prisms of 6, 15 or 18",
+        "holds Voxel; use tetrahedra of 4 or 10 nodes, pyramids of 5, 13 or 14, prisms of 6, 15 or 18",
     ),
 }
 

@@ -270,5 +270,5 @@ def test_a_step_that_is_taken_back_leaves_nothing(systems):
 def test_a_body_that_begins_in_an_obstacle_is_refused(mesh):
     """Where it is placed, not where its mesh is."""
     deep = "dt = 1e-3\nduration = 0.01\ninitial = { rotation = [0.0, 1.0, 0.0] }"
-    with pytest.raises(StepError, match=r"allowed is a start outside of all obstacles, but .* inside 'floor'"):
+    with pytest.raises(StepError, match=r"use a start outside of all obstacles, but .* inside 'floor'"):
         fr.simulate(scene_of(mesh, run=deep))

@@ -318,7 +318,7 @@ def flown(system, dt, turns, force, bent=None, steps=8):
                 body.step(force)
             ends.append(body)
         except StepError as error:
-            ends.append(str(error).partition(": allowed")[0])
+            ends.append(str(error).partition(": use")[0])
     return ends
 
 

@@ -228,26 +228,26 @@ def test_a_rom_made_by_pressure_is_run_with_gas(box, tmp_path):
         (
             'surface = "part"\ncontrol = "gas"',
             r"effects.pressure.air: the surface has an opening whose rim moves, so that it encloses no volume: "
-            r"\d open edges around \[.*\], about 0.0\d+ m across; allowed are closed surfaces",
+            r"\d open edges around \[.*\], about 0.0\d+ m across; use closed surfaces",
         ),
-        ('surface = "chamber"\ngas = {}', r"air.gas: goes with control = 'gas' or 'valve'; given: 'pressure'"),
+        ('surface = "chamber"\ngas = {}', r"air.gas: goes with control = 'gas' or 'valve' \(got 'pressure'\)"),
         ('surface = "chamber"\ncontrol = "gas"\nvalve = { area = 1e-6 }', r"air.valve: goes with control = 'valve'"),
         ('surface = "chamber"\ncontrol = "valve"', r"air.valve is missing: the orifice between the supply and"),
         (
             'surface = "chamber"\ncontrol = "valve"\nvalve = { area = 0.0 }',
-            r"valve.area = 0.0: allowed is a finite number and > 0",
+            r"valve.area = 0.0: use a finite number and > 0",
         ),
         (
             'surface = "chamber"\ncontrol = "gas"\ngas = { exponent = 0.9 }',
-            r"gas.exponent = 0.9: allowed is a finite number and >= 1",
+            r"gas.exponent = 0.9: use a finite number and >= 1",
         ),
         (
             'surface = "chamber"\ncontrol = "gas"\ngas = { volume = 0.0 }',
-            r"gas.volume = 0.0: allowed is a finite number and > 0",
+            r"gas.volume = 0.0: use a finite number and > 0",
         ),
         (
             'surface = "chamber"\ncontrol = "valve"\nvalve = { area = 1e-6 }\ngas = { exponent = 1.4 }',
-            r"gas.exponent = 1.4: what comes through a valve is as warm as its supply, and stays so; allowed is 1",
+            r"gas.exponent = 1.4: what comes through a valve is as warm as its supply, and stays so; use 1",
         ),
     ],
 )
@@ -259,7 +259,7 @@ def test_what_is_no_chamber_with_gas_is_told(box, air, message):
 def test_gas_that_is_not_there_is_told_with_the_time(box):
     body = body_of(fr.assemble(acted_on(box, MOVING + AIR.format(exponent=1.0), **SOFT)), "reduced", 1e-3, order=10)
     body.step(air=1e-6)
-    with pytest.raises(StepError, match=r"t = 0.001 s: chamber 'air': -5e-06 m³ of gas are given; allowed is more"):
+    with pytest.raises(StepError, match=r"t = 0.001 s: chamber 'air': -5e-06 m³ of gas are given; use more"):
         body.step(air=-5e-6)
     assert body.gas == {"air": 1e-6}
 

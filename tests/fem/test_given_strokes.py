@@ -239,7 +239,7 @@ def test_tables_of_strokes_have_units_of_their_own(bar, tmp_path):
             rope, air = (load.signal(0.005)[0] for load in parse_scene(text, folder=tmp_path).run.loads)
             assert (rope, air) == (pytest.approx(1e-3), pytest.approx(1.5e-6))
         else:
-            with pytest.raises(SceneError, match=r"unit 'N'; allowed is a name and one of \(m\)"):
+            with pytest.raises(SceneError, match=r"unit 'N'; use a name and one of \(m\)"):
                 parse_scene(text, folder=tmp_path)
 
 

@@ -134,9 +134,9 @@ def test_free_body_of_files_and_its_nodes(inside, say):
     np.testing.assert_allclose(rom.nodes, X)
     np.testing.assert_allclose(rom.moving_frame.origin, [0.2, 0.3, 0.4])
     np.savetxt("X.csv", X[:3], delimiter=",", header="x, y, z", comments="")
-    assert "X.csv: nodes has shape (3, 3); allowed are (4, 3)" in say(*given, "--nodes", "X.csv")[2]
+    assert "X.csv: nodes has shape (3, 3); use (4, 3)" in say(*given, "--nodes", "X.csv")[2]
     np.savetxt("X.csv", X, delimiter=",", header="x, y, w", comments="")
-    assert "X.csv, line 1: has columns x, y, w; allowed are x, y and z" in say(*given, "--nodes", "X.csv")[2]
+    assert "X.csv, line 1: has columns x, y, w; use x, y and z" in say(*given, "--nodes", "X.csv")[2]
     assert "nodes are needed" in say(*given, "--frame", "moving")[2]
 
 
@@ -202,15 +202,11 @@ def test_two_ranks_say_once_what_is_wrong_and_end(inside, content, said):
         ),
         ("K.mtx", BANNER + "31 31 1\n1 1 2.0\n", "K.mtx: stiffness is not positive definite"),
         ("K.mtx", BANNER + "31 31 1\n1 1 nan\n", "K.mtx: stiffness holds numbers that are not finite"),
-        ("K.mtx", BANNER + "30 30 1\n1 1 2.0\n", "K.mtx: stiffness has shape (30, 30); allowed is (31, 31)"),
-        ("M.mtx", BANNER + "31 30 1\n1 1 2.0\n", "M.mtx: mass has shape (31, 30); allowed is square"),
+        ("K.mtx", BANNER + "30 30 1\n1 1 2.0\n", "K.mtx: stiffness has shape (30, 30); use (31, 31)"),
+        ("M.mtx", BANNER + "31 30 1\n1 1 2.0\n", "M.mtx: mass has shape (31, 30); use square"),
         ("D.mtx", BANNER + "31 31 1\n1 1 -2.0\n", "D.mtx: damping is not positive semi-definite"),
         ("M.mtx", BANNER.replace("real", "complex") + "31 31 1\n1 1 2.0 1.0\n", "M.mtx: holds complex numbers"),
-        (
-            "M.mtx",
-            BANNER.replace("real", "pattern") + "31 31 1\n1 1\n",
-            "M.mtx: holds pattern numbers; allowed are real",
-        ),
+        ("M.mtx", BANNER.replace("real", "pattern") + "31 31 1\n1 1\n", "M.mtx: holds pattern numbers; use real"),
         (
             "ends.mtx",
             BANNER + "30 1 1\n1 1 1.0\n",
@@ -256,9 +252,9 @@ def test_output_is_none_of_the_files(inside, capfd):
         ("--contact a=a.mtx --damping D.mtx", "matrices instead of SCENE: --mass, --stiffness missing"),
         ("--mass M --stiffness K --rayleigh 0 1 --contact a=a --contact a=b", "--contact: each name may be used once"),
         ("--damping D.mtx --rayleigh 0 1", "argument --rayleigh: not allowed with argument --damping"),
-        ("--contact ends.mtx", "argument --contact: 'ends.mtx': allowed is NAME=FILE"),
-        ("--contact a/b=ends.mtx", "argument --contact: 'a/b=ends.mtx': allowed is NAME=FILE"),
-        ("--observe a=", "argument --observe: 'a=': allowed is NAME=FILE"),
+        ("--contact ends.mtx", "argument --contact: 'ends.mtx': use NAME=FILE"),
+        ("--contact a/b=ends.mtx", "argument --contact: 'a/b=ends.mtx': use NAME=FILE"),
+        ("--observe a=", "argument --observe: 'a=': use NAME=FILE"),
         ("--rayleigh 0.1", "argument --rayleigh: "),
     ],
 )
@@ -272,7 +268,7 @@ def test_negative_coefficients_are_refused(inside, say):
     options = ("--mass", "M.mtx", "--stiffness", "K.mtx", "--rayleigh", "-0.1", "nan", "--contact", "ends=ends.mtx")
     status, _, err = say(*options)
     assert status == 1
-    assert err.startswith("fenics-rom: error: rayleigh = (-0.1, nan): allowed are two finite numbers (α, β) from 0")
+    assert err.startswith("fenics-rom: error: rayleigh = (-0.1, nan): use two finite numbers (α, β) from 0")
 
 
 def test_in_python_the_error_names_the_file_too(inside):

@@ -271,7 +271,10 @@ def mixed(path, arrays):
 BAD_FILES = {
     "missing.msh": (lambda path, arrays: None, "not found"),
     "folder.msh": (lambda path, arrays: path.mkdir(), "not found"),
-    "part.stl": (lambda path, arrays: path.write_text("solid"), r"allowed endings .*; fenics-rom mesh part\.stl -o"),
+    "part.stl": (
+        lambda path, arrays: path.write_text("solid"),
+        r"use a file that ends .*; fenics-rom mesh part\.stl -o",
+    ),
     "garbage.msh": (lambda path, arrays: path.write_bytes(bytes(range(256))), "is not in Gmsh's MSH format"),
     "empty.msh": (lambda path, arrays: path.touch(), "is not in Gmsh's MSH format"),
     "script.msh": (lambda path, arrays: path.write_text(f'SystemCall "touch {path}.ran";'), "is not in Gmsh's MSH"),
@@ -282,8 +285,8 @@ BAD_FILES = {
     "empty.xdmf": (lambda path, arrays: path.touch(), "cannot be read as XDMF"),
     "other.xdmf": (lambda path, arrays: path.write_text("<html/>"), "cannot be read as XDMF"),
     "torn.xdmf": (without_its_h5, "cannot be read as XDMF"),
-    "surface.xdmf": (surface_xdmf, "holds cells of type triangle; allowed are tetrahedron, "),
-    "mixed.xdmf": (mixed, "holds cells of type mixed; allowed are tetrahedron, tet"),
+    "surface.xdmf": (surface_xdmf, "holds cells of type triangle; use tetrahedron, "),
+    "mixed.xdmf": (mixed, "holds cells of type mixed; use tetrahedron, tet"),
 }
 
 

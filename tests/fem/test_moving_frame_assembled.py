@@ -205,7 +205,7 @@ def test_nobody_guesses_which_motions_are_rigid(free):
     [
         ({"frame": "moving"}, 'frame = "moving": nodes are needed'),
         ({"frame": "turning"}, "frame 'turning'"),
-        ({"nodes": np.zeros((5, 3))}, r"nodes has shape \(5, 3\); allowed are \(\d+, 3\) finite numbers, m"),
+        ({"nodes": np.zeros((5, 3))}, r"nodes has shape \(5, 3\); use \(\d+, 3\) finite numbers, m"),
         ({"nodes": "shifted"}, "motions of its nodes as a whole it must be: do they stand in the order of its rows"),
         ({"nodes": "given", "frame": "moving", "mass": "lame"}, "mass is not the same for each component of a node"),
         ({"nodes": "given", "outputs": {"tip": np.eye(72)[:, :2]}}, r"outputs\['tip'\] has 2 columns; on a body with"),
@@ -223,12 +223,10 @@ def test_matrices_that_are_no_body_of_nodes_are_refused(free, choices, message):
 
 def test_matrices_of_two_rows_a_node_are_refused_by_name():
     K = scipy.sparse.identity(8)
-    with pytest.raises(StructureError, match="nodes: the matrices have 8 rows; allowed with nodes are three for each"):
+    with pytest.raises(StructureError, match="nodes: the matrices have 8 rows; use three for each node"):
         fr.System(mass=K, stiffness=K, rayleigh=(0, 1e-3), contacts={"tip": np.ones(8)}, nodes=np.zeros((4, 3)))
 
 
 def test_body_that_is_held_in_part_has_no_moving_frame(mesh):
-    with pytest.raises(
-        StructureError, match='frame = "moving": a body that is carried has 3 rigid motions; allowed are'
-    ):
+    with pytest.raises(StructureError, match='frame = "moving": a body that is carried has 3 rigid motions; use'):
         moving(mesh, supports="held = [{ point = [0, 0, 0] }]")

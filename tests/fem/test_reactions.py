@@ -246,11 +246,8 @@ def test_pressure_on_an_open_surface_pushes_the_whole_as_it_turned(body_of, free
 
 
 MISTAKES = {
-    ("inertia = {}", "free"): r"readings.all: nothing is held; allowed is with supports, or effects.driven_support",
-    (
-        "inertia = {}",
-        "moving",
-    ): r"readings.all: with frame = 'moving' a base bears the body; allowed is its base_wrench",
+    ("inertia = {}", "free"): r"readings.all: nothing is held; use it with supports, or effects.driven_support",
+    ("inertia = {}", "moving"): r"readings.all: with frame = 'moving' a base bears the body; use its base_wrench",
     ("inertia = {}", "top"): None,
     ("inertia = {}", "right"): r"readings.all: its place has none of the 9 nodes that supports hold",
     (LARGE, "top"): r"readings.all: with effects.large_deformation a reaction is that of all supports together",

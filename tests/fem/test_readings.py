@@ -398,7 +398,7 @@ def test_markers_of_a_moving_frame_are_carried_by_it(bar):
 
 def test_markers_far_from_the_body_are_refused(bar):
     far = {"readings.far": 'quantity = "marker"\npoint = [310.0, 40.0, 230.0]'}
-    with pytest.raises(SceneError, match=r"readings.far.point: \[310.0.* m from the body; allowed is its size, 1.02 m"):
+    with pytest.raises(SceneError, match=r"readings.far.point: \[310.0.* m from the body; at most its size, 1.02 m"):
         fr.assemble(scene_of(bar, **far))
     with pytest.raises(SceneError, match=r"outputs.far.markers: \[310.0"):
         fr.assemble(scene_of(bar, **{"outputs.far": "markers = [[310.0, 40.0, 230.0]]"}))

@@ -211,7 +211,7 @@ def test_affine_ties_carry_affine_motions():
 
 def test_a_surface_that_is_hardly_curved_is_refused():
     places = np.random.default_rng(2).standard_normal((9, 3)) * [1, 1, 1e-4]
-    with pytest.raises(SceneError, match=r"here: the surface is flat but for .*mirror image.*allowed"):
+    with pytest.raises(SceneError, match=r"here: the surface is flat but for .*mirror image.*use"):
         leaders(places, "here")
 
 

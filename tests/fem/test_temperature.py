@@ -160,10 +160,10 @@ def test_a_free_body_expands_about_its_centre(bar):
 
 MISTAKES = {
     "temperature.heat = { field = 'x +' }": r"effects.temperature.heat.field = 'x \+': invalid syntax",
-    "temperature.heat = { field = 'open(x)' }": r"'open\(x\)' is no part of it; allowed is a text of",
+    "temperature.heat = { field = 'open(x)' }": r"'open\(x\)' is no part of it; use a text of",
     "temperature.heat = { field = 'x.real' }": r"'x.real' is no part of it",
-    "temperature.heat = { field = 'sqrt(x, y)' }": r"sqrt has 1 arguments, given: 2",
-    "temperature.heat = { field = 20.0 }": r"field = 20.0: allowed is a text of numbers, x, y, z",
+    "temperature.heat = { field = 'sqrt(x, y)' }": r"sqrt has 1 arguments \(got 2\)",
+    "temperature.heat = { field = 20.0 }": r"field = 20.0: use a text of numbers, x, y, z",
     "temperature.heat = { field = '1 / x', amplitude = 1.0 }": None,
     "temperature.heat = { field = 'log(x - 1)', amplitude = 1.0 }": r"field = 'log\(x - 1\)': is no number at \[",
     "temperature.heat = { field = '0 * x', amplitude = 1.0 }": r"temperature.heat: strains nothing: its field is 0",
@@ -172,7 +172,7 @@ MISTAKES = {
     f"{MOVING}temperature.heat = {{ field = '1' }}\nviscoelasticity = {{ ratios = [1.0], times = [1.0] }}": (
         r"with effects.viscoelasticity branches would resist expansion"
     ),
-    "inertia = {}": r"material.expansion: has no effect; allowed is another than 0, with effects.temperature",
+    "inertia = {}": r"material.expansion: has no effect; use another than 0, with effects.temperature",
 }
 
 
@@ -187,7 +187,7 @@ def test_temperatures_that_cannot_be_are_told(bar, effects, said):
 
 def test_parameters_that_heat_depends_on_are_not_differentiated_or_fitted(bar):
     scene = scene_of(bar, MOVING + HEAT.format("1") + "amplitude = 1.0\n", FREE, run="dt = 0.1\nduration = 0.2")
-    with pytest.raises(FenicsRomError, match=r"effects.temperature: what it does grows with the stiffness; allowed is"):
+    with pytest.raises(FenicsRomError, match=r"effects.temperature: what it does grows with the stiffness; use"):
         fr.differentiate_scene(scene, lambda outputs, energies: (0.0, {}, None))
     with pytest.raises(
         FenicsRomError, match=r"effects.temperature: what it does grows with the stiffness that is sought"

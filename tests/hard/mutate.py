@@ -398,7 +398,7 @@ def main() -> None:
             path = copy / "fenics_rom" / file
             text = path.read_text()
             if text.count(right) != 1:
-                sys.exit(f"{file}: {right!r} is there {text.count(right)} times; allowed is once")
+                sys.exit(f"{file}: {right!r} is there {text.count(right)} times; use once")
             path.write_text(text.replace(right, wrong))
             hard = not passes(copy, HARD)
             caught = hard or not passes(copy, RUNTIME)

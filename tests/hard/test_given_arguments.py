@@ -185,9 +185,9 @@ def test_what_is_no_number_is_not_made_one(take, value):
 
 def test_a_time_step_is_a_number():
     for label in NO_NUMBERS:
-        with pytest.raises(StepError, match=r"dt = .*: allowed is a finite number > 0, in s"):
+        with pytest.raises(StepError, match=r"dt = .*: use a finite number > 0, in s"):
             fr.Simulator(ROM, ANY[label])
-    with pytest.raises(StepError, match=r"size = \d+: allowed is a whole number > 0 and at most 100,000,000"):
+    with pytest.raises(StepError, match=r"size = \d+: use a whole number > 0 and at most 100,000,000"):
         fr.Batch(ROM, 2**63, 1e-3)
     with pytest.raises(StepError, match="differentiate: inputs of no step were given"):
         fr.differentiate(simulator(), np.zeros((0, 4)), squares)

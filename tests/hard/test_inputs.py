@@ -50,9 +50,7 @@ def test_mesh_file_that_cannot_be_is_told(tmp_path, name):
 def test_numbers_whose_products_are_none_are_refused(there, value):
     key = there.split(" = ")[0]
     text = scene_text(Path("box.msh")).replace(there, f"{key} = {value}")
-    with pytest.raises(
-        SceneError, match=re.escape(f"{key} = {float(value)!r}: allowed is 0 or a size from 1e-50 to 1e+50")
-    ):
+    with pytest.raises(SceneError, match=re.escape(f"{key} = {float(value)!r}: use 0 or a size from 1e-50 to 1e+50")):
         parse_scene(text)
 
 

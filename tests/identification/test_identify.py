@@ -196,7 +196,7 @@ def test_scenes_that_cannot_be_identified_are_refused(mesh, files, tmp_path):
         fr.identify(scene_of(mesh, START), files, parameters=["yung"])
     with pytest.raises(SceneError, match="needs a start value above 0"):
         fr.identify(scene_of(mesh, {**START, "alpha": 0.0}), files, parameters=["alpha"])
-    with pytest.raises(SceneError, match="allowed is each name once"):
+    with pytest.raises(SceneError, match="use each name once"):
         fr.identify(scene_of(mesh, START), files, parameters=["young", "young"])
 
 
@@ -205,7 +205,7 @@ def test_data_that_tell_nothing_are_refused(mesh, files, tmp_path):
     with pytest.raises(DataError, match="no data were given"):
         fr.identify(scene, [])
     write(tmp_path / "few.csv", ["time (s)", "side.x (m)"], [[0.1, 1e-3], [0.2, 1e-3]])
-    with pytest.raises(DataError, match="2 values were measured; to find 5 parameters, allowed are more"):
+    with pytest.raises(DataError, match="2 values were measured; to find 5 parameters, use more"):
         fr.identify(scene, [tmp_path / "few.csv"])
     write(tmp_path / "empty.csv", ["time (s)", "side.x (m)"], [[0.1, ""], [0.2, ""]])
     with pytest.raises(DataError, match="no marker was seen"):
@@ -239,5 +239,5 @@ def test_what_is_identified_is_looked_at_before_it_is_fitted(mesh, files, tmp_pa
     moving = replace(scene_of(mesh, START), frame="moving")
     with pytest.raises(SceneError, match=r"frame = 'moving': a fit has no models of a body that turns"):
         fr.identify(moving, files)
-    with pytest.raises(SceneError, match=r"frame = 'moving': allowed are linear bodies, with frame = 'fixed'"):
+    with pytest.raises(SceneError, match=r"frame = 'moving': use linear bodies, with frame = 'fixed'"):
         fr.differentiate_scene(moving, lambda outputs, energies: (0.0, {}, None))

@@ -57,7 +57,7 @@ def test_a_weight_of_one_of_two_recordings_sets_the_scale(mesh, tmp_path):
     result = found_by(scene, [tmp_path / "alone.csv", read_markers(tmp_path / "loaded.csv", loaded)])
     assert result.values == pytest.approx(TRUTH, rel=1e-5)
     other = scene_of(mesh, TRUTH, WEIGHT, run=FALLS)
-    with pytest.raises(SceneError, match="allowed are scenes that begin with the same values"):
+    with pytest.raises(SceneError, match="use scenes that begin with the same values"):
         found_by(scene, [read_markers(tmp_path / "loaded.csv", other)])
 
 

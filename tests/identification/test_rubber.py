@@ -107,12 +107,12 @@ def test_the_command_leaves_a_scene_that_has_the_law(mesh, capsys):
 @pytest.mark.parametrize(
     ("rows", "says"),
     [
-        (["stretch,uniaxial", "1.1,2"], "no unit; allowed is a name and one of"),
-        (["stretch,biaxial (MPa)", "1.1,2"], "allowed is one of uniaxial \\(MPa\\)"),
-        (["stretch,uniaxial (MPa)", "0,2"], "line 2, column 'stretch': 0 was given; allowed is > 0"),
-        (["stretch,uniaxial (MPa)", "1.1,2", "1.2,-1"], "line 3.* allowed is > 0 above 1, and < 0 below 1"),
+        (["stretch,uniaxial", "1.1,2"], "no unit; use a name and one of"),
+        (["stretch,biaxial (MPa)", "1.1,2"], "use one of uniaxial \\(MPa\\)"),
+        (["stretch,uniaxial (MPa)", "0,2"], "line 2, column 'stretch': 0 was given; use > 0"),
+        (["stretch,uniaxial (MPa)", "1.1,2", "1.2,-1"], "line 3.* use > 0 above 1, and < 0 below 1"),
         (["stretch,uniaxial (MPa)", "1.1,2", "1.2,"], "1 stresses of stretched rubber were measured"),
-        (["time (s),uniaxial (MPa)", "1.1,2"], "allowed is 'stretch' first"),
+        (["time (s),uniaxial (MPa)", "1.1,2"], "use 'stretch' first"),
     ],
 )
 def test_data_that_cannot_be_used_are_refused(mesh, tmp_path, rows, says):
@@ -122,7 +122,7 @@ def test_data_that_cannot_be_used_are_refused(mesh, tmp_path, rows, says):
 
 
 def test_scenes_without_such_a_law_are_refused(mesh):
-    with pytest.raises(SceneError, match="by a law with constants; allowed are mooney_rivlin, yeoh"):
+    with pytest.raises(SceneError, match="by a law with constants; use mooney_rivlin, yeoh"):
         fr.fit_rubber(scene_of(mesh / "box.msh", START), measured("yeoh 1"))
     with pytest.raises(SceneError, match=r"material.*'mullins'.*softening of rubber in its first pulls"):
         scene_by(mesh, "mullins", "[]")

@@ -92,5 +92,5 @@ def test_what_cannot_be_differentiated_is_refused(scene):
         fr.differentiate_scene(scene, squares, parameters=["yung"])
     with pytest.raises(StepError, match="no output 'top'"):
         fr.differentiate_scene(scene, squares, outputs=["top"])
-    with pytest.raises(SceneError, match="allowed is a scene with inertia"):
+    with pytest.raises(SceneError, match="use a scene with inertia"):
         fr.differentiate_scene(replace(scene, run=None), squares)

@@ -134,7 +134,7 @@ def test_tilt_needs_gravity_that_is_the_same_for_all(mesh, tmp_path):
     file = film(tmp_path / "film.csv", scene)
     with pytest.raises(SceneError, match=r"no parameter 'tilt'.*tilt needs effects.gravity"):
         fr.identify(scene_of(mesh, TRUTH), [file], parameters=["tilt"])
-    with pytest.raises(SceneError, match="allowed is each name once"):
+    with pytest.raises(SceneError, match="use each name once"):
         fr.identify(scene, [file], parameters=["tilt", "tilt.y"])
     with pytest.raises(SceneError, match=r"no parameter 'tilt.z'; .* tilt, tilt.x, tilt.y, young"):
         fr.identify(scene, [file], parameters=["tilt.z"])

@@ -122,7 +122,7 @@ def test_wrong_data_end_with_one_line_and_no_folder(folder):
         assert "fenics-rom: error: wrong.csv, line 2, column 'tip[0].z (mm)': 'much' was given" in done.stderr
     assert not (folder / "none").exists()
     done = command(folder, "start.toml", "--data", "motion.csv", "-o", "rest.csv")
-    assert "rest.csv: is a file; allowed is a folder" in done.stderr
+    assert "rest.csv: is a file; use a folder" in done.stderr
 
 
 def test_a_folder_that_cannot_be_is_refused(tmp_path):

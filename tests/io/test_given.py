@@ -53,11 +53,11 @@ def test_files_are_exported(files, tmp_path):
 @pytest.mark.parametrize(
     ("give", "says"),
     [
-        (lambda out: fr.compare(1.0, 2.0), "compare: something of type float was given; allowed are a Trajectory, or"),
+        (lambda out: fr.compare(1.0, 2.0), "compare: something of type float was given; use a Trajectory, or"),
         (lambda out: fr.plot(fr.read_scene(PLATE), out), r"fr\.reduce\(fr\.assemble\(scene\)\) makes a Rom of a Scene"),
         (lambda out: fr.plot({"a": np.ones(3)}, out), "something of type ndarray was given"),
         (lambda out: fr.truncate(fr.read_scene(PLATE), 2), r"truncate: something of type Scene .* makes a Rom"),
-        (lambda out: fr.write_rom(out, 1.0), "write_rom: something of type float was given; allowed are a Rom, or"),
+        (lambda out: fr.write_rom(out, 1.0), "write_rom: something of type float was given; use a Rom, or"),
         (lambda out: fr.export(None, out), "a Rom or a Trajectory, or the name of a file of one"),
         (lambda out: fr.view(fr.read_scene(PLATE), wait=False), r"view: something of type Scene .* makes a Rom"),
     ],
@@ -71,7 +71,7 @@ def test_what_is_neither_is_told_what_to_do(give, says, tmp_path):
     ("give", "says"),
     [
         (lambda rom: fr.assemble("plate.toml"), "assemble: .* type str .* a Scene, as of fr.read_scene"),
-        (fr.reduce, "reduce: something of type Rom was given; allowed is a System, as of fr.assemble"),
+        (fr.reduce, "reduce: something of type Rom was given; use a System, as of fr.assemble"),
         (lambda rom: fr.make_world(fr.read_scene(PLATE)), "make_world: .* Scene .* a WorldScene, as of fr.read_world"),
         (lambda rom: fr.Simulator(rom, 1e-3, scene="plate.toml"), "scene: .* type str .* a Scene, as of fr.read_scene"),
         (lambda rom: fr.simulate(rom, scene=rom.name), "scene: something of type str"),
@@ -86,7 +86,7 @@ def test_what_stands_for_another_thing_is_told_what_makes_that(give, says, plate
 
 
 def test_a_file_of_something_else_is_told(files):
-    with pytest.raises(FileError, match=r"plate\.h5: is a ROM; allowed is a run"):
+    with pytest.raises(FileError, match=r"plate\.h5: is a ROM; use a run"):
         fr.compare(files / "plate.h5", files / "run.h5")
     with pytest.raises(FileError, match="is not a fenics-rom file; of a scene `reduce` makes a ROM"):
         fr.view(PLATE, wait=False)

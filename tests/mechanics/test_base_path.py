@@ -152,10 +152,10 @@ def test_what_is_given_in_python_is_checked():
     assert given_base(lambda time: state)(0.5).rotation.tolist() == [1, 0, 0, 0]
     assert given_base(swing(13))(0.15).velocity.shape == (3,)
     for bad, said in (
-        (state._replace(rotation=np.ones(4)), "the rotation has length 2: allowed is a unit quaternion"),
-        (state._replace(velocity=np.array([0, 0, np.nan])), "allowed is a BaseState: position"),
-        (3.0, "allowed is a BaseState"),
-        (None, "allowed is a BaseState"),
+        (state._replace(rotation=np.ones(4)), "the rotation has length 2: use a unit quaternion"),
+        (state._replace(velocity=np.array([0, 0, np.nan])), "use a BaseState: position"),
+        (3.0, "use a BaseState"),
+        (None, "use a BaseState"),
     ):
         with pytest.raises(StepError, match=f"base = .*{said}|base: {said}"):
             checked_base(bad, "base")
@@ -168,11 +168,11 @@ TURNED_ROUND = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"times": [0.0, 1.0, 0.5]}, "times: allowed are times that increase strictly"),
-        ({"times": [0.0, 1.0, 1.0]}, "times: allowed are times that increase strictly"),
-        ({"times": [0.0, np.nan, 1.0]}, "times is of shape .*: allowed are finite numbers"),
-        ({"positions": np.full((3, 3), np.nan)}, "positions is of shape .*: allowed are finite numbers"),
-        ({"rotations": TURNED_ROUND}, "the base turns by 3.14 rad from 0 s to 1 s: allowed is at most 2 rad"),
+        ({"times": [0.0, 1.0, 0.5]}, "times: use times that increase strictly"),
+        ({"times": [0.0, 1.0, 1.0]}, "times: use times that increase strictly"),
+        ({"times": [0.0, np.nan, 1.0]}, "times is of shape .*: use finite numbers"),
+        ({"positions": np.full((3, 3), np.nan)}, "positions is of shape .*: use finite numbers"),
+        ({"rotations": TURNED_ROUND}, "the base turns by 3.14 rad from 0 s to 1 s: use at most 2 rad"),
     ],
 )
 def test_paths_that_are_none_are_refused_in_python(changed, said):

@@ -635,10 +635,10 @@ def test_a_failed_search_changes_nothing(monkeypatch, numpy_alone):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"restitution": 1.1}, r"restitution: allowed is a number in \[0, 1\]"),
+        ({"restitution": 1.1}, r"restitution: use a number in \[0, 1\]"),
         ({"restitution": float("nan")}, "restitution"),
-        ({"friction": -0.1}, "friction: allowed is a finite number >= 0"),
-        ({"stiffness": 0.0}, "stiffness: allowed is a finite number > 0"),
+        ({"friction": -0.1}, "friction: use a finite number >= 0"),
+        ({"stiffness": 0.0}, "stiffness: use a finite number > 0"),
         ({"damping": 1.0}, "damping acts beside a stiffness"),
         ({"stiffness": 1.0, "restitution": 0.5}, "restitution belongs to the rigid law"),
     ],

@@ -80,7 +80,7 @@ def test_fibres_are_springs_in_the_stretch_or_pull_alone():
 @pytest.mark.parametrize(
     ("changed", "says"),
     [
-        ({"law": "linear"}, "allowed are quadratic, holzapfel, sheet"),
+        ({"law": "linear"}, "use quadratic, holzapfel, sheet"),
         ({"points": np.zeros(K, int)}, "not there, or twice"),
         ({"points": POINTS + P}, "not there, or twice"),
         ({"modulus": np.full(K, -1.0)}, "negative, or not finite"),

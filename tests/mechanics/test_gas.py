@@ -78,7 +78,7 @@ def test_no_gas_and_no_volume_are_told():
     actuators = ActuatorForces({"air": "gas"}, {}, {"air": 1}, {"air": Gas(1e-3)})
     one, nothing = np.ones((1, 1)), np.zeros(1)
     for amount, stroke, message in (
-        (-1e-3, 0.0, r"chamber 'air': -0.001 m³ of gas are given; allowed is more than -0.001 m³"),
+        (-1e-3, 0.0, r"chamber 'air': -0.001 m³ of gas are given; use more than -0.001 m³"),
         (0.0, -2e-3, r"chamber 'air' is pressed to -0.001 m³ \(at rest it has 0.001 m³\)"),
     ):
         targets = actuators.targets(np.array([amount]), np.array([stroke]), nothing, 1e-3)

@@ -111,23 +111,23 @@ def test_whole_steps_come_nearest_to_the_duration(dt, steps):
 
 @pytest.mark.parametrize("dt", [0, -0.1, float("nan"), float("inf"), 1.1])
 def test_time_step_that_is_none_is_refused(dt):
-    with pytest.raises(SceneError, match=r"dt = .*: allowed is more than 0 and at most the duration, 1 s"):
+    with pytest.raises(SceneError, match=r"dt = .*: use more than 0 and at most the duration, 1 s"):
         history(dt=dt)
 
 
 @pytest.mark.parametrize("dt", [0.9 / MOST_STEPS, 1e-300])
 def test_run_that_no_memory_could_hold_is_refused(dt):
-    with pytest.raises(SceneError, match=r"a run of .* steps; allowed are at most 10,000,000"):
+    with pytest.raises(SceneError, match=r"a run of .* steps; use at most 10,000,000"):
         history(dt=dt)
 
 
 @pytest.mark.parametrize(
     ("load", "message"),
     [
-        ('contact = "tip"\nforce = [1, 2]', "contact mode 'tip': numbers in its force: given 2, allowed 3"),
-        ('contact = "top"\nforce = [1, 2, 3]', "contact mode 'top': numbers in its force: given 3, allowed 1"),
-        ('contact = "top"\ntable = "f.csv"', "contact mode 'top': numbers in its force: given 3, allowed 1"),
-        ('actuator = "muscle"\nforce = [1, 2, 3]', "actuator 'muscle': numbers in its force: given 3, allowed 2"),
+        ('contact = "tip"\nforce = [1, 2]', "contact mode 'tip': use 3 numbers in its force (got 2)"),
+        ('contact = "top"\nforce = [1, 2, 3]', "contact mode 'top': use 1 numbers in its force (got 3)"),
+        ('contact = "top"\ntable = "f.csv"', "contact mode 'top': use 1 numbers in its force (got 3)"),
+        ('actuator = "muscle"\nforce = [1, 2, 3]', "actuator 'muscle': use 2 numbers in its force (got 3)"),
     ],
 )
 def test_force_of_the_wrong_length_is_told(load, message):
@@ -167,7 +167,7 @@ def test_a_cable_that_pushes_is_refused(pull):
     """In a file, and of loads made in Python; a stroke, or a force of another actuator, may be negative."""
     tables = {"pull.csv": np.array([[0.0, 1.0], [0.5, -5.0]])}
     load = f"[run]\ndt = 0.1\nduration = 1.0\n[[run.load]]\nactuator = 'rope'\n{pull}\n"
-    said = r"run.load.*: actuator 'rope': a tension of -5 N: a cable pulls and cannot push; allowed is at least 0"
+    said = r"run.load.*: actuator 'rope': a tension of -5 N: a cable pulls and cannot push; use at least 0"
     with pytest.raises(SceneError, match=said):
         parse_scene(SCENE + ROPE + load, tables=tables)
     by_length = parse_scene(SCENE + ROPE + "control = 'length'\n" + load, tables=tables).environment

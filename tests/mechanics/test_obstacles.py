@@ -105,9 +105,9 @@ def test_obstacles_compare_by_value():
     ("make", "says"),
     [
         (lambda: HalfSpace((0, 0, 0), (0, 0, 0)), "halfspace: normal"),
-        (lambda: HalfSpace((0, 0), (0, 0, 1)), "halfspace: point: allowed are three finite numbers"),
+        (lambda: HalfSpace((0, 0), (0, 0, 1)), "halfspace: point: use three finite numbers"),
         (lambda: Sphere((0, 0, np.nan), 1), "sphere: center"),
-        (lambda: Sphere((0, 0, 0), 0), "sphere: radius: allowed is a finite number > 0"),
+        (lambda: Sphere((0, 0, 0), 0), "sphere: radius: use a finite number > 0"),
         (lambda: Sphere((0, 0, 0), "1"), "sphere: radius"),
         (lambda: Capsule((0, 0, 0), (0, 0, 0), 1), "use a sphere"),
         (lambda: Capsule("abc", (0, 0, 0), 1), "capsule: start"),

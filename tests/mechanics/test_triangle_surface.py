@@ -166,18 +166,18 @@ THROUGH = np.concatenate([VERTICES, MOVED]), np.concatenate([TRIANGLES, TRIANGLE
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: Mesh(VERTICES, TRIANGLES[:0]), r"mesh: triangles: allowed are 1 to 2,000,000, given: 0"),
+        (lambda: Mesh(VERTICES, TRIANGLES[:0]), r"mesh: triangles: use 1 to 2,000,000 \(got 0\)"),
         (lambda: Mesh(VERTICES[:, :2], TRIANGLES), r"vertices \(V, 3\) and triangles \(T, 3\)"),
-        (lambda: Mesh(VERTICES, TRIANGLES.astype(float)), "triangles: allowed are whole numbers"),
-        (lambda: Mesh(VERTICES, TRIANGLES + 1), "triangles: allowed are rows 0 to 7"),
-        (lambda: Mesh(np.where(VERTICES > 0.45, np.nan, VERTICES), TRIANGLES), r"finite numbers, given: vertex \d at"),
+        (lambda: Mesh(VERTICES, TRIANGLES.astype(float)), "triangles: use whole numbers"),
+        (lambda: Mesh(VERTICES, TRIANGLES + 1), "triangles: use rows 0 to 7"),
+        (lambda: Mesh(np.where(VERTICES > 0.45, np.nan, VERTICES), TRIANGLES), r"finite numbers \(got vertex \d at\)"),
         (lambda: Mesh(VERTICES, np.concatenate([TRIANGLES, [[0, 1, 1]]])), "1 of 13 triangles have no area, e.g. "),
         (lambda: Mesh(VERTICES, TRIANGLES[1:]), r"not closed: 3 of 18 edges .* one at \[.*\]; .* open = true"),
         (lambda: Mesh(VERTICES, TRIANGLES[:, ::-1]), r"inside out, as it encloses -0.48 m3"),
         (lambda: Mesh(VERTICES, np.concatenate([TRIANGLES[:1, ::-1], TRIANGLES[1:]])), "turned opposite ways, e.g. "),
         (lambda: Mesh(VERTICES, np.concatenate([TRIANGLES, TRIANGLES[:1]])), "edges have more than two triangles"),
         (lambda: Mesh(*THROUGH), r"goes through itself at \d+ places, by 0.\d+ m at \["),
-        (lambda: Mesh(VERTICES, TRIANGLES, (0.0, np.inf, 0.0)), "mesh: position: allowed are three finite numbers"),
+        (lambda: Mesh(VERTICES, TRIANGLES, (0.0, np.inf, 0.0)), "mesh: position: use three finite numbers"),
     ],
 )
 def test_what_is_no_solid_is_refused(make, says):

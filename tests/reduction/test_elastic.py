@@ -205,8 +205,8 @@ def test_dashpot_on_a_free_chain_couples_what_is_rigid_and_what_is_not():
         ({"rigid": np.arange(20.0)}, r"rigid: stiffness sees these columns: RᵀKR is up to .* for RᵀMR = 1"),
         ({"rigid": np.ones((20, 2))}, "rigid: its 2 columns depend on each other"),
         ({"rigid": np.zeros(20)}, "rigid: its 1 columns depend on each other"),
-        ({"rigid": np.ones(19)}, r"rigid has shape \(19, 1\); allowed is \(20, columns\)"),
-        ({"rigid": 1j * np.ones(20)}, "rigid is complex; allowed are real numbers"),
+        ({"rigid": np.ones(19)}, r"rigid has shape \(19, 1\); use \(20, columns\)"),
+        ({"rigid": 1j * np.ones(20)}, "rigid is complex; use real numbers"),
         (
             {"stiffness": np.zeros((20, 20))},
             "stiffness is not positive definite; beside the 1 columns of rigid it must be",

@@ -61,12 +61,12 @@ def test_constants_of_a_mode_are_those_of_its_vectors():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: {"mass": 0.0}, "mass is 0 kg; allowed is above 0"),
+        (lambda f: {"mass": 0.0}, "mass is 0 kg; use one above 0"),
         (lambda f: {"inertia2": np.triu(f.inertia2)}, "inertia2 is not symmetric: off by "),
         (lambda f: {"coupling": np.abs(f.coupling)}, "coupling is not antisymmetric: off by "),
         (lambda f: {"coupling0": np.ones((3, ORDER))}, "coupling0 of a free body is up to 1.0e.00, not 0"),
         (lambda f: {"inertia0": -f.inertia0}, "the kinetic energy of motions as a whole is not positive definite"),
-        (lambda f: {"inertia1": f.inertia1[:, :1]}, r"inertia1 has shape \(6, 1\); allowed is \(6, 5\)"),
+        (lambda f: {"inertia1": f.inertia1[:, :1]}, r"inertia1 has shape \(6, 1\); use \(6, 5\)"),
         (lambda f: {"origin": np.full(3, np.nan)}, "origin holds numbers that are not finite"),
     ],
 )

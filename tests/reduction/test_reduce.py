@@ -244,11 +244,11 @@ def test_orders_by_name(box_system):
         ({"switching": "enrgy"}, "did you mean 'energy'"),
         ({"weighting": "outputs"}, "names no outputs"),
         ({"lyapunov": "magic"}, "no choice 'magic'"),
-        ({"order": 0}, "order = 0: allowed is a whole number and >= 1"),
-        ({"order": 2.5}, "order = 2.5: allowed is a whole number and >= 1"),
+        ({"order": 0}, "order = 0: use a whole number and >= 1"),
+        ({"order": 2.5}, "order = 2.5: use a whole number and >= 1"),
         ({"order": {"right": 5, "top": -1}}, "order.top = -1"),
-        ({"tolerance": -1.0}, "tolerance = -1.0: allowed"),
-        ({"method": "eigenvector-selection", "share": 2.0}, "share = 2.0: allowed"),
+        ({"tolerance": -1.0}, "tolerance = -1.0: use"),
+        ({"method": "eigenvector-selection", "share": 2.0}, "share = 2.0: use"),
         ({"share": 0.9}, "share = 0.9: goes with method = 'eigenvector-selection', not with 'balanced'"),
         ({"cubature": 0.1}, "cubature = 0.1: goes with effects.large_deformation, which the body has not"),
     ],
@@ -259,7 +259,7 @@ def test_choices_that_do_not_fit_are_refused(box_system, choice, message):
 
 
 def test_what_is_no_system_is_refused(box_system):
-    with pytest.raises(SceneError, match=r"type Scene was given; allowed is a System, as of fr.assemble\(scene\)"):
+    with pytest.raises(SceneError, match=r"type Scene was given; use a System, as of fr.assemble\(scene\)"):
         fr.reduce(box_system.scene)
 
 

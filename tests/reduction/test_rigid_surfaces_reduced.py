@@ -142,7 +142,7 @@ def last_height(outputs):
 
 
 def test_an_order_that_leaves_nothing_beside_its_bars_is_refused(beam):
-    with pytest.raises(SceneError, match=r"order = 6: supports.rigid take 6 of it; allowed is more"):
+    with pytest.raises(SceneError, match=r"order = 6: supports.rigid take 6 of it; use more"):
         rom_of(system_of(beam), order=6)
 
 

@@ -35,7 +35,7 @@ def refused(text, folder=None):
 
 def test_an_obstacle_that_begins_inside_is_refused_before_any_work(text):
     said = refused(text + FLOOR.format(height=0.05))
-    assert said.startswith("S.toml: contact: allowed is a start outside of all obstacles, but 0.05 m inside 'floor' is")
+    assert said.startswith("S.toml: contact: use a start outside of all obstacles, but 0.05 m inside 'floor' is")
 
 
 def test_an_obstacle_that_moves_begins_where_its_table_says(text, tmp_path):
@@ -51,7 +51,7 @@ def test_an_obstacle_that_moves_begins_where_its_table_says(text, tmp_path):
 def test_one_number_for_a_contact_of_three_columns_is_refused_before_any_work(text, tmp_path, load):
     (tmp_path / "one.csv").write_text("time,force\n0,0\n1,1\n")
     run = f'\n[run]\ndt = 1e-3\nduration = 0.1\n[[run.load]]\ncontact = "right"\n{load}\n'
-    assert refused(text + run, tmp_path) == "S.toml: run.load: 'right': numbers in its force: given 1, allowed 3"
+    assert refused(text + run, tmp_path) == "S.toml: run.load: 'right': use 3 numbers in its force (got 1)"
     three = run.replace("[1.0]", "[1.0, 0.0, 0.0]").replace("one.csv", "three.csv")
     (tmp_path / "three.csv").write_text("time,x,y,z\n0,0,0,0\n1,1,0,0\n")
     fr.reduce(fr.assemble(parse_scene(text + three, folder=tmp_path)), order=4)

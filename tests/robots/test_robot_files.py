@@ -152,7 +152,7 @@ def test_a_cart_of_mjcf_goes_as_mujoco_says(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "line", "said"),
     [
-        ('<mass value="0.8"/>', '<mass value="-0.8"/>', 26, "mass = -0.8 kg: allowed is a number > 0"),
+        ('<mass value="0.8"/>', '<mass value="-0.8"/>', 26, "mass = -0.8 kg: use a number > 0"),
         ('izz="0.0011"', 'izz="0.011"', 26, "none larger than the sum of the others"),
         (
             '<parent link="roll"/><child link="wrist"/>',
@@ -162,10 +162,10 @@ def test_a_cart_of_mjcf_goes_as_mujoco_says(tmp_path):
         ),
         ("package://robots/plate.obj", "package://robots/other.obj", 31, "there is no such file"),
         ('<mimic joint="close"', '<mimic joint="open"', 79, "there is no such joint"),
-        ('<mimic joint="close"', '<mimic joint="also"', 79, "allowed is no circle"),
+        ('<mimic joint="close"', '<mimic joint="also"', 79, "use a chain without a circle"),
         ('scale="0.001 0.001 0.001"', 'scale="1 1 1"', 30, "its mesh is"),
         ('<origin xyz="0 0 0.26"/>', '<origin xyz="0 0 260"/>', 50, "its unit is m, not mm"),
-        ('<joint name="j6" type="revolute">', '<joint name="j6" type="planar">', 61, "allowed: revolute"),
+        ('<joint name="j6" type="revolute">', '<joint name="j6" type="planar">', 61, "use revolute"),
         ("</robot>", "", 82, "no XML"),
     ],
 )

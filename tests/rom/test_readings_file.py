@@ -66,14 +66,12 @@ LIES = {
     "/readings/stress/operator has unit '1', not 'kg^-1/2/m'": put(
         "readings/stress/operator", lambda there: there, unit="1"
     ),
-    "/readings/stress/triangles: allowed are some numbers below 80": put(
-        "readings/stress/triangles", lambda there: there + 80
-    ),
+    "/readings/stress/triangles: use some numbers below 80": put("readings/stress/triangles", lambda there: there + 80),
     "/readings/stress: moduli are not positive": put("readings/stress/shear", lambda there: -there),
     "/readings/corner/corner_points: weights are not positive with the sum 1": put(
         "readings/corner/corner_weights", lambda there: 2 * there
     ),
-    "/readings/corner/value_corners: allowed are all numbers below": put(
+    "/readings/corner/value_corners: use all numbers below": put(
         "readings/corner/value_corners", lambda there: there[::-1]
     ),
     "/readings/held/inputs: of 2 columns, and the ROM has 1": put(
@@ -82,18 +80,16 @@ LIES = {
     "/readings/held/contacts: of other contact modes": without("readings/held/contacts/sole"),
     "/readings/corner: moduli are not positive": put("readings/corner/shear", lambda there: -there),
     "/readings/sole: facets have 3, 4, 6 or 9 nodes and an area": put("readings/sole/areas", lambda there: -there),
-    "/readings/sole/facets: allowed are some numbers below 15": put("readings/sole/facets", lambda there: there + 1),
+    "/readings/sole/facets: use some numbers below 15": put("readings/sole/facets", lambda there: there + 1),
     "/readings/sole: a node has no facets": put("readings/sole/facets", lambda there: 0 * there),
     "/readings/ball/tangents: are not orthonormal": put("readings/ball/tangents", lambda there: 2 * there),
-    "/readings/skin/nodes: allowed are some numbers below": put("readings/skin/nodes", lambda there: there + 10**6),
+    "/readings/skin/nodes: use some numbers below": put("readings/skin/nodes", lambda there: there + 10**6),
     "/readings/skin: facets have 3 or 6 nodes and an area": put("readings/skin/areas", lambda there: -there),
     "/readings/skin/shares: those of a node have not the sum 1": put("readings/skin/shares", lambda there: 2 * there),
     "/readings/skin/map/grid: 2 x 2 taxels, of which there are 6": put("readings/skin/map/grid", [2, 2]),
-    "/readings/skin/map/triangles: allowed are numbers below 80": put(
-        "readings/skin/map/triangles", lambda there: there + 80
-    ),
+    "/readings/skin/map/triangles: use numbers below 80": put("readings/skin/map/triangles", lambda there: there + 80),
     "/readings/skin/sensor/rate is missing": without("readings/skin/sensor/rate"),
-    "/readings/skin/sensor: allowed are numbers >= 0": put("readings/skin/sensor/rate", [-1.0]),
+    "/readings/skin/sensor: use numbers >= 0": put("readings/skin/sensor/rate", [-1.0]),
     "/readings/sole: no contact mode 'soul'": lambda h5: says(of="soul")(h5["readings/sole"]),
 }
 

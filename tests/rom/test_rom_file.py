@@ -395,8 +395,8 @@ def test_no_file_is_told(tmp_path, read):
 
 
 def test_a_rom_is_no_run_and_a_run_no_rom():
-    assert refusal(fr.read_rom, DATA / "run-1.0.h5") == "is a run; allowed is a ROM"
-    assert refusal(fr.read_trajectory, DATA / "rom-1.0.h5") == "is a ROM; allowed is a run"
+    assert refusal(fr.read_rom, DATA / "run-1.0.h5") == "is a run; use a ROM"
+    assert refusal(fr.read_trajectory, DATA / "rom-1.0.h5") == "is a ROM; use a run"
 
 
 # --- files that are not what they say --------------------------------------------------------------------------------
@@ -405,7 +405,7 @@ MODE = "contact_models/tip_left"
 LIES = {
     "is not a fenics-rom file": says(format="other"),
     "has format version 3.0; this release reads 1 and 2.x": says(format_version="3.0"),
-    "is a film; allowed is a ROM": says(content="film"),
+    "is a film; use a ROM": says(content="film"),
     "/environment has 'wind', which acts and which this release does not know": lambda h5: h5.create_group(
         "environment/wind"
     ),
@@ -432,11 +432,11 @@ LIES = {
     "/environment/obstacles/wind: no shape 'cone'": lambda h5: h5.create_group(
         "environment/obstacles/wind"
     ).attrs.update(shape=np.bytes_("cone")),
-    "/free has shape (180,); allowed is ('n',), n = 5": put("basis", np.ones((5, 8))),
-    "/stiffness has shape (7,); allowed is ('k',), k = 8": put("stiffness", np.ones(7)),
+    "/free has shape (180,); use ('n',), n = 5": put("basis", np.ones((5, 8))),
+    "/stiffness has shape (7,); use ('k',), k = 8": put("stiffness", np.ones(7)),
     "/free has 2 dimensions, not 1": put("free", lambda free: free[None]),
-    "/nodes has shape (66, 2); allowed is ('N', 3), 3 = 3": put("nodes", np.ones((66, 2))),
-    f"/{MODE}/directions has shape (3, 3); allowed is ('m', 'm'), m = 4": put(f"{MODE}/directions", np.eye(3)),
+    "/nodes has shape (66, 2); use ('N', 3), 3 = 3": put("nodes", np.ones((66, 2))),
+    f"/{MODE}/directions has shape (3, 3); use ('m', 'm'), m = 4": put(f"{MODE}/directions", np.eye(3)),
     "/node_mass holds numbers that are not finite": put("node_mass", lambda mass: mass * np.nan),
     f"/{MODE}/damping holds numbers that are not finite": put(f"{MODE}/damping", np.full(4, np.inf)),
     "/stiffness is not an array of real numbers": put("stiffness", np.arange(8)),
@@ -450,8 +450,10 @@ LIES = {
     "/basis says it has 73786976294838206464 bytes": announced("basis", (2**61, 4), chunks=(1, 4)),
     "shared stiffness is not positive definite: least κ = 0": put("stiffness", np.zeros(8)),
     "contact mode 'tip_left': least eigenvalue -1 is not positive": put(f"{MODE}/eigenvalues", [-1.0, 1, 2, 3]),
-    "not orthonormal in stiffness: off by 9.9e-03, allowed 1e-10": put(f"{MODE}/eigenvalues", lambda γ: 1.01 * γ),
-    "not orthonormal in mass: off by 2.0e-02, allowed 1e-10": put(f"{MODE}/coordinates", lambda C: 1.01 * C),
+    "not orthonormal in stiffness: off by 9.9e-03, at most 1e-10 is good": put(
+        f"{MODE}/eigenvalues", lambda γ: 1.01 * γ
+    ),
+    "not orthonormal in mass: off by 2.0e-02, at most 1e-10 is good": put(f"{MODE}/coordinates", lambda C: 1.01 * C),
     "not orthonormal in mass: off by inf": put(f"{MODE}/coordinates", np.full((8, 4), 1e200)),
     "contact mode 'tip_left': directions are not orthonormal: off by 3": put(f"{MODE}/directions", 2 * np.eye(4)),
     "damping is not positive semi-definite, least -1": put(f"{MODE}/damping", -np.ones(4)),
@@ -467,7 +469,7 @@ LIES = {
     ],
     "contact mode 'tip_left': frequencies and transfer_errors go together": without(f"{MODE}/frequencies"),
     "'tip_left': frequencies and transfer_errors go together": without(f"{MODE}/transfer_errors"),
-    f"/{MODE}/transfer_errors has shape (2,); allowed is ('f',), f = 3": lambda h5: [
+    f"/{MODE}/transfer_errors has shape (2,); use ('f',), f = 3": lambda h5: [
         put(f"{MODE}/frequencies", [1.0, 2.0, 3.0])(h5),
         put(f"{MODE}/transfer_errors", [0.1, 0.2])(h5),
     ],
@@ -479,7 +481,7 @@ LIES = {
     "'tip_left': an error is negative": put(f"{MODE}/static_error", [-1e-9]),
     "/offline is missing": lambda h5: (h5.pop("offline"), h5.update(offline=[1.0])),
     "unexpected 99 in /offline": put("offline/99", [1.0, 1.0], unit="s, B"),
-    "/offline/0 has shape (3,); allowed is (2,)": put("offline/0", np.ones(3)),
+    "/offline/0 has shape (3,); use (2,)": put("offline/0", np.ones(3)),
     "/offline/0 has unit 's', not 's, B'": put("offline/0", np.ones(2), unit="s"),
     "attribute 'name' of /offline/0 is missing or not text": put("offline/0", np.ones(2)),
     "/offline has a negative time or memory": lambda h5: h5["offline/0"].write_direct(np.array([-1.0, 1.0])),
@@ -504,13 +506,13 @@ RUN_LIES = {
     "/contact names contact modes": put("contact", np.full(41, -1)),
     "/triangles name nodes beyond 12": put("triangles", lambda triangles: triangles + 1),
     "/node_mass has negative masses": put("node_mass", -np.ones(12)),
-    "/energy has shape (20,); allowed is ('S',), S = 41": put("energy", np.ones(20)),
+    "/energy has shape (20,); use ('S',), S = 41": put("energy", np.ones(20)),
     "/energy holds numbers that are not finite": put("energy", np.full(41, np.nan)),
     "/energy has unit 'mJ', not 'J'": put("energy", np.ones(41), unit="mJ"),
-    "/outputs/tip has shape (20, 2, 3); allowed is": put("outputs/tip", np.ones((20, 2, 3))),
+    "/outputs/tip has shape (20, 2, 3); use": put("outputs/tip", np.ones((20, 2, 3))),
     "/settings/dt is missing": without("settings/dt"),
     "unexpected more in /settings": put("settings/more", [1.0]),
-    "is a ROM; allowed is a run": says(content="rom"),
+    "is a ROM; use a run": says(content="rom"),
 }
 
 
@@ -529,10 +531,10 @@ BAD_ROMS = {
     "/node_mass has shape": lambda rom: replace(rom, nodes=rom.nodes[1:]),
     "no switching 'free'": lambda rom: replace(rom, switching="free"),
     "/triangles name nodes beyond 66": lambda rom: replace(rom, triangles=rom.triangles + 99),
-    "name 'a/b': allowed are letters, digits, _ and -": lambda rom: replace(
+    "name 'a/b': use letters, digits, _ and -": lambda rom: replace(
         rom, contact_models={"a/b": rom.contact_models["middle"]}
     ),
-    "name '': allowed are letters, digits, _ and -": lambda rom: replace(rom, outputs={"": rom.outputs["tip"]}),
+    "name '': use letters, digits, _ and -": lambda rom: replace(rom, outputs={"": rom.outputs["tip"]}),
     "the loads of the environment are {'gravity': 1}": lambda rom: replace(
         rom, environment=replace(rom.environment, loads={"gravity": Load(1, None)})
     ),
@@ -568,7 +570,7 @@ def test_what_would_not_be_read_is_not_written(tmp_path, rom, message, spoil):
         ({"energy": np.full(41, np.inf)}, "/energy holds numbers that are not finite"),
         ({"contact": np.full(41, 9)}, "/contact names contact modes beyond 2"),
         ({"times": np.zeros(41)}, "/times does not increase"),
-        ({"contacts": ("a\nb", "c")}, "name 'a\\nb': allowed are letters"),
+        ({"contacts": ("a\nb", "c")}, "name 'a\\nb': use letters"),
     ],
 )
 def test_what_would_not_be_read_of_a_run_is_not_written(tmp_path, run, changes, message):
@@ -609,8 +611,8 @@ def test_dense_damping_is_truncated_as_its_diagonal(plate_rom):
 @pytest.mark.parametrize(
     ("kind", "order", "message"),
     [
-        ("energy", 0, "order 0: allowed are 1 to 4, the largest order in the ROM"),
-        ("energy", 5, "order 5: allowed are 1 to 4, the largest order in the ROM"),
+        ("energy", 0, "order 0: use 1 to 4, the largest order in the ROM"),
+        ("energy", 5, "order 5: use 1 to 4, the largest order in the ROM"),
         ("oblique", 2, "a ROM with oblique switching cannot be truncated; reduce to that order instead"),
     ],
 )

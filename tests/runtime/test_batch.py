@@ -220,7 +220,7 @@ def test_bad_input_names_body_and_step_and_changes_no_bit(rom, dtype, bad):
     before = [*everything(batch), batch.supplied, batch.dissipated]
     u = np.ones((8, 5))
     u[3, 2] = u[6, 0] = bad
-    with pytest.raises(StepError, match=r"step 5, body 3: input .*: allowed are finite numbers within"):
+    with pytest.raises(StepError, match=r"step 5, body 3: input .*: use finite numbers within"):
         batch.step(u)
     assert_same(before, [*everything(batch), batch.supplied, batch.dissipated])
 
@@ -270,19 +270,19 @@ def test_what_cannot_be_done_is_said_and_changes_no_bit(rom):
     batch.switch("mode1", 2)
     before, fine = everything(batch), np.zeros((4, 9))
     for message, attempt in (
-        ("given: an array of shape", lambda: batch.step(np.zeros((4, 4)))),
-        ("given: an array of shape", lambda: batch.step(np.zeros((3, 5)))),
-        ("given: an array of shape", lambda: batch.step(0.0)),
+        ("got an array of shape", lambda: batch.step(np.zeros((4, 4)))),
+        ("got an array of shape", lambda: batch.step(np.zeros((3, 5)))),
+        ("got an array of shape", lambda: batch.step(0.0)),
         ("did you mean 'raise'", lambda: batch.step(np.zeros(5), on_error="rise")),
         ("did you mean 'mode1'", lambda: batch.switch("mode_1")),
         ("did you mean 'mode0'", lambda: batch.switch(["mode1", "moed0"], [0, 1])),
-        ("one name or 4, given: 3", lambda: batch.switch(["mode1"] * 3)),
-        ("allowed are None, a mask", lambda: batch.switch("mode1", [0, 4])),
-        ("allowed are None, a mask", lambda: batch.switch("mode1", -1)),
-        ("allowed are None, a mask", lambda: batch.switch("mode1", [2, 2])),
-        ("allowed are None, a mask", lambda: batch.reset([True, False])),
-        ("allowed are None, a mask", lambda: batch.reset([0.5])),
-        ("allowed are None, a mask", lambda: batch.shape(4)),
+        ("one name or 4 (got 3)", lambda: batch.switch(["mode1"] * 3)),
+        ("use None, a mask", lambda: batch.switch("mode1", [0, 4])),
+        ("use None, a mask", lambda: batch.switch("mode1", -1)),
+        ("use None, a mask", lambda: batch.switch("mode1", [2, 2])),
+        ("use None, a mask", lambda: batch.reset([True, False])),
+        ("use None, a mask", lambda: batch.reset([0.5])),
+        ("use None, a mask", lambda: batch.shape(4)),
         ("no output 'tup'; there is tip", lambda: batch.displacement("tup")),
         ("shape", lambda: batch.set_state(np.zeros((4, 8)), np.zeros((4, 8)))),
         ("finite", lambda: batch.set_state(fine, fine + np.nan)),

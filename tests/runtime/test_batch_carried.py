@@ -122,8 +122,8 @@ def test_a_base_that_fails_stops_only_its_body(rom):
         batch.step(np.full(batch.inputs, 0.1))
     wrench = batch.base_wrench[1]
     for bad, message in (
-        ({"position": np.full(3, np.nan)}, "step 3, body 2: base: allowed are finite numbers"),
-        ({"rotation": np.array([2.0, 0, 0, 0])}, "step 3, body 2: base: allowed are finite numbers"),
+        ({"position": np.full(3, np.nan)}, "step 3, body 2: base: use finite numbers"),
+        ({"rotation": np.array([2.0, 0, 0, 0])}, "step 3, body 2: base: use finite numbers"),
         ({"angular_velocity": np.array([0.0, 0.0, 400.0])}, "step 3, body 2: its base turns by more than 1.5 rad"),
     ):
         bases = BaseState(*(part.copy() for part in batch.base))
@@ -211,7 +211,7 @@ def test_bases_are_placed_and_what_cannot_be_done_is_said(rom, tmp_path):
     for message, attempt in (
         ("arrays of shapes", lambda: batch.step(np.zeros(batch.inputs), base=np.zeros(3))),
         ("arrays of shapes", lambda: batch.place(turned._replace(position=np.zeros((3, 3))), [1, 3])),
-        ("base of body 3: allowed are finite", lambda: batch.place(turned._replace(velocity=np.full(3, np.inf)), 3)),
+        ("base of body 3: use finite", lambda: batch.place(turned._replace(velocity=np.full(3, np.inf)), 3)),
         ("no detail 'rough'; there is full, quasi-rigid", lambda: fr.Batch(rom, 2, 1e-3, detail="rough")),
     ):
         with pytest.raises(StepError, match=message):

@@ -117,7 +117,7 @@ def chain_rom_without(rom):
 
 class TestRefused:
     def test_of_bodies(self, rom):
-        with pytest.raises(StepError, match=r"error_tolerance = -1\.0: allowed is a number > 0, m"):
+        with pytest.raises(StepError, match=r"error_tolerance = -1\.0: use a number > 0, m"):
             fr.Simulator(rom, H, error_tolerance=-1.0)
         for error in ({"rom": chain_rom_without(rom)}, {"rom": rom, "errors": False}):
             with pytest.raises(StepError, match=r"error_tolerance = 1: errors are not known"):
@@ -136,9 +136,9 @@ class TestRefused:
         effects += "\n[effects.contact.obstacles.floor]\nshape = 'half-space'\npoint = [0, 0, -1]\nnormal = [0, 0, 1]"
         touch = {"outputs.felt": "quantity = 'touch'\nsurface = 'right'"}
         for run, more, message in (
-            ("error_tolerance = 1e-4", tip, "allowed is with run.errors = true"),
-            ("error_tolerance = 1e-4\nerrors = true", {}, r"allowed is with \[outputs\] of displacements"),
-            ("error_tolerance = 1e-4\nerrors = true", touch, r"allowed is with \[outputs\] of displacements"),
+            ("error_tolerance = 1e-4", tip, "use it with run.errors = true"),
+            ("error_tolerance = 1e-4\nerrors = true", {}, r"use it with \[outputs\] of displacements"),
+            ("error_tolerance = 1e-4\nerrors = true", touch, r"use it with \[outputs\] of displacements"),
             ("enrich = true\nerrors = true", tip, "run.enrich: adds directions beyond run.error_tolerance"),
             ("error_tolerance = 0\nerrors = true", tip, "run.error_tolerance = 0"),
         ):
@@ -153,7 +153,7 @@ class TestRefused:
         heavier = fr.System(**{**vars_of(chain()), "mass": 2 * chain().mass})
         with pytest.raises(SceneError, match="not orthonormal in the system's mass"):
             fr.Enrichment(rom, heavier)
-        with pytest.raises(SceneError, match="allowed is a simulator of the Enrichment's rom"):
+        with pytest.raises(SceneError, match="use a simulator of the Enrichment's rom"):
             fr.Enrichment(rom, chain()).enrich(fr.Simulator(rom, H))
         with pytest.raises(SceneError, match="enrich cannot be used with a System"):
             fr.simulate(assembled(box_file), enrich=chain())

@@ -178,7 +178,7 @@ def test_a_state_that_is_put_in_is_that_of_both(case):
 
 def test_what_is_refused(case, plate_system, plate_rom):
     _, rom, finer = case
-    with pytest.raises(SceneError, match="is of order 4, and the body of 12; allowed is a higher one"):
+    with pytest.raises(SceneError, match="is of order 4, and the body of 12; use a higher one"):
         fr.simulate(finer, finer=rom)
     with pytest.raises(StepError, match="a ROM beside gives an estimate alone"):
         fr.Simulator(rom, 1e-3, finer=finer).error_bound  # noqa: B018

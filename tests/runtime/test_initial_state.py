@@ -113,7 +113,7 @@ def test_drop_hits_the_ground_when_newton_says(mesh):
     ("initial", "message"),
     [
         ("velocity = [1, 0]", r"run.initial.velocity is a list of 2"),
-        ("rotation = [0, 0, 0.5]", r"run.initial.rotation\[2\] = 0.5: allowed is .*0.1"),
+        ("rotation = [0, 0, 0.5]", r"run.initial.rotation\[2\] = 0.5: use .*0.1"),
         ("time = 0.1", "run.initial.time: goes with run.initial.trajectory"),
         ('trajectory = "none.h5"', "run.initial.trajectory: .*none.h5"),
         ('trajectory = "none.h5"\nshape = "equilibrium"', "run.initial: give shape or trajectory, not both"),
@@ -140,14 +140,14 @@ def test_equilibrium_of_a_free_body_and_a_throw_of_a_held_one_are_told(mesh):
     free = scene(mesh, 'shape = "equilibrium"', supports=None, load=PULL)
     system = fr.assemble(free)
     for model in (system, fr.reduce(system, order=4)):
-        with pytest.raises(FenicsRomError, match="allowed is a body that supports or springs hold"):
+        with pytest.raises(FenicsRomError, match="use a body that supports or springs hold"):
             fr.simulate(model)
     full, reduced = runs(scene(mesh, "velocity = [1e-3, 0.0, 0.0]", load=PULL))
     for run in (full, reduced):
         assert any("initial velocity: 0." in message for message in run.warnings)
     held = fr.assemble(scene(mesh, "translation = [0.0, 0.0, 1e-3]", load=PULL))
     for model in (held, fr.reduce(held, order=4)):
-        with pytest.raises(FenicsRomError, match=r"run.initial.translation: allowed is a body that nothing holds"):
+        with pytest.raises(FenicsRomError, match=r"run.initial.translation: use a body that nothing holds"):
             fr.simulate(model)
 
 
@@ -169,7 +169,7 @@ def test_shape_is_set_by_projection_and_told_what_is_lost(mesh):
     kept = other.state
     with pytest.raises(FenicsRomError, match="% of it"):
         other.set_shape(noise)
-    with pytest.raises(StepError, match="displacement: allowed is a finite array of shape"):
+    with pytest.raises(StepError, match="displacement: use a finite array of shape"):
         other.set_shape(noise[:3])
     for mine, its in zip(other.state, kept, strict=True):
         np.testing.assert_array_equal(mine, its)

@@ -70,13 +70,13 @@ def test_what_is_no_input_of_a_batch_is_refused(rom, given, message):
     [
         ((), {"pul": 1.0}, "no input 'pul'; there is pull, push, right; did you mean 'pull'"),
         ((), {"top": [0, 0, 1]}, "no input 'top'.*switch to that contact mode first"),
-        ((), {"pull": [1, 2]}, r"input 'pull' = \[1, 2\]: allowed are 1 real numbers"),
-        ((), {"pull": 1j}, "input 'pull' = 1j: allowed are 1 real numbers"),
+        ((), {"pull": [1, 2]}, r"input 'pull' = \[1, 2\]: use 1 real numbers"),
+        ((), {"pull": 1j}, "input 'pull' = 1j: use 1 real numbers"),
         ((), {"right": None}, "input 'right' = None"),
         (([0.0] * 7,), {"pull": 1.0}, "by position and by name"),
-        (([0.0] * 6 + [1j],), {}, "allowed are 7 numbers"),
-        ((np.full(7, 1 + 1j),), {}, "allowed are 7 numbers"),
-        ((np.zeros(7, complex),), {}, "allowed are 7 numbers"),
+        (([0.0] * 6 + [1j],), {}, "use 7 numbers"),
+        ((np.full(7, 1 + 1j),), {}, "use 7 numbers"),
+        ((np.zeros(7, complex),), {}, "use 7 numbers"),
     ],
 )
 def test_what_is_no_input_is_refused(rom, u, named, message):
@@ -116,7 +116,7 @@ def test_runs_are_made_of_files(plate_rom, tmp_path):
 @pytest.mark.parametrize("make", [lambda rom: fr.Simulator(rom, 1e-3), lambda rom: fr.Batch(rom, 2, 1e-3)])
 @pytest.mark.parametrize("given", [None, 3.0, np.zeros(3), {}])
 def test_what_is_no_rom_is_told_what_to_give(make, given):
-    with pytest.raises(fr.SceneError, match="was given; allowed are a Rom, or the name of a file of one"):
+    with pytest.raises(fr.SceneError, match="was given; use a Rom, or the name of a file of one"):
         make(given)
 
 

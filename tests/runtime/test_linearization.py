@@ -219,8 +219,8 @@ def test_states_are_simulators_what_they_save_and_runs(box_file):
         for found, expected in zip((*plant, *plant.about), (*plants[0], *plants[0].about), strict=True):
             assert np.abs(found - expected).max(initial=0.0) <= 1e-8 * np.abs(expected).max(initial=0.0)
     for message, choice in (
-        ("allowed are a Simulator, what its", {"at": "rest"}),
-        ("u: allowed are 3 finite numbers", {"at": body, "u": [1.0]}),
+        ("use a Simulator, what its", {"at": "rest"}),
+        ("u: use 3 finite numbers", {"at": body, "u": [1.0]}),
         ("of another ROM", {"at": fr.Simulator(fr.truncate(rom, 4), DT)}),
         ("of another ROM", {"at": fr.Simulator(fr.truncate(rom, 4), DT).save()}),
     ):

@@ -187,7 +187,10 @@ def test_a_free_body_falls_into_a_groove_and_stays(folder):
     ("vee", "says"),
     [
         (VEE.replace("vee.stl", "none.stl"), "obstacles.vee.file: surface .*none.stl: cannot be read: No such file"),
-        (VEE.replace("vee.stl", "box.msh"), "obstacles.vee.file: surface .*box.msh: allowed endings are .stl, .vtk"),
+        (
+            VEE.replace("vee.stl", "box.msh"),
+            "obstacles.vee.file: surface .*box.msh: use a file that ends in .stl, .vtk",
+        ),
         (VEE.replace('file = "vee.stl"\n', ""), "obstacles.vee: file is missing"),
         (VEE + "[effects.contact.obstacles.it]\nshape = 'sphere'\nfile = 'vee.stl'\n", "a sphere has center, radius"),
         (VEE.replace("scale", "size"), "obstacles.vee.size = "),

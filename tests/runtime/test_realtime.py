@@ -165,7 +165,7 @@ def test_what_control_raises_leaves_the_body_as_it_was(plate_rom, body):
 
 @pytest.mark.parametrize("duration", [0.0, -1.0, math.nan, math.inf])
 def test_bad_duration_is_refused(body, duration):
-    with pytest.raises(fr.StepError, match="allowed is a finite number > 0, in s"):
+    with pytest.raises(fr.StepError, match="use a finite number > 0, in s"):
         run_realtime(body, lambda body: PUSH, duration)
     assert body.time == 0.0
 

@@ -123,7 +123,7 @@ def test_the_scene_says_it_and_files_keep_it(box_file, tmp_path):
 
 @pytest.mark.parametrize("every", [0, -1, 1.5, "2"])
 def test_other_numbers_are_refused(rom, every):
-    with pytest.raises(SceneError, match="allowed is a whole number of steps, from 1 to 10,000,000"):
+    with pytest.raises(SceneError, match="use a whole number of steps, from 1 to 10,000,000"):
         fr.simulate(rom, every=every)
 
 

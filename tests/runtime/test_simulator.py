@@ -99,7 +99,7 @@ def test_bad_input_of_a_large_model_leaves_the_state_as_it_was(dimensions, newto
 
 @pytest.mark.parametrize("dt", [0.0, -1e-3, np.nan, np.inf, "1", None])
 def test_bad_step_size_is_refused(plate_rom, dt):
-    with pytest.raises(StepError, match="allowed is a finite number > 0"):
+    with pytest.raises(StepError, match="use a finite number > 0"):
         fr.Simulator(plate_rom, dt=dt)
 
 
@@ -225,7 +225,7 @@ def test_snapshots_of_others_are_refused(plate_system, plate_rom):
             alike.restore(snapshot)
         assert everything(alike) == before
     for wrong in (None, {}, simulator_arrays(plate_rom)):
-        with pytest.raises(StepError, match=r"restore: .* was given; allowed is what save\(\) gave"):
+        with pytest.raises(StepError, match=r"restore: .* was given; use what save\(\) gave"):
             fr.Simulator(plate_rom, dt=1e-3).restore(wrong)
 
 

@@ -103,7 +103,7 @@ def test_what_is_not_there_is_refused(plate_rom):
         plate_rom.switch_map("middle", "top")
     with pytest.raises(StepError, match="no output 'tips'; there is tip; did you mean 'tip'"):
         plate_rom.state_space("middle", ["tips"])
-    with pytest.raises(StepError, match="dt = 0: allowed is a finite number > 0, in s"):
+    with pytest.raises(StepError, match="dt = 0: use a finite number > 0, in s"):
         plate_rom.state_space("middle", dt=0)
 
 

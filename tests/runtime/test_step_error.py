@@ -67,7 +67,7 @@ def test_what_is_said_follows_from_what_was_measured():
 
 @pytest.mark.parametrize("given", [0.0, -1e-3, float("nan"), float("inf"), "newton", True])
 def test_errors_that_are_none_are_refused(rom, given):
-    with pytest.raises(SceneError, match=r"step_error = .*: allowed is a positive number"):
+    with pytest.raises(SceneError, match=r"step_error = .*: use a positive number"):
         fr.simulate(rom, step_error=given)
 
 

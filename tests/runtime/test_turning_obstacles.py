@@ -253,7 +253,7 @@ def test_scenes_refuse_motions_that_are_none(folder, given, says):
 def test_signals_of_the_wrong_kind_are_refused(free, folder):
     with pytest.raises(SceneError, match="'thing' has no table; give a function of time"):
         fr.Simulator(free, 1e-3)
-    with pytest.raises(StepError, match=r"thing = .*allowed is a BaseState"):
+    with pytest.raises(StepError, match=r"thing = .*use a BaseState"):
         fr.Simulator(free, 1e-3, signals={"thing": np.zeros(3)})
     shifted = rom_of(folder, FREE + TABLE)
     with pytest.raises(StepError, match="thing: poses are given, but the scene gives this obstacle no motion"):

@@ -185,47 +185,47 @@ MISTAKES = {
     ),
     "damping = { alpha = 1.0 }": "effects.damping: means nothing without inertia; name effects.inertia as well",
     "[effects.base_motion.quake]\ndirection = [1, 0, 0]": "effects.base_motion: means nothing without inertia",
-    f"{FLOOR}[effects.friction]\ncoefficient = -0.5": "coefficient = -0.5: allowed is a finite number and >= 0",
+    f"{FLOOR}[effects.friction]\ncoefficient = -0.5": "coefficient = -0.5: use a finite number and >= 0",
     f"{FLOOR}[effects.friction]\n": "effects.friction: coefficient is missing",
     f"{FLOOR}[effects.friction]\ncoefficient = 0.5\nmu = 1": "effects.friction: no key 'mu'; there is coefficient",
-    "gravity = { acceleration = [0, -9.81] }": "gravity.acceleration is a list of 2: allowed is a list of 3",
-    "gravity = { acceleration = [0, 0, inf] }": "gravity.acceleration[2] = inf: allowed is a finite number, in m/s2",
+    "gravity = { acceleration = [0, -9.81] }": "gravity.acceleration is a list of 2: use a list of 3",
+    "gravity = { acceleration = [0, 0, inf] }": "gravity.acceleration[2] = inf: use a finite number, in m/s2",
     "gravity = {}": "effects.gravity: acceleration is missing",
     f"{INERTIA}damping = {{ materials.foam = {{ gamma = 1 }} }}": "foam: no key 'gamma'; there is alpha, beta",
-    f"{INERTIA}damping = {{ materials.foam = {{ alpha = -1.0 }} }}": "foam.alpha = -1.0: allowed is a finite number",
+    f"{INERTIA}damping = {{ materials.foam = {{ alpha = -1.0 }} }}": "foam.alpha = -1.0: use a finite number",
     f'{INERTIA}[effects.damping.dashpots.oil]\nsurface = "right"': "dashpots.oil: coefficient is missing",
     f'{INERTIA}[effects.damping.dashpots.oil]\nsurface = "right"\ncoefficient = 0': (
-        "dashpots.oil.coefficient = 0: allowed is a finite number and > 0, in N s/m"
+        "dashpots.oil.coefficient = 0: use a finite number and > 0, in N s/m"
     ),
     f"{INERTIA}[effects.damping.dashpots.oil]\ncoefficient = 1": (
-        "dashpots.oil: give exactly one of surface, near, plane, facing, box, along, inner, all, any, none; given: none"
+        "dashpots.oil: give exactly one of surface, near, plane, facing, box, along, inner, all, any, none (got none)"
     ),
-    '[effects.springs.bed]\nsurface = "right"\nstiffness = -1': "bed.stiffness = -1: allowed is a finite number",
+    '[effects.springs.bed]\nsurface = "right"\nstiffness = -1': "bed.stiffness = -1: use a finite number",
     "[effects.springs.bed]\nstiffness = 1": "springs.bed: give exactly one of surface, near, plane, facing",
     f"{PUSH}force = [1, 0, 0]": "prescribed.push: give exactly one of surface, near, plane",
-    f'{PUSH}surface = "right"\npoint = [1, 0, 0]': "none, point; given: surface, point",
+    f'{PUSH}surface = "right"\npoint = [1, 0, 0]': "none, point (got surface, point)",
     f'{PUSH}surface = "right"\nforce = [1, 0, 0]\ntable = "push.csv"': (
         "effects.prescribed.push: give force or table, not both"
     ),
-    f'{PUSH}surface = "right"\nforce = [1, 0]': "push.force is a list of 2: allowed is a list of 3",
-    f'{PUSH}surface = "right"\ntable = "quake.csv"': "table quake.csv: columns beside the time: given 1, allowed 3",
+    f'{PUSH}surface = "right"\nforce = [1, 0]': "push.force is a list of 2: use a list of 3",
+    f'{PUSH}surface = "right"\ntable = "quake.csv"': "table quake.csv: use 3 columns beside the time (got 1)",
     f'{PUSH}surface = "right"\ntable = "none.csv"': "table none.csv: did not come with the scene",
     f'{INERTIA}[effects.base_motion.q]\ndirection = [1, 0, 0]\ntable = "push.csv"': (
-        "table push.csv: columns beside the time: given 3, allowed 1"
+        "table push.csv: use 1 columns beside the time (got 3)"
     ),
     f"{INERTIA}[effects.base_motion.q]\ndirection = [1, 0, 0]\n{QUAKE}\n{PUSH}point = [0, 0, 0]\n{QUAKE}": (
-        "table quake.csv: columns beside the time: given 1, allowed 3"
+        "table quake.csv: use 3 columns beside the time (got 1)"
     ),
     f'{INERTIA}[effects.base_motion.q]\ndirection = [1, 0, 0]\nacceleration = 1\ntable = "quake.csv"': (
         "effects.base_motion.q: give acceleration or table, not both"
     ),
-    f'{INERTIA}[effects.point_masses.q]\nsurface = "right"\nmass = 1\ndirection = [0, 0, 0]': "q.direction: allowed",
+    f'{INERTIA}[effects.point_masses.q]\nsurface = "right"\nmass = 1\ndirection = [0, 0, 0]': "q.direction: use",
     f'{INERTIA}[effects.rigid_parts.q]\nsurface = "right"\nmass = 1\ncenter = [0, 0, 0]\ninertia = [1, 3, 1.5]': (
-        "q.inertia = [1.0, 3.0, 1.5]: no body has such moments; allowed is the largest, 3, at most the sum"
+        "q.inertia = [1.0, 3.0, 1.5]: no body has such moments; use the largest, 3, at most the sum"
     ),
     f'{INERTIA}[effects.rigid_parts.q]\nsurface = "right"\nmass = 1': "rigid_parts.q: center is missing",
-    f"{INERTIA}[effects.base_motion.q]\ndirection = [0, 0, 0]": "base_motion.q.direction: allowed is any but zero",
-    "[effects.tendon.rope]\npoints = [[0, 0, 0]]": "rope.points is a list of 1: allowed is a list of at least 2",
+    f"{INERTIA}[effects.base_motion.q]\ndirection = [0, 0, 0]": "base_motion.q.direction: use any direction but zero",
+    "[effects.tendon.rope]\npoints = [[0, 0, 0]]": "rope.points is a list of 1: use a list of at least 2",
     "[effects.pressure.wind]": "effects.pressure.wind: give exactly one of surface, near",
     f'{PUSH}surface = "right"\n[effects.tendon.push]\npoints = [[0, 0, 0], [1, 0, 0]]': (
         "effects.tendon.push: the name is taken by effects.prescribed.push"
@@ -236,7 +236,7 @@ MISTAKES = {
     f"[effects.contact]\nbounce = 1\n{FLOOR}": "effects.contact: no key 'bounce'; there is damping, method, obstacles",
     f'[effects.contact]\nmethod = "penalty"\n{FLOOR}': "effects.contact.stiffness is missing: the spring of method",
     '[effects.contact.obstacles.b]\nshape = "box"\ncenter = [0, 0, 9]\nsize = [1, 1, 1]\nrotation = [0, 45, 0]': (
-        "obstacles.b.rotation[1] = 45: allowed is a finite number and >= -6.2832 and <= 6.2832, in rad, not degrees"
+        "obstacles.b.rotation[1] = 45: use a finite number and >= -6.2832 and <= 6.2832, in rad, not degrees"
     ),
     f'[effects.contact]\nmethod = "penalti"\n{FLOOR}': "no choice 'penalti'; there is complementarity, penalty",
     f"[effects.contact]\nstiffness = 1.0\n{FLOOR}": "effects.contact.stiffness: goes with method = 'penalty'",
@@ -245,18 +245,18 @@ MISTAKES = {
         "effects.contact.restitution: goes with inertia and method = 'complementarity'"
     ),
     f"[effects.contact]\nrestitution = 0.5\n{FLOOR}": "effects.contact.restitution: goes with inertia and method",
-    f"{INERTIA}[effects.contact]\nrestitution = 1.5\n{FLOOR}": "restitution = 1.5: allowed is a finite number and >= 0",
+    f"{INERTIA}[effects.contact]\nrestitution = 1.5\n{FLOOR}": "restitution = 1.5: use a finite number and >= 0",
     f'[effects.contact]\nswitching = "manual"\n{FLOOR}': "no choice 'manual'; there is automatic, scene",
     f"{SPHERE}center = [0, 0, 0]": "effects.contact.obstacles.ball: radius is missing",
     f"{SPHERE}radius = 1.0": "effects.contact.obstacles.ball: center is missing",
-    f"{SPHERE}center = [0, 0, 0]\nradius = -1.0": "ball.radius = -1.0: allowed is a finite number and > 0, in m",
+    f"{SPHERE}center = [0, 0, 0]\nradius = -1.0": "ball.radius = -1.0: use a finite number and > 0, in m",
     f"{SPHERE}center = [0, 0, 0]\nradius = 1\nnormal = [1, 0, 0]": "a sphere has center, radius, but no normal",
     f"{SPHERE}center = [0, 0, 0]\nradius = 1\ncolor = 1": "obstacles.ball: no key 'color'; there is center, end,",
     SPHERE.replace("sphere", "cone"): "no choice 'cone'; there is box, capsule, half-space, mesh, sphere",
     SPHERE.replace("sphere", "capsule") + "start = [0, 0, 0]\nend = [0, 0, 0]\nradius = 1": "use a sphere",
-    SPHERE.replace("sphere", "half-space") + "point = [0, 0, 0]\nnormal = [0, 0, 0]": "normal: allowed is a vector",
-    SPHERE.replace("sphere", "box") + "center = [0, 0, 0]\nsize = [1, 0, 1]": "ball.size[1] = 0: allowed is",
-    f'{SPHERE}center = [0, 0, 0]\nradius = 1\ntable = "quake.csv"': "columns beside the time: given 1, allowed 3",
+    SPHERE.replace("sphere", "half-space") + "point = [0, 0, 0]\nnormal = [0, 0, 0]": "normal: use a vector",
+    SPHERE.replace("sphere", "box") + "center = [0, 0, 0]\nsize = [1, 0, 1]": "ball.size[1] = 0: use",
+    f'{SPHERE}center = [0, 0, 0]\nradius = 1\ntable = "quake.csv"': "use 3 columns beside the time (got 1)",
 }
 
 
@@ -410,7 +410,7 @@ def test_what_is_not_named_takes_no_room(mesh, rom, tmp_path):
     [
         (lambda rom: replace(rom, loads={"gravity": -1}), "an actuator or a load has a negative number of columns"),
         (lambda rom: replace(rom, loads={"gravity": 99}), "has fewer input columns than the actuators and loads"),
-        (lambda rom: replace(rom, loads={"a/b": 1}), "name 'a/b': allowed are letters"),
+        (lambda rom: replace(rom, loads={"a/b": 1}), "name 'a/b': use letters"),
         (
             lambda rom: replace(
                 rom, contact_models={"right": replace(rom.contact_models["right"], contact_points=np.array([99]))}
@@ -439,7 +439,7 @@ def test_rom_that_would_not_be_read_is_not_written(rom, tmp_path, spoil, message
     ("changes", "message"),
     [
         ({"forces": {"floor": np.ones((3, 3))}}, "/forces/floor has shape (3, 3)"),
-        ({"forces": {"flo/or": np.ones((11, 3))}}, "name 'flo/or': allowed are letters"),
+        ({"forces": {"flo/or": np.ones((11, 3))}}, "name 'flo/or': use letters"),
         ({"contact_account": {"friction": np.ones(3)}}, "/contact_account/friction has shape (3,)"),
         ({"profile": {"gravity": np.inf}}, "holds numbers that are not finite"),
     ],

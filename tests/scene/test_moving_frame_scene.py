@@ -47,7 +47,7 @@ def test_base_follows_its_table_and_what_python_gives():
     other = ActiveEnvironment(carried, signals={"base_path": still})
     assert other.base_at(9.0).position.tolist() == [0.0, 0.0, 0.0]
     assert ActiveEnvironment(parse().environment).base_at(0.0) is None
-    with pytest.raises(StepError, match=r"base_path at 1 s = 3.0: allowed is a BaseState"):
+    with pytest.raises(StepError, match=r"base_path at 1 s = 3.0: use a BaseState"):
         ActiveEnvironment(carried, signals={"base_path": lambda time: 3.0}).base_at(1.0)
     with pytest.raises(SceneError, match="no load or obstacle 'base_path'"):
         ActiveEnvironment(parse(head="").environment, signals={"base_path": still})
@@ -67,8 +67,8 @@ def test_tables_of_poses_are_read_in_their_units(tmp_path):
     bad = tmp_path / "bad.csv"
     for heading, said in (
         (HEADING.replace(", rotation.z", ""), r"'rotation.y': is the last; rotation.z \(1\) is missing"),
-        (HEADING.replace("rotation.w", "w"), r"'w': allowed here is rotation.w \(1\)"),
-        (HEADING.replace("(mm)", "(inch)", 1), r"unit 'inch'; allowed is"),
+        (HEADING.replace("rotation.w", "w"), r"'w': use here rotation.w \(1\)"),
+        (HEADING.replace("(mm)", "(inch)", 1), r"unit 'inch'; use"),
     ):
         bad.write_text(f"{heading}\n" + ", ".join("0" * len(heading.split(","))))
         with pytest.raises(SceneError, match=rf"table .*bad.csv, line 1, column .*{said}"):
@@ -82,7 +82,7 @@ TRAINING = "[effects.large_deformation.training]\naccelerations = [1.0, 0.0, 0.0
 ROPE = "[effects.tendon.rope]\npoints = [[0.0, 0.0, 0.0], [0.5, 0.1, 0.05], [1.0, 0.0, 0.0]]"
 FAST = np.hstack([POSES, [[0, 0, 2, 0, 2.574, 0], [0, 0, 2, 0, 2.574, 0]]])
 MISTAKES = {
-    "effects.base_path: carries a body whose frame moves; allowed is with frame = 'moving'": {
+    "effects.base_path: carries a body whose frame moves; use it with frame = 'moving'": {
         "effects": CARRIED,
         "head": "",
     },
@@ -98,35 +98,32 @@ MISTAKES = {
         "effects": "gravity = { acceleration = [0, 0, -9.81] }",
         **FREE,
     },
-    "effects.large_deformation.training: is of a frame that moves; allowed is with frame = 'moving'": {
+    "effects.large_deformation.training: is of a frame that moves; use it with frame = 'moving'": {
         "effects": f"inertia = {{}}\n{TRAINING}",
         "head": "",
     },
-    "effects.large_deformation.training.accelerations: are those of a base, and nothing is clamped; allowed of a": {
+    "effects.large_deformation.training.accelerations: are those of a base, and nothing is clamped; use spins": {
         "effects": f"inertia = {{}}\n{TRAINING}",
         **FREE,
     },
     "effects.large_deformation.training: means nothing without inertia": {"effects": TRAINING},
-    "run.initial.rotation[1] = -100: allowed is a finite number and >= -6.2832 and <= 6.2832, in rad, not degrees": {
+    "run.initial.rotation[1] = -100: use a finite number and >= -6.2832 and <= 6.2832, in rad, not degrees": {
         **FREE,
         "run": f"{RUN}\ninitial = {{ rotation = [0, -100, 0] }}",
     },
     "frame: no choice 'turning'; there is fixed, moving": {"head": 'frame = "turning"'},
-    "run.detail = 'quasi-rigid': allowed is 'full', or any with": {"head": "", "run": f'{RUN}\ndetail = "quasi-rigid"'},
-    "run.initial.rotation[1] = -2: allowed is at most 0.1 rad, or any with frame = 'moving'": {
+    "run.detail = 'quasi-rigid': use 'full', or any with": {"head": "", "run": f'{RUN}\ndetail = "quasi-rigid"'},
+    "run.initial.rotation[1] = -2: use at most 0.1 rad, or any with frame = 'moving'": {
         "head": "",
         **FREE,
         "run": f"{RUN}\ninitial = {{ rotation = [0, -2, 0] }}",
     },
-    "table path.csv: allowed are finite numbers and strictly increasing": {
+    "table path.csv: use finite numbers and strictly increasing": {
         "effects": CARRIED,
         "tables": {"path.csv": POSES[::-1]},
     },
-    "table path.csv: columns beside the time: given 8, allowed 13": {
-        "effects": CARRIED,
-        "tables": {"path.csv": FAST[:, :9]},
-    },
-    "base_path.table: the rotation at 0 s has length 2: allowed are": {
+    "table path.csv: use 13 columns beside the time (got 8)": {"effects": CARRIED, "tables": {"path.csv": FAST[:, :9]}},
+    "base_path.table: the rotation at 0 s has length 2: use": {
         "effects": CARRIED,
         "tables": {"path.csv": POSES * [1, 1, 1, 1, 2, 1, 1, 1]},
     },

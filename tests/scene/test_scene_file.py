@@ -107,14 +107,14 @@ def test_files_of_windows_editors_read(tmp_path, beginning):
 
 # What stands in the plate's scene | what stands there instead (⏎ is a new line) | what the error says of it
 MISTAKES = """
-0.49 | 0.5 | material.poisson = 0.5: allowed is a finite number and > -1 and < 0.5
-0.49 | 0.6 | material.poisson = 0.6: allowed is a finite number and > -1 and < 0.5
-2300.0 | -2300.0 | material.density = -2300.0: allowed is a finite number and > 0, in kg/m3
-1.0e6 | 0 | material.young = 0: allowed is a finite number and > 0, in Pa
-1.0e6 | nan | material.young = nan: allowed is a finite number and > 0, in Pa
-1.0e6 | inf | material.young = inf: allowed is a finite number and > 0, in Pa
-1.0e6 | true | material.young = True: allowed is a finite number and > 0, in Pa
-1.0e6 | "1 MPa" | material.young = '1 MPa': allowed is a finite number and > 0, in Pa
+0.49 | 0.5 | material.poisson = 0.5: use a finite number and > -1 and < 0.5
+0.49 | 0.6 | material.poisson = 0.6: use a finite number and > -1 and < 0.5
+2300.0 | -2300.0 | material.density = -2300.0: use a finite number and > 0, in kg/m3
+1.0e6 | 0 | material.young = 0: use a finite number and > 0, in Pa
+1.0e6 | nan | material.young = nan: use a finite number and > 0, in Pa
+1.0e6 | inf | material.young = inf: use a finite number and > 0, in Pa
+1.0e6 | true | material.young = True: use a finite number and > 0, in Pa
+1.0e6 | "1 MPa" | material.young = '1 MPa': use a finite number and > 0, in Pa
 density = 2300.0 | | material: density is missing
 [supports] | [materials]⏎[supports] | give either [material] or [materials.NAME]
 [supports] | [suports] | no key 'suports'; there is actuators, contacts, effects, frame, material, materials, mesh,
@@ -126,52 +126,52 @@ alpha = 0.5 | alpa = 0.5 | effects.damping: no key 'alpa'; there is alpha, beta,
 inertia = {} | inertia = {}⏎wind = {} | effects: no key 'wind'; there is base_motion, base_path, cables, contact
 inertia = {} | inertia = {mass = 1} | effects.inertia: no key 'mass'; there is none
 inertia = {} | | effects.damping: means nothing without inertia; name effects.inertia as well
-inertia = {} | inertia = true | effects.inertia = True: allowed is a table
-alpha = 0.5 | alpha = -0.5 | effects.damping.alpha = -0.5: allowed is a finite number and >= 0, in 1/s
+inertia = {} | inertia = true | effects.inertia = True: use a table
+alpha = 0.5 | alpha = -0.5 | effects.damping.alpha = -0.5: use a finite number and >= 0, in 1/s
 [reduction] | [reduction]⏎share = 0.9 | reduction.share: goes with method = 'eigenvector-selection'
 [reduction] | [reduction]⏎cubature = 0.1 | reduction.cubature: goes with effects.large_deformation
-name = "plate" | name = {} | name = {}: allowed is a non-empty string
-name = "plate" | name = "" | name = '': allowed is a non-empty string
+name = "plate" | name = {} | name = {}: use a non-empty string
+name = "plate" | name = "" | name = '': use a non-empty string
 [mesh]⏎file = "../../meshes/plate.msh" | | mesh is missing
 file = "../../meshes/plate.msh" | | mesh: file is missing
-[mesh] | [mesh]⏎degree = 3 | mesh.degree = 3: allowed is a whole number and >= 1 and <= 2
-[mesh] | [mesh]⏎degree = 1.0 | mesh.degree = 1.0: allowed is a whole number and >= 1 and <= 2
+[mesh] | [mesh]⏎degree = 3 | mesh.degree = 3: use a whole number and >= 1 and <= 2
+[mesh] | [mesh]⏎degree = 1.0 | mesh.degree = 1.0: use a whole number and >= 1 and <= 2
 surface = "middle" | | contacts.middle: give exactly one of surface, near
-surface = "middle" | surface = "m"⏎near = {point = [0, 0, 0], radius = 1} | together; given: surface, near
+surface = "middle" | surface = "m"⏎near = {point = [0, 0, 0], radius = 1} | together (got surface, near)
 surface = "middle" | near = {point = [0, 0, 0]} | contacts.middle.near: radius is missing
-surface = "middle" | near = {point = [0, 0, 0], radius = 0} | contacts.middle.near.radius = 0: allowed is
-surface = "middle" | near = {point = [0, 0], radius = 1} | near.point is a list of 2: allowed is a list of 3
+surface = "middle" | near = {point = [0, 0, 0], radius = 0} | contacts.middle.near.radius = 0: use
+surface = "middle" | near = {point = [0, 0], radius = 1} | near.point is a list of 2: use a list of 3
 surface = "middle"⏎force = "resultant" | force = "x" | force: no choice 'x'; there is nodal, normal, resultant, wrench
-[contacts.middle] | [contacts."mid/dle"] | contacts: name 'mid/dle': allowed are letters, digits, _ and -, at most 100
-[outputs.tip] | [outputs.".."] | outputs: name '..': allowed are letters, digits, _ and -, at most 100
+[contacts.middle] | [contacts."mid/dle"] | contacts: name 'mid/dle': use letters, digits, _ and -, at most 100
+[outputs.tip] | [outputs.".."] | outputs: name '..': use letters, digits, _ and -, at most 100
 points = [[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | | outputs.tip: give exactly one of points, markers, surface
-[[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | [] | outputs.tip.points is a list of 0: allowed is a list of at least 1
-[[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | [1] | points[0] = 1: allowed is a list of 3, each a finite number, in m
+[[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | [] | outputs.tip.points is a list of 0: use a list of at least 1
+[[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | [1] | points[0] = 1: use a list of 3, each a finite number, in m
 [reduction] | [reduction]⏎tolerance = 1e-3 | reduction: give order or tolerance, not both
 , middle = 67 | | reduction.order: contact mode 'middle' has no order
 middle = 67 | midle = 67 | reduction.order: no contact mode 'midle'; there is middle, tip_left; did you mean 'middle'?
-middle = 67 | middle = 0 | reduction.order.middle = 0: allowed is a whole number and >= 1
-{ tip_left = 52, middle = 67 } | 2.5 | reduction.order = 2.5: allowed is a whole number and >= 1, or a table
-order = { tip_left = 52, middle = 67 } | tolerance = 1 | reduction.tolerance = 1: allowed is a finite number and > 0
+middle = 67 | middle = 0 | reduction.order.middle = 0: use a whole number and >= 1
+{ tip_left = 52, middle = 67 } | 2.5 | reduction.order = 2.5: use a whole number and >= 1, or a table
+order = { tip_left = 52, middle = 67 } | tolerance = 1 | reduction.tolerance = 1: use a finite number and > 0
 [reduction] | [reduction]⏎switching = "enrgy" | there is energy, oblique; did you mean 'energy'?
 [reduction] | [reduction]⏎method = "podd" | no choice 'podd'; there is balanced, eigenvector-selection, modal,
 [reduction] | [reduction]⏎lyapunov = "ad" | no choice 'ad'; there is adi, auto, bartels-stewart, closed-form, krylov
-dt = 1e-3 | dt = 0 | run.dt = 0: allowed is a finite number and > 0, in s
-dt = 1e-3 | dt = 4 | run.dt = 4: allowed is at most the duration, 3 s
-[run] | [run]⏎snapshots = 0 | run.snapshots = 0: allowed is a whole number and >= 1
+dt = 1e-3 | dt = 0 | run.dt = 0: use a finite number and > 0, in s
+dt = 1e-3 | dt = 4 | run.dt = 4: use at most the duration, 3 s
+[run] | [run]⏎snapshots = 0 | run.snapshots = 0: use a whole number and >= 1
 [[run.load]] | [run.load] | run.load = {'contact': 'tip_left', 'start': 0.0, 'stop': 0.5,
-[[run.load]] | [run.load] | allowed is a list, each a table
-start = 0.0 | start = 1.0 | run.load[0].stop = 0.5: allowed is more than start, 1 s
-start = 0.0⏎stop = 0.5 | start = 500 | run.load[0].start = 500: allowed is less than the run's duration, 3 s
-start = 0.0 | start = -1.0 | run.load[0].start = -1.0: allowed is a finite number and >= 0, in s
+[[run.load]] | [run.load] | use a list, each a table
+start = 0.0 | start = 1.0 | run.load[0].stop = 0.5: use more than start, 1 s
+start = 0.0⏎stop = 0.5 | start = 500 | run.load[0].start = 500: use less than the run's duration, 3 s
+start = 0.0 | start = -1.0 | run.load[0].start = -1.0: use a finite number and >= 0, in s
 contact = "tip_left" | contact = "tip_lft" | run.load[0].contact: no contact mode 'tip_lft'; there is middle, tip_left;
 contact = "tip_left" | actuator = "tendon" | run.load[0].actuator: no actuator 'tendon'; there is none
-contact = "tip_left" | | run.load[0]: give exactly one of contact, actuator; given: none
-force = [0.0, 0.0, 0.5] | | run.load[0]: give exactly one of force, table; given: none
-stop = 0.5 | table = "force.csv" | run.load[0]: give exactly one of force, table; given: force, table
-force = [0.0, 0.0, 0.5] | force = [] | run.load[0].force is a list of 0: allowed is a list of at least 1
-force = [0.0, 0.0, 0.5] | force = 1 | force = 1: allowed is a list of at least 1, each a finite number, in N
-force = [0.0, 0.0, 0.5] | force = [0, nan, 0] | run.load[0].force[1] = nan: allowed is a finite number, in N
+contact = "tip_left" | | run.load[0]: give exactly one of contact, actuator (got none)
+force = [0.0, 0.0, 0.5] | | run.load[0]: give exactly one of force, table (got none)
+stop = 0.5 | table = "force.csv" | run.load[0]: give exactly one of force, table (got force, table)
+force = [0.0, 0.0, 0.5] | force = [] | run.load[0].force is a list of 0: use a list of at least 1
+force = [0.0, 0.0, 0.5] | force = 1 | force = 1: use a list of at least 1, each a finite number, in N
+force = [0.0, 0.0, 0.5] | force = [0, nan, 0] | run.load[0].force[1] = nan: use a finite number, in N
 force = [0.0, 0.0, 0.5] | table = "force.csv" | force.csv: cannot be read: No such file or directory
 [mesh] | [mesh | is not TOML: Expected ']' at the end of a table declaration (at line 4, column 6)
 [reduction] | [effects.large_deformation]⏎material = "yeoh"⏎[reduction] | large_deformation.constants: yeoh has
@@ -203,13 +203,13 @@ def test_mistake_is_told_with_what_is_allowed(there, instead, said):
         (MATERIAL, "", "give either [material] or [materials.NAME]"),
         (MATERIAL, "[materials]\n", "materials: at least one [materials.NAME] is needed"),
         (CONTACTS, "[contacts]\n", "contacts: at least one contact mode is needed"),
-        ("[outputs.tip]", f"[outputs.{101 * 'x'}]", "allowed are letters, digits, _ and -, at most 100"),
+        ("[outputs.tip]", f"[outputs.{101 * 'x'}]", "use letters, digits, _ and -, at most 100"),
         ('name = "plate"', f"name = {10_000 * '['}", "nested too deeply"),
-        ("1.0e6", "1" + 400 * "0", "...: allowed is a finite number"),  # more than floating point can hold
+        ("1.0e6", "1" + 400 * "0", "...: use a finite number"),  # more than floating point can hold
         ("1.0e6", "1" + 5000 * "0", "is not TOML"),  # more than Python reads
-        ("1.0e6", "0x1" + 9999 * "0", "a number with thousands of digits: allowed is"),  # more than Python prints
-        ("[run]", "[run]\nsnapshots = 1" + 400 * "0", "...: allowed is a whole number and >= 1"),
-        ("[mesh]", f"#{LONGEST * 'x'}\n[mesh]", "allowed are 60000; long force histories belong in tables"),
+        ("1.0e6", "0x1" + 9999 * "0", "a number with thousands of digits: use"),  # more than Python prints
+        ("[run]", "[run]\nsnapshots = 1" + 400 * "0", "...: use a whole number and >= 1"),
+        ("[mesh]", f"#{LONGEST * 'x'}\n[mesh]", "use 60000; long force histories belong in tables"),
     ],
     ids=[
         "no material",
@@ -253,30 +253,30 @@ def test_loads_that_follow_or_share_a_contact_mode_are_allowed(load):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "allowed are a line that names the columns and at least one line of data"),
+        (b"", "use a line that names the columns and at least one line of data"),
         (b"0,0,0,0\n1,0,0,1\n", "line 1: column '0' is there twice"),
         (
             b"0,1,2,3\n1,0,0,1\n",
             "line 1, column '0': its first row must name the columns, time first, such as: time (s)",
         ),
         (b"x,y,z,time\n0,0,0,0\n1,0,0,1\n", "line 1, column 'x': its first row must name the columns, time first"),
-        (b"time,x,y,z\n", "allowed are a line that names the columns and at least one line of data"),
-        (b"time,x,y,z\n0,0,0,0\n", "allowed are two or more rows"),
-        (b"time\n0\n1\n", "allowed are two or more rows, of a time and one number or more"),
-        (b"time,x,y,z\n0,0,0,0\n1,0,0\n", "line 3: has 3 cells; allowed are 4, as in line 1"),
-        (b"time,x,y,z\n0,0,0,0\n1,0,zero,0\n", "line 3, column 'y': 'zero' was given; allowed is a finite number"),
+        (b"time,x,y,z\n", "use a line that names the columns and at least one line of data"),
+        (b"time,x,y,z\n0,0,0,0\n", "use two or more rows"),
+        (b"time\n0\n1\n", "use two or more rows, of a time and one number or more"),
+        (b"time,x,y,z\n0,0,0,0\n1,0,0\n", "line 3: has 3 cells; use 4, as in line 1"),
+        (b"time,x,y,z\n0,0,0,0\n1,0,zero,0\n", "line 3, column 'y': 'zero' was given; use a finite number"),
         (b"time;x;y;z\n0;0;0;0\n1;0;0;0\n", "line 1, column 'time;x;y;z': its first row must name the columns"),
-        (b"time,x,y,z\n0,0,0,0\n1,0,nan,0\n", "line 3, column 'y': 'nan' was given; allowed is a finite number"),
+        (b"time,x,y,z\n0,0,0,0\n1,0,nan,0\n", "line 3, column 'y': 'nan' was given; use a finite number"),
         (b"time,x,y,z\n1,0,0,0\n0,0,0,0\n", "strictly increasing times"),
         (b"time,x,y,z\n0,0,0,0\n0,0,0,0\n", "strictly increasing times"),
         (b"time,x,y,z\n\xff\xfe,0,0,0\n", "is no text in UTF-8, at byte"),
         (b'time,x,y,z\n"' + 200_000 * b"x", "cannot be read: field larger"),
         (b"time,x,y,x\n0,0,0,0\n1,0,0,0\n", "line 1: column 'x' is there twice"),
-        (b"time,y,x,z\n0,0,0,0\n1,0,0,0\n", "line 1, column 'y': allowed are x, y and z in this order"),
-        (b"time,x,y,w\n0,0,0,0\n1,0,0,0\n", "line 1, column 'w': allowed are x, y and z in this order"),
-        (b"time,x (mm),y,z\n0,0,0,0\n1,0,0,0\n", "unit 'mm'; allowed is a name and one of (N), (mN), (kN)"),
-        (b"time (min),x,y,z\n0,0,0,0\n1,0,0,0\n", "unit 'min'; allowed is a name and one of (s), (ms)"),
-        (b"time,displacement.x,y,z\n0,0,0,0\n1,0,0,0\n", "is a displacement; allowed are numbers in N"),
+        (b"time,y,x,z\n0,0,0,0\n1,0,0,0\n", "line 1, column 'y': use x, y and z in this order"),
+        (b"time,x,y,w\n0,0,0,0\n1,0,0,0\n", "line 1, column 'w': use x, y and z in this order"),
+        (b"time,x (mm),y,z\n0,0,0,0\n1,0,0,0\n", "unit 'mm'; use a name and one of (N), (mN), (kN)"),
+        (b"time (min),x,y,z\n0,0,0,0\n1,0,0,0\n", "unit 'min'; use a name and one of (s), (ms)"),
+        (b"time,displacement.x,y,z\n0,0,0,0\n1,0,0,0\n", "is a displacement; use numbers in N"),
     ],
 )
 def test_bad_force_table_is_told(tmp_path, content, message):
@@ -315,9 +315,9 @@ def test_units_of_a_table_are_obeyed_and_travel_as_si(tmp_path, heading, factors
         ("time,pressure", 5.0),
         ("time,pressure (kPa)", 5e3),
         ("time,p (bar)", 5e5),
-        ("time,pressure (N)", "unit 'N'; allowed is a name and one of (Pa), (kPa), (MPa), (bar)"),
-        ("time,force", "is a force; allowed are numbers in Pa"),
-        ("time,volume", "is a volume; allowed are numbers in Pa"),
+        ("time,pressure (N)", "unit 'N'; use a name and one of (Pa), (kPa), (MPa), (bar)"),
+        ("time,force", "is a force; use numbers in Pa"),
+        ("time,volume", "is a volume; use numbers in Pa"),
     ],
 )
 def test_table_of_a_pressure_is_in_units_of_pressure(tmp_path, heading, expected):

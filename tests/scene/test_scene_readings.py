@@ -47,12 +47,12 @@ def test_touch_is_an_output_of_the_file_and_a_reading_of_the_scene():
 UNFELT = {
     "points = [[0, 0, 0]]\npatches = 2": r"outputs.skin.patches: goes with quantity = 'touch'",
     'surface = "top"\ntaxels = { rows = 2, columns = 2 }': r"outputs.skin.taxels: goes with quantity = 'touch'",
-    'quantity = "touch"\npoints = [[0, 0, 0]]': r"outputs.skin.points: touch is of a piece of the surface; allowed is",
+    'quantity = "touch"\npoints = [[0, 0, 0]]': r"outputs.skin.points: touch is of a piece of the surface; use",
     'quantity = "tuch"\nsurface = "top"': r"outputs.skin.quantity: no choice 'tuch'.* did you mean 'touch'",
     TOUCH + "taxels = { rows = 2 }": r"outputs.skin.taxels: columns is missing",
-    TOUCH + "taxels = { rows = 100, columns = 100 }": r"taxels: 100 x 100 are 10000 taxels; allowed are at most 4096",
+    TOUCH + "taxels = { rows = 100, columns = 100 }": r"taxels: 100 x 100 are 10000 taxels; use at most 4096",
     TOUCH
-    + "taxels = { rows = 2, columns = 2, along = [0, 0, 0] }": r"outputs.skin.taxels.along: allowed is any but zero",
+    + "taxels = { rows = 2, columns = 2, along = [0, 0, 0] }": r"outputs.skin.taxels.along: use any direction but zero",
     TOUCH + "sensor = {}": r"outputs.skin.sensor: adds nothing; give one of rate, delay, pressure_noise",
     TOUCH + "sensor = { delay = 1.0, seed = 2 }": r"outputs.skin.sensor.seed: goes with noise, of which there is none",
     TOUCH + "sensor = { pressure_step = 1.0 }": r"outputs.skin.sensor.pressure_step: goes with taxels",
@@ -88,7 +88,7 @@ MISTAKES = {
     'quantity = "strain"\nof = "top"\ninner = true': r"readings.one: give of or inner, not both",
     'quantity = "strain"\npoint = [0, 0, 0]': r"readings.one.point: goes with a marker and a reaction; strain has none",
     'quantity = "marker"\npoint = [0, 0, 0]\n[outputs.far]\nmarkers = [[0, 0, 1]]\n[effects.large_deformation]': (
-        r"outputs.far.markers: are for small turns; allowed with large_deformation are readings"
+        r"outputs.far.markers: are for small turns; use readings"
     ),
     f'quantity = "strain"\nof = "top"\n{NEAR}': r"readings.one: give of or near, not both",
 }

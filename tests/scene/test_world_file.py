@@ -72,7 +72,7 @@ def test_bodies_joints_and_tables_are_read(folder):
             r"bodies.upper.shape: no choice 'spere'; there is box, .*; did you mean 'sphere'",
         ),
         ("radius = 0.04", "", r"bodies.upper.radius: is missing; dimensions of a sphere: radius"),
-        ("radius = 0.04", "radius = -1", r"bodies.upper.radius = -1: allowed is a finite number and > 0, in m"),
+        ("radius = 0.04", "radius = -1", r"bodies.upper.radius = -1: use a finite number and > 0, in m"),
         ("radius = 0.04", "radius = 1\nsize = [1, 1, 1]", r"bodies.upper.size: a sphere has none"),
         ("density = 500", "densty = 500", r"bodies.lower: no key 'densty'; there is .*; did you mean 'density'"),
         ("mass = 0.2", "mass = 0.2\ndensity = 3", r"bodies.upper: give density or mass, not both"),
@@ -83,28 +83,24 @@ def test_bodies_joints_and_tables_are_read(folder):
             r"bodies.ground.mass: means nothing of a half-space",
         ),
         ('on = "palm"', 'on = "plam"', r"bodies.finger.on: no body 'plam'; there is .*; did you mean 'palm'"),
-        ('on = "palm"', 'on = "finger"', r"bodies.finger.on: finger is on finger: allowed is no circle"),
-        ('on = "palm"', 'on = "lower"', r"bodies.finger.on = 'lower': allowed is a rigid body that stands still"),
+        ('on = "palm"', 'on = "finger"', r"bodies.finger.on: finger is on finger: use a chain without a circle"),
+        ('on = "palm"', 'on = "lower"', r"bodies.finger.on = 'lower': use a rigid body that stands still"),
         ('on = "palm"', "mass = 1", r"bodies.finger.mass: is of a rigid body, and this is a soft one"),
-        ('rom = "finger.h5"', "", r"bodies.finger: give exactly one of rom, scene, shape, robot; given: none"),
+        ('rom = "finger.h5"', "", r"bodies.finger: give exactly one of rom, scene, shape, robot \(got none\)"),
         ('bodies = ["lower", "upper"]', 'bodies = ["lower", "uper"]', r"pairs\[0\].bodies: no body 'uper'"),
         ('bodies = ["lower", "upper"]', 'bodies = ["lower"]', r"pairs\[0\].bodies is a list of 1"),
-        ('bodies = ["lower", "upper"]', 'bodies = ["lower", "lower"]', r"lower: is rigid: allowed are two bodies"),
-        (
-            "axis = [0, 0, 1]",
-            "axis = [0, 0, 1]\nstart = 0.5\nstop = 0.5",
-            r"joints\[0\].stop = 0.5: allowed is after its",
-        ),
+        ('bodies = ["lower", "upper"]', 'bodies = ["lower", "lower"]', r"lower: is rigid: use two bodies"),
+        ("axis = [0, 0, 1]", "axis = [0, 0, 1]\nstart = 0.5\nstop = 0.5", r"joints\[0\].stop = 0.5: use one after its"),
         (
             "axis = [0, 0, 1]",
             "axis = [0, 0, 1]\nstart = 1",
-            r"joints\[0\].start = 1: allowed is before the end of the run",
+            r"joints\[0\].start = 1: use one before the end of the run",
         ),
         ("[[joints]]", NAMED + "[[joints]]\nname = 'hold'", r"joints\[1\].name = 'hold': is that of another one"),
         ("axis = [0, 0, 1]", "", r"joints\[0\].axis: a hinge has one, and no other joint"),
-        ("axis = [0, 0, 1]", "axis = [0, 0, 0]", r"joints\[0\].axis: allowed is any but zero"),
-        ("point = [0, 0, 0]", "", r"joints\[0\]: give exactly one of point, surface; given: none"),
-        ("point = [0, 0, 0]", 'surface = "tip"', r"joints\[0\].surface = 'tip': allowed is .* soft body.*'lower'"),
+        ("axis = [0, 0, 1]", "axis = [0, 0, 0]", r"joints\[0\].axis: use any direction but zero"),
+        ("point = [0, 0, 0]", "", r"joints\[0\]: give exactly one of point, surface \(got none\)"),
+        ("point = [0, 0, 0]", 'surface = "tip"', r"joints\[0\].surface = 'tip': use .* soft body.*'lower'"),
         ('kind = "hinge"', 'kind = "slider"', r"joints\[0\].kind: no choice 'slider'"),
         ('body = "finger"', 'body = "lower"', r"run.input\[0\].body: no soft body 'lower'"),
         ('"pull.csv"', '"push.csv"', r"table .*push.csv: cannot be read"),
@@ -128,10 +124,10 @@ def test_bodies_joints_and_tables_are_read(folder):
             r"pairs\[1\].bodies: .* joined by joints\[0\]",
         ),
         ("[bodies.ground]", 'apart = [["upper", "ground", "lower"]]\n[bodies.ground]', r"as apart\[0\] says"),
-        ("dt = 2e-3", "dt = 2", r"run.dt = 2: allowed is at most the duration, 1 s"),
-        ("[bodies.ground]", "[bodies.world]", r"bodies.world: allowed is any other name"),
-        ("mass = 0.2", "mass = 0.2\nrotation = [0, 0, 90]", r"rotation\[2\] = 90: allowed .* in rad, not degrees"),
-        ("gravity = [0, 0, -9.81]", "gravity = 9.81", r"gravity = 9.81: allowed is a list of 3"),
+        ("dt = 2e-3", "dt = 2", r"run.dt = 2: use at most the duration, 1 s"),
+        ("[bodies.ground]", "[bodies.world]", r"bodies.world: use any other name"),
+        ("mass = 0.2", "mass = 0.2\nrotation = [0, 0, 90]", r"rotation\[2\] = 90: use .* in rad, not degrees"),
+        ("gravity = [0, 0, -9.81]", "gravity = 9.81", r"gravity = 9.81: use a list of 3"),
     ],
 )
 def test_mistake_is_told_with_what_is_allowed(folder, there, instead, said):
@@ -141,7 +137,7 @@ def test_mistake_is_told_with_what_is_allowed(folder, there, instead, said):
 
 
 def test_circles_of_carriers_are_told(folder):
-    with pytest.raises(SceneError, match=r"finger is on other is on finger: allowed is no circle"):
+    with pytest.raises(SceneError, match=r"finger is on other is on finger: use a chain without a circle"):
         read(folder, GIVEN.replace('on = "palm"', 'on = "other"') + '[bodies.other]\nrom = "a.h5"\non = "finger"\n')
 
 

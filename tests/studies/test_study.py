@@ -286,7 +286,7 @@ class TestMeshes:
 
     def test_that_are_no_finer_are_refused(self, box_file, tmp_path):
         coarse = write_box(tmp_path / "coarse.msh", (1.0, 0.4, 0.3), (2, 1, 1))
-        with pytest.raises(SceneError, match=r"box.msh has 108 unknowns; allowed are meshes that are finer"):
+        with pytest.raises(SceneError, match=r"box.msh has 108 unknowns; use meshes that are finer"):
             fr.study(box_scene(box_file), tmp_path, meshes=[coarse], quick=True)
 
     def test_need_outputs(self, box_file, tmp_path):

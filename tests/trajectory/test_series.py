@@ -208,14 +208,12 @@ def test_a_contact_mode_with_the_name_of_an_actuator_keeps_its_own_inputs():
 
 
 LIES = {
-    "/inputs/cable has shape (3, 1); allowed is ('S', 'w'), S = 21": put("inputs/cable", np.ones((3, 1))),
+    "/inputs/cable has shape (3, 1); use ('S', 'w'), S = 21": put("inputs/cable", np.ones((3, 1))),
     "an input has no unit 'kN'": put("inputs/cable", np.ones((21, 1)), unit="kN"),
     "a reading has no quantity 'lenght'": lambda h5: says(quantity="lenght")(h5["readings/cable"]),
     "/readings/sole/nodes is missing": without("readings/sole/nodes"),
     "/readings/sole/values has unit 'bar', not 'Pa'": put("readings/sole/values", lambda there: there, unit="bar"),
-    "/readings/gauge/triangles: allowed are numbers below": put(
-        "readings/gauge/triangles", lambda there: there + 10_000
-    ),
+    "/readings/gauge/triangles: use numbers below": put("readings/gauge/triangles", lambda there: there + 10_000),
     "unexpected more in /readings/gauge": put("readings/gauge/more", [1.0]),
 }
 

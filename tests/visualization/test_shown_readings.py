@@ -169,7 +169,7 @@ def test_touch_is_kept_in_runs_and_is_what_obstacles_do(run, tmp_path):
     force = run.forces["floor"]
     np.testing.assert_allclose(read.touch.force, force, atol=1e-13 * np.abs(force).max())
     for message, lie in {
-        "/readings/skin/taxels/taxels: allowed are numbers below 8": put("readings/skin/taxels/taxels", _more),
+        "/readings/skin/taxels/taxels: use numbers below 8": put("readings/skin/taxels/taxels", _more),
         "/readings/skin/values: 59 numbers are none of touch with 8 taxels": put(
             "readings/skin/values", lambda there: there[:, 1:]
         ),

@@ -210,11 +210,11 @@ def test_a_follower_goes_with_its_leader():
 
 
 def test_drives_that_cannot_be_are_refused():
-    with pytest.raises(SceneError, match="allowed are two numbers"):
+    with pytest.raises(SceneError, match="use two numbers"):
         Drive(limits=(1, 0))
-    with pytest.raises(SceneError, match="allowed is one within its limits"):
+    with pytest.raises(SceneError, match="use one within its limits"):
         Drive(2.0, (0.0, 1.0))
-    with pytest.raises(SceneError, match="friction = -1: allowed is a finite number >= 0"):
+    with pytest.raises(SceneError, match="friction = -1: use a finite number >= 0"):
         Drive(friction=-1)
     with pytest.raises(SceneError, match="gain > 0 of a position"):
         Motor("position")

@@ -178,15 +178,12 @@ def test_a_free_beam_is_held_by_its_face_and_let_go(roms):
     [
         (lambda world: world.release("grip"), "no joint 'grip'; there is hold, later; did you mean|no joint 'grip'"),
         (lambda world: world.release("later"), "joint 'later' does not hold now; those that do: hold"),
-        (lambda world: world.release(2), "joint 2: allowed is a number below 2, or a name: hold, later"),
+        (lambda world: world.release(2), "joint 2: use a number below 2, or a name: hold, later"),
         (lambda world: world.join(ball("box", "world", (0, 0, 1), name="hold")), "joint 'hold': there are two"),
-        (
-            lambda world: world.join(ball("box", "world", (0, 0, 1), start=1.0)),
-            "start = 1 s: allowed is a joint without",
-        ),
+        (lambda world: world.join(ball("box", "world", (0, 0, 1), start=1.0)), "start = 1 s: use a joint without"),
         (lambda world: world.join(ball("box", "bax", (0, 0, 1))), "no body 'bax'"),
-        (lambda world: ball("box", "world", (0, 0, 1), start=1.0, stop=0.5), "stop = 0.5: allowed is a time after"),
-        (lambda world: ball("box", "world", (0, 0, 1), start=-1.0), "start = -1.0: allowed is a time from 0 on"),
+        (lambda world: ball("box", "world", (0, 0, 1), start=1.0, stop=0.5), "stop = 0.5: use a time after"),
+        (lambda world: ball("box", "world", (0, 0, 1), start=-1.0), "start = -1.0: use a time from 0 on"),
     ],
 )
 def test_what_cannot_be_joined_or_let_go_is_told(ask, said):

@@ -92,7 +92,7 @@ def test_a_soft_block_falls_into_a_groove(tmp_path):
 
 def test_a_mesh_has_no_mass():
     ground = mesh_of(groove())
-    with pytest.raises(SceneError, match="mesh: has no mass; allowed is one that is held"):
+    with pytest.raises(SceneError, match="mesh: has no mass; use one that is held"):
         fr.World({"ground": fr.RigidBody(ground, density=100.0)}, 1e-3)
 
 
@@ -119,7 +119,7 @@ duration = 0.02
         (WORLD.replace("vee.stl", "no.stl"), "bodies.vee.file: surface .*no.stl: cannot be read: No such file"),
         (WORLD.replace('file = "vee.stl"\n', ""), "bodies.vee.file: is missing; dimensions of a mesh: file"),
         (WORLD.replace("scale = 1e-3", "scale = 1e-3\nmass = 1.0"), "bodies.vee.mass: means nothing of a mesh"),
-        (WORLD.replace("density", "open = true\ndensity"), "bodies.ball.open: a sphere has none; allowed of a mesh"),
+        (WORLD.replace("density", "open = true\ndensity"), "bodies.ball.open: a sphere has none; give it to a mesh"),
     ],
 )
 def test_a_world_file_names_a_mesh(tmp_path, text, says):

@@ -134,7 +134,7 @@ def test_what_cannot_be_is_refused(tmp_path):
         with pytest.raises(SceneError, match=says):
             fr.World(bodies, 1e-3, pairs={pair: ContactLaw()})
     world = fr.World({"fork": fr.SoftBody(rom)}, 1e-3, pairs={ITSELF: ContactLaw()})
-    with pytest.raises(StepError, match="'fork' on itself add up to 0: allowed are two bodies; `contact_forces`"):
+    with pytest.raises(StepError, match="'fork' on itself add up to 0: use two bodies; `contact_forces`"):
         world.force_between("fork", "fork")
 
 
@@ -162,5 +162,5 @@ value = 4.0
     run = fr.simulate(str(tmp_path / "world.toml"))
     assert run.contact_account["friction"][-1] > 0
     (tmp_path / "world.toml").write_text(text.replace('["fork", "fork"]', '["ball", "ball"]'))
-    with pytest.raises(SceneError, match="ball: is rigid: allowed are two bodies, or a soft one twice"):
+    with pytest.raises(SceneError, match="ball: is rigid: use two bodies, or a soft one twice"):
         fr.simulate(str(tmp_path / "world.toml"))

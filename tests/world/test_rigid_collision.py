@@ -205,5 +205,5 @@ def test_ground_carries_a_box_at_its_corners_and_has_no_other_ground():
     np.testing.assert_allclose(found.gaps, -0.001, atol=1e-14)
     np.testing.assert_allclose(found.normals, [[0, 0, -1]] * 4, atol=1e-14)  # to the first, which is the ground
     assert len(find_contacts(GROUND, placed(box, (1.0, 2.0, 0.3)), 0.01).gaps) == 0
-    with pytest.raises(SceneError, match="given: two"):
+    with pytest.raises(SceneError, match="got two"):
         find_contacts(GROUND, GROUND, 0.01)

@@ -97,8 +97,8 @@ def test_surfaces_are_closed_and_look_outwards(shape):
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: Sphere(0), "sphere: radius: allowed is a finite number > 0"),
-        (lambda: Capsule(1, -1), "capsule: length: allowed is a finite number > 0"),
+        (lambda: Sphere(0), "sphere: radius: use a finite number > 0"),
+        (lambda: Capsule(1, -1), "capsule: length: use a finite number > 0"),
         (lambda: Cylinder("1", 1), "cylinder: radius"),
         (lambda: Box((1, 0, 1)), "box: size"),
         (lambda: Hull([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]), "lie in one plane"),

@@ -282,11 +282,11 @@ def test_points_of_a_free_body_answer_forces_as_they_then_move(roms):
 
 
 def test_what_a_world_refuses_of_soft_bodies(roms):
-    with pytest.raises(fr.SceneError, match=r"body 'beam': ROM .* is carried: allowed is on = BODY"):
+    with pytest.raises(fr.SceneError, match=r"body 'beam': ROM .* is carried: use on = BODY"):
         fr.World({"beam": fr.SoftBody(roms["carried"]), "box": fr.RigidBody(**BOX)}, 1e-3)
     with pytest.raises(fr.SceneError, match=r"body 'beam': ROM .* is not carried"):
         fr.World({"beam": fr.SoftBody(roms["held"], on="palm"), "palm": fr.RigidBody(Sphere(0.1), motion=LIES)}, 1e-3)
-    with pytest.raises(fr.SceneError, match="on = 'box': allowed is a rigid body with a motion"):
+    with pytest.raises(fr.SceneError, match="on = 'box': use a rigid body with a motion"):
         fr.World({"beam": fr.SoftBody(roms["carried"], on="box"), "box": fr.RigidBody(**BOX)}, 1e-3)
     with pytest.raises(
         fr.SceneError, match=r"weld at \[9.0, 0.0, 0.0\], which holds three points about it, 0.1 m from .*"
@@ -297,7 +297,7 @@ def test_what_a_world_refuses_of_soft_bodies(roms):
             "beam": fr.SoftBody(roms[kind], on=on, velocity=(0, 0, 1)),
             "palm": fr.RigidBody(Sphere(1), motion=LIES),
         }
-        with pytest.raises(fr.SceneError, match=r"velocity = \(0, 0, 1\).*: allowed is 0 of a body that is held or"):
+        with pytest.raises(fr.SceneError, match=r"velocity = \(0, 0, 1\).*: use 0 of a body that is held or"):
             fr.World(thrown, 1e-3)
     world = fr.World({"beam": fr.SoftBody(roms["held"]), "box": fr.RigidBody(**BOX, position=(0, 0, 1))}, 1e-3)
     with pytest.raises(fr.StepError, match="body 'box': no input 'push'; there is force, torque"):

@@ -292,12 +292,12 @@ def test_a_world_file_welds_a_surface_by_its_name(tmp_path):
     ("joint", "said"),
     [
         (("beam", "box", "rihgt"), "joint of 'beam' and 'box': no contact mode 'rihgt'.*did you mean 'right'"),
-        (("box", "beam", "right"), "surface 'right': allowed is one of a soft body, which comes first"),
+        (("box", "beam", "right"), "surface 'right': use one of a soft body, which comes first"),
         (("beam", "box", "right", "hinge", (0, 1, 0)), "surface 'right' is rigid, which no hinge holds"),
         (("beam", "box", "top", "hinge", (0, 0, 1)), "its axis leaves surface 'top', by 0.1"),
         (("beam", "box", "right", "glue"), "no kind of joint 'glue'; there is ball, hinge, weld"),
         (("beam", "box", "right", "hinge"), "a hinge has an axis, and no other joint"),
-        (("beam", "box", "right", "hinge", (0, 0, 0)), "allowed is a vector of any length but 0"),
+        (("beam", "box", "right", "hinge", (0, 0, 0)), "use a vector of any length but 0"),
         (("beam", "beam", "right"), "'beam' with itself"),
     ],
 )

@@ -209,7 +209,7 @@ class FiniteStrainStepper(FullOrderBody):
         s, followers, contact = self.system, self._model.followers, self.contact_mode
         width = self.input_matrix.shape[1]
         if u.shape != (width,) or not np.isfinite(u).all():
-            raise StepError(f"input {u.tolist()}: allowed are {width} finite numbers in contact mode {contact!r}")
+            raise StepError(f"input {u.tolist()}: use {width} finite numbers in contact mode {contact!r}")
         u, given = (u, np.empty(0)) if self.actuators is None else self.actuators.split(u)
         dead, following, at = u.copy(), [], s.contacts[contact].shape[1]
         for name, columns in s.actuators.items():

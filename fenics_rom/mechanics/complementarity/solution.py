@@ -109,7 +109,7 @@ def check_residual(residual: float, pairs: int, iterations: int) -> None:
     if not residual <= LARGEST_RESIDUAL:
         raise StepError(
             f"contact of {pairs} pairs: no forces found that stop them: after {iterations} iterations the residual is "
-            f"{residual:.1e} of the velocities, allowed is {LARGEST_RESIDUAL:.0e}{ADVICE}"
+            f"{residual:.1e} of the velocities, at most {LARGEST_RESIDUAL:.0e}{ADVICE}"
         )
 
 

@@ -119,7 +119,7 @@ def check_law(body: ReducedDeformation, states: Array) -> None:
         if x.max() > LAST_SHARE * term.largest:
             raise SceneError(
                 f"effects.large_deformation.constants: {body.law}: in training chains are stretched out: at a stretch "
-                f"of {shapes[x.argmax()].max():.3g} I1 - 3 is {x.max():.3g}; allowed is up to {LAST_SHARE} of "
+                f"of {shapes[x.argmax()].max():.3g} I1 - 3 is {x.max():.3g}; at most {LAST_SHARE} of "
                 f"{term.largest:g}, beyond which the energy goes on as a parabola; give a larger Jm or less load"
             )
     try:
@@ -142,7 +142,7 @@ def _check_fibres(body: ReducedDeformation, states: Array) -> None:
             raise SceneError(
                 f"materials: in training fibres with law = {QUADRATIC!r} are pressed to a stretch of "
                 f"{stretch[share.argmax()]:.4g}: they push with {share.max():.3g} times the shear modulus around them, "
-                f"and would fold; allowed is at most 1; give law = {HOLZAPFEL!r}, whose fibres only pull, softer "
+                f"and would fold above 1; use law = {HOLZAPFEL!r}, whose fibres only pull, softer "
                 "fibres or less load"
             )
         for family in body.fibres:
@@ -151,7 +151,7 @@ def _check_fibres(body: ReducedDeformation, states: Array) -> None:
                 longest = float(np.sqrt(1 + 2 * family.strains(E)[exponent.argmax()]))
                 raise SceneError(
                     f"materials: in training fibres with law = {HOLZAPFEL!r} are pulled to a stretch of {longest:.4g}: "
-                    f"their exponent is {exponent.max():.3g}; allowed is up to {LARGEST_EXPONENT:g}, beyond which "
+                    f"their exponent is {exponent.max():.3g}; the most is {LARGEST_EXPONENT:g}, beyond which "
                     "their energy goes on as a parabola; give less stiffening or less load"
                 )
 
@@ -186,7 +186,7 @@ def retained_basis(problem: ReductionProblem, columns: Array) -> RetainedBasis:
     w, E = significant_eigenpairs(inner(rest, M @ rest))
     order = max(problem.order.values()) if isinstance(problem.order, Mapping) else problem.order
     if order is not None and order <= bars:
-        raise SceneError(f"order = {order}: supports.rigid take {bars} of it; allowed is more")
+        raise SceneError(f"order = {order}: supports.rigid take {bars} of it; use more")
     m = choose_order(np.sqrt(w), None if order is None else order - bars, problem.tolerance)
     if len(w) < m:
         problem.messages.append(f"order {m + bars} was asked for, {len(w) + bars} directions were seen and kept")

@@ -62,7 +62,7 @@ def differentiate(
     u, plan = plan_steps(body, inputs, contact, dt)
     check_bases(base, len(u))
     if not len(u):
-        raise StepError("differentiate: inputs of no step were given; allowed is at least one")
+        raise StepError("differentiate: inputs of no step were given; use at least one")
     if body.rom.deformation is None and not (body.needs_each_step or body.relaxes or base is not None):
         return differentiate_linear(body, u, plan, objective, names)
     from fenics_rom.runtime.differentiation.taken_steps import differentiate_taken  # here, as linear bodies need it not

@@ -94,8 +94,8 @@ def checked_slopes(objective: Objective, given: dict[str, Array], energies: Arra
             raise ValueError
     except (TypeError, ValueError):
         raise StepError(
-            "objective: allowed are a finite J, its derivatives by name of an output, and those with the energies or "
-            f"None; given: {shown(returned)}"
+            "objective: use a finite J, its derivatives by name of an output, and those with the energies or "
+            f"None (got {shown(returned)})"
         ) from None
     for name in by_output:
         check_known("output", name, given, StepError)
@@ -112,5 +112,5 @@ def _checked(name: str, slope: "Array | float", of: Array) -> Array:
     """Derivatives with something, as an array of its shape; 0. of what is not named."""
     slope = real_numbers_or_nan(slope)
     if slope.shape not in ((), of.shape) or not np.isfinite(slope).all():
-        raise StepError(f"derivatives with {name}: allowed are finite numbers {of.shape}, given: {slope.shape}")
+        raise StepError(f"derivatives with {name}: use finite numbers {of.shape} (got {slope.shape})")
     return np.broadcast_to(slope, of.shape)

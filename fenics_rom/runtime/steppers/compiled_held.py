@@ -193,7 +193,7 @@ class CompiledHeld:
         Twice the energy stored, supplied and dissipated, J, and whether the step `is_new`: see `held_table`.
         """
         if u.shape != (self.body.dead.shape[1],):
-            raise ValueError(f"allowed are {self.body.dead.shape[1]} numbers, given: {u.shape}")
+            raise ValueError(f"use {self.body.dead.shape[1]} numbers (got {u.shape})")
         if not (self._is_known and self._elastic.carried is self._carried and tangent is self.tangent):
             self._load(tangent)
         step = take_step_at(self._table, self._numbers, in_plain(u), halves)

@@ -144,7 +144,7 @@ def _said(given: Any) -> str:
 
 def _export_rom(place: Path, rom: Rom, kind: str, count: int | None, dark: bool) -> None:
     if count is not None and not (is_number(count, whole=True) and count >= 1):
-        raise FileError(f"--count {shown(count)}: allowed are whole numbers from 1")
+        raise FileError(f"--count {shown(count)}: use whole numbers from 1")
     if place.suffix in SHEET_FORMATS:
         write_sheet(place, rom, kind, SHEET_SHAPES if count is None else count, dark)
         return
@@ -171,9 +171,9 @@ def _export_run(
     if not len(run.triangles) or not len(run.snapshots):
         raise FileError(f"run {run.name!r} has no surface to draw")
     if not (is_number(scale) and scale > 0):
-        raise FileError(f"--scale {_said(scale)}: allowed are finite numbers > 0")
+        raise FileError(f"--scale {_said(scale)}: use finite numbers > 0")
     if seconds is not None and not (is_number(seconds) and 0 < seconds <= MAX_SECONDS):
-        raise FileError(f"--seconds {_said(seconds)}: allowed is more than 0 and at most {MAX_SECONDS:g}")
+        raise FileError(f"--seconds {_said(seconds)}: use more than 0 and at most {MAX_SECONDS:g}")
     if colour is not None:
         if place.suffix not in PICTURE_FORMATS:
             raise FileError(f"{place}: holds all fields; --colour is for {', '.join(PICTURE_FORMATS)}")
@@ -184,7 +184,7 @@ def _export_run(
         if place.suffix not in (".vtu", ".png"):
             raise FileError(f"{place}: shows all instants; --time is for .vtu and .png")
         if not (is_number(time) and 0 <= time <= run.times[-1]):
-            raise FileError(f"--time {_said(time)}: allowed are 0 to {run.times[-1]:g} s, which the run lasts")
+            raise FileError(f"--time {_said(time)}: use 0 to {run.times[-1]:g} s, which the run lasts")
     row = len(run.snapshots) - 1 if time is None else int(np.abs(run.snapshot_times - time).argmin())
     if place.suffix == ".pvd":
         touch = _touch_of(run)

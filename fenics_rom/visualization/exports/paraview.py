@@ -76,7 +76,7 @@ def _check_place(file: Path) -> None:
     if others:
         raise FileError(
             f"{folder}: the folder that goes with {file.name} holds other things, such as {others[0]!r}; "
-            "allowed is a name whose folder is free"
+            "use a name whose folder is free"
         )
 
 

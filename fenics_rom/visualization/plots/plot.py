@@ -120,7 +120,7 @@ def is_folder(place: Path) -> bool:
         check_folder(place)
         return True
     if place.suffix not in FORMATS:
-        raise FileError(f"{place}: allowed are a folder, or a file that ends in {', '.join(FORMATS)}")
+        raise FileError(f"{place}: use a folder, or a file that ends in {', '.join(FORMATS)}")
     return False
 
 
@@ -136,7 +136,7 @@ def _read(model: File | Rom | Trajectory | Mapping[str, Trajectory | File]) -> R
     if isinstance(model, Mapping):
         mapping_in("plot", model, SceneError)
         if not model:
-            raise SceneError("plot: no runs were given; allowed is at least one")
+            raise SceneError("plot: no runs were given; use at least one")
         return {name: object_or_file("plot", run, RUN_FILE) for name, run in model.items()}
     one = object_or_file("plot", model, ROM_FILE, RUN_FILE)
     return one if isinstance(one, Rom) else {one.name: one}

@@ -43,4 +43,4 @@ def _lowest(shape: Shape, up: Array) -> tuple[Array, float, Array]:
         deepest = -shape.radius / tilt * np.array([up[0], up[1], 0.0])
         return np.concatenate([[deepest - half, deepest + half], rims]), 0.0, np.append([8, 9], np.arange(8))
     assert isinstance(shape, HalfSpace)
-    raise SceneError("half-space: allowed beside one is anything but another, given: two")
+    raise SceneError("half-space: use one beside anything but another (got two)")

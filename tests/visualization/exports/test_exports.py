@@ -390,14 +390,14 @@ def said(capsys, *words):
         ("run-1.2.h5", ["-o", "x.jpg"], r"a run becomes a file that ends in .pvd, .vtu, .png, .gif, .mp4"),
         ("rom-1.2.h5", ["-o", "x.gif"], r"a ROM becomes a file that ends in .vtu, .png, .pdf, .svg"),
         ("rom-1.2.h5", ["-o", "x"], r"a ROM becomes a file that ends in"),
-        ("run-1.2.h5", ["-o", "x.png", "--time", "0.1"], r"--time 0.1: allowed are 0 to 0.05 s, which the run lasts"),
-        ("run-1.2.h5", ["-o", "x.png", "--time", "nan"], r"--time nan: allowed are 0 to 0.05 s"),
+        ("run-1.2.h5", ["-o", "x.png", "--time", "0.1"], r"--time 0.1: use 0 to 0.05 s, which the run lasts"),
+        ("run-1.2.h5", ["-o", "x.png", "--time", "nan"], r"--time nan: use 0 to 0.05 s"),
         ("run-1.2.h5", ["-o", "x.pvd", "--time", "0.01"], r"shows all instants; --time is for .vtu and .png"),
         ("run-1.2.h5", ["-o", "x.png", "--what", "modes"], r"has no modes; --what and --count are for ROMs"),
-        ("run-1.2.h5", ["-o", "x.png", "--scale", "0"], r"--scale 0: allowed are finite numbers > 0"),
-        ("run-1.2.h5", ["-o", "x.gif", "--seconds", "-1"], r"--seconds -1: allowed is more than 0 and at most 3600"),
+        ("run-1.2.h5", ["-o", "x.png", "--scale", "0"], r"--scale 0: use finite numbers > 0"),
+        ("run-1.2.h5", ["-o", "x.gif", "--seconds", "-1"], r"--seconds -1: use more than 0 and at most 3600"),
         ("rom-1.2.h5", ["-o", "x.png", "--time", "0.1"], r"has no instants; --time is for runs"),
-        ("rom-1.2.h5", ["-o", "x.png", "--count", "0"], r"--count 0: allowed are whole numbers from 1"),
+        ("rom-1.2.h5", ["-o", "x.png", "--count", "0"], r"--count 0: use whole numbers from 1"),
         ("rom-1.2.h5", ["-o", "nowhere/x.png"], r"folder .*nowhere does not exist"),
         ("triple-chain-1501.csv", ["-o", "x.png"], r"is not a fenics-rom file"),
         ("not there.h5", ["-o", "x.png"], r"not found"),
@@ -461,7 +461,7 @@ except fr.errors.FenicsRomError as error:
     words = (DATA / "run-1.2.h5", DATA / "rom-1.2.h5", tmp_path)
     run = subprocess.run([sys.executable, "-c", code, *map(str, words)], capture_output=True, text=True)
     assert (run.returncode, run.stderr) == (0, "")
-    assert "--time 1e+09: allowed are 0 to" in run.stdout
+    assert "--time 1e+09: use 0 to" in run.stdout
     assert sorted(file.name for file in tmp_path.iterdir()) == ["modes.png", "x.png"]
 
 

@@ -333,7 +333,7 @@ def test_command_draws_runs_and_the_full_response(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["run-1.2.h5", "-o", "x.jpg"], "allowed are a folder, or a file that ends in .pdf, .svg, .png"),
+        (["run-1.2.h5", "-o", "x.jpg"], "use a folder, or a file that ends in .pdf, .svg, .png"),
         (["run-1.2.h5", "-o", "x.pdf", "--what", "sigma"], "no plot 'sigma'; there is energy, forces, output_tip"),
         (["rom-1.2.h5", "run-1.2.h5", "-o", "x.pdf"], "plots are of one ROM, or of any number of runs"),
         (["run-1.2.h5", "-o", "x.pdf", "--full", "x.toml"], "--full is for a ROM"),
@@ -375,7 +375,7 @@ def test_a_model_of_which_nothing_is_known_has_nothing_to_draw(plate_rom, tmp_pa
 
 def test_a_file_in_the_place_of_a_folder(touching, tmp_path):
     (tmp_path / "plots").write_text("")
-    with pytest.raises(FileError, match="is a file; allowed is a folder"):
+    with pytest.raises(FileError, match="is a file; use a folder"):
         plot(touching, tmp_path / "plots")
 
 

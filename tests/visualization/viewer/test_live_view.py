@@ -379,7 +379,7 @@ def bad_files(folder, plate_rom):
         (["bare.h5"], "has no surface triangles"),
         (["chain.h5"], "has no surface triangles"),
         (["c.h5", "--dt", "1"], "--dt is the time step of a ROM"),
-        (["plate.h5", "--dt", "-1"], "dt = -1.0: allowed is a finite number > 0"),
+        (["plate.h5", "--dt", "-1"], "dt = -1.0: use a finite number > 0"),
     ],
 )
 def test_what_cannot_be_viewed(files, what, bad_files, capsys, monkeypatch):

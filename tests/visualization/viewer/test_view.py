@@ -119,7 +119,7 @@ def test_a_world_is_stepped_anew_beside_the_program(tmp_path):
     ("given", "options", "error", "says"),
     [
         (("rom", "run"), {}, SceneError, "plate: is a ROM, and is viewed alone"),
-        (("rom",), {"dt": -1.0}, StepError, "dt = -1.0: allowed is a finite number > 0"),
+        (("rom",), {"dt": -1.0}, StepError, "dt = -1.0: use a finite number > 0"),
         (("run",), {"dt": 1.0}, SceneError, "dt is the time step of a ROM"),
         (("run", "other"), {}, CompareError, "the runs are of different meshes"),
     ],
