@@ -24,7 +24,7 @@ def is_number(value: Any, *, whole: bool = False) -> bool:
 def check_flag(where: str, given: Any, error: type[FenicsRomError]) -> bool:
     """True or False; the error of all else."""
     if not (isinstance(given, bool) or type(given).__name__ in ("bool_", "bool")):
-        raise error(f"{where} = {shown(given)}: use True and False")
+        raise error(f"{where} = {shown(given)}: use True or False")
     return bool(given)
 
 

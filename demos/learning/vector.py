@@ -77,7 +77,7 @@ class SoftBodies(VectorEnv):
         render_mode: str | None = None,
     ):
         if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ValueError(f'render_mode = {render_mode!r}: use "rgb_array" and None')
+            raise ValueError(f'render_mode = {render_mode!r}: use "rgb_array" or None')
         if length < 1:
             raise ValueError(f"length = {length!r}: use a number of actions > 0")
         self.rom = rom if isinstance(rom, Rom) else read_rom(rom)

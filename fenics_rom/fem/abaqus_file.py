@@ -229,7 +229,7 @@ class AbaqusFile:
                 raise ValueError("generate takes a first, last and perhaps a step > 0")
             numbers = range(bounds[0], bounds[1] + 1, bounds[2])
             if len(numbers) > MOST_GENERATED:
-                raise ValueError(f"{len(numbers)} numbers are generated; at most {MOST_GENERATED}")
+                raise ValueError(f"{len(numbers)} numbers are generated; use at most {MOST_GENERATED}")
             return [*numbers] if is_of_part else []
         members: list[int] = []
         for word in words:
@@ -388,7 +388,7 @@ def read_abaqus(file: Path) -> MeshArrays:
         unknown_face = next((face for _, face in parts if face not in FACES), None)
         try:
             if unknown_face is not None:
-                raise ValueError(f"face {shown(unknown_face)}; use {', '.join(FACES)}")
+                raise ValueError(f"face {shown(unknown_face)}; use one of {', '.join(FACES)}")
             named = [(cell_of[e], FACES[face]) for of, face in parts for e in content.tetrahedra_of(of)]
         except ValueError as error:
             raise MeshError(f"mesh file {file}: surface {name!r} is of {error}") from error

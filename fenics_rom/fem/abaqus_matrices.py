@@ -136,7 +136,7 @@ def _nodes_of_rows(
             )
         kinds = np.unique(table[:, [1, 3]])
         if not np.isin(kinds, [1, 2, 3]).all():
-            raise StructureError(f"{files[name]}: has degree of freedom {kinds.max():.0f}; use 1, 2 and 3")
+            raise StructureError(f"{files[name]}: has degree of freedom {kinds.max():.0f}; use 1, 2 or 3")
     if not rows:
         return sorted(named)
     of_solids = {node for _, nodes in content.solids.values() for node in nodes}

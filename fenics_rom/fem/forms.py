@@ -172,7 +172,7 @@ def _check_form(where: str, form: Any, arity: int, space: Any) -> None:
         raise StructureError(f"{where} is a {type(form).__name__}; use a UFL form")
     arguments = form.arguments()
     if len(arguments) != arity:
-        raise StructureError(f"{where} has {len(arguments)} arguments; use {ARITY[arity]}")
+        raise StructureError(f"{where} has {len(arguments)} argument{'s' * (len(arguments) != 1)}; use {ARITY[arity]}")
     if any(argument.ufl_function_space() != space for argument in arguments):
         raise StructureError(f"{where} is of another function space than mass")
 

@@ -96,7 +96,7 @@ class PetscAlgebra:
             SolverError: what was asked for cannot be had, or the factor does not fit into the memory.
         """
         if solver not in SOLVERS:
-            raise SolverError(f"solver: {solver!r} was given; use {', '.join(map(repr, SOLVERS))}")
+            raise SolverError(f"solver: {solver!r} was given; use one of {', '.join(map(repr, SOLVERS))}")
         real = [(float(np.real(coefficient)), a) for coefficient, a in terms]
         if any(np.iscomplexobj(coefficient) for coefficient, _ in terms):
             if solver == "iterative":

@@ -127,7 +127,7 @@ def _array(item: Element | None, folder: Path) -> np.ndarray:
         if numbers.size != np.prod(shape):
             raise ValueError(f"it says {shape} numbers and holds {numbers.size}")
         return (numbers if item.get("NumberType", "Float") == "Float" else numbers.astype(np.int64)).reshape(shape)
-    raise ValueError(f"data in format {form} are not read; use HDF and XML")
+    raise ValueError(f"data in format {form} are not read; use HDF or XML")
 
 
 def _rows(elements: np.ndarray, cells: np.ndarray, name: str) -> np.ndarray:

@@ -129,8 +129,8 @@ def make_experiment(scene: Scene, data: Sequence[Data], system: System, first: i
         raise SceneError(f"{scene.source}: effects.viscoelasticity: an identification needs an elastic material")
     if scene.effects.temperature:
         raise SceneError(
-            f"{scene.source}: effects.temperature: what it does grows with the stiffness that is sought; allowed in an "
-            "identification is a scene without"
+            f"{scene.source}: effects.temperature: what it does grows with the stiffness that is sought; use a scene "
+            "without"
         )
     markers = tuple(dict.fromkeys(marker for part in data for marker in part.markers))
     motions = [part for part in data if isinstance(part, Motion)]

@@ -319,6 +319,6 @@ def _check(where: str, array: Array, entry: Entry, sizes: Sizes) -> None:
     for got, size in zip(array.shape, entry.shape, strict=True):
         expected = sizes.setdefault(size, got) if isinstance(size, str) else size
         if got != expected:
-            raise FileError(f"{where} has shape {array.shape}; use {entry.shape}, {size} = {expected}")
+            raise FileError(f"{where} has shape {array.shape}; use {entry.shape} with {size} = {expected}")
     if entry.kind == "f" and not np.isfinite(array).all():
         raise FileError(f"{where} holds numbers that are not finite")

@@ -145,8 +145,8 @@ class BasePath:
         k = int(angles.argmax())
         if angles[k] > LARGEST_TURN:
             return (
-                f"the base turns by {angles[k]:.3g} rad from {self.times[k]:g} s to {self.times[k + 1]:g} s: allowed "
-                f"is at most {LARGEST_TURN:.3g} rad from row to row; give more rows"
+                f"the base turns by {angles[k]:.3g} rad from {self.times[k]:g} s to {self.times[k + 1]:g} s: use more "
+                f"rows, of at most {LARGEST_TURN:.3g} rad from one to the next"
             )
         if self.velocities is None or self.angular_velocities is None:
             return self._swing()

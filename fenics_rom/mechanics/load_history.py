@@ -19,7 +19,7 @@ WHOLE = 1e-6  # share of its steps that a run may miss a whole number of them by
 def check_width(load: AppliedLoad, columns: int, where: str) -> None:
     """A SceneError where a load has not one number for each column of what it acts on."""
     if load.signal.width != columns:
-        raise SceneError(f"{where}: use {columns} numbers in its force (got {load.signal.width})")
+        raise SceneError(f"{where}: use {columns} number{'s' * (columns > 1)} in its force (got {load.signal.width})")
 
 
 def check_pull(signal: Signal, where: str) -> None:

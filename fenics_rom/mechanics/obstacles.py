@@ -193,7 +193,7 @@ class Capsule:
         axis = end - start
         square = float(axis.dot(axis))
         if not square > 0:
-            raise SceneError("capsule: use a start and an end that differ (got the same); use a sphere")
+            raise SceneError("capsule: use a start and an end that differ, or a sphere (got the same)")
         perpendicular = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
         perpendicular /= np.linalg.norm(perpendicular)
         keep(self, _start=start, _axis=axis, _per_length=axis / square, _perpendicular=perpendicular)

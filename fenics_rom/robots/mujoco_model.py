@@ -87,8 +87,8 @@ class MujocoModel:
             given += ["range"] * bool(m.jnt_limited[j]) + ["stiffness"] * bool(m.jnt_stiffness[j])
             if m.jnt_type[j] in (FREE, BALL) and given:
                 raise SceneError(
-                    f"{self._line('joint', name)}: joint {name!r} is a ball or free, with {given[0]}: allowed of "
-                    "hinges and slides"
+                    f"{self._line('joint', name)}: joint {name!r} is a ball or free, with {given[0]}: give it to "
+                    "hinges and slides alone"
                 )
         for k, count in (("tendons", m.ntendon), ("flexes", m.nflex), ("sensors", m.nsensor)):
             if count:

@@ -57,7 +57,7 @@ class Urdf:
         for name, joint in self._joints.items():
             kind = joint.given.get("type", "")
             if kind not in TYPES:
-                raise self._refuse(joint, f"joint {name!r}: type = {kind!r}: use {', '.join(TYPES)}")
+                raise self._refuse(joint, f"joint {name!r}: type = {kind!r}: use one of {', '.join(TYPES)}")
             ends = [joint.first(tag) for tag in ("parent", "child")]
             names = ["" if end is None else end.given.get("link", "") for end in ends]
             for end, link in zip(("parent", "child"), names, strict=True):

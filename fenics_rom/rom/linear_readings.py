@@ -46,8 +46,8 @@ def reading_rows(name: str, reading: Reading, model: ContactModel, inputs: Mappi
     unit = READING_UNITS[reading.quantity]
     if isinstance(reading, SurfaceReading | StressReading) and reading.quantity != "strain" and reading.expansions:
         raise StepError(
-            f"reading {name!r}: {READING_WORDS[reading.quantity]} is of temperatures, too, which are inputs; allowed "
-            "are readings of displacements alone"
+            f"reading {name!r}: {READING_WORDS[reading.quantity]} is of temperatures, too, which are inputs; use "
+            "readings of displacements alone"
         )
     if isinstance(reading, StrokeReading):
         before = takewhile(lambda actuator: actuator != reading.of, inputs)

@@ -44,6 +44,6 @@ def take_moving_frame(h5: h5py.File) -> MovingFrame:
     arrays: Any = get_arrays(group, ARRAYS, {}, tuple(BY_NAME))
     carried, mass = arrays["carried"].item(), arrays["mass"].item()
     if carried not in (0, 1):
-        raise FileError(f"{group.name}/carried is {carried}; use 0 and 1")
+        raise FileError(f"{group.name}/carried is {carried}; use 0 or 1")
     by_name = {kind: get_each(get_group(group, kind), entry) for kind, entry in BY_NAME.items()}
     return MovingFrame(**arrays | by_name | {"carried": bool(carried), "mass": mass})

@@ -103,7 +103,7 @@ class Batch(BatchedBodies):
         if not (is_number(size, whole=True) and 0 < size <= MOST_BODIES):
             raise StepError(f"size = {shown(size)}: use a whole number > 0 and at most {MOST_BODIES:,}")
         if not _is_dtype(dtype):
-            raise StepError(f"dtype = {shown(dtype)}: use float64 and float32")
+            raise StepError(f"dtype = {shown(dtype)}: use float64 or float32")
         signals, ledger = mapping_in("signals", signals, StepError), check_flag("ledger", ledger, StepError)
         errors = errors if errors is None else check_flag("errors", errors, StepError)
         self._told: dict[str, Any] = {"errors": errors, "error_tolerance": error_tolerance, "finer": finer}
@@ -244,7 +244,9 @@ class Batch(BatchedBodies):
         selected = self._select(bodies)
         names = [contact] if isinstance(contact, str) else list(names_in("contact", contact, StepError))
         if not isinstance(contact, str) and len(names) != len(selected):
-            raise StepError(f"contact modes of {len(selected)} bodies: one name or {len(selected)} (got {len(names)})")
+            raise StepError(
+                f"contact modes of {len(selected)} bodies: use one name or {len(selected)} (got {len(names)})"
+            )
         numbers = {name: k for k, name in enumerate(self.rom.contact_models)}
         for name in names:
             check_known("contact mode", str(name), numbers, StepError)

@@ -144,7 +144,7 @@ def find_constant_intervals(
     for name, values in (("contact", contact), ("dt", dt)):
         column = np.asarray(values, dtype=object)
         if column.shape not in ((), (steps,)):
-            raise StepError(f"{name}: use one for all {steps} steps, or one of each (got {column.shape})")
+            raise StepError(f"{name}: use one for all {steps} steps, or one for each (got {column.shape})")
         columns.append(np.broadcast_to(column, (steps,)))
     if not steps:
         return []
@@ -206,7 +206,7 @@ def plan_steps(
 def check_bases(base: "Sequence[BaseState] | BaseState | None", steps: int) -> None:
     """A StepError where bases are given, but not one of each step."""
     if base is not None and (given := len(getattr(base, "position", base))) != steps:
-        raise StepError(f"base: use one of each of {steps} steps (got {given})")
+        raise StepError(f"base: use one for each of {steps} steps (got {given})")
 
 
 def _by_name(body: Simulator, inputs: Mapping[str, Any], contact: str | Sequence[str] | None) -> Array:

@@ -282,8 +282,8 @@ def _check_frame(file: SceneFile) -> None:
     for key in ("accelerations", "angular_accelerations") if training is not None and not carried else ():
         if any(getattr(training, key)):
             raise SceneError(
-                f"effects.large_deformation.training.{key}: are those of a base, and nothing is clamped; allowed of a "
-                "free body are spins, as its loads say the rest"
+                f"effects.large_deformation.training.{key}: are those of a base, and nothing is clamped; use spins "
+                "of a free body, as its loads say the rest"
             )
     if training is not None and effects.inertia is None:
         raise SceneError(

@@ -74,6 +74,6 @@ def _value(node: ast.expr, known: dict[str, Any]) -> Any:
     ):
         function, count = FUNCTIONS[node.func.id]
         if len(node.args) != count:
-            raise ValueError(f"{node.func.id} has {count} arguments (got {len(node.args)})")
+            raise ValueError(f"{node.func.id} takes {count} argument{'s' * (count > 1)} (got {len(node.args)})")
         return function(*(_value(part, known) for part in node.args))
     raise ValueError(f"{ast.unparse(node)!r} is no part of it")

@@ -100,7 +100,7 @@ def parse_scene(
 def toml_of(text: str, source: str) -> dict[str, Any]:
     """The tables of a text; SceneError where it is no TOML, or too long."""
     if len(text.encode(errors="replace")) > LONGEST:
-        raise SceneError(f"{source}: is too long: bytes at most {LONGEST}; long force histories belong in tables")
+        raise SceneError(f"{source}: is too long; use at most {LONGEST} bytes; long force histories belong in tables")
     try:
         return tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, and what Python says of numbers with thousands of digits

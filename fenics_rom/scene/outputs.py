@@ -94,8 +94,8 @@ def check_output(entry: OutputEntry, where: str, *, has_contact: bool) -> None:
     if taxels is not None:
         if taxels.rows * taxels.columns > MOST_TAXELS:
             raise SceneError(
-                f"{where}.taxels: {taxels.rows} x {taxels.columns} are {taxels.rows * taxels.columns} taxels; allowed "
-                f"are at most {MOST_TAXELS}"
+                f"{where}.taxels: {taxels.rows} x {taxels.columns} are {taxels.rows * taxels.columns} taxels; use at "
+                f"most {MOST_TAXELS}"
             )
         if taxels.along is not None and not any(taxels.along):
             raise SceneError(f"{where}.taxels.along: use any direction but zero")

@@ -150,5 +150,5 @@ def _check_table(table: np.ndarray, name: str, columns: int | None) -> None:
         raise SceneError(f"table {name}: use finite numbers and strictly increasing times")
     if columns is not None and table.shape[1] != 1 + columns:
         raise SceneError(
-            f"table {name}: use {columns} columns beside the time (got {table.shape[1] - 1}) for what uses it"
+            f"table {name}: use {columns} column{'s' * (columns > 1)} beside the time (got {table.shape[1] - 1})"
         )

@@ -74,8 +74,8 @@ class Number(Value):
     def allowed(self) -> str:
         """See Value."""
         kind = "a whole number" if self.integer else "a finite number"
-        words = [kind, *(f"{sign} {bound:g}" for sign, bound in self.bounds)]
-        return " and ".join(words) + (f", in {self.unit}" if self.unit else "")
+        bounds = " and ".join(f"{sign} {bound:g}" for sign, bound in self.bounds)
+        return f"{kind} {bounds}".rstrip() + (f", in {self.unit}" if self.unit else "")
 
     def checked(self, value: Any) -> Any:
         """See Value."""

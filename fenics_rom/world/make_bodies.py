@@ -42,7 +42,7 @@ def make_bodies(
         if isinstance(record, RigidBody):
             bodies[name] = _rigid(name, record, g)
         elif not isinstance(record, SoftBody):
-            raise SceneError(f"body {name!r}: use a RigidBody and a SoftBody (got {record!r})"[:200])
+            raise SceneError(f"body {name!r}: use a RigidBody or a SoftBody (got {record!r})"[:200])
     for name, record in records.items():
         if isinstance(record, SoftBody):
             bodies[name] = _soft(name, record, _carrier(name, records, bodies), dt, len(records) == 1 and not is_met)
@@ -81,7 +81,7 @@ def _check_driven(name: str, record: RigidBody) -> None:
         )
     if moves := [key for key in given if "velocity" in key]:
         raise SceneError(
-            f"body {name!r}: {moves[0]}: it has neither density nor mass, so it stands still: allowed beside one of "
+            f"body {name!r}: {moves[0]}: it has neither density nor mass, so it stands still: use it beside one of "
             "them, or a motion"
         )
 

@@ -82,7 +82,7 @@ def test_what_the_world_holds_turns_about_its_joint(tmp_path):
         ('body = "hand"', 'body = "hans"', "certificate.body: no body 'hans'"),
         ('by = ["tool"]', 'by = ["hand"]', "is joined to 'hand', or is it"),
         ('by = ["tool"]', 'by = ["tool"]\nlimits = "mine.csv"', "has no effect without the region"),
-        ("velocity = [[0.0, 0.0, -1.0]", "velocity = [[0.0, 0.0, 1.0]", "from 1 to -1: use upwards"),
+        ("velocity = [[0.0, 0.0, -1.0]", "velocity = [[0.0, 0.0, 1.0]", "from 1 to -1: put the lower one first"),
         ("[certificate.ranges.tool]", "[certificate.ranges.tool]\npace = [1, 2]", "give it to a body with a path"),
         ("[run]\ndt = 1e-3\nduration = 0.1\n", "", "its runs are as long as"),
         ("[run]", "[certificate.ranges.handle]\nspin = [[0,0,0],[0,0,1]]\n[run]", "is joined to"),

@@ -498,8 +498,8 @@ class TestOptions:
 @pytest.mark.parametrize(
     ("there", "instead", "said"),
     [
-        ("poisson = 0.49", "poisson = 0.5", "material.poisson = 0.5: use a finite number and > -1 and < 0.5"),
-        ("density = 2300.0", "density = -1", "material.density = -1: use a finite number and > 0, in kg/m3"),
+        ("poisson = 0.49", "poisson = 0.5", "material.poisson = 0.5: use a finite number > -1 and < 0.5"),
+        ("density = 2300.0", "density = -1", "material.density = -1: use a finite number > 0, in kg/m3"),
         ("[supports]", "[suports]", "did you mean 'supports'?"),
         (
             "inertia = {}",
@@ -512,7 +512,7 @@ class TestOptions:
         ("plate.msh", "none.msh", "none.msh: not found"),
         ('clamped = ["root"]', 'clamped = "root"', "supports.clamped = 'root': use a list, each a name, or a table"),
         ("[0.5, 0.2, 0.01]", "[9.0, 0.2, 0.01]", "outputs.tip: point [9.0, 0.2, 0.01] is"),
-        ("dt = 1e-3", "dt = nan", "run.dt = nan: use a finite number and > 0, in s"),
+        ("dt = 1e-3", "dt = nan", "run.dt = nan: use a finite number > 0, in s"),
         ("name", "[name", "is not TOML"),
     ],
 )

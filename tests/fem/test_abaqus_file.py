@@ -110,7 +110,7 @@ def test_set_of_the_nodes_of_elements(tmp_path):
         ("*Elset, elset=a\nnone\n", "line 2: .*no set 'none'; there is none"),
         ("*Elset, elset=a, generate\n5\n", r"line 2: .*first, last and perhaps a step > 0"),
         ("*Elset, elset=a, generate\n1, 5, 0\n", r"line 2: .*first, last and perhaps a step > 0"),
-        ("*Nset, nset=a, generate\n1, 1000000000\n", "1000000000 numbers are generated; use 10000000"),
+        ("*Nset, nset=a, generate\n1, 1000000000\n", "1000000000 numbers are generated; use at most 10000000"),
         (
             NODES + "*Element, type=C3D4\n1, 1, 2,\n*Nset, nset=a\n1\n",
             "line 8: .*element 1 has 2 nodes, and none follow",
@@ -119,7 +119,7 @@ def test_set_of_the_nodes_of_elements(tmp_path):
         (NODES + "*Element, type=C3D4\n1, 1, 2, 3, 4, 5\n", "element 1 of type C3D4 has 5 nodes; it must have 4"),
         ("*Node\n1 0. 0. 0.\n", "line 2: .*'1 0. 0. 0.' is no whole number; numbers are apart by commas"),
         (NODES + CELLS.replace("4, 5", "4, 7"), "names nodes .*: 1 of 2 elements do, e.g. element 2 names node 7"),
-        (NODES + CELLS + "*Surface, name=s\nbody, SPOS\n", "surface 's' is of face 'SPOS'; use S1, S2, S3, S4"),
+        (NODES + CELLS + "*Surface, name=s\nbody, SPOS\n", "surface 's' is of face 'SPOS'; use one of S1, S2, S3, S4"),
         (NODES + CELLS + "*Surface, name=s\nbody,\n", "line 11: .*values are missing"),
     ],
 )

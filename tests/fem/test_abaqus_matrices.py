@@ -135,7 +135,7 @@ BAD = {
     "nan.mtx": (LINE + "2,1, 1,1, nan\n", "or entries that are not finite"),
     "twice.mtx": (LINE + LINE, "twice.mtx: has row 1, column 1 twice"),
     "held.mtx": (LINE.replace("1.0", "1.0e36"), "held.mtx: holds 1 degrees of freedom, row 1 for one"),
-    "shell.mtx": (LINE + "1,6, 1,6, 1.0\n", "shell.mtx: has degree of freedom 6; use 1, 2 and 3"),
+    "shell.mtx": (LINE + "1,6, 1,6, 1.0\n", "shell.mtx: has degree of freedom 6; use 1, 2 or 3"),
     "other.mtx": (LINE + "400,1, 1,1, 1.0\n", "other.mtx: names nodes that rotor.inp does not hold, 400"),
     "own.mtx": (LINE + "-1,1, 1,1, 1.0\n", "own.mtx: names nodes that rotor.inp does not hold, -1 for one"),
     "small.mtx": ("1 1 1.0\n12 12 1.0\n", "rotor.inp: has 115 nodes of solids and 115 in all, but the matrices have"),

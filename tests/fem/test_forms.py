@@ -222,7 +222,7 @@ FORM_ERRORS = {
     "no shear": "stiffness is not positive definite",
     "no form": "stiffness is a float; use a UFL form",
     "no mass": "mass is no UFL form with two arguments; use a bilinear form",
-    "linear": "stiffness has 1 arguments; use a bilinear form",
+    "linear": "stiffness has 1 argument; use a bilinear form",
     "bilinear": "contacts['tip'][0] has 2 arguments; use a linear form",
     "space": "stiffness is of another function space than mass",
     "empty": "contacts['tip'] has no forms; use one for each column",

@@ -125,7 +125,7 @@ def test_xdmf_of_meshio_is_the_same_mesh_and_its_mistakes_are_told(box, tmp_path
             text.replace(f'Dimensions="{len(cells)}"', 'Dimensions="7"'),
             rf"it says \(7,\) numbers and holds {len(cells)}",
         ),
-        (text.replace('Format="XML"', 'Format="Binary"'), "format BINARY are not read; use HDF and XML"),
+        (text.replace('Format="XML"', 'Format="Binary"'), "format BINARY are not read; use HDF or XML"),
         (text[:-200], "cannot be read as XDMF"),
     ):
         assert other != text

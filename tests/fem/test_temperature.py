@@ -162,7 +162,7 @@ MISTAKES = {
     "temperature.heat = { field = 'x +' }": r"effects.temperature.heat.field = 'x \+': invalid syntax",
     "temperature.heat = { field = 'open(x)' }": r"'open\(x\)' is no part of it; use a text of",
     "temperature.heat = { field = 'x.real' }": r"'x.real' is no part of it",
-    "temperature.heat = { field = 'sqrt(x, y)' }": r"sqrt has 1 arguments \(got 2\)",
+    "temperature.heat = { field = 'sqrt(x, y)' }": r"sqrt takes 1 argument \(got 2\)",
     "temperature.heat = { field = 20.0 }": r"field = 20.0: use a text of numbers, x, y, z",
     "temperature.heat = { field = '1 / x', amplitude = 1.0 }": None,
     "temperature.heat = { field = 'log(x - 1)', amplitude = 1.0 }": r"field = 'log\(x - 1\)': is no number at \[",

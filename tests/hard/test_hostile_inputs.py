@@ -120,10 +120,10 @@ def changed(there, instead):
 SCENES = {  # by kind: what is there, what stands there instead, and what is said
     "wrong type, name is a number": ('"block"', "3", "name = 3: use a non-empty string"),
     "wrong type, name is empty": ('"block"', '""', "name = '': use a non-empty string"),
-    "wrong type, young is text": ("1e5", '"soft"', "material.young = 'soft': use a finite number and > 0, in Pa"),
+    "wrong type, young is text": ("1e5", '"soft"', "material.young = 'soft': use a finite number > 0, in Pa"),
     "wrong type, young is true": ("1e5", "true", "material.young = True: use a finite number"),
     "wrong type, young is a list": ("1e5", "[1e5]", "material.young = [100000.0]: use a finite number"),
-    "wrong type, young is a date": ("1e5", "2024-01-01", "use a finite number and > 0, in Pa"),
+    "wrong type, young is a date": ("1e5", "2024-01-01", "use a finite number > 0, in Pa"),
     "wrong type, gravity is a number": (
         "{ acceleration = [0, 0, -9.81] }",
         "-9.81",
@@ -154,23 +154,23 @@ SCENES = {  # by kind: what is there, what stands there instead, and what is sai
     "not finite, step is nan": ("dt = 0.01", "dt = nan", "run.dt = nan: use a finite number"),
     "not finite, duration is inf": ("duration = 0.1", "duration = inf", "run.duration = inf: use a finite"),
     "not finite, gravity is inf": ("-9.81", "-inf", "effects.gravity.acceleration[2] = -inf: use a finite"),
-    "out of range, no stiffness": ("1e5", "0.0", "material.young = 0.0: use a finite number and > 0"),
-    "out of range, negative stiffness": ("1e5", "-1e5", "material.young = -100000.0: use a finite number and > 0"),
-    "out of range, negative mass": ("1000.0", "-1000.0", "material.density = -1000.0: use a finite number and > 0"),
-    "out of range, nu is 0.5": ("0.3", "0.5", "material.poisson = 0.5: use a finite number and > -1 and < 0.5"),
+    "out of range, no stiffness": ("1e5", "0.0", "material.young = 0.0: use a finite number > 0"),
+    "out of range, negative stiffness": ("1e5", "-1e5", "material.young = -100000.0: use a finite number > 0"),
+    "out of range, negative mass": ("1000.0", "-1000.0", "material.density = -1000.0: use a finite number > 0"),
+    "out of range, nu is 0.5": ("0.3", "0.5", "material.poisson = 0.5: use a finite number > -1 and < 0.5"),
     "out of range, nu is 0.7": ("0.3", "0.7", "material.poisson = 0.7: use"),
     "out of range, nu is -1": ("0.3", "-1.0", "material.poisson = -1.0: use"),
     "out of range, negative damping": ("alpha = 1.0", "alpha = -1.0", "effects.damping.alpha = -1.0: use"),
-    "out of range, no order": ("order = 4", "order = 0", "reduction.order = 0: use a whole number and >= 1"),
+    "out of range, no order": ("order = 4", "order = 0", "reduction.order = 0: use a whole number >= 1"),
     "out of range, tolerance of 1": ("order = 4", "tolerance = 1.0", "reduction.tolerance = 1.0: use"),
     "out of range, degree 3": ('"block.msh"', '"block.msh"\ndegree = 3', "mesh.degree = 3: use a whole number"),
-    "out of range, negative step": ("dt = 0.01", "dt = -0.01", "run.dt = -0.01: use a finite number and > 0"),
+    "out of range, negative step": ("dt = 0.01", "dt = -0.01", "run.dt = -0.01: use a finite number > 0"),
     "out of range, step longer than the run": ("dt = 0.01", "dt = 0.10000001", "run.dt = 0.10000001: use at most"),
     "out of range, radius of no size": ("", BALL.replace("0.1\n", "0.0\n"), "ball.radius = 0.0: use a finite"),
     "out of range, box of zero thickness": (
         "",
         '[effects.contact.obstacles.plate]\nshape = "box"\ncenter = [0, 0, 2]\nsize = [1, 1, 0]\n',
-        "effects.contact.obstacles.plate.size[2] = 0: use a finite number and > 0, in m",
+        "effects.contact.obstacles.plate.size[2] = 0: use a finite number > 0, in m",
     ),
     "out of range, normal of no length": (
         "",
@@ -269,7 +269,7 @@ SCENES = {  # by kind: what is there, what stands there instead, and what is sai
     "syntax, no TOML": ("[mesh]", "[mesh", "is not TOML: Expected ']' at the end of a table declaration (at line 2"),
     "syntax, nested too deeply": ("1e5", 5000 * "[", "is nested too deeply"),
     "syntax, a control character": ('"block"', '"bl\0ock"', "is not TOML"),
-    "syntax, too long": ("", "#" * 70_000, "is too long: bytes use 60000"),
+    "syntax, too long": ("", "#" * 70_000, "is too long; use at most 60000 bytes"),
 }
 
 

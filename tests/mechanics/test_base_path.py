@@ -172,7 +172,7 @@ TURNED_ROUND = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 
         ({"times": [0.0, 1.0, 1.0]}, "times: use times that increase strictly"),
         ({"times": [0.0, np.nan, 1.0]}, "times is of shape .*: use finite numbers"),
         ({"positions": np.full((3, 3), np.nan)}, "positions is of shape .*: use finite numbers"),
-        ({"rotations": TURNED_ROUND}, "the base turns by 3.14 rad from 0 s to 1 s: use at most 2 rad"),
+        ({"rotations": TURNED_ROUND}, "the base turns by 3.14 rad from 0 s to 1 s: use more rows, of at most 2 rad"),
     ],
 )
 def test_paths_that_are_none_are_refused_in_python(changed, said):

@@ -150,5 +150,5 @@ def test_poses_and_states_are_one_another():
 
 def test_a_turn_is_not_told_beyond_two_radians():
     start, end = row(np.zeros(3), np.zeros(3)), row(np.zeros(3), np.array([0.0, 0.0, 2.1]))
-    with pytest.raises(StepError, match=r"turn by 2\.1 rad in a step of 0\.01 s: use 2 rad"):
+    with pytest.raises(StepError, match=r"turn by 2\.1 rad in a step of 0\.01 s: at most 2 rad"):
         mean_twists(start[None], end[None], 1e-2)

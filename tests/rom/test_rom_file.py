@@ -432,11 +432,11 @@ LIES = {
     "/environment/obstacles/wind: no shape 'cone'": lambda h5: h5.create_group(
         "environment/obstacles/wind"
     ).attrs.update(shape=np.bytes_("cone")),
-    "/free has shape (180,); use ('n',), n = 5": put("basis", np.ones((5, 8))),
-    "/stiffness has shape (7,); use ('k',), k = 8": put("stiffness", np.ones(7)),
+    "/free has shape (180,); use ('n',) with n = 5": put("basis", np.ones((5, 8))),
+    "/stiffness has shape (7,); use ('k',) with k = 8": put("stiffness", np.ones(7)),
     "/free has 2 dimensions, not 1": put("free", lambda free: free[None]),
-    "/nodes has shape (66, 2); use ('N', 3), 3 = 3": put("nodes", np.ones((66, 2))),
-    f"/{MODE}/directions has shape (3, 3); use ('m', 'm'), m = 4": put(f"{MODE}/directions", np.eye(3)),
+    "/nodes has shape (66, 2); use ('N', 3) with 3 = 3": put("nodes", np.ones((66, 2))),
+    f"/{MODE}/directions has shape (3, 3); use ('m', 'm') with m = 4": put(f"{MODE}/directions", np.eye(3)),
     "/node_mass holds numbers that are not finite": put("node_mass", lambda mass: mass * np.nan),
     f"/{MODE}/damping holds numbers that are not finite": put(f"{MODE}/damping", np.full(4, np.inf)),
     "/stiffness is not an array of real numbers": put("stiffness", np.arange(8)),
@@ -469,7 +469,7 @@ LIES = {
     ],
     "contact mode 'tip_left': frequencies and transfer_errors go together": without(f"{MODE}/frequencies"),
     "'tip_left': frequencies and transfer_errors go together": without(f"{MODE}/transfer_errors"),
-    f"/{MODE}/transfer_errors has shape (2,); use ('f',), f = 3": lambda h5: [
+    f"/{MODE}/transfer_errors has shape (2,); use ('f',) with f = 3": lambda h5: [
         put(f"{MODE}/frequencies", [1.0, 2.0, 3.0])(h5),
         put(f"{MODE}/transfer_errors", [0.1, 0.2])(h5),
     ],
@@ -506,7 +506,7 @@ RUN_LIES = {
     "/contact names contact modes": put("contact", np.full(41, -1)),
     "/triangles name nodes beyond 12": put("triangles", lambda triangles: triangles + 1),
     "/node_mass has negative masses": put("node_mass", -np.ones(12)),
-    "/energy has shape (20,); use ('S',), S = 41": put("energy", np.ones(20)),
+    "/energy has shape (20,); use ('S',) with S = 41": put("energy", np.ones(20)),
     "/energy holds numbers that are not finite": put("energy", np.full(41, np.nan)),
     "/energy has unit 'mJ', not 'J'": put("energy", np.ones(41), unit="mJ"),
     "/outputs/tip has shape (20, 2, 3); use": put("outputs/tip", np.ones((20, 2, 3))),

@@ -186,5 +186,5 @@ def test_base_that_is_given_in_steps_is_that_of_the_environment(tmp_path):
     assert given.twists.shape == (6, 6)
     for name, slopes in by_path.base.items():
         assert given.base[name] == pytest.approx(slopes, rel=1e-9, abs=1e-12)
-    with pytest.raises(StepError, match=r"base: use one of each of 5 steps \(got 4\)"):
+    with pytest.raises(StepError, match=r"base: use one for each of 5 steps \(got 4\)"):
         fr.differentiate(body, u, squares, base=bases[1:])

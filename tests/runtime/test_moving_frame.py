@@ -565,7 +565,7 @@ def test_a_base_whose_twist_does_not_fit_its_turn_is_told(carried):
         in (body.warnings[0])
     )
     before = body.save().stepper
-    with pytest.raises(StepError, match=r"would turn by 2 rad in a step of 0\.01 s: use 1.5 rad, that is, at 200"):
+    with pytest.raises(StepError, match=r"would turn by 2 rad in a step of 0\.01 s: at most 1.5 rad, that is, at 200"):
         body.step(base=body.pose._replace(angular_velocity=np.array([0.0, 200.0, 0.0])))
     after = body.save().stepper
     assert after.frame == before.frame

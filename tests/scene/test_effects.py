@@ -185,7 +185,7 @@ MISTAKES = {
     ),
     "damping = { alpha = 1.0 }": "effects.damping: means nothing without inertia; name effects.inertia as well",
     "[effects.base_motion.quake]\ndirection = [1, 0, 0]": "effects.base_motion: means nothing without inertia",
-    f"{FLOOR}[effects.friction]\ncoefficient = -0.5": "coefficient = -0.5: use a finite number and >= 0",
+    f"{FLOOR}[effects.friction]\ncoefficient = -0.5": "coefficient = -0.5: use a finite number >= 0",
     f"{FLOOR}[effects.friction]\n": "effects.friction: coefficient is missing",
     f"{FLOOR}[effects.friction]\ncoefficient = 0.5\nmu = 1": "effects.friction: no key 'mu'; there is coefficient",
     "gravity = { acceleration = [0, -9.81] }": "gravity.acceleration is a list of 2: use a list of 3",
@@ -195,7 +195,7 @@ MISTAKES = {
     f"{INERTIA}damping = {{ materials.foam = {{ alpha = -1.0 }} }}": "foam.alpha = -1.0: use a finite number",
     f'{INERTIA}[effects.damping.dashpots.oil]\nsurface = "right"': "dashpots.oil: coefficient is missing",
     f'{INERTIA}[effects.damping.dashpots.oil]\nsurface = "right"\ncoefficient = 0': (
-        "dashpots.oil.coefficient = 0: use a finite number and > 0, in N s/m"
+        "dashpots.oil.coefficient = 0: use a finite number > 0, in N s/m"
     ),
     f"{INERTIA}[effects.damping.dashpots.oil]\ncoefficient = 1": (
         "dashpots.oil: give exactly one of surface, near, plane, facing, box, along, inner, all, any, none (got none)"
@@ -211,7 +211,7 @@ MISTAKES = {
     f'{PUSH}surface = "right"\ntable = "quake.csv"': "table quake.csv: use 3 columns beside the time (got 1)",
     f'{PUSH}surface = "right"\ntable = "none.csv"': "table none.csv: did not come with the scene",
     f'{INERTIA}[effects.base_motion.q]\ndirection = [1, 0, 0]\ntable = "push.csv"': (
-        "table push.csv: use 1 columns beside the time (got 3)"
+        "table push.csv: use 1 column beside the time (got 3)"
     ),
     f"{INERTIA}[effects.base_motion.q]\ndirection = [1, 0, 0]\n{QUAKE}\n{PUSH}point = [0, 0, 0]\n{QUAKE}": (
         "table quake.csv: use 3 columns beside the time (got 1)"
@@ -236,7 +236,7 @@ MISTAKES = {
     f"[effects.contact]\nbounce = 1\n{FLOOR}": "effects.contact: no key 'bounce'; there is damping, method, obstacles",
     f'[effects.contact]\nmethod = "penalty"\n{FLOOR}': "effects.contact.stiffness is missing: the spring of method",
     '[effects.contact.obstacles.b]\nshape = "box"\ncenter = [0, 0, 9]\nsize = [1, 1, 1]\nrotation = [0, 45, 0]': (
-        "obstacles.b.rotation[1] = 45: use a finite number and >= -6.2832 and <= 6.2832, in rad, not degrees"
+        "obstacles.b.rotation[1] = 45: use a finite number >= -6.2832 and <= 6.2832, in rad, not degrees"
     ),
     f'[effects.contact]\nmethod = "penalti"\n{FLOOR}': "no choice 'penalti'; there is complementarity, penalty",
     f"[effects.contact]\nstiffness = 1.0\n{FLOOR}": "effects.contact.stiffness: goes with method = 'penalty'",
@@ -245,15 +245,15 @@ MISTAKES = {
         "effects.contact.restitution: goes with inertia and method = 'complementarity'"
     ),
     f"[effects.contact]\nrestitution = 0.5\n{FLOOR}": "effects.contact.restitution: goes with inertia and method",
-    f"{INERTIA}[effects.contact]\nrestitution = 1.5\n{FLOOR}": "restitution = 1.5: use a finite number and >= 0",
+    f"{INERTIA}[effects.contact]\nrestitution = 1.5\n{FLOOR}": "restitution = 1.5: use a finite number >= 0",
     f'[effects.contact]\nswitching = "manual"\n{FLOOR}': "no choice 'manual'; there is automatic, scene",
     f"{SPHERE}center = [0, 0, 0]": "effects.contact.obstacles.ball: radius is missing",
     f"{SPHERE}radius = 1.0": "effects.contact.obstacles.ball: center is missing",
-    f"{SPHERE}center = [0, 0, 0]\nradius = -1.0": "ball.radius = -1.0: use a finite number and > 0, in m",
+    f"{SPHERE}center = [0, 0, 0]\nradius = -1.0": "ball.radius = -1.0: use a finite number > 0, in m",
     f"{SPHERE}center = [0, 0, 0]\nradius = 1\nnormal = [1, 0, 0]": "a sphere has center, radius, but no normal",
     f"{SPHERE}center = [0, 0, 0]\nradius = 1\ncolor = 1": "obstacles.ball: no key 'color'; there is center, end,",
     SPHERE.replace("sphere", "cone"): "no choice 'cone'; there is box, capsule, half-space, mesh, sphere",
-    SPHERE.replace("sphere", "capsule") + "start = [0, 0, 0]\nend = [0, 0, 0]\nradius = 1": "use a sphere",
+    SPHERE.replace("sphere", "capsule") + "start = [0, 0, 0]\nend = [0, 0, 0]\nradius = 1": "or a sphere",
     SPHERE.replace("sphere", "half-space") + "point = [0, 0, 0]\nnormal = [0, 0, 0]": "normal: use a vector",
     SPHERE.replace("sphere", "box") + "center = [0, 0, 0]\nsize = [1, 0, 1]": "ball.size[1] = 0: use",
     f'{SPHERE}center = [0, 0, 0]\nradius = 1\ntable = "quake.csv"': "use 3 columns beside the time (got 1)",

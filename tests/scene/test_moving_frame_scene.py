@@ -107,7 +107,7 @@ MISTAKES = {
         **FREE,
     },
     "effects.large_deformation.training: means nothing without inertia": {"effects": TRAINING},
-    "run.initial.rotation[1] = -100: use a finite number and >= -6.2832 and <= 6.2832, in rad, not degrees": {
+    "run.initial.rotation[1] = -100: use a finite number >= -6.2832 and <= 6.2832, in rad, not degrees": {
         **FREE,
         "run": f"{RUN}\ninitial = {{ rotation = [0, -100, 0] }}",
     },

@@ -107,14 +107,14 @@ def test_files_of_windows_editors_read(tmp_path, beginning):
 
 # What stands in the plate's scene | what stands there instead (⏎ is a new line) | what the error says of it
 MISTAKES = """
-0.49 | 0.5 | material.poisson = 0.5: use a finite number and > -1 and < 0.5
-0.49 | 0.6 | material.poisson = 0.6: use a finite number and > -1 and < 0.5
-2300.0 | -2300.0 | material.density = -2300.0: use a finite number and > 0, in kg/m3
-1.0e6 | 0 | material.young = 0: use a finite number and > 0, in Pa
-1.0e6 | nan | material.young = nan: use a finite number and > 0, in Pa
-1.0e6 | inf | material.young = inf: use a finite number and > 0, in Pa
-1.0e6 | true | material.young = True: use a finite number and > 0, in Pa
-1.0e6 | "1 MPa" | material.young = '1 MPa': use a finite number and > 0, in Pa
+0.49 | 0.5 | material.poisson = 0.5: use a finite number > -1 and < 0.5
+0.49 | 0.6 | material.poisson = 0.6: use a finite number > -1 and < 0.5
+2300.0 | -2300.0 | material.density = -2300.0: use a finite number > 0, in kg/m3
+1.0e6 | 0 | material.young = 0: use a finite number > 0, in Pa
+1.0e6 | nan | material.young = nan: use a finite number > 0, in Pa
+1.0e6 | inf | material.young = inf: use a finite number > 0, in Pa
+1.0e6 | true | material.young = True: use a finite number > 0, in Pa
+1.0e6 | "1 MPa" | material.young = '1 MPa': use a finite number > 0, in Pa
 density = 2300.0 | | material: density is missing
 [supports] | [materials]⏎[supports] | give either [material] or [materials.NAME]
 [supports] | [suports] | no key 'suports'; there is actuators, contacts, effects, frame, material, materials, mesh,
@@ -127,15 +127,15 @@ inertia = {} | inertia = {}⏎wind = {} | effects: no key 'wind'; there is base_
 inertia = {} | inertia = {mass = 1} | effects.inertia: no key 'mass'; there is none
 inertia = {} | | effects.damping: means nothing without inertia; name effects.inertia as well
 inertia = {} | inertia = true | effects.inertia = True: use a table
-alpha = 0.5 | alpha = -0.5 | effects.damping.alpha = -0.5: use a finite number and >= 0, in 1/s
+alpha = 0.5 | alpha = -0.5 | effects.damping.alpha = -0.5: use a finite number >= 0, in 1/s
 [reduction] | [reduction]⏎share = 0.9 | reduction.share: goes with method = 'eigenvector-selection'
 [reduction] | [reduction]⏎cubature = 0.1 | reduction.cubature: goes with effects.large_deformation
 name = "plate" | name = {} | name = {}: use a non-empty string
 name = "plate" | name = "" | name = '': use a non-empty string
 [mesh]⏎file = "../../meshes/plate.msh" | | mesh is missing
 file = "../../meshes/plate.msh" | | mesh: file is missing
-[mesh] | [mesh]⏎degree = 3 | mesh.degree = 3: use a whole number and >= 1 and <= 2
-[mesh] | [mesh]⏎degree = 1.0 | mesh.degree = 1.0: use a whole number and >= 1 and <= 2
+[mesh] | [mesh]⏎degree = 3 | mesh.degree = 3: use a whole number >= 1 and <= 2
+[mesh] | [mesh]⏎degree = 1.0 | mesh.degree = 1.0: use a whole number >= 1 and <= 2
 surface = "middle" | | contacts.middle: give exactly one of surface, near
 surface = "middle" | surface = "m"⏎near = {point = [0, 0, 0], radius = 1} | together (got surface, near)
 surface = "middle" | near = {point = [0, 0, 0]} | contacts.middle.near: radius is missing
@@ -150,20 +150,20 @@ points = [[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | | outputs.tip: give exactly one 
 [reduction] | [reduction]⏎tolerance = 1e-3 | reduction: give order or tolerance, not both
 , middle = 67 | | reduction.order: contact mode 'middle' has no order
 middle = 67 | midle = 67 | reduction.order: no contact mode 'midle'; there is middle, tip_left; did you mean 'middle'?
-middle = 67 | middle = 0 | reduction.order.middle = 0: use a whole number and >= 1
-{ tip_left = 52, middle = 67 } | 2.5 | reduction.order = 2.5: use a whole number and >= 1, or a table
-order = { tip_left = 52, middle = 67 } | tolerance = 1 | reduction.tolerance = 1: use a finite number and > 0
+middle = 67 | middle = 0 | reduction.order.middle = 0: use a whole number >= 1
+{ tip_left = 52, middle = 67 } | 2.5 | reduction.order = 2.5: use a whole number >= 1, or a table
+order = { tip_left = 52, middle = 67 } | tolerance = 1 | reduction.tolerance = 1: use a finite number > 0
 [reduction] | [reduction]⏎switching = "enrgy" | there is energy, oblique; did you mean 'energy'?
 [reduction] | [reduction]⏎method = "podd" | no choice 'podd'; there is balanced, eigenvector-selection, modal,
 [reduction] | [reduction]⏎lyapunov = "ad" | no choice 'ad'; there is adi, auto, bartels-stewart, closed-form, krylov
-dt = 1e-3 | dt = 0 | run.dt = 0: use a finite number and > 0, in s
+dt = 1e-3 | dt = 0 | run.dt = 0: use a finite number > 0, in s
 dt = 1e-3 | dt = 4 | run.dt = 4: use at most the duration, 3 s
-[run] | [run]⏎snapshots = 0 | run.snapshots = 0: use a whole number and >= 1
+[run] | [run]⏎snapshots = 0 | run.snapshots = 0: use a whole number >= 1
 [[run.load]] | [run.load] | run.load = {'contact': 'tip_left', 'start': 0.0, 'stop': 0.5,
 [[run.load]] | [run.load] | use a list, each a table
 start = 0.0 | start = 1.0 | run.load[0].stop = 0.5: use more than start, 1 s
 start = 0.0⏎stop = 0.5 | start = 500 | run.load[0].start = 500: use less than the run's duration, 3 s
-start = 0.0 | start = -1.0 | run.load[0].start = -1.0: use a finite number and >= 0, in s
+start = 0.0 | start = -1.0 | run.load[0].start = -1.0: use a finite number >= 0, in s
 contact = "tip_left" | contact = "tip_lft" | run.load[0].contact: no contact mode 'tip_lft'; there is middle, tip_left;
 contact = "tip_left" | actuator = "tendon" | run.load[0].actuator: no actuator 'tendon'; there is none
 contact = "tip_left" | | run.load[0]: give exactly one of contact, actuator (got none)
@@ -208,8 +208,8 @@ def test_mistake_is_told_with_what_is_allowed(there, instead, said):
         ("1.0e6", "1" + 400 * "0", "...: use a finite number"),  # more than floating point can hold
         ("1.0e6", "1" + 5000 * "0", "is not TOML"),  # more than Python reads
         ("1.0e6", "0x1" + 9999 * "0", "a number with thousands of digits: use"),  # more than Python prints
-        ("[run]", "[run]\nsnapshots = 1" + 400 * "0", "...: use a whole number and >= 1"),
-        ("[mesh]", f"#{LONGEST * 'x'}\n[mesh]", "use 60000; long force histories belong in tables"),
+        ("[run]", "[run]\nsnapshots = 1" + 400 * "0", "...: use a whole number >= 1"),
+        ("[mesh]", f"#{LONGEST * 'x'}\n[mesh]", "use at most 60000 bytes; long force histories belong in tables"),
     ],
     ids=[
         "no material",

@@ -72,7 +72,7 @@ def test_bodies_joints_and_tables_are_read(folder):
             r"bodies.upper.shape: no choice 'spere'; there is box, .*; did you mean 'sphere'",
         ),
         ("radius = 0.04", "", r"bodies.upper.radius: is missing; dimensions of a sphere: radius"),
-        ("radius = 0.04", "radius = -1", r"bodies.upper.radius = -1: use a finite number and > 0, in m"),
+        ("radius = 0.04", "radius = -1", r"bodies.upper.radius = -1: use a finite number > 0, in m"),
         ("radius = 0.04", "radius = 1\nsize = [1, 1, 1]", r"bodies.upper.size: a sphere has none"),
         ("density = 500", "densty = 500", r"bodies.lower: no key 'densty'; there is .*; did you mean 'density'"),
         ("mass = 0.2", "mass = 0.2\ndensity = 3", r"bodies.upper: give density or mass, not both"),

@@ -208,7 +208,7 @@ def test_a_contact_mode_with_the_name_of_an_actuator_keeps_its_own_inputs():
 
 
 LIES = {
-    "/inputs/cable has shape (3, 1); use ('S', 'w'), S = 21": put("inputs/cable", np.ones((3, 1))),
+    "/inputs/cable has shape (3, 1); use ('S', 'w') with S = 21": put("inputs/cable", np.ones((3, 1))),
     "an input has no unit 'kN'": put("inputs/cable", np.ones((21, 1)), unit="kN"),
     "a reading has no quantity 'lenght'": lambda h5: says(quantity="lenght")(h5["readings/cable"]),
     "/readings/sole/nodes is missing": without("readings/sole/nodes"),

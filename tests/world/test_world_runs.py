@@ -218,7 +218,7 @@ def test_a_cable_of_a_soft_body_that_pushes_is_told(tmp_path, monkeypatch):
     [
         ("position = [0, 0, 0.14]", "position = [0, 0, 0.1]", "upper"),  # begins inside the lower one
         ("[run]\ndt = 2e-3\nduration = 0.2\nevery = 3\nsnapshots = 10", "", r"has no \[run\]"),
-        ("[bodies.upper]", "[bodies.up-per]", "names without a hyphen"),
+        ("[bodies.upper]", "[bodies.up-per]", "use a name without a hyphen"),
     ],
 )
 def test_what_cannot_begin_is_told(tmp_path, there, instead, said):
