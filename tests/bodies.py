@@ -109,6 +109,20 @@ def write_arrays(
     return path
 
 
+def hollow_box(folder: Path) -> Path:
+    """A box of 50 x 30 x 30 mm with a chamber of 3 cm³ in its middle, whose walls are the surface "chamber"."""
+    lengths, bricks = (0.05, 0.03, 0.03), (5, 3, 3)
+    points, cells = box_arrays(lengths, bricks)
+    middles = points[cells].mean(axis=1)
+    cells = cells[~((middles > 0.01) & (middles < [0.04, 0.02, 0.02])).all(axis=1)]
+    used, cells = np.unique(cells, return_inverse=True)
+    points, cells = points[used], cells.reshape(-1, 4)
+    skin = skin_of(cells)
+    inner = ((points[skin].mean(axis=1) > 0.005) & (points[skin].mean(axis=1) < [0.045, 0.025, 0.025])).all(axis=1)
+    surfaces = box_surfaces(points, cells) | {"chamber": skin[inner], "part": skin[inner][:-2]}
+    return write_arrays(folder / "hollow.msh", points, cells, surfaces)
+
+
 def scene_text(
     mesh: Path,
     *,

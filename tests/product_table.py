@@ -51,11 +51,20 @@ PARTS = {
     "guides": {"tendon.rope": ROPE, "tendon_friction": "coefficient = 0.3"},
     "volumes": {"pressure.air": 'near = { point = [0, 0, 0], radius = 1.0 }\ncontrol = "volume"'},
     "gas": {"pressure.air": 'near = { point = [0, 0, 0], radius = 1.0 }\ncontrol = "gas"\ngas = { volume = 1e-4 }'},
+    "valves": {
+        "pressure.air": 'near = { point = [0, 0, 0], radius = 1.0 }\ncontrol = "valve"\ngas = { volume = 1e-4 }\n'
+        "valve = { area = 1e-7 }"
+    },
     "driven": {"driven_support.jaw": 'surface = "right"\ndirection = [1.0, 0.0, 0.0]'},
     "heat": {"temperature.warm": 'field = "20 + 100 * z"\namplitude = 1.0'},
     "reactions": {"readings.held": 'quantity = "reaction"'},  # read after each use
     "springs": {"springs.bed": 'surface = "right"\nstiffness = 1.0'},
     "dashpots": {"damping.dashpots.oil": 'surface = "right"\ncoefficient = 0.05'},
+    "fibres": {
+        "material.fibres": "directions = [[1, 1, 0]]\nmodulus = 1e5",
+        "membranes.skin": 'surface = "top"\ndirections = [[1, 0, 0]]\nstiffness = 20.0',
+        "cables.wire": f"{ROPE}\nstiffness = 5.0",
+    },
     "masses": {
         "point_masses.ball": "point = [0.3, 0.0, 0.0]\nmass = 0.01",
         "rigid_parts.plate": 'surface = "right"\nmass = 0.01\ncenter = [0.31, 0.015, 0.01]',
@@ -69,7 +78,8 @@ PARTS = {
     "impacts": {"contact": "restitution = 0.5", "contact.obstacles.floor": FLOOR},
     "penalty": {"contact": 'method = "penalty"\nstiffness = 1e2', "contact.obstacles.floor": FLOOR},
 }
-LARGEST = {"tendons": 0.1, "strokes": 1e-4, "driven": 1e-4, "guides": 0.1, "volumes": 1e-8, "gas": 1e-6, "loads": 1.0}
+LARGEST = {"tendons": 0.1, "strokes": 1e-4, "driven": 1e-4, "guides": 0.1, "loads": 1.0}
+LARGEST |= {"volumes": 1e-8, "gas": 1e-6, "valves": 1e3}  # m³, m³ and Pa
 USES = ("full order", "step", "rollout", "batch", "world", "gradient")
 PHYSICS = {  # why a product has no meaning, by what its refusal says
     "no equilibrium": "nothing holds it, so that without inertia it has no equilibrium",
@@ -86,12 +96,12 @@ def scene_of(mesh: Path, law: str, frame: str, part: str) -> str:
     """The scene of a product."""
     effects, dt = LAWS[law]
     acting = {**effects, "gravity": "acceleration = [0.0, 0.0, -9.81]", **PARTS[part]}
-    read = {name: acting.pop(name) for name in list(acting) if name.startswith("readings.")}
+    beside = {name: acting.pop(name) for name in list(acting) if name.startswith(("readings.", "material."))}
     if "inertia" in effects:
         acting = {"damping": "alpha = 0.5\nbeta = 2e-4", **acting}
     run = f"dt = {dt}\nduration = {2 * dt}"
     if part in LARGEST:
-        actuator = {"loads": "air", "volumes": "air", "gas": "air", "driven": "jaw"}.get(part, "rope")
+        actuator = {"loads": "air", "volumes": "air", "gas": "air", "valves": "air", "driven": "jaw"}.get(part, "rope")
         run += f'\n[[run.load]]\nactuator = "{actuator}"\nforce = [{LARGEST[part]}]'
     elif "contact" not in acting:
         run += '\n[[run.load]]\ncontact = "right"\nforce = [0.0, 0.0, 1e-3]'
@@ -104,7 +114,7 @@ def scene_of(mesh: Path, law: str, frame: str, part: str) -> str:
         run=run,
         **{"outputs.tip": "points = [[0.3, 0.03, 0.02]]"},
         **{f"effects.{name}": text for name, text in acting.items()},
-        **read,
+        **beside,
     )
     return 'frame = "moving"\n' * (frame != "held") + text
 

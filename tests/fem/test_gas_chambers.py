@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from bodies import acted_on, box_arrays, box_surfaces, scene_text, skin_of, write_arrays
+from bodies import acted_on, box_arrays, box_surfaces, hollow_box, scene_text, write_arrays
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
@@ -96,20 +96,6 @@ def test_a_piston_on_a_spring_rests_where_pressures_say(tmp_path, model, exponen
         assert missed(body) <= 1e-11 or not amount
 
 
-def hollow(folder):
-    """A box with a chamber in its middle."""
-    lengths, bricks = (0.05, 0.03, 0.03), (5, 3, 3)
-    points, cells = box_arrays(lengths, bricks)
-    middles = points[cells].mean(axis=1)
-    cells = cells[~((middles > 0.01) & (middles < [0.04, 0.02, 0.02])).all(axis=1)]
-    used, cells = np.unique(cells, return_inverse=True)
-    points, cells = points[used], cells.reshape(-1, 4)
-    skin = skin_of(cells)
-    inner = ((points[skin].mean(axis=1) > 0.005) & (points[skin].mean(axis=1) < [0.045, 0.025, 0.025])).all(axis=1)
-    surfaces = box_surfaces(points, cells) | {"chamber": skin[inner], "part": skin[inner][:-2]}
-    return write_arrays(folder / "hollow.msh", points, cells, surfaces)
-
-
 SOFT = {
     "material": "young = 1e5\npoisson = 0.3\ndensity = 1000.0",
     "contacts": '[contacts.right]\nsurface = "right"',
@@ -121,7 +107,7 @@ MOVING = "inertia = {}\ndamping = { beta = 1e-3 }\n"
 
 @pytest.fixture(scope="module")
 def box(tmp_path_factory):
-    return hollow(tmp_path_factory.mktemp("hollow"))
+    return hollow_box(tmp_path_factory.mktemp("hollow"))
 
 
 @BOTH
