@@ -14,6 +14,7 @@ from fenics_rom.fem.cell_kinds import TETRAHEDRON
 from fenics_rom.fem.cell_points import checked_nodes
 from fenics_rom.fem.closed_chambers import chambers_of
 from fenics_rom.fem.contact_points import contact_points_of, points_between
+from fenics_rom.fem.embedded_forces import embedded_forces
 from fenics_rom.fem.finite_strain.assemble import assemble_deformation
 from fenics_rom.fem.loads import actuators_of, contact_columns, loads_of
 from fenics_rom.fem.mesh import Mesh, read_mesh
@@ -161,6 +162,7 @@ def _with_unknowns(
             named_surfaces(scene, nodes) if scene.environment.contact_law is not None else {},
         ),
         scene=scene,
+        embedded=embedded_forces(scene, nodes),
         warnings=(
             *warnings_of(scene, mesh, rigid),
             *unreached(readings, scene, nodes, kept),

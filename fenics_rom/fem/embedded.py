@@ -34,18 +34,20 @@ class EmbeddedPoints:
         places: (E, 3) in the reference cell.
         weights: (E,) area, m², or length, m.
         fibres: what is there, of these points.
+        names: of the membrane or cable that each of them is of.
     """
 
     cells: Array
     places: Array
     weights: Array
     fibres: tuple[Fibres, ...] = ()
+    names: tuple[str, ...] = ()
 
     def of_cells(self, cells: Array) -> "EmbeddedPoints":
         """Those in some of the cells."""
         rows = np.flatnonzero(np.isin(self.cells, cells))
         fibres = tuple(family.at(rows, len(self.cells)) for family in self.fibres)
-        return EmbeddedPoints(self.cells[rows], self.places[rows], self.weights[rows], fibres)
+        return EmbeddedPoints(self.cells[rows], self.places[rows], self.weights[rows], fibres, self.names)
 
 
 NOTHING_EMBEDDED = EmbeddedPoints(np.empty(0, dtype=int), np.empty((0, 3)), np.empty(0))
@@ -67,8 +69,11 @@ def embedded_points(scene: Scene, nodes: Nodes) -> EmbeddedPoints:
         parts.append(_cable(nodes, np.array(cable.points), cable.stiffness, f"effects.cables.{name}.points"))
     if not parts:
         return NOTHING_EMBEDDED
-    first, fibres = 0, []
-    for part in parts:
+    first, fibres, names = 0, list[Fibres](), list[str]()
+    all_names = [f"effects.membranes.{name}" for name in scene.effects.membranes]
+    all_names += [f"effects.cables.{name}" for name in scene.effects.cables]
+    for name, part in zip(all_names, parts, strict=True):
+        names += [name] * len(part.fibres)
         fibres += [
             Fibres(each.law, first + each.points, each.structure, each.modulus, each.stiffening) for each in part.fibres
         ]
@@ -76,7 +81,7 @@ def embedded_points(scene: Scene, nodes: Nodes) -> EmbeddedPoints:
     cells, places, weights = (
         np.concatenate([getattr(part, key) for part in parts]) for key in ("cells", "places", "weights")
     )
-    return EmbeddedPoints(cells, places, weights, tuple(fibres))
+    return EmbeddedPoints(cells, places, weights, tuple(fibres), tuple(names))
 
 
 def _membrane(nodes: Nodes, membrane: Membrane, where: str) -> EmbeddedPoints:

@@ -16,6 +16,7 @@ from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.linearity import SurfaceGauges, SurfaceStrainPeak, measure_peaks
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
+from fenics_rom.mechanics.slack import SlackWatch
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
@@ -53,11 +54,14 @@ def simulate(
     monitor: SurfaceMonitor | InversionMonitor = SurfaceMonitor(system)
     if isinstance(body.stepper, FiniteStrainStepper):
         monitor, body.stepper.report = InversionMonitor(body.stepper), report
+    slack = None if system.embedded is None else SlackWatch(system.embedded.pushes)
     seconds = 0.0
     for step, (u, spent) in enumerate(steps, start=1):
         seconds += spent
         if step % MONITOR_INTERVAL == 0:
             monitor.look(body.stepper.shape, body.time)
+        if slack is not None and (step % MONITOR_INTERVAL == 0 or step == history.steps):
+            slack.look(body.stepper.shape, body.time)
         if body.stepper.interface is not None:
             body.stepper.interface.look(step, body.time, body.displacement(), last=step == history.steps)
         recorder.sample(step, body, u)
@@ -74,6 +78,7 @@ def simulate(
             *lost,
             *history.warnings,
             *filter(None, [monitor.summary]),
+            *([] if slack is None else slack.messages()),
             *body.stepper.diagnostics(),
             *([] if path is None else path.diagnostics),
         ),

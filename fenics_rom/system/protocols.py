@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from fenics_rom.mechanics.point_material import PointMaterial
+from fenics_rom.mechanics.slack import Push
 
 Value = TypeVar("Value")
 NO_DOFS = np.empty(0, dtype=int)
@@ -141,3 +142,10 @@ class Deformation(Protocol):
 
     def follower(self, x: Array) -> dict[str, Array]:
         """Force (rows here, 1) of 1 Pa or 1 N of each pressure and tendon at a displacement (rows here,), m."""
+
+
+class Embedded(Protocol):
+    """Membranes and cables of a body, which push where it presses them."""
+
+    def pushes(self, displacement: Array, time: float) -> Mapping[str, Push]:
+        """How hard each pushes where nodes are displaced by (N, 3), m, at a time, s, by name; of those that do."""

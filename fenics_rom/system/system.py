@@ -23,7 +23,7 @@ from fenics_rom.system.backends import backend_of
 from fenics_rom.system.body import Body
 from fenics_rom.system.moving_frame import FullOrderFrame, GeometricStiffness
 from fenics_rom.system.node_positions import check_outputs, frame_of_matrices, with_surface
-from fenics_rom.system.protocols import Algebra, Deformation, Operator
+from fenics_rom.system.protocols import Algebra, Deformation, Embedded, Operator
 from fenics_rom.system.rayleigh_damping import check_damping_choice
 
 OPTIONAL_COLUMNS = ("actuators", "loads", "units", "contact_points", "outputs")
@@ -78,6 +78,7 @@ class System:
         scene: the scene it was assembled from, if it was.
         deformation: of a body that deforms largely, beyond what these matrices say; None: linear.
         moving_frame: of a body that moves and turns as far as it likes; None: it turns but a little.
+        embedded: its membranes and cables, which a run looks at; None: there are none.
         warnings: what the user should know about this model.
         stages: what making it spent its time on.
 
@@ -107,6 +108,7 @@ class System:
     scene: Scene | None = None
     deformation: Deformation | None = None
     moving_frame: FullOrderFrame | None = None
+    embedded: Embedded | None = None
     warnings: tuple[str, ...] = ()
     stages: tuple[Stage, ...] = ()
     nodes: InitVar[Any] = None

@@ -23,6 +23,7 @@ from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.mechanics.slack import SlackWatch
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.hyperreduction.frame_loads import KINDS, FrameLoads
 from fenics_rom.reduction.hyperreduction.training_loads import (
@@ -120,6 +121,11 @@ def trained(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
     reached, last = _reached(problem.system, loads, runs), tuple(validated)[len(training) :]
     found = dict(zip(_acting_strokes(problem.system), seen[3:].tolist(), strict=False))
     reached = replace(reached, inputs=reached.inputs | found)
+    if (embedded := problem.system.embedded) is not None:
+        watch, fields = SlackWatch(embedded.pushes), problem.system.algebra.gather(np.hstack(trained_shapes))
+        for field in problem.system.body.unknowns.expand(fields).reshape(-1, 3, fields.shape[1]).transpose(2, 0, 1):
+            watch.look(field)
+        problem.messages.extend(watch.messages(in_training=True))
     return TrainingData(columns, np.hstack(trained_shapes), reached, held_out=last)
 
 
