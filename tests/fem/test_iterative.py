@@ -161,5 +161,5 @@ def test_eigenpairs_do_not_need_a_factorisation(body):
 
 
 def test_unknown_solver_is_refused(body):
-    with pytest.raises(SolverError, match=r"solver: 'magic' was given; use 'auto', 'direct', 'iterative'"):
+    with pytest.raises(SolverError, match=r"solver: 'magic' was given; use one of 'auto', 'direct', 'iterative'"):
         body.algebra.factor((1.0, body.stiffness), solver="magic")

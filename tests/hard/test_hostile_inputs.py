@@ -210,7 +210,7 @@ SCENES = {  # by kind: what is there, what stands there instead, and what is sai
     "empty table, contact": (
         'surface = "right"\n[out',
         "\n[out",
-        "contacts.tip: give exactly one of surface, near, plane, facing, box, along, inner, all, any, none, together; ",
+        "contacts.tip: give exactly one of surface, near, plane, facing, box, along, inner, all, any, none, together",
     ),
     "empty table, gravity": ("{ acceleration = [0, 0, -9.81] }", "{}", "effects.gravity: acceleration is missing"),
     "empty table, no obstacles": (
