@@ -61,5 +61,5 @@ def test_a_reduced_model_follows_fibres_threads_and_a_cable(beam, method, law, w
 
 def test_training_refuses_fibres_that_would_fold(beam):
     scene = scene_of(beam, '"quadratic", modulus = 1e6', -2.0)
-    with pytest.raises(SceneError, match=r"in training .* pressed to a stretch of 0\.\d+: .*use at most 1; give law"):
+    with pytest.raises(SceneError, match=r"in training .* pressed to a stretch of 0\.\d+: .*fold above 1; use law"):
         fr.reduce(fr.assemble(scene), order=8, method="modal+derivatives")

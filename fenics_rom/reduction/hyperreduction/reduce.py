@@ -119,7 +119,7 @@ def check_law(body: ReducedDeformation, states: Array) -> None:
         if x.max() > LAST_SHARE * term.largest:
             raise SceneError(
                 f"effects.large_deformation.constants: {body.law}: in training chains are stretched out: at a stretch "
-                f"of {shapes[x.argmax()].max():.3g} I1 - 3 is {x.max():.3g}; at most {LAST_SHARE} of "
+                f"of {shapes[x.argmax()].max():.3g} I1 - 3 is {x.max():.3g}; the most is {LAST_SHARE} of "
                 f"{term.largest:g}, beyond which the energy goes on as a parabola; give a larger Jm or less load"
             )
     try:
@@ -143,7 +143,7 @@ def _check_fibres(body: ReducedDeformation, states: Array) -> None:
                 f"materials: in training fibres with law = {QUADRATIC!r} are pressed to a stretch of "
                 f"{stretch[share.argmax()]:.4g}: they push with {share.max():.3g} times the shear modulus around them, "
                 f"and would fold above 1; use law = {HOLZAPFEL!r}, whose fibres only pull, softer "
-                "fibres or less load"
+                "fibres, or less load"
             )
         for family in body.fibres:
             exponent = family.exponent(E)
