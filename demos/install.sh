@@ -86,7 +86,7 @@ make_venv() {
   # Not the python3 on PATH: that may be one of pyenv or conda, which has no dolfinx.
   /usr/bin/python3 -m venv --system-site-packages .venv
   constrain_pip
-  .venv/bin/pip install -q --disable-pip-version-check -c .venv/constraints.txt -e '.[offline,fast,plot,view,docs,test]' \
+  .venv/bin/pip install -q --disable-pip-version-check -c .venv/constraints.txt -e '.[offline,fast,plot,view,surfaces,docs,test]' \
     -r demos/learning/requirements.txt -r demos/robot/requirements.txt
   check_venv
   echo "$made_from" >.venv/made-from # last: a .venv without it is half-made, and made again

@@ -54,7 +54,7 @@ MAY_IMPORT = {
     "compiled_products": ({"compilation"}, {"numpy", "numba", "llvmlite"}),
     "io": ({"errors", "arguments", "version"}, {"numpy", "h5py"}),
     "mechanics": ({"errors", "arguments", "compilation", "compiled_arrays", "compiled_products"}, {"numpy"}),
-    "scene": (GROUND | {"trajectory"}, {"numpy", "pydantic", "pydantic_core", "gmsh", "vtkmodules"}),
+    "scene": (GROUND | {"trajectory"}, {"numpy", "pydantic", "pydantic_core", "gmsh", "pytetwild", "vtkmodules"}),
     "system": (GROUND | {"scene"}, {"numpy", "scipy"}),
     "rom": (GROUND, {"numpy", "h5py"}),
     "trajectory": (GROUND, {"numpy", "h5py"}),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_rom.cli.display import print_lines
+from fenics_rom.cli.display import print_lines, progress
 from fenics_rom.cli.output import add_output
 from fenics_rom.io.overwriting import check_outputs
 from fenics_rom.lazy_import import load
@@ -21,7 +21,12 @@ def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
     command.add_argument("file", metavar="FILE", help=".stl, .step or .stp, to be filled; with --glue a mesh, too")
     add_output(command, "MESH.msh")
-    command.add_argument("--size", type=float, metavar="M", help="length of the cells' edges, m, of what is filled")
+    command.add_argument(
+        "--size",
+        type=float,
+        metavar="M",
+        help="length of the cells' edges, m, of what is filled (that of some 20,000 cells)",
+    )
     command.add_argument(
         "--glue",
         type=_tolerance,
@@ -47,8 +52,6 @@ def run(choice: argparse.Namespace) -> None:
     """Meshes or glues, and prints how large the body is and how good its cells are."""
     file, glue = Path(choice.file), choice.glue
     is_filled = file.suffix.lower() in SURFACES
-    if is_filled and choice.size is None:
-        choice.wrong_usage("--size is required of what is filled: length of the cells' edges, m")
     if not is_filled and glue is None:
         choice.wrong_usage(f"{file}: what is filled ends in {', '.join(SURFACES)}; a mesh is taken with --glue")
     if not is_filled and choice.size is not None:
@@ -63,12 +66,19 @@ def run(choice: argparse.Namespace) -> None:
     check_outputs(choice.output, inputs=[choice.file], force=choice.force)
     lines = {}
     if is_filled:
-        mesh = load("fem.filling", "fill_surface")(file, choice.output, choice.size, choice.scale, glue is not None)
+        with progress() as report:
+            mesh = load("fem.filling", "fill_surface")(
+                file, choice.output, choice.size, choice.scale, glue is not None, report
+            )
     else:
         tolerance = None if glue == BY_ITSELF else glue
         glued = load("fem.gluing", "glue_mesh")(file, choice.output, tolerance, choice.scale)
         mesh, lines["nodes"] = glued.mesh, str(glued)
-    size = " x ".join(f"{length:.4g}" for length in np.ptp(mesh.points[mesh.cells].reshape(-1, 3), axis=0))
+    places = mesh.points[mesh.cells].reshape(-1, 3)
+    size = " x ".join(f"{length:.4g}" for length in np.ptp(places, axis=0))
+    low, high = (", ".join(f"{x:.4g}" for x in ends(axis=0)) for ends in (places.min, places.max))
+    sides = mesh.points[mesh.cells[:, [0, 1, 2, 3, 0, 1]]] - mesh.points[mesh.cells[:, [1, 2, 3, 0, 2, 3]]]
+    lines["edges"] = f"{np.linalg.norm(sides, axis=2).mean():.3g} m on average"
     quality = load("fem.mesh_quality", "radius_ratios")(mesh.points, mesh.cells)
     print(f"mesh {choice.output}")
-    print_lines({"body": f"{size} m", **lines, "cells": str(quality_of(quality))}, mesh.notes)
+    print_lines({"body": f"{size} m, from ({low}) to ({high})", **lines, "cells": str(quality_of(quality))}, mesh.notes)

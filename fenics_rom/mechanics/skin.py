@@ -206,7 +206,7 @@ class Skin:
         """Which of points (P, 3) are inside of the skin, (P,); both in m."""
         inside = ((points > places.min(axis=0)) & (points < places.max(axis=0))).all(axis=1)
         for row in np.flatnonzero(inside):
-            inside[row] = _solid_angle(places[self.triangles] - points[row]) > 2 * np.pi
+            inside[row] = solid_angle(places[self.triangles] - points[row]) > 2 * np.pi
         return inside
 
     def _at_skin(
@@ -267,7 +267,7 @@ def _covering(places: Array, few: Array) -> float:
     return float(np.sqrt(squares.max(initial=0.0)))
 
 
-def _solid_angle(corners: Array) -> float:
+def solid_angle(corners: Array) -> float:
     """Of triangles with corners (F, 3, 3) seen from the origin: 4 π inside of a closed surface, 0 outside."""
     a, b, c = corners.transpose(1, 0, 2)
     la, lb, lc = np.sqrt(np.square(corners).dot(_ONES)).T

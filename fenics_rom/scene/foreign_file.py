@@ -8,7 +8,8 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from fenics_rom.scene.foreign_process import program_of
 LAUNCHER_VARIABLES = ("OMPI_", "PMIX_", "PRTE_", "PMI_", "HYDRA_", "HYDI_")  # what mpirun says is not for this process
 BASE_TIMEOUT = 60.0  # s that a program may take for any file
 MIN_READING_RATE = 1e6  # bytes/s that it reads beyond that
-MESHING_TIMEOUT = 3600.0  # s that Gmsh may take to mesh a body
+SECOND = 1.0
 
 
 def read_arrays(file: Path) -> Mapping[str, np.ndarray]:
@@ -29,7 +30,7 @@ def read_arrays(file: Path) -> Mapping[str, np.ndarray]:
     Raises:
         MeshError: the program cannot read the file, crashed, or was not done in time.
     """
-    return _arrays(file, timeout=BASE_TIMEOUT + file.stat().st_size / MIN_READING_RATE)
+    return _arrays(file)
 
 
 def read_surface_arrays(file: Path) -> Mapping[str, np.ndarray]:
@@ -38,44 +39,67 @@ def read_surface_arrays(file: Path) -> Mapping[str, np.ndarray]:
     Raises:
         MeshError: as `read_arrays`.
     """
-    return _arrays(file, "surface", timeout=BASE_TIMEOUT + file.stat().st_size / MIN_READING_RATE)
+    return _arrays(file, "surface")
 
 
-def fill_surface(file: Path, size: float, glue: bool = False) -> Mapping[str, np.ndarray]:
-    """Points (3 N,) and cells (4 C,) of tetrahedra that Gmsh fills a closed surface or a STEP body with.
+def arrays_of(
+    script: str,
+    file: Path,
+    *words: str,
+    program: str,
+    does: str,
+    timeout: float,
+    listen: Callable[[bytes], None] = lambda said: None,
+) -> Mapping[str, np.ndarray]:
+    """Arrays that a script finds in a process of its own.
 
     Args:
-        file: `.stl`, `.step` or `.stp`.
-        size: length of their edges in the file's unit; of STEP, m.
-        glue: let solids of STEP that touch or overlap share their nodes.
+        script: its file.
+        file, words: what it is told on its command line.
+        program: what works there, for messages.
+        does: what it does to the file, for messages.
+        timeout: s that it may take.
+        listen: is told every second all that it has said up to then.
 
     Raises:
-        MeshError: as `read_arrays`; or the surface is open or intersects itself.
+        MeshError: it cannot do so, crashed, or was not done in time.
     """
-    return _arrays(file, str(size), *["glue"] * glue, timeout=MESHING_TIMEOUT)
-
-
-def _arrays(file: Path, *words: str, timeout: float) -> Mapping[str, np.ndarray]:
-    program = program_of(file)
-    try:
-        process = subprocess.run(
-            [sys.executable, "-P", foreign_process.__file__, file, *words],
-            env=_clean_environment(),
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=timeout,
-        )
-    except subprocess.TimeoutExpired:
-        raise MeshError(f"mesh file {file}: {program} could not read it (it went on for {timeout:.0f} s)") from None
+    start = time.monotonic()
+    with subprocess.Popen(
+        [sys.executable, "-P", script, file, *words],
+        env=_clean_environment(),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        try:
+            while True:
+                try:
+                    content, said = process.communicate(timeout=min(SECOND, timeout))
+                    break
+                except subprocess.TimeoutExpired as still:
+                    if time.monotonic() - start > timeout:
+                        raise MeshError(
+                            f"mesh file {file}: {program} could not {does} it (it went on for {timeout:.0f} s)"
+                        ) from None
+                    listen(still.stderr or b"")
+        except BaseException:  # as of a user who waits no longer
+            process.kill()
+            raise
     if process.returncode < 0:
         name = signal.strsignal(-process.returncode)
-        raise MeshError(f"mesh file {file}: {program} could not read it (signal {-process.returncode}: {name})")
+        raise MeshError(f"mesh file {file}: {program} could not {does} it (signal {-process.returncode}: {name})")
     if process.returncode:
-        messages = process.stderr.decode(errors="replace").strip().splitlines()
+        messages = said.decode(errors="replace").strip().splitlines()
         reason = messages[-1] if messages else "it does not say why"
-        raise MeshError(f"mesh file {file}: {program} cannot read it: {reason}")
-    with np.load(io.BytesIO(process.stdout), allow_pickle=False) as arrays:
+        raise MeshError(f"mesh file {file}: {program} cannot {does} it: {reason}")
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         return dict(arrays)
+
+
+def _arrays(file: Path, *words: str) -> Mapping[str, np.ndarray]:
+    timeout, program = BASE_TIMEOUT + file.stat().st_size / MIN_READING_RATE, program_of(file)
+    return arrays_of(foreign_process.__file__, file, *words, program=program, does="read", timeout=timeout)
 
 
 def _clean_environment() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""A process of its own that lets Gmsh or VTK read a mesh file, or Gmsh mesh one, and writes arrays to standard output.
+"""A process of its own that lets Gmsh or VTK read a mesh file and writes arrays to standard output.
 
 They crash on some damaged files; here they take nobody with them. It is started by `foreign_file`, as a script, so that
 it needs NumPy and Gmsh or VTK only.
@@ -8,6 +8,7 @@ import io
 import os
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -28,26 +29,23 @@ HEXAHEDRON = 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15
 FROM_GMSH = {10: (4, 5, 6, 7, 9, 8), 13: PYRAMID, 14: (*PYRAMID, 13), 15: PRISM, 18: (*PRISM, 15, 17, 16)}
 FROM_GMSH |= {20: HEXAHEDRON, 27: (*HEXAHEDRON, 22, 23, 21, 24, 20, 25, 26)}
 AROUND = 48  # triangles around a round face of a STEP file
-FEATURE_ANGLE = np.radians(40.0)  # between triangles of a surface; beyond it an edge stays an edge
 
 
 def main() -> None:
-    """Reads the file that the command line names, or its surface, or fills it with cells of a size.
-
-    Or it ends with a message.
-    """
+    """Reads the file that the command line names, or its surface, or ends with a message."""
     file, *words = sys.argv[1:]
+    base = BASE_MEMORY if program_of(Path(file)) == "Gmsh" else VTK_MEMORY
+    lower_limit("RLIMIT_AS", base + MEMORY_PER_BYTE * Path(file).stat().st_size)  # sizes in a file may lie
+    answer(lambda: read_surface(file) if words == ["surface"] else read_arrays(file))
+
+
+def answer(find: Callable[[], dict[str, Any]]) -> None:
+    """Writes arrays that are found to standard output, or ends with a message."""
     lower_limit("RLIMIT_CORE", 0)  # a crash leaves nothing behind
-    if words == ["surface"] or not words:  # sizes in a file may lie
-        base = BASE_MEMORY if program_of(Path(file)) == "Gmsh" else VTK_MEMORY
-        lower_limit("RLIMIT_AS", base + MEMORY_PER_BYTE * Path(file).stat().st_size)
     with os.fdopen(os.dup(1), "wb") as output:
         os.dup2(2, 1)  # what libraries print is no part of the arrays
         try:
-            if words == ["surface"]:
-                arrays = read_surface(file)
-            else:
-                arrays = fill_surface(file, float(words[0]), words[1:] == ["glue"]) if words else read_arrays(file)
+            arrays = find()
         except ModuleNotFoundError as error:
             sys.exit(f'it needs {error.name}, which this Python lacks: pip install "fenics-rom[view]"')
         except Exception as error:  # Gmsh's own, and what Python says of names that are no text
@@ -91,7 +89,8 @@ def read_arrays(file: str) -> dict[str, Any]:
     return _read_vtk(file) if program_of(Path(file)) == "VTK" else _read_gmsh(file)
 
 
-def _gmsh() -> Any:
+def gmsh_package() -> Any:
+    """Gmsh, which says nothing by itself."""
     import gmsh
 
     gmsh.initialize([], readConfigFiles=False)
@@ -100,7 +99,7 @@ def _gmsh() -> Any:
 
 
 def _read_gmsh(file: str) -> dict[str, Any]:
-    gmsh = _gmsh()
+    gmsh = gmsh_package()
     gmsh.merge(file)
     mesh = gmsh.model.mesh
 
@@ -266,7 +265,7 @@ def _vtk_surface(file: str) -> dict[str, Any]:
 
 
 def _step_surface(file: str) -> dict[str, Any]:
-    gmsh = _gmsh()
+    gmsh = gmsh_package()
     gmsh.option.setString("Geometry.OCCTargetUnit", "M")
     gmsh.model.occ.importShapes(file)
     gmsh.model.occ.synchronize()
@@ -322,61 +321,6 @@ def _border(triangles: np.ndarray) -> dict[tuple[int, int], int]:
     unique, row, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
     alone, ways = unique[count == 1], np.where(sides[row, 0] < sides[row, 1], 1, -1)[count == 1]
     return {(int(low), int(high)): int(way) for (low, high), way in zip(alone, ways, strict=True)}
-
-
-def fill_surface(file: str, size: float, glue: bool) -> dict[str, Any]:
-    """Points (3 N,) and cells (4 C,) of tetrahedra of a size that fill a closed surface, or what a STEP file holds.
-
-    Solids that are to be glued are divided where they meet.
-    """
-    gmsh = _gmsh()
-    gmsh.option.setString("Geometry.OCCTargetUnit", "M")
-    mesh = gmsh.model.mesh
-    if file.lower().endswith(".stl"):
-        gmsh.merge(file)
-        _check_closed(mesh)
-        mesh.classifySurfaces(FEATURE_ANGLE, True, True, np.pi)
-        mesh.createGeometry()
-        loop = gmsh.model.geo.addSurfaceLoop([tag for _, tag in gmsh.model.getEntities(2)])
-        gmsh.model.geo.addVolume([loop])
-        gmsh.model.geo.synchronize()
-    else:
-        gmsh.model.occ.importShapes(file)
-        solids = gmsh.model.occ.getEntities(3)
-        if glue and len(solids) > 1:
-            gmsh.model.occ.fragment(solids[:1], solids[1:])
-        gmsh.model.occ.synchronize()
-    if not gmsh.model.getEntities(3):
-        raise ValueError("it holds no solid, only surfaces")
-    for option in ("Mesh.MeshSizeMin", "Mesh.MeshSizeMax"):
-        gmsh.option.setNumber(option, size)
-    try:
-        mesh.generate(3)
-    except Exception as error:  # Gmsh's own
-        if "intersect" not in str(error):
-            raise
-        raise ValueError(f"its surface intersects itself ({error})") from error
-    tags, points, _ = mesh.getNodes()
-    order = np.argsort(tags)
-    cells = np.searchsorted(tags[order], mesh.getElementsByType(4)[1])
-    return {"points": points.reshape(-1, 3)[order].ravel(), "cells": cells}
-
-
-def _check_closed(mesh: Any) -> None:
-    """Refuses a surface with edges that are not between two triangles."""
-    nodes, points, _ = mesh.getNodes()
-    triangles = mesh.getElementsByType(2)[1].reshape(-1, 3)
-    if not len(triangles):
-        raise ValueError("it holds no triangles")
-    sides = np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1)
-    edges, count = np.unique(sides, axis=0, return_counts=True)
-    loose = edges[count != 2]
-    if len(loose):
-        at = points.reshape(-1, 3)[nodes == loose[0, 0]][0]
-        raise ValueError(
-            f"its surface is not closed: {len(loose)} of {len(edges)} edges are not between two triangles, e.g. one at "
-            f"{at.round(9).tolist()}"
-        )
 
 
 if __name__ == "__main__":

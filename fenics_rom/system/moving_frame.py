@@ -144,5 +144,5 @@ def check_motions(rigid: int, carried: bool, where: str = "") -> None:
     """Refuses (StructureError) a body that is neither free nor wholly held, by the number of its rigid motions."""
     if rigid != (0 if carried else 6):
         kind = "is carried" if carried else "is free"
-        allowed = "none: its supports are to hold it wholly" if carried else "six: it is one piece, held by nothing"
+        allowed = "supports that hold all of it" if carried else "one piece, with six, that nothing holds"
         raise StructureError(f"{where}a body that {kind} has {rigid} rigid motions; use {allowed}")

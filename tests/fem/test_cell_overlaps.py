@@ -255,7 +255,6 @@ def test_what_gluing_cannot_do_is_told(halves, tmp_path, monkeypatch, capsys):
             "--size is of what is filled; the cells of a mesh stay as they are: leave it out",
         ),
         (["halves.msh"], "what is filled ends in .stl, .step, .stp; a mesh is taken with --glue"),
-        (["part.stl"], "--size is required of what is filled"),
         (["part.step", "--size", "1", "--glue", "1e-3"], "use --glue without a number"),
         (["--glue", "halves.msh"], "'halves.msh': use a finite number >= 0, or none where --glue stands last"),
         (["halves.msh", "--glue", "-1"], "'-1': use a finite number >= 0"),
