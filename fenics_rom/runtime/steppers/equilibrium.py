@@ -219,13 +219,15 @@ class Equilibrium(PartedKernel):
     def _balanced(self, sought: Sought, q: Array, unbalanced: Array) -> Found | None:
         """The equilibrium near q (m,), of forces but for a part (m,); None if there is none."""
         Φ, before, reactions, deformation = self.potential, math.inf, self.reactions, self._rom.deformation
-        whole_steps = self._interface is None and self._found is None
+        found = self._found
+        whole_steps = self._interface is None and (found is None or not found.actuators.pulls.any())
         assert deformation is not None
         round_off = deformation.round_off.max()
         for _ in range(MAX_ITERATIONS):
             elastic, force, tangent = Φ.force(q), self.loads.force(sought.u, q), Φ.tangent(q)
-            stable = is_definite(tangent)
-            if not (stable or whole_steps):
+            if whole_steps:  # near a largest pressure loads that follow decide what is stable
+                tangent = tangent - self.loads.slope(sought.u, reactions, q)
+            elif not is_definite(tangent):
                 return None
             scale = max(np.abs(part).max() for part in (elastic, force, unbalanced))
             if not math.isfinite(scale):
@@ -235,16 +237,32 @@ class Equilibrium(PartedKernel):
             except np.linalg.LinAlgError:
                 return None
             lack = elastic - force - unbalanced
-            pushed, contact, reactions = self._touch(sought, q, q - self._solve(lack), reactions)
+            try:
+                pushed, contact, reactions = self._touch(sought, q, q - self._solve(lack), reactions)
+            except StepError:  # of a shape that whole steps of Newton's method went astray to
+                if whole_steps:
+                    return None
+                raise
             lack = lack - pushed
             error = np.abs(lack).max()
             if is_solved(error, before, scale, round_off):
-                return Found(q, contact, reactions) if stable else None
+                return Found(q, contact, reactions) if self._is_stable(sought, tangent, reactions) else None
             if error > 10 * before and not whole_steps:
                 return None
             before = error
             q = q - self._solve(lack)
         return None
+
+    def _is_stable(self, sought: Sought, tangent: Array, reactions: Array) -> bool:
+        """Whether an equilibrium that was found is stable, with what its strokes hold (Haynsworth, 1968)."""
+        found = self._found
+        if found is None or self._interface is not None or found.actuators.pulls.any():
+            return is_definite((tangent + tangent.T) / 2)
+        assert self._stroke_operators is not None
+        W, gas = self._stroke_operators[1], found.actuators.resting_targets(sought.strokes, sought.strokes, self.h).gas
+        gives = np.zeros(len(reactions)) if gas is None else gas.compliances(reactions)
+        held = int((np.linalg.eigvalsh(W + np.diag(gives)) < 0).sum())
+        return int((np.linalg.eigvalsh((tangent + tangent.T) / 2) < 0).sum()) == held
 
     def _step_residual_at_rest(self, contact: ContactSolution | None) -> tuple[Array | None, float]:
         """Takes the residual part's step; the points' velocity (P, 3), and what held it at the start supplies, J."""
