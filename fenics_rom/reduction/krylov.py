@@ -22,15 +22,16 @@ from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.system.columns import apply_to_complex
 
 CONVERGENCE_TOLERANCE = 1e-7  # relative change of σ and of frequency responses that ends the growth of a space
-# Of solves by iteration. What block k leaves, of relative size η_k, changes responses by at most Σ η_k |y_k|. There
-# the shares |y_k| of blocks in them shrink as the responses converge (Simoncini & Szyld 2003). So η_k |y_k| is kept at
-# SPACE_ACCURACY, |y_k| taken as the last change of responses and σ; the projection on the space is exact all the same.
-SPACE_ACCURACY = 0.1 * CONVERGENCE_TOLERANCE
-LEAST_ACCURACY = 1e-3  # of any block
+# Of solves by iteration. What block k leaves, of relative size η_k in energy, leaves Σ η_k |y_k| of the residuals of
+# responses. There the shares |y_k| of blocks in them shrink as the responses converge (Simoncini & Szyld 2003). So
+# η_k |y_k| is kept at SPACE_ACCURACY, |y_k| taken as the last change of responses and σ. The projection on the space is
+# exact all the same: by Galerkin's orthogonality BᵀH B and σ are off by the square of that, about 1e-12.
+SPACE_ACCURACY = 1e-6
+LEAST_ACCURACY = 1e-2  # of any block
 MEASURE_ACCURACY = 1e-2  # of residuals, whose size is asked for
 NEGLIGIBLE_SHARE = 1e-9  # of σ_1, below which σ need not converge in all their digits
 GROWTH_FACTORS = {1: 1.1, 2: 1.5}  # of a space between two iterates, for diagonal and dense damping: those take longer
-MAX_VECTORS = 400  # of a contact mode's space, shared eigenvectors not counted
+MAX_VECTORS = 400  # of a contact mode's space, shared eigenvectors not counted; of those of some together twice as many
 ZERO_SHIFT_BLOCKS = 15  # before the first positive shift
 POSITIVE_SHIFT_BLOCKS = 3  # at each of them
 MAX_SHIFTS = 20
@@ -42,7 +43,7 @@ HIGHEST_SAMPLE = 1  # the highest frequency alone: with eigenvectors in the spac
 
 
 class Chain:
-    """The part of the shared space that belongs to one contact mode, and its latest directions."""
+    """The part of the shared space that belongs to one contact mode, or some, and its latest directions."""
 
     def __init__(self, shared: Array):  # (k, r) coordinates that it starts with, the first unit vectors
         self.span = shared
@@ -112,14 +113,19 @@ def sample_frequencies(γ: Array, order: int | None, count: int = SAMPLE_COUNT) 
 
 
 class KrylovSpaces:
-    """Krylov spaces of some contact modes, all in the problem's shared space."""
+    """Krylov spaces of some contact modes, all in the problem's shared space.
 
-    def __init__(self, problem: ReductionProblem, names: Sequence[str], augmentation: KrylovAugmentation):
+    Where they are `together` each contact mode is balanced in what all of them add, and needs fewer blocks.
+    """
+
+    def __init__(
+        self, problem: ReductionProblem, names: Sequence[str], augmentation: KrylovAugmentation, together: bool
+    ):
         shared = problem.space
         self._problem = problem
         self.inputs = {name: leading_inputs(problem, name) for name in names}
         V = np.eye(shared.size)[:, : shared.eigenvectors]
-        self.chains = {name: Chain(V) for name in names}
+        self.chains = dict.fromkeys(names, Chain(V)) if together else {name: Chain(V) for name in names}
         self._augmentation = Chain(V)
         self._orders = {name: problem.order_of(name) for name in names}  # or the last iterate's
         self._projected_inputs: tuple[int, dict[str, Array]] = (-1, {})
@@ -128,17 +134,22 @@ class KrylovSpaces:
         self._shifts = 0
         self._blocks = 0
         self._zero_suffices = augmentation.complete
-        self._add([*self.inputs.values(), augmentation.columns])
+        inputs = list(self.inputs.values())
+        self._add([*([np.hstack(inputs)] if together else inputs), augmentation.columns], names)
 
     def grow(self, names: Sequence[str]) -> None:
         """Adds a block, or blocks at a positive shift, for those contact modes that still need it."""
         if self._zero_suffices or self._blocks < ZERO_SHIFT_BLOCKS:
-            chains = [*(self.chains[name] for name in names), self._augmentation]
+            chains = [*self._chains_of(names), self._augmentation]
             latest = [pad_rows(chain.latest, self._problem.space.size) for chain in chains]
             columns = self._problem.space.mass_times_basis @ np.hstack(latest)
             self._add(split_like(columns, latest), names)
         else:
             self._add_shift(names)
+
+    def _chains_of(self, names: Sequence[str]) -> list[Chain]:
+        """Each once."""
+        return list(dict.fromkeys(self.chains[name] for name in names))
 
     def is_complete(self, name: str) -> bool:
         """Whether the space of a contact mode holds all there is."""
@@ -148,7 +159,9 @@ class KrylovSpaces:
 
     def is_at_limit(self, name: str) -> bool:
         """Whether no more is to be tried for a contact mode."""
-        return self.chains[name].grown_size >= MAX_VECTORS or self._shifts >= MAX_SHIFTS
+        chain = self.chains[name]
+        most = MAX_VECTORS * min(2, sum(other is chain for other in self.chains.values()))
+        return chain.grown_size >= most or self._shifts >= MAX_SHIFTS
 
     def has_grown(self, name: str, last: KrylovIterate | None) -> bool:
         """Whether the space of a contact mode has grown enough since the last iterate, or at all for a first one."""
@@ -185,17 +198,15 @@ class KrylovSpaces:
             self._projected_inputs = X.shape[1], dict(zip(self.inputs, projected, strict=True))
         return self._projected_inputs[1]
 
-    def _add(self, blocks: list[Array], names: Sequence[str] | None = None) -> None:
+    def _add(self, blocks: list[Array], names: Sequence[str]) -> None:
         """One more block of K⁻¹M, all contact modes in one solve: M times the latest directions."""
-        names = list(self.inputs) if names is None else names
         with self._problem.stages("solves with K"):
             remaining = max(self.changes[name] for name in names)
             accuracy = min(SPACE_ACCURACY / max(remaining, SPACE_ACCURACY), LEAST_ACCURACY)
             solved = self._problem.factor.solve(np.hstack(blocks), accuracy)
         parts = self._coordinates(solved, blocks)
         self._augmentation.latest = self._augmentation.extend(parts[-1])
-        for name, part in zip(names, parts, strict=False):
-            chain = self.chains[name]
+        for chain, part in zip(self._chains_of(names), parts, strict=False):
             chain.latest = chain.extend(part)
             chain.extend(parts[-1])
         self._blocks += 1
@@ -260,7 +271,7 @@ def directions_by_residual(
 
     For contact modes that share eigenvectors: two or three blocks do, and one balancing each.
     """
-    krylov = KrylovSpaces(problem, names, augmentation)
+    krylov = KrylovSpaces(problem, names, augmentation, together=False)
     count = HIGHEST_SAMPLE if problem.system.rayleigh is not None else SAMPLE_COUNT
     waiting = list(names)
     while waiting:
@@ -284,7 +295,7 @@ def directions_by_change(
     problem: ReductionProblem, names: Sequence[str], augmentation: KrylovAugmentation
 ) -> Iterator[tuple[str, RankedBasis]]:
     """Each contact mode balanced in the first space whose σ and frequency responses are those of the one before."""
-    krylov = KrylovSpaces(problem, names, augmentation)
+    krylov = KrylovSpaces(problem, names, augmentation, together=True)
     iterates: dict[str, KrylovIterate | None] = dict.fromkeys(names)
     while iterates:
         for name, last in list(iterates.items()):
