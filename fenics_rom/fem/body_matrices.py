@@ -27,8 +27,9 @@ from fenics_rom.fem.fibres import fibre_stiffness
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.mesh import Mesh
 from fenics_rom.fem.moving_frame import frame_origin, mass_times
+from fenics_rom.fem.nodal_matrix import by_nodes
 from fenics_rom.fem.nodes import Nodes
-from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
+from fenics_rom.fem.petsc_matrix import MatrixSum, PetscMatrix, ZeroMatrix, combination
 from fenics_rom.fem.places import cells_of
 from fenics_rom.fem.restriction import restrict_matrices
 from fenics_rom.fem.springs import dashpots_of, of_components, sliding_springs_of, springs_of, summed, with_attached
@@ -53,7 +54,7 @@ class BodyMatrices:
     """
 
     mass: PetscMatrix
-    damping: PetscMatrix | ZeroMatrix
+    damping: PetscMatrix | MatrixSum | ZeroMatrix
     stiffness: PetscMatrix
     node_mass: np.ndarray
     weight: np.ndarray
@@ -96,7 +97,7 @@ def body_matrices(
         of_volume = {"stiffness": λ, "damping": λ * points.of_cells(damping_of_cells(scene, mesh)[:, 1])}
         for name in of_volume.keys() & reduced.keys():
             reduced[name] = with_attached(reduced[name], points.dilation_stiffness(of_volume[name]), unknowns)
-    reduced["mass"] = with_attached(reduced["mass"], fixed, unknowns)
+    reduced["mass"] = by_nodes(with_attached(reduced["mass"], fixed, unknowns))
     springs, dashpots = summed([of_components(springs), sliding_springs_of(scene, nodes)]), of_components(dashpots)
     on_body = None if scene.environment.is_moving else springs
     reduced["stiffness"] = with_attached(reduced["stiffness"], on_body, unknowns)
@@ -163,7 +164,7 @@ def _with_springs(dashpots: Any, springs: Any, scene: Scene) -> Any:
 
 def _dampings(
     scene: Scene, reduced: dict[str, PetscMatrix], springs: Any, dashpots: Any, unknowns: Unknowns
-) -> tuple[PetscMatrix | None, tuple[PetscMatrix | None, ...]]:
+) -> tuple[PetscMatrix | MatrixSum | None, tuple[PetscMatrix | None, ...]]:
     """D = α M + β K with springs and dashpots; for large deformation also what of D and K does not strain the body.
 
     That is D with springs and dashpots to the ground, their K, and of a body in a moving frame, which has these in no
@@ -177,6 +178,8 @@ def _dampings(
         present = [(coefficient, matrix) for coefficient, matrix in terms if coefficient]
         return PetscMatrix(combination(*present)) if present else None
 
+    proportional = [(coefficient, matrix) for coefficient, matrix in ((α, mass), (β, stiffness)) if coefficient]
+
     def added(to: PetscMatrix | None, surfaces: Any) -> PetscMatrix | None:
         if surfaces is None:
             return to
@@ -184,9 +187,11 @@ def _dampings(
 
     of_springs, of_dashpots = (None, None) if moving else (damped_springs, dashpots)
     if "damping" in reduced:  # K has the springs in it already, what is damped by material has not
-        damping = added(added(reduced["damping"], of_springs), of_dashpots)
+        damping: PetscMatrix | MatrixSum | None = added(added(reduced["damping"], of_springs), of_dashpots)
+    elif of_dashpots is None:
+        damping = MatrixSum(*proportional) if proportional else None
     else:
-        damping = added(total((α, mass), (β, stiffness)), of_dashpots)
+        damping = added(total(*proportional), of_dashpots)
     if scene.effects.large_deformation is None:
         relaxes = scene.effects.viscoelasticity is not None and not moving
         return damping, (None, added(None, springs) if relaxes else None, None)

@@ -29,9 +29,9 @@ def _run(function: Any, *arrays: Any) -> bool | None:
 class LocalBlocks:
     """A sparse matrix of this rank alone (rows, columns), times columns (columns, k) and transposed."""
 
-    def __init__(self, rows: scipy.sparse.csr_matrix):
+    def __init__(self, rows: scipy.sparse.csr_matrix, size: int = BLOCK):
         self.shape = rows.shape
-        blocked = not (rows.shape[0] % BLOCK or rows.shape[1] % BLOCK)
+        blocked = size == BLOCK and not (rows.shape[0] % BLOCK or rows.shape[1] % BLOCK)
         self._matrix = rows.tobsr((BLOCK, BLOCK)) if blocked else rows
         self._arrays = (self._matrix.indptr, self._matrix.indices, self._matrix.data) if blocked else None
 

@@ -71,7 +71,7 @@ class IterativeFactor:
                 f"multigrid could not be set up for {self._size:,} unknowns: {error}; "
                 "is the matrix symmetric positive definite?"
             ) from error
-        self._matrix = RankedBlocks(mat, float)
+        self._matrix = RankedBlocks.of(mat, float)
 
     def solve(self, block: Array, accuracy: float = EXACT) -> Array:
         """Solution for local rows (rows here, k), real or complex, from zero.

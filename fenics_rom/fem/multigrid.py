@@ -72,8 +72,8 @@ class _Level:
 
     def __init__(self, mat: PETSc.Mat, prolongation: PETSc.Mat):
         comm = mat.comm.tompi4py()
-        self.operator = RankedBlocks(mat, np.float32)
-        self.prolongation = RankedBlocks(prolongation, np.float32)
+        self.operator = RankedBlocks.of(mat, np.float32)
+        self.prolongation = RankedBlocks.of(prolongation, np.float32)
         vector = mat.getDiagonal()
         diagonal, largest = vector.array.copy(), vector.max()[1]
         vector.destroy()

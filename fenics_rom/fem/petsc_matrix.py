@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import scipy.sparse
 from petsc4py import PETSc
 
 from fenics_rom.errors import SolverError
-from fenics_rom.system.columns import apply_to_complex
+from fenics_rom.system.columns import apply_to_complex, sum_of
 
 CHUNK = 128  # columns that PETSc gets at a time: as fast as all of them, and their copies stay small
 
@@ -48,6 +49,22 @@ class PetscMatrix:
         """Frees the matrix."""
         for part in (*self._vectors, self.mat):
             part.destroy()
+
+
+class MatrixSum:
+    """Sum of coefficient times matrix, such as α M + β K, whose numbers are made only where somebody asks for them."""
+
+    def __init__(self, *terms: tuple[float, PetscMatrix]):
+        self.terms = terms
+
+    def __matmul__(self, block: np.ndarray) -> np.ndarray:
+        """Product with local rows (rows here, k)."""
+        return sum_of(coefficient * (matrix @ block) for coefficient, matrix in self.terms)
+
+    @cached_property
+    def mat(self) -> PETSc.Mat:
+        """It all in one."""
+        return combination(*self.terms)
 
 
 class ExtendedMatrix:
@@ -100,10 +117,14 @@ def column_chunks(block: np.ndarray) -> list[slice]:
 
 def combination(*terms: tuple[float, Any]) -> PETSc.Mat:
     """Sum of coefficient times PETSc matrix; it knows the near-nullspace that one of them knows."""
-    for _, term in terms:
-        if not isinstance(term, PetscMatrix | ZeroMatrix):
+    coefficients: dict[PetscMatrix, float] = {}
+    for c, term in terms:
+        if not isinstance(term, PetscMatrix | MatrixSum | ZeroMatrix):
             raise SolverError(f"a sum of PETSc matrices was asked for with a {type(term).__name__} in it")
-    matrices = [(c, a.mat) for c, a in terms if isinstance(a, PetscMatrix)]
+        parts = term.terms if isinstance(term, MatrixSum) else [(1.0, term)] if isinstance(term, PetscMatrix) else ()
+        for share, matrix in parts:
+            coefficients[matrix] = coefficients.get(matrix, 0.0) + c * share
+    matrices = [(c, matrix.mat) for matrix, c in coefficients.items()]
     if not matrices:
         raise SolverError("a sum of PETSc matrices was asked for without one")
     (first_coefficient, first), *others = [(c, mat) for c, mat in matrices if c != 0.0] or matrices[:1]

@@ -11,35 +11,46 @@ from fenics_rom.fem.column_products import BLOCK, LocalBlocks
 
 
 class RankedBlocks:
-    """A copy of a matrix, in a precision of its own; every rank must call every method.
+    """Rows of a matrix that are here, times columns of which each rank has some; every rank must call every method.
+
+    Args:
+        comm: of the ranks.
+        whole: rows (rows here, all columns).
+        own: the first of the columns that are here, and how many these are.
+        size: of blocks, BLOCK or 1.
 
     Attributes:
         rows, columns: how many are here.
     """
 
-    def __init__(self, mat: PETSc.Mat, dtype: Any):
-        self._comm = mat.comm.tompi4py()
-        self.rows, self.columns = (sizes[0] for sizes in mat.getSizes())
-        start, column, values = mat.getValuesCSR()
-        values = values.astype(dtype)
-        first = mat.getOwnershipRangeColumn()[0]
-        is_own = (column >= first) & (column < first + self.columns)
-        whole = scipy.sparse.csr_matrix((values, column, start), shape=(self.rows, mat.getSize()[1]))
-        del start, values
+    def __init__(self, comm: Any, whole: scipy.sparse.csr_matrix, own: tuple[int, int], size: int = BLOCK):
+        self._comm, self.rows = comm, whole.shape[0]
+        first, self.columns = own
         if self._comm.size == 1:
-            self._own, self._halo = LocalBlocks(whole), None
+            self._own, self._halo = LocalBlocks(whole, size), None
             return
+        column = whole.indices
+        is_own = (column >= first) & (column < first + self.columns)
         divisible = not (self.rows % BLOCK or self.columns % BLOCK)
-        size = BLOCK if self._comm.allreduce(divisible, min) else 1
+        size = size if self._comm.allreduce(divisible, min) else 1
         needed = np.unique(column[~is_own] // size)
         needed = (size * needed[:, None] + np.arange(size)).ravel()
-        self._own = LocalBlocks(whole[:, first : first + self.columns])
+        self._own = LocalBlocks(whole[:, first : first + self.columns], size)
         place = np.zeros(whole.shape[1], dtype=whole.indices.dtype)
         place[needed] = np.arange(len(needed))
         rest = np.concatenate([[0], np.cumsum(~is_own)])[whole.indptr]
         outer = whole.data[~is_own], place[column[~is_own]], rest
-        self._outer = LocalBlocks(scipy.sparse.csr_matrix(outer, shape=(self.rows, len(needed))))
+        self._outer = LocalBlocks(scipy.sparse.csr_matrix(outer, shape=(self.rows, len(needed))), size)
         self._halo = _Halo(self._comm, needed, self.columns, first)
+
+    @classmethod
+    def of(cls, mat: PETSc.Mat, dtype: Any) -> "RankedBlocks":
+        """A copy of a matrix, in a precision of its own."""
+        start, column, values = mat.getValuesCSR()
+        (rows, _), (columns, size) = mat.getSizes()
+        whole = scipy.sparse.csr_matrix((values.astype(dtype), column, start), shape=(rows, size))
+        del start, column, values
+        return cls(mat.comm.tompi4py(), whole, (mat.getOwnershipRangeColumn()[0], columns))
 
     def times(self, x: Array) -> Array:
         """A x (rows, k)."""

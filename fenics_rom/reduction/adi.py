@@ -211,9 +211,9 @@ def _with_compliance(system: System, factor: Factor, B: Array) -> tuple[Array, f
 
 def _first_space(system: System, factor: Factor, force: Array) -> ModalSubspace:
     """A block Krylov space of K⁻¹M from K⁻¹B, of `INITIAL_VECTORS` or what there is."""
-    basis = new = orthonormalize_against(system, factor.solve(force), force[:, :0], force[:, :0])[0]
+    basis = new = orthonormalize_against(system, factor.solve(force), force[:, :0])[0]
     while basis.shape[1] < INITIAL_VECTORS and new.shape[1]:
-        new = orthonormalize_against(system, factor.solve(system.mass @ new), basis, system.mass @ basis)[0]
+        new = orthonormalize_against(system, factor.solve(system.mass @ new), basis)[0]
         basis = np.hstack([basis, new])
     return _diagonalized(system, basis)
 
@@ -240,7 +240,7 @@ def _compressed(
     """
     inner, remainder = system.algebra.inner, np.hstack(columns)
     for _ in range(2):  # what is too small a share of a column to be a direction is too large to be lost
-        basis = np.hstack([basis, orthonormalize_against(system, remainder, basis, system.mass @ basis)[0]])
+        basis = np.hstack([basis, orthonormalize_against(system, remainder, basis)[0]])
         remainder = remainder - basis @ inner(basis, system.mass @ remainder)
     projected = [inner(basis, system.mass @ new) for new in columns]
     grown = [

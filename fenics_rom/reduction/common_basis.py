@@ -12,6 +12,7 @@ from fenics_rom.system.system import System
 DEFLATION_TOLERANCE = 1e-10  # share of a unit column that must be new for it to count as a direction
 GRAM_ROUND_OFF = 1e-14  # share of the largest eigenvalue of a Gram matrix below which it is noise
 GRAM_SPREAD = 1e-8  # smallest eigenvalue of a Gram matrix, as a share of the largest, whose direction is accurate
+RESERVED = 256  # columns that a basis has addresses for; they take memory as they are written
 
 
 @dataclass(frozen=True)
@@ -34,10 +35,10 @@ class CommonBasis:
 
     def __init__(self, system: System):
         self._system = system
-        self._rigid = system.rigid
-        self._mass_times_rigid = system.mass @ system.rigid if system.rigid.size else system.rigid
-        self._transposed = np.empty((2, 0, system.local_size))  # a column of X, M X is a row: cheap to append
-        self._size = 0
+        self._rigid, self._size = system.rigid.shape[1], 0
+        capacity = self._rigid + min(RESERVED, system.size)
+        self._transposed = np.empty((capacity, system.local_size))  # a column of R, X is a row: cheap to append
+        self._transposed[: self._rigid] = system.rigid.T
         self.stiffness = np.empty((0, 0))
         self.damping = None if system.rayleigh is not None else np.empty((0, 0))
         self.eigenvectors = 0
@@ -50,34 +51,25 @@ class CommonBasis:
     @property
     def basis(self) -> Array:
         """X (rows here, k), kg^-1/2."""
-        return self._transposed[0, : self._size].T
-
-    @property
-    def mass_times_basis(self) -> Array:
-        """M X (rows here, k), kg^1/2: kept, because products with M are what orthonormal columns cost most."""
-        return self._transposed[1, : self._size].T
+        return self._transposed[self._rigid : self._rigid + self._size].T
 
     def add(self, block: Array) -> Array:
         """Coordinates of columns, (k, columns); what they add to the basis is appended to it."""
-        rigid, basis, mass_times_basis = self._rigid.shape[1], self.basis, self.mass_times_basis
-        if rigid:  # what a small new direction magnifies must not be a motion that no method asked for
-            basis = np.hstack([self._rigid, basis])
-            mass_times_basis = np.hstack([self._mass_times_rigid, mass_times_basis])
-        new, mass_times_new, coordinates = orthonormalize_against(self._system, block, basis, mass_times_basis)
-        self.append(new, mass_times_new)
-        return coordinates[rigid:]
+        # with R, as what a small new direction magnifies must not be a motion that no method asked for
+        whole = self._transposed[: self._rigid + self._size].T
+        new, coordinates = orthonormalize_against(self._system, block, whole)
+        self.append(new)
+        return coordinates[self._rigid :]
 
-    def append(self, new: Array, mass_times_new: Array | None = None) -> None:
+    def append(self, new: Array) -> None:
         """Further M-orthonormal columns, orthogonal to the basis."""
-        if mass_times_new is None:
-            mass_times_new = self._system.mass @ new
-        k = self._size + new.shape[1]
-        if k > self._transposed.shape[1]:
-            grown = np.empty((2, k + k // 4, self._transposed.shape[2]))
-            grown[:, : self._size] = self._transposed[:, : self._size]
+        begin, end = self._rigid + self._size, self._rigid + self._size + new.shape[1]
+        if end > len(self._transposed):
+            grown = np.empty((end + end // 4, self._transposed.shape[1]))
+            grown[:begin] = self._transposed[:begin]
             self._transposed = grown
-        self._transposed[:, self._size : k] = new.T, mass_times_new.T
-        self._size = k
+        self._transposed[begin:end] = new.T
+        self._size += new.shape[1]
         self.stiffness = self._extended(self.stiffness, self._system.stiffness @ new)
         if self.damping is not None:
             self.damping = self._extended(self.damping, self._system.damping @ new)
@@ -118,21 +110,19 @@ def pad_rows(coordinates: Array, size: int) -> Array:
     return np.pad(coordinates, ((0, size - len(coordinates)), (0, 0)))
 
 
-def orthonormalize_against(
-    system: System, block: Array, basis: Array, mass_times_basis: Array
-) -> tuple[Array, Array, Array]:
-    """What a block (rows here, c) adds to an M-orthonormal basis (rows here, k), with M times it.
+def orthonormalize_against(system: System, block: Array, basis: Array) -> tuple[Array, Array]:
+    """What a block (rows here, c) adds to an M-orthonormal basis (rows here, k), M times which would be as large.
 
     Gram matrices square the spectrum, so each pass takes only directions within four decades of the largest, of columns
     scaled alike; what is left is tried again until it is below DEFLATION_TOLERANCE of the column that it came from.
 
     Returns:
-        M-orthonormal columns (rows here, new), M times them, and the coordinates of the block, (k + new, c).
+        M-orthonormal columns (rows here, new), and the coordinates of the block, (k + new, c).
     """
     inner, M = system.algebra.inner, system.mass
     remainder, coordinates = block, np.zeros((basis.shape[1], block.shape[1]))
     for _ in range(2):
-        projections = inner(mass_times_basis, remainder)
+        projections = inner(basis, M @ remainder)
         coordinates += projections
         remainder = remainder - basis @ projections
     M_remainder = M @ remainder
@@ -148,7 +138,7 @@ def orthonormalize_against(
         w, E = np.linalg.eigh(gram / sizes[:, None] / sizes)
         accurate = w > GRAM_SPREAD * w[-1]
         Y = candidates @ (E[:, accurate] / sizes[:, None] / np.sqrt(w[accurate]))
-        Y = Y - basis @ inner(mass_times_basis, Y)  # division by a small norm magnified what was left of the old
+        Y = Y - basis @ inner(basis, M @ Y)  # division by a small norm magnified what was left of the old
         Y = Y - new @ inner(M_new, Y)
         MY = M @ Y
         triangle = np.linalg.cholesky(inner(Y, MY))
@@ -159,7 +149,7 @@ def orthonormalize_against(
         for _ in range(2):
             candidates = candidates - new @ inner(M_new, candidates)
         gram = inner(candidates, M @ candidates)
-    return new, M_new, np.vstack([coordinates, inner(new, M_remainder)])
+    return new, np.vstack([coordinates, inner(new, M_remainder)])
 
 
 def orthogonal_complement(block: Array, span: Array) -> Array:

@@ -28,7 +28,7 @@ def share_eigenvectors(problem: ReductionProblem, count: int) -> None:
     with problem.stages("eigenvectors"):
         _, V = system.algebra.eigenpairs(system.mass, system.stiffness, count, problem.factor)
         if space.size:  # those of equal eigenvalues may have come out otherwise than before
-            V, *_ = orthonormalize_against(system, V, space.basis, space.mass_times_basis)
+            V, *_ = orthonormalize_against(system, V, space.basis)
             V = V @ np.linalg.eigh(system.algebra.inner(V, system.stiffness @ V))[1]
         space.append(V)
     space.eigenvectors = space.size

@@ -90,13 +90,13 @@ class Enrichment:
         with closing(self._factor()) as factor:
             problem = self._problem(self.rom, factor)
             old, blocks = self._strained_basis(self.rom, body.contact), self._responses(problem, body)
-            added, *_ = orthonormalize_against(self._elastic, np.hstack(blocks[:ADDED_BLOCKS]), old, self._mass @ old)
+            added, *_ = orthonormalize_against(self._elastic, np.hstack(blocks[:ADDED_BLOCKS]), old)
             if not added.shape[1]:
                 return body
             rom = self._with_directions(problem, body.contact, added)
             E, _ = self._finer
             beyond = np.hstack([added, *blocks[ADDED_BLOCKS:]])
-            new, *_ = orthonormalize_against(self._whole, beyond, E, self._mass @ E)
+            new, *_ = orthonormalize_against(self._whole, beyond, E)
             rigid = rom.rigid
             finer = ritz_vectors(self._whole, E[:, :rigid], np.hstack([E[:, rigid:], new]))
             rom = check_rom(with_error_model(problem, rom, self._whole, finer))

@@ -111,7 +111,7 @@ def finer_basis(problem: ReductionProblem, rom: Rom, whole: System, Q: Array) ->
     beyond = V - Q @ inner(MQ, V)
     new = np.sqrt(column_dots(whole.algebra, beyond, M @ beyond)) > NEW
     candidates = np.hstack([problem.factor.solve(pushed), V[:, new][:, :FURTHER]])
-    U, _, _ = orthonormalize_against(whole, candidates, Q, MQ)
+    U, _ = orthonormalize_against(whole, candidates, Q)
     return ritz_vectors(whole, Q[:, :rigid], np.hstack([Q[:, rigid:], U]))
 
 

@@ -142,7 +142,7 @@ class KrylovSpaces:
         if self._zero_suffices or self._blocks < ZERO_SHIFT_BLOCKS:
             chains = [*self._chains_of(names), self._augmentation]
             latest = [pad_rows(chain.latest, self._problem.space.size) for chain in chains]
-            columns = self._problem.space.mass_times_basis @ np.hstack(latest)
+            columns = self._problem.system.mass @ (self._problem.space.basis @ np.hstack(latest))
             self._add(split_like(columns, latest), names)
         else:
             self._add_shift(names)

@@ -22,6 +22,7 @@ MAX_INPUTS = 6  # of a contact mode at a frequency; where it has more columns, r
 MAX_COLUMNS = 300  # of all contact modes at all frequencies, unless that is less than one
 COLUMNS_AT_ONCE = 48  # complex columns that are solved for together
 STATICS_AT_ONCE = 96  # columns whose static shapes are solved for together
+BLOCK_BYTES, FEWEST_AT_ONCE = 1e8, 16  # of so many numbers side by side, unless that is fewer: a dozen blocks are there
 MODES_AT_ONCE = 16  # contact modes whose static shapes are solved for together
 RELATIVE_ACCURACY = 0.1  # of the error that is measured
 # Of solves by iteration with K in GMRES: what they leave adds up to no more than η Σ |y_k| |A v_k| in the residual, of
@@ -64,7 +65,7 @@ def validated(
     width = max(1, min(MAX_INPUTS, MAX_COLUMNS // count))
     samples = [s for name, model in models.items() for s in _samples(problem, name, model, bases[name], width)]
     norms: dict[str, list[Array]] = {name: [] for name in models}  # of the error and of the full response
-    for done, group in enumerate(groups := _groups(samples)):
+    for done, group in enumerate(groups := _groups(samples, _real_columns(problem, 2 * COLUMNS_AT_ONCE) // 2)):
         problem.stages.report("validation", done, len(groups))
         for sample, of_sample in zip(group, np.sqrt(_squared_norms(problem, whole, group)).T, strict=True):
             norms[sample.name].append(of_sample)
@@ -106,11 +107,16 @@ def _samples(problem: ReductionProblem, name: str, model: ContactModel, W: Array
     return samples
 
 
-def _groups(samples: list[Sample]) -> list[list[Sample]]:
-    """Samples that follow one another, of no more than COLUMNS_AT_ONCE together."""
+def _real_columns(problem: ReductionProblem, most: int) -> int:
+    """How many columns are worked on together: as many as wanted, or as there is room for."""
+    return min(most, max(FEWEST_AT_ONCE, int(BLOCK_BYTES / (8 * problem.system.size))))
+
+
+def _groups(samples: list[Sample], columns: int) -> list[list[Sample]]:
+    """Samples that follow one another, of no more than so many columns together."""
     groups: list[list[Sample]] = [[]]
     for sample in samples:
-        if sum(s.inputs.shape[1] for s in [*groups[-1], sample]) > COLUMNS_AT_ONCE:
+        if groups[-1] and sum(s.inputs.shape[1] for s in [*groups[-1], sample]) > columns:
             groups.append([])
         groups[-1].append(sample)
     return groups
@@ -218,10 +224,12 @@ def _static_errors(
 def _static_squares(problem: ReductionProblem, inputs: Array, reduced: Array) -> Array:
     """Of columns (rows here, p) at rest |error|² and |x|² by mass, then by nodes, (4, p); `reduced` is (k, p)."""
     system, squares = problem.system, np.empty((4, inputs.shape[1]))
-    for first in range(0, inputs.shape[1], STATICS_AT_ONCE):
-        columns = slice(first, first + STATICS_AT_ONCE)
-        statics = problem.factor.solve(inputs[:, columns])
-        error = statics - problem.space.basis @ reduced[:, columns]
+    step = _real_columns(problem, STATICS_AT_ONCE)
+    for first in range(0, inputs.shape[1], step):
+        columns = slice(first, first + step)
+        within = problem.space.basis @ reduced[:, columns]
+        error = problem.factor.solve(inputs[:, columns] - system.stiffness @ within, SOLVE_ACCURACY)
+        statics = within + error
         pairs = (error, system.mass @ error), (statics, system.mass @ statics), (error, error), (statics, statics)
         squares[:, columns] = [column_dots(system.algebra, *pair) for pair in pairs]
     return squares
