@@ -27,7 +27,10 @@ def _run(function: Any, *arrays: Any) -> bool | None:
 
 
 class LocalBlocks:
-    """A sparse matrix of this rank alone (rows, columns), times columns (columns, k) and transposed."""
+    """A sparse matrix of this rank alone (rows, columns), times columns x (columns, k) into y (rows, k).
+
+    Where not `fresh`, y holds what is to be added to the product.
+    """
 
     def __init__(self, rows: scipy.sparse.csr_matrix, size: int = BLOCK):
         self.shape = rows.shape
@@ -35,9 +38,18 @@ class LocalBlocks:
         self._matrix = rows.tobsr((BLOCK, BLOCK)) if blocked else rows
         self._arrays = (self._matrix.indptr, self._matrix.indices, self._matrix.data) if blocked else None
 
+    @property
+    def transposed(self) -> "LocalBlocks":
+        """A copy of the transpose."""
+        return LocalBlocks(self._matrix.T.tocsr())
+
+    def _compiled(self, function: Any, x: Array, *given: Any) -> bool | None:
+        can = self._arrays is not None and x.shape[1] % LANES == 0
+        return _run(function, *self._arrays, x, *given) if can else None
+
     def into(self, x: Array, y: Array, fresh: bool) -> None:
-        """y = A x where fresh, else y += A x."""
-        if self._arrays is not None and _run(loops.multiply, *self._arrays, x, y, fresh):
+        """y = A x."""
+        if self._compiled(loops.multiply, x, y, fresh):
             return
         product = self._matrix @ x
         if fresh:
@@ -45,19 +57,21 @@ class LocalBlocks:
         else:
             y += product
 
-    def add_transposed(self, x: Array, y: Array) -> None:
-        """y += Aᵀ x."""
-        if self._arrays is None or not _run(loops.add_transposed, *self._arrays, x, y):
-            y += self._matrix.T @ x
+    def residual_into(self, x: Array, y: Array, fresh: bool, b: Array) -> None:
+        """y = b - A x."""
+        if not self._compiled(loops.subtract, x, y, fresh, b):
+            self.into(x, y, fresh)
+            np.subtract(b, y, out=y)
 
-
-def relax(product: Array, b: Array, inverse: Array, d: Array, x: Array, kept: float, share: float) -> None:
-    """d = kept d + share D⁻¹(b - product), x += d; `inverse` (n,) of D."""
-    numbers = np.array([kept], dtype=x.dtype), np.array([share], dtype=x.dtype)
-    if not _run(loops.relax, product, b, inverse, d, x, *numbers):
-        d *= numbers[0]
-        d += (numbers[1] * inverse)[:, None] * (b - product)
-        x += d
+    def relaxed_into(
+        self, x: Array, y: Array, fresh: bool, b: Array, inverse: Array, old: Array, shares: tuple[float, float, float]
+    ) -> None:
+        """y = s_0 x + s_1 old + s_2 D⁻¹ (b - A x) for `shares` s and the `inverse` (rows,) of D; old is not y."""
+        s = np.array(shares, dtype=x.dtype)
+        if not self._compiled(loops.relax, x, y, fresh, b, inverse, old, s):
+            self.residual_into(x, y, fresh, b)
+            y *= (s[2] * inverse)[:, None]
+            y += s[0] * x + s[1] * old
 
 
 def advance(α: Array, p: Array, q: Array, x: Array, r: Array) -> Array:
@@ -75,6 +89,12 @@ def turn(β: Array, z: Array, scale: Array, p: Array) -> None:
     if not _run(loops.turn, β, z, scale, p):
         p *= β
         p += scale * z
+
+
+def divide(r: Array, scale: Array, into: Array) -> None:
+    """into = r / scale for scale (k,) of each column, in the precision of `into`."""
+    if not _run(loops.divide, r, scale, into):
+        np.divide(r, scale, out=into, casting="same_kind")
 
 
 def dots(a: Array, b: Array) -> Array:

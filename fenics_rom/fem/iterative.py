@@ -7,7 +7,7 @@ from numpy import ndarray as Array
 from petsc4py import PETSc
 
 from fenics_rom.errors import SolverError
-from fenics_rom.fem.column_products import advance, dots, padded_width, turn
+from fenics_rom.fem.column_products import advance, divide, dots, padded_width, turn
 from fenics_rom.fem.direct import LESS, MAX_MEMORY_SHARE
 from fenics_rom.fem.memory import needed_and_free_bytes
 from fenics_rom.fem.multigrid import Multigrid
@@ -99,13 +99,15 @@ class IterativeFactor:
 
         β is Polak's and Ribière's, as multigrid in single precision is not the same operator to the last bit.
         """
-        x, p = np.zeros_like(r), np.zeros_like(r)
+        x, p, q = (np.zeros_like(r) for _ in range(3))
+        scaled = np.empty(r.shape, dtype=np.float32)
         lengths = np.sqrt(self._sums(dots(r, r)))
-        given, q, allowed, best = lengths, p, None, (0, np.inf)
+        given, allowed, best = lengths, None, (0, np.inf)
         α, before = np.zeros_like(lengths), np.ones_like(lengths)
         for iteration in range(self._most + 1):
             scale = np.where(lengths > 0, lengths, 1.0)
-            z = self._multigrid.solve((r / scale).astype(np.float32)).astype(float)
+            divide(r, scale, scaled)
+            z = self._multigrid.solve(scaled)
             products = self._sums(np.concatenate([dots(r, z), dots(q, z)]))
             rz, qz = scale * products[: len(lengths)], scale * products[len(lengths) :]
             sizes = np.sqrt(np.maximum(rz, 0.0))
@@ -128,7 +130,7 @@ class IterativeFactor:
                 break
             β = -np.divide(α * qz, before, out=np.zeros_like(rz), where=before > 0)
             turn(β, z, scale, p)
-            q = self._matrix.times(p)
+            self._matrix.times(p, q)
             energy = self._sums(dots(p, q))
             if not (energy >= 0).all():
                 raise self._failure("DIVERGED_INDEFINITE_MAT", iteration, sizes, given)

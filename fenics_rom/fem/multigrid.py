@@ -10,7 +10,6 @@ from numpy import ndarray as Array
 from petsc4py import PETSc
 
 from fenics_rom.errors import SolverError
-from fenics_rom.fem.column_products import relax
 from fenics_rom.fem.options import FACTOR_PREFIX, default_options
 from fenics_rom.fem.ranked_blocks import RankedBlocks
 
@@ -41,18 +40,20 @@ class Multigrid:
             preconditioner.destroy()
 
     def solve(self, b: Array) -> Array:
-        """One V-cycle for columns (rows here, k), in single precision."""
+        """One V-cycle for columns (rows here, k), in single precision; what it gives the next call writes over."""
         return self._cycle(0, b)
 
     def _cycle(self, number: int, b: Array) -> Array:
         if number == len(self._levels):
             return self._coarsest.solve(b)
         level = self._levels[number]
-        x = level.smoothed(b, None)
-        residual = level.operator.times(x)
-        np.subtract(b, residual, out=residual)
-        x += level.prolongation.times(self._cycle(number + 1, level.prolongation.transposed_times(residual)))
-        return level.smoothed(b, x)
+        one, two, three = level.workspace(b.shape[1])
+        level.smooth_from_zero(b, one, two)
+        level.operator.residual(two, one, b)
+        coarser = self._cycle(number + 1, level.prolongation.transposed_times(one))
+        level.prolongation.add_times(coarser, two)
+        level.smooth(b, two, three, one)
+        return one
 
 
 def _parts_of(preconditioner: PETSc.PC, number: int) -> list[PETSc.Mat]:
@@ -84,20 +85,26 @@ class _Level:
         prolongation.destroy()
         self._inverse = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=there).astype(np.float32)
         highest = self._largest_eigenvalue(comm)
-        self._middle, self._half = (HIGHEST + LOWEST) * highest / 2, (HIGHEST - LOWEST) * highest / 2
+        middle, half = (HIGHEST + LOWEST) * highest / 2, (HIGHEST - LOWEST) * highest / 2
+        next_ratio = 1 / (2 * middle / half - half / middle)
+        self._first, self._kept, self._share = 1 / middle, next_ratio * half / middle, 2 * next_ratio / half
+        self._workspace = np.empty((3, 0, 0), dtype=np.float32)
 
-    def smoothed(self, b: Array, x: Array | None) -> Array:
-        """Two steps of Chebyshev's iteration from x, or from zero; x is overwritten."""
-        ratio = self._middle / self._half
-        next_ratio = 1 / (2 * ratio - 1 / ratio)
-        if x is None:
-            d = b * (self._inverse / np.float32(self._middle))[:, None]
-            x = d.copy()
-        else:
-            d = np.zeros_like(b)
-            relax(self.operator.times(x), b, self._inverse, d, x, 0.0, 1 / self._middle)
-        relax(self.operator.times(x), b, self._inverse, d, x, next_ratio / ratio, 2 * next_ratio / self._half)
-        return x
+    def workspace(self, columns: int) -> Array:
+        """Three blocks (rows here, k) that are kept, as to ask for memory anew takes a fifth of a cycle."""
+        if self._workspace.shape[2] != columns:
+            self._workspace = np.empty((3, self.operator.rows, columns), dtype=np.float32)
+        return self._workspace
+
+    def smooth_from_zero(self, b: Array, first: Array, x: Array) -> None:
+        """Two steps of Chebyshev's iteration from zero, to x."""
+        np.multiply(b, (np.float32(self._first) * self._inverse)[:, None], out=first)
+        self.operator.relaxed(first, x, b, self._inverse, first, (1 + self._kept, 0.0, self._share))
+
+    def smooth(self, b: Array, before: Array, first: Array, x: Array) -> None:
+        """Two steps of it from `before`, to x."""
+        self.operator.relaxed(before, first, b, self._inverse, before, (1.0, 0.0, self._first))
+        self.operator.relaxed(first, x, b, self._inverse, before, (1 + self._kept, -self._kept, self._share))
 
     def _largest_eigenvalue(self, comm: object) -> float:
         """Of D⁻¹A, by Ritz values of a few columns that were multiplied with it."""

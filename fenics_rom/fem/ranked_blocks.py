@@ -26,6 +26,7 @@ class RankedBlocks:
     def __init__(self, comm: Any, whole: scipy.sparse.csr_matrix, own: tuple[int, int], size: int = BLOCK):
         self._comm, self.rows = comm, whole.shape[0]
         first, self.columns = own
+        self._transposes: list[LocalBlocks] | None = None  # made when they are needed
         if self._comm.size == 1:
             self._own, self._halo = LocalBlocks(whole, size), None
             return
@@ -52,9 +53,10 @@ class RankedBlocks:
         del start, column, values
         return cls(mat.comm.tompi4py(), whole, (mat.getOwnershipRangeColumn()[0], columns))
 
-    def times(self, x: Array) -> Array:
-        """A x (rows, k)."""
-        y = np.empty((self.rows, x.shape[1]), dtype=x.dtype)
+    def times(self, x: Array, y: Array | None = None) -> Array:
+        """A x (rows, k), in y where that is given."""
+        if y is None:
+            y = np.empty((self.rows, x.shape[1]), dtype=x.dtype)
         if self._halo is None:
             self._own.into(x, y, True)
             return y
@@ -64,14 +66,40 @@ class RankedBlocks:
         self._outer.into(others, y, False)
         return y
 
+    def add_times(self, x: Array, y: Array) -> None:
+        """y += A x."""
+        self._add_elsewhere(x, y, False)
+        self._own.into(x, y, False)
+
+    def residual(self, x: Array, y: Array, b: Array) -> None:
+        """y = b - A x."""
+        self._own.residual_into(x, y, self._add_elsewhere(x, y, True), b)
+
+    def relaxed(
+        self, x: Array, y: Array, b: Array, inverse: Array, old: Array, shares: tuple[float, float, float]
+    ) -> None:
+        """y = s_0 x + s_1 old + s_2 D⁻¹ (b - A x), as `LocalBlocks.relaxed_into`."""
+        self._own.relaxed_into(x, y, self._add_elsewhere(x, y, True), b, inverse, old, shares)
+
+    def _add_elsewhere(self, x: Array, y: Array, fresh: bool) -> bool:
+        """Puts into y what other ranks' columns make; whether y is as fresh as it was, as there are none."""
+        if self._halo is None:
+            return fresh
+        waiting, others = self._halo.ask(x)
+        self._halo.wait(waiting)
+        self._outer.into(others, y, fresh)
+        return False
+
     def transposed_times(self, x: Array) -> Array:
         """Aᵀ x (columns, k)."""
+        if self._transposes is None:
+            self._transposes = [part.transposed for part in (self._own, *([] if self._halo is None else [self._outer]))]
         y = np.zeros((self.columns, x.shape[1]), dtype=x.dtype)
         if self._halo is not None:
-            others = np.zeros((self._outer.shape[1], x.shape[1]), dtype=x.dtype)
-            self._outer.add_transposed(x, others)
+            others = np.empty((self._outer.shape[1], x.shape[1]), dtype=x.dtype)
+            self._transposes[1].into(x, others, True)
             self._halo.add(others, y)
-        self._own.add_transposed(x, y)
+        self._transposes[0].into(x, y, False)
         return y
 
 

@@ -1,64 +1,68 @@
-"""Sparse matrices of 3 x 3 blocks times many columns at once, and what conjugate gradients do with the columns.
+"""Sparse matrices of 3 x 3 blocks times many columns at once, and what multigrid and conjugate gradients do with these.
 
 A block is read once for all columns, whose numbers stand beside each other, so that one instruction takes several.
-Arrays: starts (R + 1,), columns (b,), blocks (b, 3, 3) of R rows of blocks; x, y (3 R or 3 C, k).
+Arrays: starts (R + 1,), columns (b,), blocks (b, 3, 3) of R rows of blocks; x (3 C, k), y, b and old (3 R, k), where k
+is full lanes. What is made of rows of the product is made while they are at hand.
 """
 
 from numpy import ndarray as Array
 
-from fenics_rom.compiled_products import LANES, add_row_of_blocks
+from fenics_rom.compiled_products import add_row_of_blocks
+
+
+ROWS_AT_HAND = 64  # rows of blocks
 
 
 def multiply(starts: Array, columns: Array, blocks: Array, x: Array, y: Array, fresh: bool) -> None:
     """y = A x where fresh, else y += A x."""
-    k = x.shape[1]
-    full = k % LANES == 0
-    for row in range(len(starts) - 1):
-        y0, y1, y2 = y[3 * row], y[3 * row + 1], y[3 * row + 2]
+    rows = len(starts) - 1
+    for first in range(0, rows, ROWS_AT_HAND):
+        last = min(first + ROWS_AT_HAND, rows)
         if fresh:
-            for c in range(k):
-                y0[c] = y1[c] = y2[c] = 0
-        if full:
+            y[3 * first : 3 * last] = 0
+        for row in range(first, last):
             add_row_of_blocks(row, starts, columns, blocks, x, y)
-            continue
-        for entry in range(starts[row], starts[row + 1]):
-            first, a = 3 * columns[entry], blocks[entry]
-            x0, x1, x2 = x[first], x[first + 1], x[first + 2]
-            a00, a01, a02 = a[0, 0], a[0, 1], a[0, 2]
-            a10, a11, a12 = a[1, 0], a[1, 1], a[1, 2]
-            a20, a21, a22 = a[2, 0], a[2, 1], a[2, 2]
-            for c in range(k):
-                u, v, w = x0[c], x1[c], x2[c]
-                y0[c] += a00 * u + a01 * v + a02 * w
-                y1[c] += a10 * u + a11 * v + a12 * w
-                y2[c] += a20 * u + a21 * v + a22 * w
 
 
-def add_transposed(starts: Array, columns: Array, blocks: Array, x: Array, y: Array) -> None:
-    """y += Aᵀ x."""
-    k = x.shape[1]
-    for row in range(len(starts) - 1):
-        x0, x1, x2 = x[3 * row], x[3 * row + 1], x[3 * row + 2]
-        for entry in range(starts[row], starts[row + 1]):
-            first, a = 3 * columns[entry], blocks[entry]
-            y0, y1, y2 = y[first], y[first + 1], y[first + 2]
-            a00, a01, a02 = a[0, 0], a[0, 1], a[0, 2]
-            a10, a11, a12 = a[1, 0], a[1, 1], a[1, 2]
-            a20, a21, a22 = a[2, 0], a[2, 1], a[2, 2]
-            for c in range(k):
-                u, v, w = x0[c], x1[c], x2[c]
-                y0[c] += a00 * u + a10 * v + a20 * w
-                y1[c] += a01 * u + a11 * v + a21 * w
-                y2[c] += a02 * u + a12 * v + a22 * w
+def subtract(starts: Array, columns: Array, blocks: Array, x: Array, y: Array, fresh: bool, b: Array) -> None:
+    """y = b - A x where fresh, else y = b - y - A x."""
+    rows = len(starts) - 1
+    for first in range(0, rows, ROWS_AT_HAND):
+        last = min(first + ROWS_AT_HAND, rows)
+        if fresh:
+            y[3 * first : 3 * last] = 0
+        for row in range(first, last):
+            add_row_of_blocks(row, starts, columns, blocks, x, y)
+        for r in range(3 * first, 3 * last):
+            own, right = y[r], b[r]
+            for c in range(x.shape[1]):
+                own[c] = right[c] - own[c]
 
 
-def relax(product: Array, b: Array, inverse: Array, d: Array, x: Array, kept: Array, share: Array) -> None:
-    """d = kept d + share D⁻¹(b - product), x += d; `inverse` (n,) of D, `kept` and `share` (1,)."""
-    for row in range(len(x)):
-        before, weight = kept[0], share[0] * inverse[row]
-        for c in range(x.shape[1]):
-            d[row, c] = before * d[row, c] + weight * (b[row, c] - product[row, c])
-            x[row, c] += d[row, c]
+def relax(
+    starts: Array,
+    columns: Array,
+    blocks: Array,
+    x: Array,
+    y: Array,
+    fresh: bool,
+    b: Array,
+    inverse: Array,
+    old: Array,
+    shares: Array,
+) -> None:
+    """y = s_0 x + s_1 old + s_2 D⁻¹ (b - A x), where not fresh (b - y - A x); `inverse` (n,) of D, `shares` (3,)."""
+    rows, of_last, of_old = len(starts) - 1, shares[0], shares[1]
+    for first in range(0, rows, ROWS_AT_HAND):
+        last = min(first + ROWS_AT_HAND, rows)
+        if fresh:
+            y[3 * first : 3 * last] = 0
+        for row in range(first, last):
+            add_row_of_blocks(row, starts, columns, blocks, x, y)
+        for r in range(3 * first, 3 * last):
+            own, right, here, before, weight = y[r], b[r], x[r], old[r], shares[2] * inverse[r]
+            for c in range(x.shape[1]):
+                own[c] = of_last * here[c] + of_old * before[c] + weight * (right[c] - own[c])
 
 
 def advance(α: Array, p: Array, q: Array, x: Array, r: Array, squares: Array) -> None:
@@ -77,6 +81,13 @@ def turn(β: Array, z: Array, scale: Array, p: Array) -> None:
     for row in range(len(p)):
         for c in range(p.shape[1]):
             p[row, c] = scale[c] * z[row, c] + β[c] * p[row, c]
+
+
+def divide(r: Array, scale: Array, into: Array) -> None:
+    """into = r / scale for scale (k,) of each column, in the precision of `into`."""
+    for row in range(len(r)):
+        for c in range(r.shape[1]):
+            into[row, c] = r[row, c] / scale[c]
 
 
 def dots(a: Array, b: Array, sums: Array) -> None:
