@@ -224,7 +224,7 @@ def test_tolerance_chooses_the_order(box_system):
 
 
 def test_krylov_space_that_does_not_settle_says_so(box_system, monkeypatch):
-    monkeypatch.setattr("fenics_rom.reduction.krylov.MAX_VECTORS", 12)
+    monkeypatch.setattr("fenics_rom.reduction.krylov.MAX_VECTORS", 6)
     with pytest.warns(
         FenicsRomWarning, match=r"or frequency responses are known to \de[-+]\d+ only, as the largest Krylov space"
     ):

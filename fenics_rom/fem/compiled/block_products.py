@@ -9,7 +9,6 @@ from numpy import ndarray as Array
 
 from fenics_rom.compiled_products import add_row_of_blocks
 
-
 ROWS_AT_HAND = 64  # rows of blocks
 
 
