@@ -10,6 +10,7 @@ PLACES = {  # what stands around the number; of the changelog the newest section
     "CHANGELOG.md": r"(?<=^## )\S+",
     "CITATION.cff": r"(?<=^version: )\S+",
     "zoo/pyproject.toml": r'(?<=^version = ")[^"]+',
+    "ros/package.xml": r"(?<=^  <version>)[^<]+",
     "recipe/recipe.yaml": r'(?<=^  version: ")[^"]+',
 }
 

@@ -16,6 +16,7 @@ include_patterns = [
     "fenics_rom/**.md",
     "demos/**.md",
     "zoo/*.md",
+    "ros/*.md",
     "README.md",
     ".github/*.md",
     "CHANGELOG.md",

@@ -41,6 +41,7 @@ def sources(pattern):
     files = [
         *ROOT.glob(pattern),
         *(ROOT / "zoo").glob(pattern),
+        *(ROOT / "ros").rglob(pattern),
         *(file for folder in (PACKAGE, DEMOS, ROOT / "tests", ROOT / ".github") for file in folder.rglob(pattern)),
     ]
     names = (file.relative_to(ROOT) for file in files)
@@ -159,6 +160,14 @@ def test_commands_of_a_page_are_commands_that_there_are(page):
             parse(command)
         elif program == "pip":
             assert words == ["install", '"fenics-rom[live]"', "fenics-rom-zoo"], command
+        elif program == "ros2":
+            verb, package, launch, *given = words
+            code = (ROOT / "ros" / package / "bridge.py").read_text()
+            assert verb == "launch"
+            assert (ROOT / "ros" / "launch" / launch).is_file()
+            assert all(f'    "{each.split(":=")[0]}": ' in code for each in given), command
+        elif program == "colcon":
+            assert (ROOT / "ros" / words[-1]).is_dir(), command
         elif program == "bash":
             script, *demos = words
             assert (ROOT / script).is_file(), command
@@ -249,7 +258,8 @@ def test_sentences_are_short(page):
 
 
 def test_every_folder_has_its_page_and_every_page_is_reached():
-    assert {f"{Path(file).parent}/README.md" for file in sources("__init__.py")} <= set(PAGES)
+    folders = [Path(file).parent for file in sources("__init__.py") if not file.startswith("ros/")]  # it has one page
+    assert {f"{folder}/README.md" for folder in folders} <= set(PAGES)
     assert {f"demos/{script.parent.name}/README.md" for script in DEMOS.glob("*/*.py")} <= set(PAGES)
     reached, ahead = set(), [README]
     while ahead:

@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 from fenics_rom.arguments import is_number
 from fenics_rom.errors import StepError, check_known, shown
 from fenics_rom.world.contact_step import Found, Pairs
-from fenics_rom.world.drives import State
+from fenics_rom.world.drives import Motor, State
 from fenics_rom.world.fast_motion import CutWorld
 from fenics_rom.world.guide import Guide
 from fenics_rom.world.joints import AnyJoint
@@ -87,6 +87,12 @@ class JoinedWorld(CutWorld):
             ) from error
         self._joints.end(name)
         self._go_on_with_joints([])
+
+    @property
+    def motors(self) -> dict[str, Motor]:
+        """Of joints that hold now, by name: what pushes them towards the target that a step is given."""
+        held = self._joints.points
+        return {name: joint.drive.motor for name, joint in held.items() if joint.drive and joint.drive.motor}
 
     @property
     def _motors(self) -> dict[str, State]:

@@ -1,0 +1,1 @@
+"""A reduced soft body in a ROS 2 graph."""
