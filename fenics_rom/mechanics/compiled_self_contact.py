@@ -3,6 +3,9 @@
 Pairs that are near are handed to the loops as points of their own, with their relative velocities and operator.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numpy import ndarray as Array
 
@@ -10,11 +13,12 @@ from fenics_rom.compilation import in_plain
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, Law
 from fenics_rom.mechanics.compiled.obstacle_motion import Beside
 from fenics_rom.mechanics.compiled.own_pairs import find_pair_forces, set_corner_maps
-from fenics_rom.mechanics.compiled_contact import NO_OUTWARDS
+from fenics_rom.mechanics.compiled_contact import NO_OUTWARDS, Told
 from fenics_rom.mechanics.compiled_pairs import FoundNear, Near, NearContact, among
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, Opposite, PointMotion
 from fenics_rom.mechanics.contact_look import Look
 from fenics_rom.mechanics.contact_pairs import Decided, Settled
+from fenics_rom.mechanics.contact_search import ContactSearch
 from fenics_rom.mechanics.points_operator import Operator, part_with
 from fenics_rom.mechanics.self_contact import SelfContact, beside
 
@@ -35,7 +39,7 @@ class CompiledSelfContact(NearContact, SelfContact):
         is_patient: bool = True,
     ) -> ContactSolution | None:
         """As in ContactSolver."""
-        self._last = self.search, self._begun, (points, delassus, dt, obstacles, quasi_static)
+        self._last = self.search, self._begun, lambda: (points, delassus, dt, obstacles, quasi_static)
         self._look_around(points, dt, settled)
         found = self._find(points, delassus, dt, beside(obstacles), quasi_static, settled)
         if found is None or self._add_crossings(points, delassus, dt, found[0]):
@@ -44,6 +48,40 @@ class CompiledSelfContact(NearContact, SelfContact):
         contact, self.search = found
         self._touches = contact is not None
         return self._told_of(contact)
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether the body touches itself alone, by the rigid law: as compiled steps know it."""
+        return self._O == 0 and self.law.stiffness is None
+
+    def own_law(self, dt: float) -> Law:
+        """That of the body with itself in steps of dt, s."""
+        return Law.of(self.law, dt, False, self._itself.core[0])
+
+    def keep(
+        self, told: Told, opposite: Opposite, tell: Callable[[], tuple[Any, ...]], obstacles: ObstacleMotion
+    ) -> ContactSolution | None:
+        """Contact of a step that compiled loops found; the next search begins with it. None where nothing touches.
+
+        Args:
+            told: what they found.
+            opposite: what each of all points meets, (P, 3), if it takes part.
+            tell: tells what `solve` would have been given.
+            obstacles: none of them.
+        """
+        start, asked, self._told = self.search, told.braking, None
+        self._last, self._settled = (start, (b"", start), tell), None
+        swung = None if asked is None else asked.swung
+        self._touches = self._has_touched = told.touches
+        self.clear = 0.0
+        if not told.touches:
+            self.search = start._replace(swung=None)
+            return None
+        kept = ContactSearch(told.pairs.forces, start.residual, held=start.held, slots=start.slots)
+        self.search = kept._replace(swung=swung)
+        active = told.active
+        contact = told.solution(obstacles.velocities_before, None)
+        return contact._replace(opposite=Opposite(*(part[active] for part in opposite)))
 
     def _found_near(
         self,

@@ -6,7 +6,7 @@ where it was, and contact keeps it apart.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -18,6 +18,7 @@ from fenics_rom.mechanics.surface_pairs import (
     DEEPEST,
     OPPOSITE,
     SIDEWAYS,
+    SLACK,
     Border,
     Boxes,
     OnSurface,
@@ -27,8 +28,10 @@ from fenics_rom.mechanics.surface_pairs import (
 )
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.compiled.own_surface import Candidates, Surface
+
 _WALL = 2 * DEEPEST  # of the longest side of a triangle's box: what is nearer at rest, and behind a point, is its wall
-_SLACK = 0.25  # of the longest side of boxes in which points are looked for: candidates last while less has moved
 _SAME = 1e-9  # of the longest side of triangles' boxes: what is nearer is in the same place
 _FLAT = 1e-6  # of the distance: a point that is not more above a triangle, or below one that it faces, is in its plane
 
@@ -128,6 +131,11 @@ class OwnSurface:
         corners = points[self.triangles.T]
         boxes = Boxes.about(corners)
         row, triangle = self._candidates(points, boxes, most)
+        if compiled():
+            from fenics_rom.mechanics.compiled.own_surface import margin_among  # here, as below
+
+            given = np.stack(ways), *map(in_plain, (row, triangle, self.triangles, boxes.low, boxes.high))
+            return margin_among(in_plain(points), *given)
         nodes, goes = self.triangles[triangle], np.zeros(len(row))
         for way in ways:
             relative = way[row, None] - way[nodes]
@@ -135,6 +143,19 @@ class OwnSurface:
         x = points[row]
         outside = np.maximum(np.maximum(boxes.low[triangle] - x, x - boxes.high[triangle]), 0.0)
         return float(goes[np.einsum("ki,ki->k", outside, outside) <= goes * goes].max(initial=0.0))
+
+    def in_loops(self, points: int) -> "tuple[Surface, Candidates]":
+        """As loops have it, of so many points; candidates are not known."""
+        from fenics_rom.mechanics.compiled.own_surface import Candidates, Surface  # here, as below
+
+        t, k = len(self.triangles), len(self._touching)
+        keys = self._keys(self._touching[:, None], np.arange(t))
+        may = ~np.isin(keys, self._left_out)
+        outer = in_plain(self._point), in_plain(self._triangle)
+        surface = Surface(in_plain(self.triangles), in_plain(self._touching), may, outer, *map(in_plain, self._border))
+        pairs = np.empty((2, k * t), dtype=np.int64)
+        known = np.empty((points, 3)), *np.empty((2, t, 3)), *pairs, np.full(1, -1), np.empty(2)
+        return surface, Candidates(*known)
 
     def crossings(self, points: Array, ways: Array) -> Crossings:
         """Where points, of all at (n, 3) that go (n, 3), m, first go through triangles that they can touch."""
@@ -198,7 +219,7 @@ class OwnSurface:
             drift = self._drift(points, boxes, known) + max(margin - known.margin, 0.0)
             if drift <= known.slack / 2:
                 return known.row, known.triangle
-        slack = max(_SLACK * boxes.size, margin / 2)  # fast points need many, which last as long as few of slow ones
+        slack = max(SLACK * boxes.size, margin / 2)  # fast points need many, which last as long as few of slow ones
         row, triangle = near_boxes(points[self._touching], boxes.wider(margin + slack))
         row = self._touching[row]
         keys = self._keys(row, triangle)

@@ -128,7 +128,7 @@ class SelfContact(MeshContact):
         surface: as given.
     """
 
-    _last: tuple[Any, Any, Any]  # what the last step began with, and was given
+    _last: tuple[Any, Any, Callable[[], tuple[Any, ...]]]  # what the last step began with, and tells what it was given
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw, surface: OwnSurface):
         self.surface, self._itself, self._O, P = surface, _Itself(surface, len(points)), len(obstacles), len(points)
@@ -182,7 +182,7 @@ class SelfContact(MeshContact):
         is_patient: bool = True,
     ) -> ContactSolution | None:
         """As in ContactSolver."""
-        self._last = self.search, self._begun, (points, delassus, dt, obstacles, quasi_static)
+        self._last = self.search, self._begun, lambda: (points, delassus, dt, obstacles, quasi_static)
         planes = self._planes if settled is not None and settled is self._settled else None
         self._look_around(points, dt, settled)
         if planes is not None:  # which points met in sweeps before
@@ -245,13 +245,13 @@ class SelfContact(MeshContact):
         """As in ContactSolver; a step that touched is found once more, with how pairs move with points."""
         if not self._has_touched:
             return super().last_step
-        search, begun, given = self._last
+        search, begun, tell = self._last
 
         def known() -> tuple[Pairs | None, SolvedPairs | None]:
             from fenics_rom.mechanics.own_adjoint import OwnPairs, PairRows  # here, as few are differentiated
 
-            points = given[0]
-            again = copy(self)
+            given = tell()
+            points, again = given[0], copy(self)
             again.search, again._begun = search, begun
             SelfContact.solve(again, *given)
             if again._itself.crossing is not None:

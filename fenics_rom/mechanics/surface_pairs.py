@@ -18,6 +18,7 @@ ON_IT = (
 )
 BORDER = 0.1  # of that side: as far a surface that touches itself goes on beyond its border, where opposite edges slide
 MORE_ABOVE = 1e-6  # of how far a point is above or below a triangle: by so much that one counts as nearer
+SLACK = 0.25  # of that side: so much farther pairs are looked for, which last while less has moved
 OPPOSITE = 0.9  # weight of a corner of a triangle in the place that is touched: more, and the corner is
 
 _FEW = 1 << 14  # pairs of a point and a box: so many are all looked at

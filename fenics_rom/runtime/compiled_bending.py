@@ -62,6 +62,8 @@ class CompiledBending(CompiledBodies):
         acting = rom.environment
         if not compiled() or rom.deformation is None or acting.is_moving or not acting.has_inertia:
             return None
+        if acting.self_contact:
+            return None  # pairs of bodies are those with obstacles
         alone = acting.contact_law is not None or acting.finds_forces or acting.viscoelasticity is not None
         stepper = None if alone else "linearly-implicit"
         single = Simulator(rom, dt, signals=signals, stepper=stepper, detail=detail)

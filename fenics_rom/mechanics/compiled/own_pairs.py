@@ -127,6 +127,31 @@ def find_pair_forces(
         pairs: with normals, and forces to begin with; set.
         forces: set, on the points (P, 3), N.
     """
+    C = len(gaps)
+    ask_pairs(law, own_law, motion, nodes, maps, obstacles, gaps, beside, before, outwards, settled, pairs)
+    operator = np.empty((3 * C, 3 * C))
+    set_operator(W, nodes, maps, operator)
+    found = find_forces(law, operator, in_one_piece(np.empty((0, 0))), C, swung, pairs)
+    add_up_pairs(found, nodes, maps, pairs, forces)
+    return found
+
+
+@jit_part
+def ask_pairs(
+    law: Law,
+    own_law: Law,
+    motion: Array,
+    nodes: Array,
+    maps: Array,
+    obstacles: int,
+    gaps: Array,
+    beside: Beside,
+    before: Array,
+    outwards: Array,
+    settled: tuple[Array, Array, Array],
+    pairs: Pairs,
+) -> None:
+    """Sets what the law asks of pairs; arguments as of `find_pair_forces`."""
     C, n, still = len(gaps), obstacles, np.zeros((1, 3))
     free, velocity, rests = np.empty((C, 3)), np.empty((C, 3)), Beside(still, still, still[:0])
     _set_moved(nodes, maps, motion[0], free)
@@ -141,17 +166,18 @@ def find_pair_forces(
     for c in range(len(helped)):
         pairs.helped[c] = helped[c]
         pairs.target[c, 1], pairs.target[c, 2] = shares[c] * pairs.target[c, 1], shares[c] * pairs.target[c, 2]
-    operator = np.empty((3 * C, 3 * C))
-    set_operator(W, nodes, maps, operator)
-    found = find_forces(law, operator, in_one_piece(np.empty((0, 0))), C, swung, pairs)
+
+
+@jit_part
+def add_up_pairs(found: Found, nodes: Array, maps: Array, pairs: Pairs, forces: Array) -> None:
+    """Sets forces on points (P, 3), N, of pairs that are found; arguments as of `find_pair_forces`."""
     fill(forces, 0.0)
     if found.status == FOUND:
-        for c in range(C):
+        for c in range(len(nodes)):
             if pairs.chosen[c]:
                 for k in range(nodes.shape[1]):
                     for i in range(3):
                         add_row(maps[c, k, i], pairs.forces[c, i], forces[nodes[c, k]])
-    return found
 
 
 @jit_part

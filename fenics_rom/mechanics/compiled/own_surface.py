@@ -1,18 +1,42 @@
 """A surface against itself, compiled: what its points meet, as `own_surface.OwnSurface` has it."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit, jit_part
-from fenics_rom.mechanics.compiled.copying import add_row, put
+from fenics_rom.mechanics.compiled.copying import add_row, copy, put
 from fenics_rom.mechanics.compiled.triangles import added, dot, nearest_on_triangle, offset_from
 from fenics_rom.mechanics.frame_motion import Vector
-from fenics_rom.mechanics.surface_pairs import BORDER, MORE_ABOVE, ON_IT, OPPOSITE, SIDEWAYS
+from fenics_rom.mechanics.surface_pairs import BORDER, MORE_ABOVE, ON_IT, OPPOSITE, SIDEWAYS, SLACK
 
 NONE = -1
 SURE = 1 - 1e-5  # of a distance that others are compared with before they are known
+
+
+class Surface(NamedTuple):
+    """Of n points, of which k may touch, and t triangles."""
+
+    triangles: Array  # (t, 3) rows of points
+    touching: Array  # rows of points (k,)
+    may: Array  # which of these may touch which triangles (k, t)
+    outer: tuple[Array, Array]  # points and triangles (j,) that those are on
+    sides: Array  # of the triangles on the border (t, 3),
+    corners: Array
+
+
+class Candidates(NamedTuple):
+    """Points and triangles that may touch, as they were looked for."""
+
+    points: Array  # then, (n, 3), m
+    low: Array  # ends of boxes then, (t, 3), m
+    high: Array
+    row: Array  # (k t,), of which so many count:
+    triangle: Array
+    known: Array  # (1,); -1: they are not known
+    sizes: Array  # the margin about boxes, and by how much more they were looked for, (2,), m
 
 
 @jit
@@ -42,6 +66,57 @@ def drift_of(points: Array, low: Array, high: Array, before: Array, low_before: 
     for t in range(len(low)):
         for k in range(3):
             most = max(most, low_before[t, k] - low[t, k], high[t, k] - high_before[t, k])
+    return most
+
+
+@jit_part
+def look_for(
+    surface: Surface, known: Candidates, points: Array, low: Array, high: Array, size: float, margin: float
+) -> int:
+    """Sets candidates, unless those that are known still have all that are within a margin, m; how many there are.
+
+    As `own_surface.OwnSurface` has them; boxes with ends (t, 3) have the longest side `size`, m.
+    """
+    if known.known[0] >= 0:
+        drift = drift_of(points, low, high, known.points, known.low, known.high)
+        if drift + max(margin - known.sizes[0], 0.0) <= known.sizes[1] / 2:
+            return int(known.known[0])
+    slack, count = max(SLACK * size, margin / 2), 0
+    for k in range(len(surface.touching)):
+        p = surface.touching[k]
+        for t in range(len(low)):
+            if surface.may[k, t] and _holds(points, p, low, high, t, margin + slack):
+                known.row[count], known.triangle[count] = p, t
+                count += 1
+    copy(points, known.points)
+    copy(low, known.low)
+    copy(high, known.high)
+    known.known[0], known.sizes[0], known.sizes[1] = count, margin, slack
+    return count
+
+
+@jit
+def margin_among(
+    points: Array, ways: Array, row: Array, triangle: Array, triangles: Array, low: Array, high: Array
+) -> float:
+    """How near, m, those of some points and triangles (k,) come to one another that may meet: see `OwnSurface.margin`.
+
+    points: (n, 3), m; ways: (w, n, 3), m; low, high: ends of boxes (t, 3), m.
+    """
+    most = 0.0
+    for k in range(len(row)):
+        p, t, goes, square = row[k], triangle[k], 0.0, 0.0
+        for way in ways:
+            largest = 0.0
+            for corner in triangles[t]:
+                x, y, z = way[p, 0] - way[corner, 0], way[p, 1] - way[corner, 1], way[p, 2] - way[corner, 2]
+                largest = max(largest, x * x + y * y + z * z)
+            goes += math.sqrt(largest)
+        for j in range(3):
+            outside = max(low[t, j] - points[p, j], points[p, j] - high[t, j], 0.0)
+            square += outside * outside
+        if square <= goes * goes:
+            most = max(most, goes)
     return most
 
 
@@ -91,7 +166,7 @@ def find_facing(
         add_row(normals[outer[1][k]], 1.0, outwards[outer[0][k]])
     for k in range(len(row)):
         p, t = row[k], triangle[k]
-        if not _holds(points[p], low[t], high[t], margin + reach) or _dot(outwards[p], normals[t]) >= 0:
+        if not _holds(points, p, low, high, t, margin + reach) or _dot(outwards, p, normals, t) >= 0:
             continue
         a, b, c = _row(points, triangles[t, 0]), _row(points, triangles[t, 1]), _row(points, triangles[t, 2])
         point = _row(points, p)
@@ -150,15 +225,16 @@ def _row(array: Array, k: int) -> Vector:
 
 
 @jit_part
-def _dot(a: Array, b: Array) -> float:
-    product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def _dot(these: Array, i: int, those: Array, j: int) -> float:
+    """Of row i and row j."""
+    product: float = these[i, 0] * those[j, 0] + these[i, 1] * those[j, 1] + these[i, 2] * those[j, 2]
     return product
 
 
 @jit_part
-def _holds(x: Array, low: Array, high: Array, wider: float) -> bool:
-    """Whether a box that is wider to all sides holds a point."""
+def _holds(points: Array, p: int, low: Array, high: Array, t: int, wider: float) -> bool:
+    """Whether box t, which is wider to all sides, holds point p; rows would each be counted."""
     holds = True
     for k in range(3):
-        holds = holds and low[k] - wider <= x[k] <= high[k] + wider
+        holds = holds and low[t, k] - wider <= points[p, k] <= high[t, k] + wider
     return holds

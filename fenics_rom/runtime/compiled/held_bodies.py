@@ -96,7 +96,7 @@ def step_bodies(
             own, moving = rubbed(law, friction[b]), moving_in(obstacles, b)
             past, beyond = Begun(begun.forces[b], begun.swung[b]), (states.beyond[b], states.beyond_before[b])
             relaxed = states.relaxed_beyond[b], states.relaxed_beyond_before[b]
-            among = Among(touch, own, shapes, moving, past, *beyond, *relaxed, by_branches, found, spread, W)
+            among = Among(touch, own, shapes, moving, past, *beyond, *relaxed, by_branches, found, spread, W, None)
             step = take_step(body, inputs[b], states.halves[b], pushed, memory, vectors, factor, among, pulled)
         told.status[b] = step.status
         if step.status >= OTHERWISE:

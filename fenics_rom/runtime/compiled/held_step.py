@@ -33,6 +33,7 @@ from fenics_rom.runtime.compiled.carried_strains import (
     strains_in,
 )
 from fenics_rom.runtime.compiled.following import add_following
+from fenics_rom.runtime.compiled.held_own import Own
 from fenics_rom.runtime.compiled.held_touch import Among, Body, Motion, find_touching, motion_in
 from fenics_rom.runtime.compiled.newton_step import find_by_newton
 from fenics_rom.runtime.compiled.sampled_points import InStep, Sampled, close_points
@@ -138,7 +139,14 @@ def _end_step(
 
 @jit_part
 def _end_touched(
-    step: Step, contact: Found, branches: Array, pushed: Array, motion: Motion, among: Among, beside: Beside
+    step: Step,
+    contact: Found,
+    branches: Array,
+    pushed: Array,
+    motion: Motion,
+    among: Among,
+    beside: Beside,
+    own: Own | None,
 ) -> Step:
     """A step among obstacles with what these did, whose forces (m,) are set; `step` is what it did otherwise.
 
@@ -149,7 +157,9 @@ def _end_touched(
     copy(motion.pushed, pushed)
     copy(among.beyond, among.beyond_before)
     copy(among.relaxed, among.relaxed_before)
-    by_obstacles, power, stored, yields = add_up_forces(contact, beside.w, found), dot(pushed, v), 0.0, len(touch.R) > 0
+    by_obstacles, power, stored, yields = 0.0, dot(pushed, v), 0.0, len(touch.R) > 0
+    if own is None:
+        by_obstacles = add_up_forces(contact, beside.w, found)
     dissipated = step.dissipated
     if yields:
         set_yielding_of(touch.R, forces, found.motion[3])
@@ -210,7 +220,7 @@ def _take(
     step = _end_step(body, r, strains, motion, sampled, in_step, rubbed)
     if among is None or beside is None:
         return step
-    return _end_touched(step, contact, body.law.branches, pushed, motion, among, beside)
+    return _end_touched(step, contact, body.law.branches, pushed, motion, among, beside, among.own)
 
 
 @jit_apart

@@ -10,6 +10,7 @@ from fenics_rom.mechanics.compiled.contact_law import FOUND, OTHERWISE
 from fenics_rom.mechanics.compiled.copying import copy
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving, moving_in
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, Memory
+from fenics_rom.runtime.compiled.held_own import keep_opposite
 from fenics_rom.runtime.compiled.held_step import NOT_TAKEN, Step, take_step
 from fenics_rom.runtime.compiled.held_touch import Among, Body, among_in, motion_in
 from fenics_rom.runtime.compiled.strokes import Pull, blow_at, keep_at
@@ -96,6 +97,7 @@ def _keep_contact(among: Among, touches: bool, last: Last, taken: Taken, count: 
     """Notes what a step found, and what the next one begins with."""
     pairs, P = among.found.pairs, len(among.touch.places)
     keep_found(among.begun, among.found, last.begun, last.found)
+    keep_opposite(among.own)
     hand_on(among.law, among.begun, touches, pairs, among.begun)
     if len(among.touch.R) > 0:
         copy(among.beyond[0], taken.carried[count])
@@ -103,6 +105,6 @@ def _keep_contact(among: Among, touches: bool, last: Last, taken: Taken, count: 
     for o in range(len(of_each)):
         for k in range(3):
             of_each[o, k] = 0.0
-    for c in range(len(pairs.forces) if touches else 0):
+    for c in range(P * len(of_each) if touches else 0):
         for k in range(3):
             of_each[c // P, k] += pairs.forces[c, k]

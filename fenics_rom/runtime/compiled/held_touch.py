@@ -23,6 +23,7 @@ from fenics_rom.mechanics.compiled.work_space import work_space
 from fenics_rom.runtime.compiled.carried_strains import Law
 from fenics_rom.runtime.compiled.following import Following
 from fenics_rom.runtime.compiled.held_back import hold_back
+from fenics_rom.runtime.compiled.held_own import Own, find_own
 from fenics_rom.runtime.compiled.sampled_points import Sampled
 from fenics_rom.runtime.compiled.small_matrices import dot, solve, solve_rows, squares
 from fenics_rom.runtime.compiled.strokes import Pull
@@ -89,14 +90,15 @@ class Among(NamedTuple):
     found: StepContact  # with forces to begin with; set
     spread: Array  # for roots of W (m, 3P),
     W: Array  # and W, m/s/N (3P, 3P)
+    own: Own | None  # of a body that touches itself, and no obstacles: its pairs are those of its points
 
 
 @jit_part
 def among_in(among: Among, moving: Moving) -> Among:
     """The same obstacles, which move so."""
-    touch, law, shapes, _, begun, beyond, beyond_before, relaxed, relaxed_before, pull, found, spread, W = among
+    touch, law, shapes, _, begun, beyond, beyond_before, relaxed, relaxed_before, pull, found, spread, W, own = among
     branches = relaxed, relaxed_before, pull
-    return Among(touch, law, shapes, moving, begun, beyond, beyond_before, *branches, found, spread, W)
+    return Among(touch, law, shapes, moving, begun, beyond, beyond_before, *branches, found, spread, W, own)
 
 
 NOT_FOUND = Found(OTHERWISE, 0, 0.0)
@@ -115,11 +117,20 @@ def find_touching(
         return _find_all(h, u, r, motion, among, beside, pull)
     if among is None or beside is None:
         return Found(NOTHING, 0, 0.0)
-    contact = _find_contact(r, motion, among, beside, among.W, True)
+    contact = _find_alone(among.own, r, motion, among, beside)
     if contact.status == OTHERWISE:
         return NOT_FOUND
     _answer(motion, v)
     return contact
+
+
+@jit_part
+def _find_alone(own: Own | None, r: Array, motion: Motion, among: Among, beside: Beside) -> Found:
+    """Finds contact forces where nothing pulls."""
+    if own is None:
+        return _find_contact(r, motion, among, beside, among.W, True)
+    of_step = among.begun, motion.q, r, motion.velocity, motion.factor, among.beyond, among.pull
+    return find_own(own, among.touch, among.law, *of_step, among.found, motion.pushed)
 
 
 @jit_part
@@ -147,7 +158,7 @@ def _find_all(
         held, X = np.empty_like(among.W), np.zeros((n, len(among.W)))
         for k in range(n):
             add_rows(among.touch.points, pull.spread[k], 0, len(among.W), X[k])
-        _set_delassus(among.touch, motion.factor, among.spread, among.W)
+        set_delassus(among.touch, motion.factor, among.spread, among.W)
     while outcome == GOES_ON:
         if among is not None and beside is not None:
             if not (hold(search) and hold_back(among.W, X, search.W, search.holds, held)):
@@ -189,7 +200,7 @@ def _find_contact(r: Array, motion: Motion, among: Among, beside: Beside, W: Arr
     given = beside, among.begun.forces, r, motion.velocity, among.beyond, among.pull
     ask_points(touch, among.law, *given, found, math.inf, space)
     if is_free and found.pairs.chosen.any():
-        _set_delassus(touch, motion.factor, among.spread, W)
+        set_delassus(touch, motion.factor, among.spread, W)
     unknown, P = in_one_piece(np.empty((0, 0))), len(touch.places)
     contact = find_forces(among.law, W, unknown, P, among.begun.swung, found.pairs)
     contact = held_by(among.law, found.gaps, found.pairs, contact)
@@ -200,7 +211,7 @@ def _find_contact(r: Array, motion: Motion, among: Among, beside: Beside, W: Arr
 
 
 @jit_part
-def _set_delassus(touch: Touch, factor: Array, spread: Array, W: Array) -> None:
+def set_delassus(touch: Touch, factor: Array, spread: Array, W: Array) -> None:
     """Sets W = S A⁻¹ Sᵀ + R/a by the factor of A."""
     copy(touch.points, spread)
     solve_rows(factor, spread)

@@ -7,7 +7,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_part
-from fenics_rom.runtime.compiled.small_matrices import dot
+from fenics_rom.mechanics.compiled.copying import fill
+from fenics_rom.runtime.compiled.small_matrices import add_products, dot, set_row_products
 from fenics_rom.runtime.compiled.threads import (
     Six,
     energy_along,
@@ -150,17 +151,23 @@ def set_volume_viscosity(points: Points, H: Array, β: float, N: Array) -> None:
             F = H[c, p] + (c % 4 == 0)
             less[c, p], more[c, p] = share * (inverse[c] - F), inverse[c] + F
     for n in range(m):
-        G, of_less, of_more = points.gradients[n].reshape(9, P), left[n], right[n]
-        for p in range(P):
-            a, b, c, d, e, f, g, i, k = G[0, p], G[1, p], G[2, p], G[3, p], G[4, p], G[5, p], G[6, p], G[7, p], G[8, p]
-            of_less[p] = less[0, p] * a + less[1, p] * b + less[2, p] * c + less[3, p] * d + less[4, p] * e
-            of_less[p] += less[5, p] * f + less[6, p] * g + less[7, p] * i + less[8, p] * k
-            of_more[p] = more[0, p] * a + more[1, p] * b + more[2, p] * c + more[3, p] * d + more[4, p] * e
-            of_more[p] += more[5, p] * f + more[6, p] * g + more[7, p] * i + more[8, p] * k
-    half = np.dot(left, right.T)
+        _set_weighted(points.gradients[n], less, left[n])
+        _set_weighted(points.gradients[n], more, right[n])
+    half = np.empty((m, m))
+    set_row_products(left, right, False, half)
     for i in range(m):
         for j in range(m):
             N[i, j] = half[i, j] + half[j, i]
+
+
+@jit_part
+def _set_weighted(G: Array, weights: Array, sums: Array) -> None:
+    """Sets sums (P,) of the nine numbers of each point, of gradients (9 P,), times weights (9, P)."""
+    P = len(sums)
+    fill(sums, 0.0)
+    for c in range(0, 9, 3):
+        first, second, third = G[c * P : (c + 1) * P], G[(c + 1) * P : (c + 2) * P], G[(c + 2) * P : (c + 3) * P]
+        add_products(weights[c], first, weights[c + 1], second, weights[c + 2], third, sums)
 
 
 @jit_part
@@ -189,21 +196,20 @@ def add_geometric(points: Points, H: Array, rates: Array, β: float, size: float
 def add_stressed(points: Points, S: Array, size: float, matrix: Array) -> None:
     """Adds, so many times, Σ S_jl ∂W_i/∂X_j ∂W_i/∂X_l (m, m) of stresses S (6, P), which hold the weights."""
     m, P = len(matrix), S.shape[1]
-    stressed = np.empty((m, 9 * P))
-    G, SG = points.gradients.reshape(m, 3, 3, P), stressed.reshape(m, 3, 3, P)
-    for p in range(P):
-        for k in range(m):
-            for i in range(3):
-                first, second, third = G[k, i, 0, p], G[k, i, 1, p], G[k, i, 2, p]
-                SG[k, i, 0, p] = size * (S[0, p] * first + S[5, p] * second + S[4, p] * third)
-                SG[k, i, 1, p] = size * (S[5, p] * first + S[1, p] * second + S[3, p] * third)
-                SG[k, i, 2, p] = size * (S[4, p] * first + S[3, p] * second + S[2, p] * third)
+    stressed, sized, products = np.zeros((m, 9 * P)), size * S, np.empty((m, m))
+    for k in range(m):
+        for row in range(0, 9, 3):
+            G, SG = points.gradients[k, row * P : (row + 3) * P], stressed[k, row * P : (row + 3) * P]
+            first, second, third = G[:P], G[P : 2 * P], G[2 * P :]
+            add_products(sized[0], first, sized[5], second, sized[4], third, SG[:P])
+            add_products(sized[5], first, sized[1], second, sized[3], third, SG[P : 2 * P])
+            add_products(sized[4], first, sized[3], second, sized[2], third, SG[2 * P :])
+    set_row_products(points.gradients, stressed, True, products)
     for i in range(m):
-        for j in range(i, m):
-            added = dot(points.gradients[i], stressed[j])
-            matrix[i, j] += added
-            if i != j:
-                matrix[j, i] += added
+        matrix[i, i] += products[i, i]
+        for j in range(i + 1, m):
+            matrix[i, j] += products[i, j]
+            matrix[j, i] += products[i, j]
 
 
 @jit_part

@@ -98,12 +98,12 @@ def look_around(
         space: with room for 3P numbers.
     """
     places = take_rows(space, len(body.places), 3)
-    _place_points(body, q, beyond, found.motion[0], places)
+    place_points(body, q, beyond, found.motion[0], places)
     look(shapes, moving, h, places, found.gaps, found.pairs.axes[:, 0], beside)
 
 
 @jit_part
-def _place_points(body: Touched, q: Array, beyond: Array, moved: Array, places: Array) -> None:
+def place_points(body: Touched, q: Array, beyond: Array, moved: Array, places: Array) -> None:
     """Sets displacements (3P,) of the points, and where they are, (P, 3), m."""
     fill(moved, 0.0)
     add_rows(body.points, q, 0, len(moved), moved)
@@ -141,7 +141,7 @@ def look_near(
         gaps[c] = kept[c] - gone[0]
     are_few = is_known and FEW_POINTS * _count_near(gaps, farthest) <= P
     if not are_few:
-        _place_points(body, q, beyond, moved, places)
+        place_points(body, q, beyond, moved, places)
     if turn(moving):
         look(shapes, moving, h, places, gaps, axes[:, 0], beside)
         return
@@ -162,7 +162,7 @@ def look_near(
 
 @jit_part
 def _place_point(body: Touched, p: int, q: Array, beyond: Array, moved: Array, place: Array) -> None:
-    """`_place_points` of one of them, to the bit."""
+    """`place_points` of one of them, to the bit."""
     for k in range(3):
         moved[3 * p + k] = 0.0
     add_rows(body.points, q, 3 * p, 3 * p + 3, moved)
@@ -201,11 +201,7 @@ def ask_points(
     """
     velocity, free, P = found.motion[1], found.motion[2], len(body.places)
     if FEW_POINTS * _count_near(found.gaps, farthest) > P:
-        fill(velocity, 0.0)
-        fill(free, 0.0)
-        add_rows(body.points, r, 0, 3 * P, velocity)
-        add_rows(body.points, v, 0, 3 * P, free)
-        _add_beyond(body, beyond, pull, 0, 3 * P, velocity, free)
+        move_points(body, r, v, beyond, pull, velocity, free)
     else:
         for c in range(len(found.gaps)):
             if found.gaps[c] <= farthest:
@@ -218,6 +214,16 @@ def ask_points(
     of_points = rows_of(free, 3), rows_of(velocity, 3)
     ask(law, found.gaps, *of_points, beside, before, take(space, 0), found.pairs, farthest)
     ask_springs(law, found.gaps, farthest, found.pairs)
+
+
+@jit_part
+def move_points(body: Touched, r: Array, v: Array, beyond: Array, pull: Array, velocity: Array, free: Array) -> None:
+    """Sets velocities (3P,) of the points at the start of a step and in its middle; arguments as of `ask_points`."""
+    fill(velocity, 0.0)
+    fill(free, 0.0)
+    add_rows(body.points, r, 0, len(velocity), velocity)
+    add_rows(body.points, v, 0, len(free), free)
+    _add_beyond(body, beyond, pull, 0, len(free), velocity, free)
 
 
 @jit_part

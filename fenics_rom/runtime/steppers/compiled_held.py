@@ -11,6 +11,7 @@ from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.compiled.searched_forces import Actuators
 from fenics_rom.mechanics.compiled_contact import CompiledContact
+from fenics_rom.mechanics.compiled_self_contact import CompiledSelfContact
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
@@ -46,6 +47,7 @@ from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
 from fenics_rom.runtime.steppers.elastic.sampled import SampledPoints
 from fenics_rom.runtime.steppers.held_contact import HeldContact
+from fenics_rom.runtime.steppers.held_self_contact import HeldSelfContact
 from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 take_step = jit(held_step.take_step)
@@ -76,7 +78,6 @@ class CompiledHeld:
         body: its points.
         law: what resists its shape.
         loads: what acts on it.
-        contact: how obstacles touch it; None: they cannot.
         pull: cables and chambers whose strokes are given; None: there are none.
         ω: (m,), 1/s.
         inverse_ω: (m,), s.
@@ -94,7 +95,6 @@ class CompiledHeld:
         body: ReducedDeformation,
         law: Known,
         loads: ShapeLoads,
-        contact: HeldContact | None,
         pull: Pull | None,
         ω: Array,
         inverse_ω: Array,
@@ -114,7 +114,8 @@ class CompiledHeld:
         self._of_motion = np.zeros((8, m)), np.zeros((m, m))
         self.motion, self._strains = motion_in(*self._of_motion), strains_in(self._memory)
         self.tangent, self._carried = NONE, cast(Any, law.carried)
-        self._met, self.pull = contact, pull
+        self._met: HeldContact | None = None  # what can touch the body
+        self.pull = pull
         self._table, self._numbers = np.empty((0, 4), dtype=np.int64), np.array(self.body.law[:6], dtype=float)
         self._is_ahead = False  # whether loops took steps that the law does not know of
         self.forget()
@@ -154,15 +155,24 @@ class CompiledHeld:
         `solver`: what finds contact forces, if anything can touch; `points` and `residual` as in `HeldContact`;
         `found`: what finds forces of strokes, if any are given.
         """
-        if not (is_known(law, body) and (solver is None or isinstance(solver, CompiledContact))):
+        if not is_known(law, body):
             return None
         if residual is not None and not residual.is_whole:
             return None  # loops have the operators of all points as a whole
         pull = None if found is None else _pull(found, *loads.dead.shape)
         if found is not None and pull is None:
             return None
-        contact = None if solver is None else HeldContact(solver, points, residual, others[-1])
-        return CompiledHeld(body, law, loads, contact, pull, *others)
+        made = CompiledHeld(body, law, loads, pull, *others)
+        return made if solver is None or made._meets(solver, points, residual) else None
+
+    def _meets(self, solver: ContactSolver, points: Array, residual: ResidualMotion | None) -> bool:
+        """Has steps find contact as of such arguments; whether loops know what touches."""
+        given, knows = (points, residual, self._h), self.pull is None and self._elastic.is_exact
+        if isinstance(solver, CompiledContact):
+            self._met = HeldContact(solver, *given)
+        elif isinstance(solver, CompiledSelfContact) and solver.is_alone and knows:
+            self._met = HeldSelfContact(solver, *given, self._of_motion[1])
+        return self._met is not None
 
     def forget(self) -> None:
         """What is known ahead, so that what follows is the same to the bit, whatever came before."""

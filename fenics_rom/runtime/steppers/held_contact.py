@@ -4,9 +4,11 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.compilation import in_plain
+from fenics_rom.mechanics.compiled.contact_law import Law
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving
 from fenics_rom.mechanics.compiled_contact import CompiledContact
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
+from fenics_rom.runtime.compiled.held_own import Own
 from fenics_rom.runtime.compiled.held_step import Step
 from fenics_rom.runtime.compiled.held_touch import Among, Touch
 from fenics_rom.runtime.compiled.touching import Last
@@ -60,13 +62,16 @@ class HeldContact(ContactInLoops):
 
     def among(self, obstacles: ObstacleMotion) -> Among:
         """What a step is told, and where it tells what it found."""
-        law, shapes, n = self._law, self._solver.shapes, self.touch.points.shape[1]
-        W = np.empty((n, n))  # another one each time, as the solver keeps parts of it
+        n = self.touch.points.shape[1]
+        return self._among(obstacles, self._law, self._solver.shapes, np.empty((n, n)), None)
+
+    def _among(self, obstacles: ObstacleMotion, law: Law, shapes: Array, W: Array, own: Own | None) -> Among:
+        """The same of shapes (O, 17); W (3P, 3P): another one each time, as the solver keeps parts of it."""
         begun, found = self._begun(), self._for_found()
         self._relaxing.begin()
         branches = self._relaxing.rows, self._relaxing.rows_before, self._by_branches
         beyond = *self._beyond, *branches
-        return Among(self.touch, law, shapes, Moving(*obstacles), begun, *beyond, found, self._spread, W)
+        return Among(self.touch, law, shapes, Moving(*obstacles), begun, *beyond, found, self._spread, W, own)
 
     def for_many(self, among: Among) -> tuple[Among, Last]:
         """The same for steps in a row, which change what they begin with; and where the last one is kept."""

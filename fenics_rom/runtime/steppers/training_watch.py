@@ -130,7 +130,7 @@ class TrainingWatch:
         if shares.dot(shares) > TRUSTED_LOAD**2:  # else none of them is beyond
             self._look_at_shares(notes, u, shares)
         self._look_at_shape(notes, q)
-        if contact is not None or notes[TOUCHED]:
+        if len(self._pushers) and (contact is not None or notes[TOUCHED]):
             forces = np.zeros((len(self._pushers), 3)) if contact is None else contact.by_obstacle
             self._look_at_contact(notes, forces[None], h)
         self._look_at_distance(notes, math.sqrt(q.dot(q)))
