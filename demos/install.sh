@@ -50,7 +50,7 @@ for name in "numpy", "scipy", "h5py", "dolfinx", "gmsh":  # compiled for each ot
         sys.exit(f"error: .venv does not see Debian's {name}: {spec}")
 for name in (
     "fenics_rom", "furo", "gymnasium", "matplotlib", "mujoco", "myst_parser", "numba", "playwright", "pydantic", "pytest", "pyvista", "rich",
-    "sphinx", "tomlkit", "viser", "xdist"
+    "rosbags", "sphinx", "tomlkit", "viser", "xdist"
 ):
     if not find_spec(name):
         sys.exit(f"error: .venv has no {name}")

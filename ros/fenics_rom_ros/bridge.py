@@ -68,6 +68,8 @@ class Bridge:
         speed: float = 2.0,
         turning: float = 10.0,
     ):
+        if not file:
+            raise MessageError("file: use the name of a ROM, or of a world that ends in .toml (got none)")
         for name, value in {"rate": rate, "speed": speed, "turning": turning}.items():
             if not (is_number(value) and value > 0):
                 raise MessageError(f"{name}: use a finite number > 0 (got {shown(value)})")

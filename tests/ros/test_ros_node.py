@@ -137,6 +137,9 @@ def test_the_node_ends_as_it_is_told_and_names_what_ends_it(ros, monkeypatch):
     ros.spin = spin
     node = import_module("fenics_rom_ros.node")
     node.main([])
+    monkeypatch.setattr(Node, "given", {})
+    with pytest.raises(SystemExit, match="fenics_rom: file: use the name of a ROM"):
+        node.main()
     monkeypatch.setattr(Node, "given", {"file": "none.h5"})
     with pytest.raises(SystemExit, match=r"fenics_rom: .*none\.h5"):
         node.main()
@@ -176,7 +179,7 @@ def test_the_launch_file_has_an_argument_for_each_parameter(monkeypatch):
 def test_colcon_is_told_what_there_is(monkeypatch):
     told = {}
     monkeypatch.chdir(FOLDER)
-    monkeypatch.setattr("setuptools.setup", lambda **given: told.update(given))
+    monkeypatch.setitem(sys.modules, "setuptools", SimpleNamespace(setup=told.update))
     runpy.run_path("setup.py")
     package = ElementTree.parse("package.xml")
     assert package.findtext("export/build_type") == "ament_python"
