@@ -21,14 +21,13 @@ from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.scene import surface_filling
 from fenics_rom.scene.foreign_file import arrays_of
 from fenics_rom.scene.surface_file import read_surface
-from fenics_rom.scene.surface_filling import ENVELOPE, FTETWILD, GMSH, Extent
+from fenics_rom.scene.surface_filling import FTETWILD, GMSH, Extent, envelope
 
 REGION = "body"  # name of all cells in the file
 TIMEOUT = 3600.0  # s that filling a body may take
 LOOKED_AT = 2000  # triangles of a surface that are looked for in the body
 CRUMB = 0.01  # of the largest part's volume, below which parts that touch nothing are left out
 LONG = 3.0  # m: a body is rarely longer, and a file often has mm
-OFF = 2 * ENVELOPE  # of the diagonal: farther from the file's surface is not fTetWild's usual error
 
 
 def fill_surface(
@@ -124,7 +123,7 @@ def _filled_triangles(file: Path, size: float | None, scale: float, report: Repo
         raise MeshError(f'mesh file {file}: {reason}; {FTETWILD} fills such files: pip install "fenics-rom[surfaces]"')
     points, cells = _filled(FTETWILD, *arguments)
     try:
-        moved = _check_filled(vertices, triangles, points, cells)
+        moved = _check_filled(vertices, triangles, points, cells, 2 * envelope(vertices, size))
     except ValueError as error:
         raise MeshError(f"mesh file {file}: {reason}; {error}") from None
     note = f"{reason}: {FTETWILD} filled it; its surface is up to {moved:.3g} m from the file's, farthest in holes"
@@ -188,18 +187,17 @@ def _reason_against_gmsh(vertices: Array, triangles: Array) -> str:
     return f"its surface goes through itself at {crossed.places} places, e.g. at {_place(crossed.place)} m"
 
 
-def _check_filled(vertices: Array, triangles: Array, points: Array, cells: Array) -> float:
+def _check_filled(vertices: Array, triangles: Array, points: Array, cells: Array, reach: float) -> float:
     """How far the surface of a body is from that of a file at most, m.
 
-    ValueError where some of the file's triangles are outside of the body.
+    ValueError where some of the file's triangles are outside of the body, farther than a reach, m.
     """
     outside = faces_of(points, oriented(points, cells)).outside
     moved = _distances(points[np.unique(outside)], vertices[triangles])
     few = np.linspace(0, len(triangles) - 1, min(len(triangles), LOOKED_AT)).astype(int)
     middles, faces = vertices[triangles[few]].mean(axis=1), points[outside]
     far = _distances(middles, faces)
-    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    lost = [k for k in np.flatnonzero(far > OFF * diagonal) if solid_angle(faces - middles[k]) < 2 * np.pi]
+    lost = [k for k in np.flatnonzero(far > reach) if solid_angle(faces - middles[k]) < 2 * np.pi]
     if lost:
         worst = lost[int(far[lost].argmax())]
         raise ValueError(

@@ -2,7 +2,7 @@
 
 Gmsh keeps the surface, and takes none that is open or goes through itself. fTetWild (Hu, Schneider, Wang, Zorin &
 Panozzo, ACM Trans. Graph. 39, 2020) takes any triangles: what they wind around is inside, and its surface is theirs to
-within `ENVELOPE`. It is started by `fem.filling`, as a script, as `foreign_process` is.
+within an `envelope`. It is started by `fem.filling`, as a script, as `foreign_process` is.
 """
 
 import re
@@ -20,7 +20,7 @@ from fenics_rom.scene.surface_file import read_surface
 GMSH, FTETWILD = "Gmsh", "fTetWild"
 MOST_CELLS = 5_000_000
 USUAL_CELLS = 20_000  # where no size is given
-ENVELOPE = 1e-3  # of the diagonal of the body's box, by which fTetWild may move its surface
+SHARE_OF_DIAGONAL, SHARE_OF_SIZE = 1e-3, 0.05  # by which fTetWild may move the surface: the larger of both
 MOST_PASSES = 80  # of fTetWild over all cells; it ends earlier where they are good
 # Cells of size a in a volume V with a surface A: 6 V/a³ + 2 A/a². Of a box Gmsh makes 4.5 to 6.3 V/a³, fTetWild 9.
 PER_CUBE, PER_SQUARE = 6.0, 2.0
@@ -146,7 +146,7 @@ def fill_by_ftetwild(file: str, size: float) -> dict[str, Any]:
             vertices,
             triangles.astype(np.int32),
             edge_length_abs=size,
-            epsilon=ENVELOPE,
+            epsilon=envelope(vertices, size) / float(np.linalg.norm(np.ptp(vertices, axis=0))),
             num_threads=1,  # with several no run is like another
             num_opt_iter=MOST_PASSES,
             quiet=False,  # it says how far it is
@@ -154,6 +154,11 @@ def fill_by_ftetwild(file: str, size: float) -> dict[str, Any]:
         )
         chdir("/")
     return {"points": points.ravel(), "cells": cells.astype(np.int64).ravel()}
+
+
+def envelope(vertices: np.ndarray, size: float) -> float:
+    """How far fTetWild may move a surface with vertices (V, 3), in the unit of these and of the size."""
+    return max(SHARE_OF_DIAGONAL * float(np.linalg.norm(np.ptp(vertices, axis=0))), SHARE_OF_SIZE * size)
 
 
 def progress_of(said: bytes, cells: float) -> tuple[str, int, int] | None:
