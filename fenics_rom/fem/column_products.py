@@ -44,8 +44,9 @@ class LocalBlocks:
         return LocalBlocks(self._matrix.T.tocsr())
 
     def _compiled(self, function: Any, x: Array, *given: Any) -> bool | None:
-        can = self._arrays is not None and x.shape[1] % LANES == 0
-        return _run(function, *self._arrays, x, *given) if can else None
+        if self._arrays is None or x.shape[1] % LANES:
+            return None
+        return _run(function, *self._arrays, x, *given)
 
     def into(self, x: Array, y: Array, fresh: bool) -> None:
         """y = A x."""
