@@ -15,7 +15,7 @@ from fenics_rom.mechanics.environment import FRAMES, SWITCHINGS
 from fenics_rom.scene.scene import LYAPUNOV, METHODS, SOLVERS, WEIGHTINGS
 
 SUMMARY = "reduce a scene, or matrices, to a ROM; runs under mpirun"
-KEPT_STAGES = ("contact modes", "training runs")  # of which ROM.h5.partial has what is finished
+KEPT_STAGES = ("contact modes", "training runs", "solves that took long")  # of which ROM.h5.partial has the finished
 CHOICES = ("order", "tolerance", "method", "switching", "weighting", "lyapunov", "share", "solver", "errors", "resume")
 
 
@@ -82,7 +82,7 @@ def run(choice: argparse.Namespace) -> None:
         print_rom(rom, choice.output)
         if choice.resume:
             kept = [f"{done} of {of} {stage}" for stage, (done, of) in begun.items() if stage in KEPT_STAGES]
-            print(f"  resumed: {kept[0] if kept else 'nothing'} {'were' if kept else 'was'} taken over")
+            print(f"  resumed: {' and '.join(kept) or 'nothing'} {'were' if kept else 'was'} taken over")
 
 
 def _add_matrix_options(command: argparse.ArgumentParser) -> None:

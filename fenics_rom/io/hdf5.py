@@ -36,6 +36,7 @@ KINDS = {  # of files by their content, in words
     "run": "a run",
     "part": "a contact mode of an unfinished reduction",
     "training run": "a training run of an unfinished reduction",
+    "solve": "a solution of an unfinished reduction",
 }
 ERROR_OF: dict[str, type[FileError]] = {"rom": RomFileError, "run": TrajectoryFileError}  # of files with that content
 

@@ -1,12 +1,14 @@
 """What a reduction has finished, contact mode by contact mode, in a folder, so that a killed run can go on.
 
 Each finished contact mode is a file of its own: what it added to the shared space, and what it keeps of it. So is each
-training run of a body that deforms largely. The files do not depend on the number of ranks.
+training run of a body that deforms largely, and, until a contact mode is finished, each solve with K that takes long.
+The files do not depend on the number of ranks.
 """
 
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +30,16 @@ from fenics_rom.io.hdf5 import (
 )
 from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.io.overwriting import write_over
+from fenics_rom.reduction.kept_solves import CONTENT as SOLVE_CONTENT
+from fenics_rom.reduction.kept_solves import KeptSolves
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis
 from fenics_rom.system.columns import probe_columns
 
 PROBE_TOLERANCE = 1e-9  # largest relative difference between probes of the same system
-PART_FILE = re.compile(r"(run-)?\d+\.h5|\.(run-)?\d+\.h5\..*\.part")
+PART_FILE = re.compile(r"((run|solve)-)?\d+\.h5|\.((run|solve)-)?\d+\.h5\..*\.part")
 PART_CONTENT, RUN_CONTENT = "part", "training run"
+PART_CONTENTS = (PART_CONTENT, RUN_CONTENT, SOLVE_CONTENT)
 PART = {
     "probe": Entry("1", ("probes",)),
     "eigenvectors": Entry("1", (1,), "i"),
@@ -62,6 +67,7 @@ class Checkpoint:
 
     def __init__(self, folder: str | Path | None, problem: ReductionProblem, method: str, resume: bool):
         self._keeps, self._resume = folder is not None, resume
+        self._solves: KeptSolves | None = None
         self._written_files = 0
         self._written_columns = 0  # of the shared space
         self._written_messages = len(problem.messages)  # with those that every run has
@@ -84,6 +90,16 @@ class Checkpoint:
                 self._folder.mkdir(exist_ok=True)
             except OSError as error:
                 raise FileError(f"{self._folder}: cannot be written: {error.strerror}") from error
+
+    def with_kept_solves(self, problem: ReductionProblem) -> ReductionProblem:
+        """The problem with a factor whose long solves are kept until a contact mode is finished."""
+        if not self._keeps:
+            return problem
+        given = problem.factor, problem.system.algebra, self._folder, self._probe, self._resume
+        self._solves = KeptSolves(*given)
+        if self._solves.found:
+            problem.stages.report("solves that took long", self._solves.found, self._solves.found)
+        return replace(problem, factor=self._solves)
 
     def restored(self, problem: ReductionProblem) -> dict[str, RetainedBasis]:
         """Contact modes that are finished; the shared space is filled with what they are in.
@@ -110,6 +126,8 @@ class Checkpoint:
         arrays = {"probe": self._probe, "eigenvectors": problem.space.eigenvectors, "basis": new} | vars(retained)
         texts = {"name": name, "messages": "\n".join(problem.messages[self._written_messages :])}
         self._write(f"{self._written_files}.h5", PART_CONTENT, PART, arrays, choices=self._choices, **texts)
+        if self._solves is not None:
+            self._solves.forget()
         self._written_files += 1
         self._written_columns, self._written_messages = problem.space.size, len(problem.messages)
 
@@ -185,7 +203,7 @@ def _remove_parts(folder: Path) -> None:
 def _is_ours(file: Path) -> bool:
     """Whether a file of such a name is a checkpoint's, perhaps a damaged one, and no run or ROM of somebody's."""
     try:
-        return file.suffix == ".part" or (is_sealed(file) and sealed_content(file) in (PART_CONTENT, RUN_CONTENT))
+        return file.suffix == ".part" or (is_sealed(file) and sealed_content(file) in PART_CONTENTS)
     except FileError:
         return True
 

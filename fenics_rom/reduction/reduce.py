@@ -123,8 +123,8 @@ def reduce(
             else the ROM says why not.
         errors: whether runs are to know their errors: bounds and estimates, as `Simulator.error_bound` has them; None:
             as the scene's run says. It takes solves with the damping matrix, too.
-        checkpoint: folder that keeps what is finished, contact mode by contact mode; yours to remove when the ROM is
-            written.
+        checkpoint: folder that keeps what is finished, contact mode by contact mode, and solves that took seconds;
+            yours to remove when the ROM is written.
         resume: go on from what an earlier call left in `checkpoint`.
         report: called with the stage, how much of it is done, and of how much.
 
@@ -205,6 +205,7 @@ def reduce(
             messages=[*messages, *filter(None, [factor.notice])],
         )
         finished = Checkpoint(checkpoint, problem, named, resume)
+        problem = finished.with_kept_solves(problem)
         if method is None:
             rom = hyperreduce(problem, whole, named, cubature, finished)
         else:

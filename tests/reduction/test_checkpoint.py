@@ -8,10 +8,13 @@ import pytest
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, FileError
+from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.petsc_matrix import PetscMatrix
+from fenics_rom.reduction import kept_solves
 from fenics_rom.reduction.checkpoint import remove_checkpoint
 from fenics_rom.reduction.methods.balanced import balanced
 from fenics_rom.reduction.reduce import BY_NAME
+from fenics_rom.system.protocols import EXACT
 
 CHOICES = {
     "closed form": {},
@@ -62,6 +65,58 @@ def test_stopped_run_goes_on(box_system, stopped, monkeypatch, choices):
         np.testing.assert_allclose(rom.contact_models[name].eigenvalues, mode.eigenvalues, rtol=1e-8)
         np.testing.assert_allclose(rom.contact_models[name].hankel_singular_values[:6], σ, rtol=1e-8)
         assert rom.contact_models[name].static_error == pytest.approx(mode.static_error, rel=1e-4, abs=1e-9)
+
+
+@pytest.mark.parametrize("solves", [1, 4])
+def test_a_run_goes_on_within_a_contact_mode(box_system, tmp_path, monkeypatch, solves):
+    """What was solved for is not solved again, and the ROM is the same to the last bit; later files are removed."""
+    monkeypatch.setattr(kept_solves, "SECONDS", 0.0)
+    choices = {"order": 6, "lyapunov": "krylov"}
+    expected, done, solve = fr.reduce(box_system, **choices), [], PetscFactor.solve
+
+    def counted(self, block, accuracy=EXACT):
+        done.append(block.shape[1])
+        return solve(self, block, accuracy)
+
+    def stopping(self, block, accuracy=EXACT):
+        if len(done) == solves:
+            raise Stopped
+        return counted(self, block, accuracy)
+
+    folder = tmp_path / "partial"
+    with monkeypatch.context() as patch:
+        patch.setattr(PetscFactor, "solve", stopping)
+        with pytest.raises(Stopped):
+            fr.reduce(box_system, checkpoint=folder, **choices)
+    assert {file.name for file in folder.iterdir()} == {f"solve-{k}.h5" for k in range(solves)}
+    counts = []
+    for resume in (True, False):
+        done.clear()
+        with monkeypatch.context() as patch:
+            patch.setattr(PetscFactor, "solve", counted)
+            rom = fr.reduce(box_system, checkpoint=folder if resume else tmp_path / "other", resume=resume, **choices)
+        counts.append(len(done))
+        np.testing.assert_array_equal(rom.basis, expected.basis)
+    assert counts[1] - counts[0] == solves
+    remove_checkpoint(folder)
+    assert not folder.exists()
+
+
+def test_solves_of_another_matrix_are_done_again(box_system, tmp_path, monkeypatch):
+    monkeypatch.setattr(kept_solves, "SECONDS", 0.0)
+    folder, choices = tmp_path / "partial", {"order": 6, "lyapunov": "krylov"}
+    with monkeypatch.context() as patch:
+        patch.setattr("fenics_rom.reduction.reduce._truncated", stop)
+        with pytest.raises(Stopped):
+            fr.reduce(box_system, checkpoint=folder, **choices)
+    assert list(folder.glob("solve-*.h5"))
+    other = with_scaled_stiffness(box_system)
+    rom = fr.reduce(other, checkpoint=folder, resume=True, **choices)
+    np.testing.assert_array_equal(rom.basis, fr.reduce(other, **choices).basis)
+
+
+def stop(*_):
+    raise Stopped
 
 
 def test_without_resume_it_starts_anew(box_system, stopped):
