@@ -294,9 +294,12 @@ def directions_by_residual(
 def directions_by_change(
     problem: ReductionProblem, names: Sequence[str], augmentation: KrylovAugmentation
 ) -> Iterator[tuple[str, RankedBasis]]:
-    """Each contact mode balanced in the first space whose σ and frequency responses are those of the one before."""
+    """Each contact mode balanced in the first space whose σ and frequency responses are those of the one before.
+
+    Names that the problem does not ask for were finished before: the space is what it was with them.
+    """
     krylov = KrylovSpaces(problem, names, augmentation, together=True)
-    iterates: dict[str, KrylovIterate | None] = dict.fromkeys(names)
+    iterates: dict[str, KrylovIterate | None] = dict.fromkeys(name for name in names if name in problem.contacts)
     while iterates:
         for name, last in list(iterates.items()):
             ended = krylov.is_complete(name) or krylov.is_at_limit(name)

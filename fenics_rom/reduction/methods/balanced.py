@@ -64,17 +64,19 @@ def _in_all_eigenvectors(problem: ReductionProblem) -> Iterator[tuple[str, Ranke
 
 def _krylov(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
     """Contact modes in groups; where there are many columns, with eigenvectors to share."""
-    names = problem.contacts
+    names = tuple(problem.system.contacts)  # of a run that goes on those that are finished, too
     widths = [problem.system.count_forces(name) for name in names]
     if sum(widths) <= MAX_COLUMNS_WITHOUT_EIGENVECTORS:
         directions, columns = directions_by_change, FEW_COLUMNS_AT_ONCE
     else:
         highest = max(problem.order_of(name) or 0 for name in names)
         share_eigenvectors(problem, max(SHARED_EIGENVECTORS, 2 * highest))
-        directions, columns = directions_by_residual, COLUMNS_AT_ONCE
+        directions, columns, names = directions_by_residual, COLUMNS_AT_ONCE, problem.contacts
     size, augmentation = max(1, columns // max(widths)), find_augmentation(problem)
     for first in range(0, len(names), size):
-        yield from directions(problem, names[first : first + size], augmentation)
+        group = names[first : first + size]
+        if set(group) & set(problem.contacts):
+            yield from directions(problem, group, augmentation)
 
 
 def _adi(problem: ReductionProblem, name: str, augmentation: KrylovAugmentation) -> RankedBasis:
