@@ -146,21 +146,11 @@ def begin_carried_step(
         state.kept[IS_SHAPE_KNOWN] = 1.0
     v, ω = vector(now, OF_BASE), vector(now, SPIN)
     v_end, ω_end = rotated_back(end, vector(base, VELOCITY)), rotated_back(end, vector(base, TURNING))
-    v̂, ω̂, acting = mean(v, v_end), mean(ω, ω_end), act(loads, u, m)
-    if bent is not None:
-        acting = pressed_rims(bent, u, q, h, acting)
+    v̂, ω̂ = mean(v, v_end), mean(ω, ω_end)
     t = (h * ω̂[0], h * ω̂[1], h * ω̂[2])
-    modal = acting.modal.copy()
+    acting, modal = act_on_carried(h, loads, u, q, R, end, t, table, bent)
     if not (h * length(ω) <= LARGEST_TURN and h * length(ω_end) <= LARGEST_TURN):
         return Begun(OTHERWISE, R, end, t, v̂, ω̂, v_end, ω_end, acting, modal, modal)
-    pull = seen(R, t, acting.acceleration)
-    for i in range(m):
-        for k in range(3):
-            modal[i] += pull[k] * table[MOMENTS + k, i]
-    if len(acting.at_points):
-        pushed = np.empty(m)
-        push_points(loads, acting.at_points, R, end, t, q, h, np.zeros(m), pushed)
-        modal += pushed
     if bent is None:
         give(body, modal, e, r, table)
         r̂ = _rate(body, now, table, state.kept, state.slopes, v_end, ω_end)
@@ -173,6 +163,33 @@ def begin_carried_step(
         state.kept[IS_COUPLED], state.kept[IS_INVERSE_KNOWN] = 1.0, 0.0
         r̂ = np.linalg.solve(A, right)
     return Begun(TAKEN, R, end, t, v̂, ω̂, v_end, ω_end, acting, modal, r̂)
+
+
+@jit_part
+def act_on_carried(
+    h: float,
+    loads: Loads,
+    u: Array,
+    q: Array,
+    R: Rotation,
+    end: Rotation,
+    t: Vector,
+    table: Array,
+    bent: Bending | None,
+) -> tuple[Acting, Array]:
+    """What inputs u (p,) do in a step from q (m,); forces (m,) on the coordinates, but for what follows the shape."""
+    acting = act(loads, u, len(q))
+    if bent is not None:
+        acting = pressed_rims(bent, u, q, h, acting)
+    modal, pull = acting.modal.copy(), seen(R, t, acting.acceleration)
+    for i in range(len(q)):
+        for k in range(3):
+            modal[i] += pull[k] * table[MOMENTS + k, i]
+    if len(acting.at_points):
+        pushed = np.empty(len(q))
+        push_points(loads, acting.at_points, R, end, t, q, h, np.zeros(len(q)), pushed)
+        modal += pushed
+    return acting, modal
 
 
 @jit_part

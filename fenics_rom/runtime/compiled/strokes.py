@@ -66,7 +66,7 @@ def own_pull(pull: Pull, forces: Array) -> Pull:
 
 
 @jit_part
-def _set_lines(pull: Pull, q: Array) -> None:
+def set_lines(pull: Pull, q: Array) -> None:
     """Sets what forces of 1 do at q (m,), and strokes there."""
     n, g = len(pull.forces), len(pull.actuators.guides)
     for i in range(n):
@@ -126,7 +126,7 @@ def _segment(pull: Pull, s: int, q: Array) -> tuple[float, float, float]:
 
 
 @jit_part
-def _set_bends(pull: Pull, q: Array) -> None:
+def set_bends(pull: Pull, q: Array) -> None:
     """Sets μ times what cables turn by at guides at q (m,)."""
     for k in range(len(pull.forces) - len(pull.actuators.guides), len(pull.forces)):
         a, b, c = _segment(pull, pull.starts[k + 1] - 1, q)
@@ -153,7 +153,7 @@ def _swell(polynomial: Array, q: Array, products: Array, force: Array) -> float:
 def aim(pull: Pull, u: Array, q: Array, r: Array, h: float) -> None:
     """Sets the rates of a step of h s from q and r (m,), to the strokes in u (p,)."""
     given, first = pull.actuators, len(pull.forces) - len(pull.actuators.guides)
-    _set_lines(pull, q)
+    set_lines(pull, q)
     for k in range(len(pull.forces)):
         share, missing = given.share[k], 0.0 if k >= first else u[given.columns[k]] - pull.strokes[k]
         pull.targets[k] = share / h * missing + (1 - share) * dot(pull.lines[k], r)
@@ -164,7 +164,7 @@ def aim(pull: Pull, u: Array, q: Array, r: Array, h: float) -> None:
 @jit_part
 def add_pull(pull: Pull, q: Array, size: float, force: Array) -> None:
     """Adds what the forces of the step before do at q to a force (m,), so many times."""
-    _set_lines(pull, q)
+    set_lines(pull, q)
     for k in range(len(pull.forces)):
         add_row(pull.lines[k], size * pull.forces[k], force)
 
@@ -187,8 +187,8 @@ def add_pull_slope(pull: Pull, q: Array, size: float, slope: Array) -> None:
 def set_pull(pull: Pull, q: Array, U: Array) -> None:
     """Sets what forces do in the middle q (m,) of a step in which v̂ follows them by the factor U."""
     n = len(pull.forces)
-    _set_lines(pull, q)
-    _set_bends(pull, q)
+    set_lines(pull, q)
+    set_bends(pull, q)
     for k in range(n):
         copy(pull.lines[k], pull.spread[k])
         solve(U, pull.spread[k])

@@ -113,6 +113,8 @@ class CompilableFrame(PartedKernel):
         if self._compiled.bent is not None:
             self._compiled.bent.begin(self.contact, self._ahead)
             self._guided_by = self._compiled.passed()
+        if self._compiled.pull is not None:
+            self._compiled.pull.forces[:] = self.reactions
         return self._compiled.take(u, base, self._frame_known, self.notes, obstacles)
 
     def _is_known(self, obstacles: ObstacleMotion | None) -> bool:
@@ -133,7 +135,7 @@ class CompilableFrame(PartedKernel):
             self._owed.append(StepWork(step.supplied, step.dissipated, contacts))
         self._contact_before, self._reactions_before, self._notes_before = self._contact, self.reactions, self.notes
         self._frame_before_known, self._frame_known = self._frame_known, None
-        self._acting, self._places, self._contact = u, None, contact
+        self._acting, self._places, self._contact = self._with_found(u), None, contact
         if touch is not None:
             self._touched = touch.touched
         self.notes = self._compiled.notes(self.notes)
@@ -141,6 +143,7 @@ class CompilableFrame(PartedKernel):
         self._square, self._twice = step.within, step.square
         if self._compiled.bent is not None:
             self._hand_on_bent(u, self._compiled.bent, notes=owed)
+        self._take_found(u)
         return step.square
 
     def _hand_on_bent(self, u: Array, bent: "BentInLoops", *, notes: bool) -> None:
@@ -150,26 +153,51 @@ class CompilableFrame(PartedKernel):
         assert self._extent is not None
         self._ahead = bent.hand_on(q, self.contact)
         e_before = self._state_before[: len(q)]
-        self._forces = self._forces_at(e_before * self._inverse_ω + self.h / 2 * bent.velocity_before)
-        forces = u, self._forces, bent.pressed_before
+        middle = e_before * self._inverse_ω + self.h / 2 * bent.velocity_before
+        self._forces = self._forces_at(middle)
+        forces = self._acting, self._forces, bent.pressed_before
         self.expectation = Expected(*forces, *bent.expected(), None, self._guided_by)
+        if self._found is not None:  # which it was expected under as they were
+            self._take_found(u)
+            self._forces = self._forces_at(middle)
         if notes:
             self.notes = dict(self.notes)
             law.note(self.notes)
-            self._extent.look(self.notes, u, q, self.contact, self.h)
+            self._extent.look(self.notes, self._acting, q, self.contact, self.h)
             self._extent.look_at_frame(self.notes, *bent.felt)
+
+    def _take_found(self, u: Array) -> None:
+        """Has forces that compiled functions found be those of the last step, under u (p,)."""
+        if self._compiled is not None and self._compiled.pull is not None:
+            self.reactions = self._compiled.pull.forces.copy()
+            self._acting = self._with_found(u)
+
+    def _with_found(self, u: Array) -> Array:
+        """An input (p,) with the forces that were found last."""
+        if self._found is None:
+            return u
+        acting = u.copy()
+        acting[self._found.actuators.columns] = self.reactions
+        return acting
 
     @property
     def is_compiled(self) -> bool:
-        """Whether compiled functions take its steps."""
-        return self._compiled is not None and (self._interface is None or self._compiled.touch is not None)
+        """Whether compiled functions take its steps, also in a row and of many; where forces are found single ones."""
+        if self._compiled is None or self._found is not None:
+            return False
+        return self._interface is None or self._compiled.touch is not None
+
+    @property
+    def strokes_in_loops(self) -> Array | None:
+        """By how much chambers are larger than at rest, (n,) of forces that are found, m³; None: nothing is found."""
+        return None if self._found is None else self._found.strokes(self._coordinates())
 
     def roll(self, inputs: Array, bases: Array | None, path: ObstacleMotion | None) -> "FrameSteps | None":
         """Takes steps under inputs (n, p), as many as compiled functions do; None: none.
 
         `bases`: at the end of each step, (n, 13); None: it stands still. `path`: of obstacles (`in_step`).
         """
-        if self._compiled is None or not self._is_known(path):
+        if not self.is_compiled or self._compiled is None or not self._is_known(path):
             return None
         if bases is None:
             bases = np.tile((*self.frame.position, *self.frame.rotation, *np.zeros(6)), (len(inputs), 1))

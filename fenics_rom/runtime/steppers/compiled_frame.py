@@ -42,6 +42,13 @@ from fenics_rom.runtime.compiled.free_step import (
     take_free_step,
     take_free_steps,
 )
+from fenics_rom.runtime.compiled.pulled_frame import (
+    take_pulled_bent_carried_step,
+    take_pulled_bent_free_step,
+    take_pulled_carried_step,
+    take_pulled_free_step,
+)
+from fenics_rom.runtime.compiled.strokes import Pull
 from fenics_rom.runtime.compiled.touched_carried import (
     take_touched_bent_carried_step,
     take_touched_bent_carried_steps,
@@ -71,6 +78,12 @@ STEPS: dict[tuple[bool, bool], tuple[Callable[..., Step], Callable[..., tuple[in
     (True, False): (jit(take_carried_step), take_carried_steps),
     (False, True): (jit(take_bent_free_step), take_bent_free_steps),
     (True, True): (jit(take_bent_carried_step), take_bent_carried_steps),
+}
+PULLED: dict[tuple[bool, bool], Callable[..., Step]] = {  # where forces are found
+    (False, False): jit(take_pulled_free_step),
+    (True, False): jit(take_pulled_carried_step),
+    (False, True): jit(take_pulled_bent_free_step),
+    (True, True): jit(take_pulled_bent_carried_step),
 }
 TOUCHED: dict[tuple[bool, bool], Callable[..., Touched]] = {
     (False, False): jit(take_touched_free_step),
@@ -116,10 +129,12 @@ class CompiledFrame:
 
     Attributes:
         touch: how obstacles touch it; None: that is NumPy's, or they cannot.
+        pull: what is found in its steps, with forces of the last one; None: nothing.
         arrays: all of them, in the order of `frame_tables`.
     """
 
     touch: FrameTouch | None = None
+    pull: Pull | None = None
 
     def __init__(
         self,
@@ -180,7 +195,7 @@ class CompiledFrame:
         try:
             if self.touch is not None and obstacles is not None:
                 return self._take_touched(self.touch, given, obstacles)
-            step = self._step(*given)
+            step = self._step(*given) if self.pull is None else PULLED[self._kind](*given, self.pull)
         except np.linalg.LinAlgError:
             self.forget()
             return None

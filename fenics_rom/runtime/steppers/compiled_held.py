@@ -9,12 +9,11 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import in_plain, jit, or_numpy
 from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
 from fenics_rom.mechanics.compiled.obstacle_motion import Moving
-from fenics_rom.mechanics.compiled.searched_forces import Actuators
 from fenics_rom.mechanics.compiled_contact import CompiledContact
 from fenics_rom.mechanics.compiled_self_contact import CompiledSelfContact
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
-from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
+from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.runtime.compiled import held_step
 from fenics_rom.runtime.compiled.arrays_at import table_of
 from fenics_rom.runtime.compiled.carried_strains import AHEAD, GAP, HAS_TANGENT, MADE_TANGENT, strains_in
@@ -23,9 +22,8 @@ from fenics_rom.runtime.compiled.held_step import Step
 from fenics_rom.runtime.compiled.held_steps import Taken, take_steps
 from fenics_rom.runtime.compiled.held_table import Noted, arrays_of, take_step_at
 from fenics_rom.runtime.compiled.held_touch import Among, Body, Touch, motion_in
-from fenics_rom.runtime.compiled.strokes import Pull, rooms_for_pull
+from fenics_rom.runtime.compiled.strokes import Pull
 from fenics_rom.runtime.compiled.touching import LOST
-from fenics_rom.runtime.steppers.acts.following import Pressure
 from fenics_rom.runtime.steppers.acts.found_forces import FoundForces
 from fenics_rom.runtime.steppers.acts.shape_loads import ShapeLoads
 from fenics_rom.runtime.steppers.adjoint import NONE
@@ -37,15 +35,14 @@ from fenics_rom.runtime.steppers.compiled_deformation import (
     is_known,
     law_of,
     memory_of,
-    polynomials_of,
     sampled_of,
-    segments_of,
     take_on,
 )
 from fenics_rom.runtime.steppers.deformation_maps import Expected
 from fenics_rom.runtime.steppers.elastic.carried_strains import StrainsCarried
 from fenics_rom.runtime.steppers.elastic.law import ElasticLaw
 from fenics_rom.runtime.steppers.elastic.sampled import SampledPoints
+from fenics_rom.runtime.steppers.found_in_loops import pull_of
 from fenics_rom.runtime.steppers.held_contact import HeldContact
 from fenics_rom.runtime.steppers.held_self_contact import HeldSelfContact
 from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
@@ -159,7 +156,7 @@ class CompiledHeld:
             return None
         if residual is not None and not residual.is_whole:
             return None  # loops have the operators of all points as a whole
-        pull = None if found is None else _pull(found, *loads.dead.shape)
+        pull = None if found is None else pull_of(found, *loads.dead.shape)
         if found is not None and pull is None:
             return None
         made = CompiledHeld(body, law, loads, pull, *others)
@@ -346,39 +343,3 @@ class CompiledHeld:
         return Expected(
             before, reactions, touched, middle, motion.residual.copy(), *of_T, motion.whole.copy(), expected
         )
-
-
-def _pull(found: FoundForces, m: int, p: int) -> Pull | None:
-    """Of p inputs, as arrays; None where more is found than forces of cables and chambers, as of bars."""
-    followers, actuators = found.followers, found.actuators
-    if not followers or not all(isinstance(each, ReducedTendon | Pressure) for each in followers):
-        return None
-    n, k = len(followers), len(actuators.names)
-    after, last = np.full(n, -1), dict[str, int]()
-    for guide, (tendon, _) in enumerate(actuators.guides, start=k):
-        after[guide], last[tendon] = last.get(tendon, -1), guide
-    for stroke, name in enumerate(actuators.names):
-        after[stroke] = last.get(name, -1)
-    chambers = [each.polynomial for each in followers if isinstance(each, Pressure)]
-    is_chamber = np.array([isinstance(each, Pressure) for each in followers])
-    numbers = np.where(is_chamber, is_chamber.cumsum() - 1, -1)
-    none, lengths, counts = (np.empty((0, 3)), np.empty((0, 3, m)), np.zeros(0)), np.zeros(n), np.zeros(n, dtype=int)
-    parts = [none]
-    for number, each in enumerate(followers):
-        if isinstance(each, ReducedTendon):
-            own = segments_of([each], m)
-            begin = len(own[0]) - 1 if after[number] >= 0 else 0
-            parts.append((own[0][begin:], own[1][begin:], own[2]))
-            lengths[number], counts[number] = own[2][0], len(own[0]) - begin
-    starts, beyond = np.cumsum([0, *counts]), np.zeros(n, dtype=np.int64)
-    for guide, before in enumerate(after[k:].tolist(), start=k):
-        if before >= 0:
-            beyond[before] = starts[guide]
-    for number, (name, guide) in enumerate(last.items()):  # from which the last segment leads to where it is pulled
-        at_rest, shapes, length = segments_of([found.rubbing[name]], m)
-        parts.append((at_rest[-1:], shapes[-1:], length))
-        beyond[guide] = starts[-1] + number
-    at_rest, shapes, _ = map(np.concatenate, zip(*parts, strict=True))
-    polynomials = polynomials_of(chambers, m)
-    given = Actuators.of(actuators, p), actuators.friction, numbers, after, starts, beyond, at_rest, shapes, lengths
-    return Pull(*given, polynomials, np.zeros(polynomials.shape[2]), np.zeros(n), *rooms_for_pull(n, m))

@@ -146,12 +146,17 @@ class FrameKernel(CompilableFrame):
         self.newton.inverse = self._ahead = None
         self._elastic_and_inertial = np.stack([self._ω, np.full(len(γ), -2 / h)])
         if self._compiled is not None or compiled():
-            self.take_by_loops()
+            self._make_loops()
 
     def take_by_loops(self) -> "CompiledFrame | None":
         """As in CompilableFrame."""
-        bent = None
-        if self._found is not None or self.ties is not None:
+        made = self._make_loops()
+        return None if made is None or made.pull is not None else made
+
+    def _make_loops(self) -> "CompiledFrame | None":
+        """What takes single steps, also those in which forces are found; None where there is more to them."""
+        bent = pull = None
+        if self.ties is not None or (self._found is not None and self._interface is not None):
             return None
         if self._compiled is not None and self._compiled.h == self.h:
             return self._compiled
@@ -159,7 +164,13 @@ class FrameKernel(CompilableFrame):
             bent = self._bent_by_loops()
             if bent is None:
                 return None
-        from fenics_rom.runtime.steppers import compiled_frame  # here, as numba takes time to import
+        from fenics_rom.runtime.steppers import compiled_frame, found_in_loops  # here, as numba takes time to import
+
+        if self._found is not None:
+            of_kind = found_in_loops.linear_pull if bent is None else found_in_loops.pull_of
+            pull = of_kind(self._found, self._model.order, self._loads.width)
+            if pull is None:
+                return None
 
         frame, of_shape = (
             replace(self._constants, inertia2=self._second, stiffening=None),
@@ -173,7 +184,7 @@ class FrameKernel(CompilableFrame):
         acting = compiled_frame.loads_of(self._loads), compiled_frame.watch_of(self._watch)
         halves = self._halves, self._state_before.reshape(2, -1)
         self._compiled = compiled_frame.CompiledFrame(body, *acting, *halves, frame.carried, bent)
-        self._compiled.touch = touch
+        self._compiled.touch, self._compiled.pull = touch, pull
         return self._compiled
 
     def _bent_by_loops(self) -> "BentInLoops | None":
