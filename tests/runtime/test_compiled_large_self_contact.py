@@ -6,8 +6,9 @@ from forks import CLAMPED, LONG, ROPE, cleft
 from test_self_contact import LARGE, RUBS, rom_of
 
 import fenics_rom as fr
-from fenics_rom.compilation import compiled, numpy_alone
-from fenics_rom.mechanics.compiled.contact_law import OTHERWISE
+from fenics_rom.compilation import compiled, jit, numpy_alone
+from fenics_rom.mechanics.compiled.contact_law import OTHERWISE, pairs_from
+from fenics_rom.runtime.compiled import held_own
 from fenics_rom.runtime.steppers import compiled_held
 
 pytestmark = [
@@ -109,6 +110,22 @@ def test_numpy_takes_steps_in_which_points_would_go_through_themselves(rom, stat
     assert OTHERWISE in [step.status for step in statuses]
     np.testing.assert_allclose(body.displacement(), other.displacement(), rtol=0, atol=1e-7 * LONG)
     assert_accounts_close(body)
+
+
+def test_pairs_that_forces_bring_in_are_chosen():
+    """Pairs of two points each, which approach one another as fast as forces on others let them."""
+    rng, C, P = np.random.default_rng(1), 12, 7
+    pairs = pairs_from(np.zeros((C, 3)), 0.4)
+    pairs.axes[:] = np.linalg.qr(rng.standard_normal((C, 3, 3)))[0]
+    pairs.free[:], pairs.level[:] = rng.standard_normal((C, 3)), -0.5
+    nodes, maps, moved = rng.integers(0, P, (C, 4)), rng.standard_normal((C, 4, 3, 3)), rng.standard_normal((P, 3))
+    pairs.chosen[:] = begun = pairs.free[:, 0] < pairs.level
+    outwards = pairs.free[:, 0] + np.einsum("ci,ckij,ckj->c", pairs.axes[:, 0], maps, moved[nodes])
+    choose = jit(held_own.choose_missed)
+    assert choose(pairs, nodes, maps, moved.ravel())
+    np.testing.assert_array_equal(pairs.chosen, begun | (outwards < pairs.level))
+    assert 0 < (pairs.chosen & ~begun).sum() < (~begun).sum()
+    assert not choose(pairs, nodes, maps, moved.ravel())
 
 
 def test_gradients_are_those_of_numpy(rom):

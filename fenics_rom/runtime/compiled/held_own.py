@@ -199,7 +199,7 @@ def _find_of(
             return Found(OTHERWISE, sweeps, 0.0)
         add_up_pairs(contact, of_few[0], of_few[1], few, rows_of(found.forces, 3))
         _answer(touch, factor, found.forces, pushed, moved)
-        if not _choose_missed(pairs, nodes, maps, moved):
+        if not choose_missed(pairs, nodes, maps, moved):
             for c in range(len(some)):
                 _copy_pair(few, c, found.pairs, near[some[c]])
             return Found(FOUND, sweeps, contact.normal_power)
@@ -241,7 +241,7 @@ def _copy_pair(pairs: Pairs, c: int, to: Pairs, number: int) -> None:
 
 
 @jit_part
-def _choose_missed(pairs: Pairs, nodes: Array, maps: Array, moved: Array) -> bool:
+def choose_missed(pairs: Pairs, nodes: Array, maps: Array, moved: Array) -> bool:
     """Whether forces that move points by (3P,), m/s, have other pairs take part, which are chosen."""
     missed = False
     for c in range(len(nodes)):
