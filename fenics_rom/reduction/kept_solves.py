@@ -70,6 +70,11 @@ class KeptSolves:
             self._write(right, accuracy, self._algebra.gather(solution))
         return solution
 
+    def apply(self, right: Any, solution: Any) -> None:
+        """As of the factor: one vector of those that eigenpairs take one after another, of which nothing is kept."""
+        one_by_one: Any = self._factor  # of the ranks' library, whose vectors these are
+        one_by_one.apply(right, solution)
+
     def forget(self) -> None:
         """Removes what is kept, as what it was for is finished."""
         for number in range(self._written if is_rank_0() else 0):

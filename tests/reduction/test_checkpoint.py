@@ -102,6 +102,11 @@ def test_a_run_goes_on_within_a_contact_mode(box_system, tmp_path, monkeypatch, 
     assert not folder.exists()
 
 
+def test_eigenpairs_are_found_with_a_factor_whose_solves_are_kept(box_system, tmp_path):
+    rom = fr.reduce(box_system, method="modal", order=2, checkpoint=tmp_path / "partial")
+    np.testing.assert_array_equal(rom.basis, fr.reduce(box_system, method="modal", order=2).basis)
+
+
 def test_solves_of_another_matrix_are_done_again(box_system, tmp_path, monkeypatch):
     monkeypatch.setattr(kept_solves, "SECONDS", 0.0)
     folder, choices = tmp_path / "partial", {"order": 6, "lyapunov": "krylov"}
