@@ -24,7 +24,7 @@ import numpy as np
 
 HERE = Path(__file__).parent
 MPIRUN = ("mpirun", "-x", "OMPI_MCA_mpi_yield_when_idle=1", "-n")
-NODES = 0.78  # of a unit cube, times the cube of the size of its tetrahedra
+NODES = 0.66  # of a unit cube, times the cube of the size of its tetrahedra
 ORDER = 20
 SOLVERS = ("auto", "direct", "iterative")
 QUICK = (3_000, ("direct", "iterative"))

@@ -70,7 +70,7 @@ def _carried(nodes: Nodes, part: RigidPart, where: str) -> tuple[scipy.sparse.cs
     farthest = FARTHEST * float(np.linalg.norm(np.ptp(nodes.coordinates, axis=0)))
     if np.linalg.norm(arm) > farthest:
         raise SceneError(
-            f"{where}.center = {list(part.center)}: is {np.linalg.norm(arm):.3g} m from its surface; use "
+            f"{where}.center = {list(part.center)}: is {np.linalg.norm(arm):.3g} m from its surface; at most "
             f"{FARTHEST:g} sizes of the body, {farthest:.3g} m (mesh.scale says in which unit the mesh is)"
         )
     return scipy.sparse.csr_matrix(over[:, None]) + gradient @ scipy.sparse.csr_matrix(arm[:, None]), gradient

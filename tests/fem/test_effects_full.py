@@ -342,7 +342,7 @@ def test_rigid_part_on_a_beam_that_bends_far_keeps_the_account(bar):
 
 
 def test_rigid_part_in_another_unit_is_refused(bar):
-    with pytest.raises(SceneError, match=r"camera.center = .* m from its surface; use 10 sizes"):
+    with pytest.raises(SceneError, match=r"camera.center = .* m from its surface; at most 10 sizes"):
         fr.assemble(beam(bar, f"inertia = {{}}\n{PART}".replace("[1.3, 0.1, 0.25]", "[1300, 100, 250]")))
 
 
