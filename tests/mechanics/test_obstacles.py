@@ -109,7 +109,7 @@ def test_obstacles_compare_by_value():
         (lambda: Sphere((0, 0, np.nan), 1), "sphere: center"),
         (lambda: Sphere((0, 0, 0), 0), "sphere: radius: use a finite number > 0"),
         (lambda: Sphere((0, 0, 0), "1"), "sphere: radius"),
-        (lambda: Capsule((0, 0, 0), (0, 0, 0), 1), "use a sphere"),
+        (lambda: Capsule((0, 0, 0), (0, 0, 0), 1), "or a sphere"),
         (lambda: Capsule("abc", (0, 0, 0), 1), "capsule: start"),
         (lambda: Box((0, 0, 0), (1, 1, -1)), "box: size"),
         (lambda: Box((0, 0, 0), (1, 1, 1), (0, np.inf, 0)), "box: rotation"),
