@@ -53,7 +53,7 @@ def test_it_touches_itself_in_training():
 def test_all_claims_hold():
     run = subprocess.run([sys.executable, DEMO / "pneunet.py", "--quick"], capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.count("  holds: ") == 4
+    assert run.stdout.count("  holds: ") == 5
     out = DEMO / "out" / "quick"
     assert (out / "pneunet.png").stat().st_size > 20_000
     assert "air" in fr.read_rom(out / "pneunet.h5").deformation.pressures

@@ -40,6 +40,7 @@ def scene_of(mesh, law, force, **added):
         pytest.param("trained", HOLZAPFEL, 0.02, marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.filterwarnings("ignore:effects.*go slack:fenics_rom.errors.FenicsRomWarning")
 def test_a_reduced_model_follows_fibres_threads_and_a_cable(beam, method, law, within):
     added = {
         "effects.membranes.wound": 'surface = "top"\nstiffness = 100.0\ndirections = [[1, 0, 0]]',
