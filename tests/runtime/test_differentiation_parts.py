@@ -162,7 +162,8 @@ def test_gradient_of_a_free_body_that_bends_far(tmp_path, parts, stepper):
         system = fr.assemble(parse_scene(f'frame = "moving"\n{text}'))
         rom = fr.reduce(system, order=6, method="modal+derivatives")
     amplitude = {"relaxing": 1e-3, "pressed": 30.0, "tied": 1.0}[parts]
-    check_gradient(*along(lambda: fr.Simulator(rom, H, stepper=stepper), "free", amplitude, 1.0))
+    ε = 1e-5 if parts == "tied" else 1e-4  # where guides rub there are kinks, which a difference must not go over
+    check_gradient(*along(lambda: fr.Simulator(rom, H, stepper=stepper), "free", amplitude, 1.0), ε=ε)
 
 
 def test_what_a_cable_turns_by_at_its_guides_has_a_slope():
