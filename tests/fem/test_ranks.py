@@ -11,6 +11,7 @@ from ranks import run_ranks
 from test_prisms import row
 
 import fenics_rom as fr
+from fenics_rom.reduction.krylov import SPACE_ACCURACY
 from fenics_rom.reduction.reduce import DENSE_LIMIT
 
 EFFECTS = """
@@ -169,7 +170,8 @@ def test_roms_do_not_depend_on_the_number_of_ranks(results, name, ranks):
 
 @on_ranks("free", "free-krylov", "free-iterative")
 def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
-    alike, moved = (1e-6, 1e-6) if name == "free-iterative" else (1e-8, 1e-10)
+    # what frames have of shapes is of first order in the error of their space, unlike σ
+    alike, moved = (100 * SPACE_ACCURACY, 1e-6) if name == "free-iterative" else (1e-8, 1e-10)
     one, other = (fr.read_rom(results / str(n) / f"{name}.h5") for n in (1, ranks))
     np.testing.assert_allclose(np.abs(other.basis[:, :6]), np.abs(one.basis[:, :6]), rtol=0, atol=1e-12)
     frames = [rom.moving_frame for rom in (one, other)]
