@@ -47,7 +47,7 @@ def test_a_surface_through_itself_is_filled_once(tmp_path):
     pytest.importorskip("pytetwild")
     file, told = write(tmp_path / "cross.stl", triangles(), ACROSS), []
     mesh = fill_surface(file, tmp_path / "cross.msh", 8e-3, report=lambda *stage: told.append(stage))
-    assert volume(mesh) == pytest.approx(UNION, rel=2e-3)
+    assert volume(mesh) == pytest.approx(UNION, rel=1e-2)  # a surface may move by a twentieth of the cells, 0.4 mm: 9 %
     assert "goes through itself at" in mesh.notes[0]
     assert "fTetWild filled it; its surface is up to" in mesh.notes[0]
     assert len(mesh.notes) == 1
