@@ -51,7 +51,9 @@ SHARED = tuple(  # what else than their own folders compiled functions use
         "runtime/steppers/frame_table",
         "runtime/steppers/inertia",
         "runtime/steppers/kept_newton",
+        "world/drive_law",
         "world/normal_law",
+        "world/rigid_answers",
         "world/tolerances",
         "world/turning",
     )

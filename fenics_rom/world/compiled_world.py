@@ -18,11 +18,14 @@ from fenics_rom.world.compiled.many_steps import exchange_pairs, take_steps
 from fenics_rom.world.compiled.tables import ENDED, GIVEN, IS_DUE, PAIRS, SINCE, SWUNG, TAKEN, GivenContacts, Near
 from fenics_rom.world.compiled.world_step import NEEDS_CONTACTS, NEEDS_ROWS, OTHERWISE, count_pushing, force_on
 from fenics_rom.world.contact_step import Found
+from fenics_rom.world.drive_law import TARGET
 from fenics_rom.world.driven import Driven
+from fenics_rom.world.drives import State
 from fenics_rom.world.joints import JointPoints
 from fenics_rom.world.meetings import Meeting, is_still
 from fenics_rom.world.pushes import Pushes
 from fenics_rom.world.rigid import Rigid
+from fenics_rom.world.row_arrays import order_of_tries
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.soft_tables import SoftTable, soft_table
 from fenics_rom.world.step_count import next_time
@@ -81,7 +84,7 @@ class CompiledWorld:
         self._watched, self._told = np.zeros((len(orders), 6)), np.zeros(4, dtype=np.int64)
         self._looked_at = np.zeros((len(orders), max(orders, default=0)))
         self._placed = dict[int, Placed]()  # where what lies still was seen first
-        self._arrays = world_arrays(self._bodies, meetings, joints, tables, pairs.dissipated)
+        self._arrays = world_arrays(self._bodies, meetings, joints, tables, pairs.dissipated, pairs.rows)
         self._table, self._none = table_of_world(self._arrays), given_contacts([])
         self._first = int(self._table[PAIRS, 0])
         self._no_contacts = table_of(self._none)
@@ -89,10 +92,13 @@ class CompiledWorld:
         for ledger in [met, *(body.account for body in self._bodies)]:
             self._hooks.append((ledger, ledger.flush))
             ledger.flush = partial(_both, self.book, ledger.flush)
+        self._drives = [] if pairs.rows is None else pairs.rows.driven
         self._soft_ones = [isinstance(body, Soft) for body in self._bodies]
         self._are_told = self._soft_ones.copy()
         rigid = [(b, name, body) for b, (name, body) in enumerate((self._names[n], body) for n, body in self._rigid)]
-        self._given = StepInputs(self._soft, rigid, [body for _, body in self._driven], self._arrays.freedoms.given, h)
+        motors = {each.name: q for q, each in enumerate(self._drives) if each.drive.motor is not None}
+        given = self._arrays.freedoms.given, self._arrays.rows.states[:, TARGET]
+        self._given = StepInputs(self._soft, rigid, [body for _, body in self._driven], motors, *given, h)
         self._load()
 
     # From objects, and back.
@@ -107,6 +113,8 @@ class CompiledWorld:
                 swung,
             )
         self._arrays.joined.forces[:] = self._pairs.joint_forces
+        for state, each in zip(self._arrays.rows.states, self._drives, strict=True):
+            state[:] = each.joint.state
         rigid, freedoms, driven = self._arrays.rigid, self._arrays.freedoms, self._arrays.driven
         for b, (_, body) in enumerate(self._rigid):
             rigid.rotation[b], rigid.motion[b], _ = body.begun
@@ -133,10 +141,16 @@ class CompiledWorld:
         elif type(body) is Driven:
             body.go_on(base_in(arrays.driven.start[index].copy()), tuple(arrays.driven.misfit[index].tolist()))
 
+    def tell_drives(self) -> None:
+        """Has joints know of the last step."""
+        for state, each in zip(self._arrays.rows.states.tolist(), self._drives, strict=True):
+            each.joint.state = State(*state)
+
     def tell_all(self) -> None:
         """Has all bodies, and NumPy's steps, know of the last step."""
         for number in range(len(self._bodies)):
             self.tell(number)
+        self.tell_drives()
         C, near = self._count, self._near
         contacts = []
         for m in np.unique(near.meetings[:C]).tolist():
@@ -291,9 +305,11 @@ class CompiledWorld:
             supplied, dissipated, by_others = map(math.fsum, of_body)
             body.account.book(supplied=supplied, dissipated=dissipated)
             body.account.book_contact(by_others, 0.0, 0.0, 0.0)
-        by_impacts, by_friction, by_joints, numerical = map(math.fsum, self._arrays.owed.met[:rows].T.tolist())
+        by_impacts, by_friction, by_joints, numerical, by_motors = map(
+            math.fsum, self._arrays.owed.met[:rows].T.tolist()
+        )
         self._met.book_contact(0.0, by_impacts, by_friction, 0.0)
-        self._met.book(dissipated=by_joints, numerical=numerical)
+        self._met.book(supplied=by_motors, dissipated=by_joints, numerical=numerical)
 
     def force_between(self, first: int, second: int) -> Array:
         """Of the last step on the first of two bodies, (3,), N."""
@@ -353,8 +369,8 @@ def compiled_world(
 ) -> CompiledWorld | None:
     """What takes whole steps of h s of bodies; None where one of them is none that it knows."""
     tables = dict[int, SoftTable]()
-    rigid = [body for body in bodies.values() if isinstance(body, Rigid) and body.touches]
-    if any(body.off[0].any() or (body.off[1] != np.eye(3)).any() for body in rigid):
+    rigid = [number for number, body in enumerate(bodies.values()) if isinstance(body, Rigid)]
+    if order_of_tries(joints, {number: b for b, number in enumerate(rigid)}) is None:
         return None
     for number, body in enumerate(bodies.values()):
         if isinstance(body, Soft):

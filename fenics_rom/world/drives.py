@@ -13,13 +13,14 @@ Friction, damping and limits have t s ≤ 0: they take energy at any step. Rotor
 last bit, and the motor's h t s is what it supplies.
 """
 
-import itertools
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 from fenics_rom.arguments import is_number
 from fenics_rom.errors import SceneError, check_known, shown
+from fenics_rom.world.drive_law import MOST_PIECES, set_law, stored
 
 MOTORS = ("position", "velocity", "torque")
 
@@ -108,17 +109,18 @@ class Drive:
 
     def energy(self, state: "State") -> float:
         """Of rotor and spring, J."""
-        return (self.armature * state.rotor**2 + self.stiffness * (state.position - self.rest) ** 2) / 2
+        return stored(self.numbers, state.position, state.rotor)
 
-    @property
-    def lower(self) -> float:
-        """The least position."""
-        return -math.inf if self.limits is None else self.limits[0]
-
-    @property
-    def upper(self) -> float:
-        """The largest position."""
-        return math.inf if self.limits is None else self.limits[1]
+    @cached_property
+    def numbers(self) -> tuple[float, ...]:
+        """As `drive_law` has it."""
+        lower, upper = (-math.inf, math.inf) if self.limits is None else self.limits
+        kind, gain, damping, most = 0, 0.0, 0.0, math.inf
+        if self.motor is not None:
+            kind, gain, damping = 1 + MOTORS.index(self.motor.kind), self.motor.gain, self.motor.damping
+            most = self.motor.most
+        own = self.friction, self.damping, self.armature, self.stiffness, self.rest
+        return tuple(map(float, (lower, upper, *own, kind, gain, damping, most)))
 
 
 def _is_least(name: str, value: float, least: float) -> float:
@@ -152,82 +154,13 @@ class State(NamedTuple):
 STILL = State(0.0, 0.0, 0.0)
 
 
-def law_of(drive: Drive, state: State, h: float) -> list[Piece]:
-    """The law of a step of h s, in pieces from the smallest speed on."""
-    x, a, most = state.position, state.speed, math.inf
-    slope, force = linear_part(drive, state, h)
-    by_motor = motor_line(drive.motor, state, h)
-    if by_motor is not None and drive.motor is not None and drive.motor.most < most:
-        most = drive.motor.most
-    elif by_motor is not None:
-        slope, force, by_motor = slope + by_motor[0], force + by_motor[1], None
-    F, stops = drive.friction, a / 2
-    first, last = (drive.lower - x) / h, (drive.upper - x) / h
-    corners = {first, last}
-    if F:
-        corners |= {0.0, stops}
-    if by_motor is not None and by_motor[0] > 0:
-        corners |= {(by_motor[1] - most) / by_motor[0], (by_motor[1] + most) / by_motor[0]}
-    inside = sorted(corner for corner in corners if first <= corner <= last)
-    pieces = list[Piece]()
-    for begin, end in itertools.pairwise(inside):
-        middle = _between(begin, end)
-        k, b = slope, force
-        if by_motor is not None:
-            t = by_motor[1] - by_motor[0] * middle
-            k, b = (k + by_motor[0], b + by_motor[1]) if abs(t) < most else (k, b + math.copysign(most, t))
-        if F and not min(0.0, stops) < middle < max(0.0, stops):
-            b -= math.copysign(F, middle)
-        pieces.append(Piece(False, k, b, (begin, end), (_at(k, b, begin), _at(k, b, end))))
-    whole = list[Piece]()
-    top = math.inf if first > -math.inf else None
-    for piece in pieces:
-        if top is not None and top > piece.forces[0]:
-            whole.append(Piece(True, 0.0, 0.0, (piece.speeds[0],) * 2, (top, piece.forces[0])))
-        whole.append(piece)
-        top = piece.forces[1]
-    if last < math.inf:
-        whole.append(Piece(True, 0.0, 0.0, (last, last), (whole[-1].forces[1], -math.inf)))
-    return whole
+def law_of(drive: Drive, state: State, a: float, h: float) -> list[Piece]:
+    """The law of a step of h s that begins with a speed a, in pieces from the smallest speed on."""
+    numbers = [[0.0] * 7 for _ in range(MOST_PIECES)]
+    count = set_law(drive.numbers, state, a, h, numbers)
+    return [Piece(steep > 0, k, b, (s, end), (top, t)) for steep, k, b, s, end, top, t in numbers[:count]]
 
 
 def piece_at(law: list[Piece], speed: float) -> int:
     """The first piece of a law that a speed is on; the last one beyond it."""
     return next((k for k, piece in enumerate(law) if speed <= piece.speeds[1]), len(law) - 1)
-
-
-def linear_part(drive: Drive, state: State, h: float) -> tuple[float, float]:
-    """Slope and force at s = 0 of rotor, damping and spring."""
-    rotor = 2 * drive.armature / h
-    slope = rotor + drive.damping + h / 2 * drive.stiffness
-    return slope, rotor * state.rotor - drive.stiffness * (state.position - drive.rest)
-
-
-def motor_line(motor: Motor | None, state: State, h: float) -> tuple[float, float] | None:
-    """The same of a motor without its limit; None where there is none."""
-    if motor is None:
-        return None
-    if motor.kind == "position":
-        return motor.damping + h / 2 * motor.gain, motor.gain * (state.target - state.position)
-    if motor.kind == "velocity":
-        return motor.gain, motor.gain * state.target
-    return 0.0, state.target
-
-
-def motor_force(motor: Motor | None, state: State, h: float, s: float) -> float:
-    """What it pushes with at a speed, N m or N."""
-    line = motor_line(motor, state, h)
-    if motor is None or line is None:
-        return 0.0
-    return min(max(line[1] - line[0] * s, -motor.most), motor.most)
-
-
-def _at(slope: float, force: float, s: float) -> float:
-    return force if slope == 0.0 else force - slope * s
-
-
-def _between(begin: float, end: float) -> float:
-    """A speed between two, of which one or both may be infinite."""
-    if math.isinf(begin):
-        return 0.0 if math.isinf(end) else end - 1.0 - abs(end)
-    return begin + 1.0 + abs(begin) if math.isinf(end) else (begin + end) / 2

@@ -131,4 +131,6 @@ class JoinedWorld(CutWorld):
         joint = self._joints.points.get(name)
         if joint is None or joint.drive is None:
             raise StepError(f"joint {name!r} has no drive, or does not hold now: use a hinge or slider with one")
+        if self._loops is not None and self._loops.is_ahead:
+            self._loops.tell_drives()
         return joint.state

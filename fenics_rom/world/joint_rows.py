@@ -22,17 +22,16 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_geometry import crossed
+from fenics_rom.mechanics.frame_geometry import crossed, vector
 from fenics_rom.world.bodies import Body, Part, PointsOfRigid
-from fenics_rom.world.drives import Drive, Piece, State, law_of, motor_force, piece_at
+from fenics_rom.world.drive_law import motor_force
+from fenics_rom.world.drives import Drive, Piece, State, law_of, piece_at
 from fenics_rom.world.joints import JointPoints
-
-MISSES = 1e-11  # of the largest: by so much a force or speed may miss the piece that its law is on
-MOST_CHANGES = 100  # of pieces in a try; after half of them one at a time
-SMALL = 1e-4  # of an angle: below it y/atan y is its series
+from fenics_rom.world.tolerances import MISSES, MOST_CHANGES
+from fenics_rom.world.turning import turning_along
 
 
-class _Framed(NamedTuple):
+class FramedRows(NamedTuple):
     """Rows of a pair whose directions turn with the bodies."""
 
     rows: list[int]
@@ -44,7 +43,7 @@ class _Framed(NamedTuple):
     arm: Array  # (3,) of the pair on the second one, in its axes, m
 
 
-class _Together(NamedTuple):
+class Together(NamedTuple):
     """Rows of the points of a joint, no more than it holds."""
 
     rows: Array
@@ -60,7 +59,7 @@ class Island(NamedTuple):
     columns: Array
 
 
-class _Driven(NamedTuple):
+class DrivenRow(NamedTuple):
     """A row that a drive acts along."""
 
     name: str
@@ -85,19 +84,22 @@ class JointRows:
         known: (m,) forces of those that are not, else 0.
         z: (m,) forces in the last try.
         islands: rows that move one another, by joints alone.
+        fixed, framed, together, driven, following: rows along axes of the world, and their columns; along axes that
+            turn with bodies; of points of a joint; those that drives act along; those by which these go with others.
     """
 
     def __init__(self, joints: Mapping[str, JointPoints], pairs: Mapping[JointPoints, slice], bodies: Sequence[Any]):
-        self._framed, self._driven, fixed, row = list[_Framed](), list[_Driven](), list[tuple[int, int]](), 0
-        of_row, self._points = list[JointPoints](), list[_Together]()
+        self.framed, self.driven, row = list[FramedRows](), list[DrivenRow](), 0
+        self.fixed = list[tuple[int, int]]()
+        of_row, self.together = list[JointPoints](), list[Together]()
         for name, joint in joints.items():
             both = bodies[joint.first], bodies[joint.second]
             points = np.flatnonzero(joint.are_forces & ~np.isin(np.arange(len(joint.points)), list(joint.axes)))
             together = joint.is_rigid and len(points) > 1
             if together:
                 basis = _independent(joint.on_first.arms[points])
-                self._points.append(
-                    _Together(np.arange(row, row + len(basis)), basis, pairs[joint].start + points, both[0])
+                self.together.append(
+                    Together(np.arange(row, row + len(basis)), basis, pairs[joint].start + points, both[0])
                 )
                 row += len(basis)
                 of_row += [joint] * len(basis)
@@ -106,12 +108,12 @@ class JointRows:
                 if together and k in points:
                     continue
                 if axes is None:
-                    fixed += [(row + axis, 3 * pair + axis) for axis in range(3)]
+                    self.fixed += [(row + axis, 3 * pair + axis) for axis in range(3)]
                     row += 3
                 else:
                     row += len(axes)
-                    self._framed.append(
-                        _Framed(
+                    self.framed.append(
+                        FramedRows(
                             list(range(begin, row)),
                             axes,
                             k in joint.on_first.couples,
@@ -121,21 +123,21 @@ class JointRows:
                         )
                     )
                     if joint.drive is not None:
-                        self._driven.append(_Driven(name, row - 1, pair, joint, joint.drive))
+                        self.driven.append(DrivenRow(name, row - 1, pair, joint, joint.drive))
                 of_row += [joint] * (row - begin)
-        by_name, groups = {each.name: each for each in self._driven}, _groups(joints.values(), bodies)
-        self._follow = list[tuple[int, _Driven, _Driven, float]]()
-        for each in self._driven:
+        by_name, groups = {each.name: each for each in self.driven}, _groups(joints.values(), bodies)
+        self.following = list[tuple[int, DrivenRow, DrivenRow, float]]()
+        for each in self.driven:
             if each.drive.follows is not None and each.drive.follows[0] in by_name:
-                self._follow.append((row, each, by_name[each.drive.follows[0]], each.drive.follows[1]))
+                self.following.append((row, each, by_name[each.drive.follows[0]], each.drive.follows[1]))
                 row += 1
         of_group = [groups[joint] for joint in of_row]
-        for _, each, leader, _ in self._follow:
+        for _, each, leader, _ in self.following:
             mine, other = groups[each.joint], groups[leader.joint]
             of_group = [mine if group == other else group for group in [*of_group, mine]]
             groups = {joint: mine if group == other else group for joint, group in groups.items()}
         self.D, self.held = np.zeros((row, 3 * sum(of.stop - of.start for of in pairs.values()))), np.ones(row, bool)
-        for of, column in fixed:
+        for of, column in self.fixed:
             self.D[of, column] = 1.0
         self.compliance, self.speed, self.known, self.z = np.zeros((4, row))
         self.islands = list[Island]()
@@ -149,15 +151,15 @@ class JointRows:
     @property
     def is_driven(self) -> bool:
         """Whether a drive acts along any."""
-        return bool(self._driven)
+        return bool(self.driven)
 
     def begin(self, h: float, before: Array) -> None:
         """Begins a step of h s; before: u (J, 3) of the pairs then, m/s."""
         self.h, self._changes = h, 0
         self._direct(begins=True)
         speeds = self.D.dot(before.ravel())
-        for each in self._driven:
-            law = law_of(each.drive, each.joint.state._replace(speed=float(speeds[each.row])), h)
+        for each in self.driven:
+            law = law_of(each.drive, each.joint.state, float(speeds[each.row]), h)
             known = self._laws.get(each.row, [])
             if len(law) != len(known):
                 self._on[each.row] = piece_at(law, float(speeds[each.row]))
@@ -166,13 +168,13 @@ class JointRows:
 
     def expect(self, places: Array, h: float) -> None:
         """Sets where sliding points are expected among places (J, 3) of the pairs."""
-        for each in self._framed:
+        for each in self.framed:
             if not each.turns:
                 places[each.pair] = each.second.expected_place(each.arm, h)
 
     def meet(self, parts: Sequence[Part]) -> None:
         """Has first bodies be held where sliding points are now; parts: the bodies with all points of joints."""
-        for each in self._framed:
+        for each in self.framed:
             if not each.turns:
                 (part,) = (part for part in parts if part.body is each.first)
                 pose, first = each.second.pose, each.first.pose
@@ -187,18 +189,19 @@ class JointRows:
     def _direct(self, begins: bool = False) -> float:
         changed = 0.0
         if begins:
-            for held, basis, of, body in self._points:
+            for held, basis, of, body in self.together:
                 directions = basis.dot(body.tried_turn(True)[1].T)
                 for k, pair in enumerate(of.tolist()):
                     self.D[held, 3 * pair : 3 * pair + 3] = directions[:, k]
-        for rows, axes, turns, pair, first, second, _ in self._framed:
+        for rows, axes, turns, pair, first, second, _ in self.framed:
             turn, R = first.tried_turn(begins)
             along = axes.dot(R.T)
             if turns:
-                along = _turning(along[0], turn, second.tried_turn(begins)[0])[None]
+                turns_by = vector(turn), vector(second.tried_turn(begins)[0])
+                along = np.array([turning_along(vector(along[0]), *turns_by)])
             changed = max(changed, float(np.abs(self.D[rows, 3 * pair : 3 * pair + 3] + along).max()))
             self.D[rows, 3 * pair : 3 * pair + 3] = -along
-        for row, each, leader, ratio in self._follow:
+        for row, each, leader, ratio in self.following:
             self.D[row] = self.D[each.row] - ratio * self.D[leader.row]
         return changed
 
@@ -218,7 +221,7 @@ class JointRows:
         """Whether all rows are on the pieces where velocities u (J, 3) and forces z (m,) are; else goes to others."""
         s, self.z = self.D.dot(u.ravel()), z
         fastest, largest, fits = MISSES * np.abs(u).max(initial=0.0), MISSES * np.abs(z).max(initial=0.0), True
-        for each in self._driven:
+        for each in self.driven:
             row, on = each.row, self._on[each.row]
             piece, to = self._laws[row][on], on
             if piece.is_steep:
@@ -228,11 +231,11 @@ class JointRows:
             if to == on:
                 continue
             self._changes += 1
-            if self._changes > MOST_CHANGES * (1 + len(self._driven)):
+            if self._changes > MOST_CHANGES * (1 + len(self.driven)):
                 raise StepError(f"joint {each.name!r}: its friction or limits were not found; a smaller dt is the cure")
             self._on[row], fits = int(to), False
             self._set(row)
-            if self._changes > MOST_CHANGES * len(self._driven) / 2:
+            if self._changes > MOST_CHANGES * len(self.driven) / 2:
                 break
         return fits
 
@@ -243,20 +246,20 @@ class JointRows:
 
     def take_targets(self, targets: Mapping[str, float]) -> None:
         """Of motors in the next step, by name; of others 0."""
-        for each in self._driven:
+        for each in self.driven:
             each.joint.state = each.joint.state._replace(target=targets.get(each.name, 0.0))
 
     @property
     def energy(self) -> float:
         """Of rotors and springs, J."""
-        return math.fsum(each.drive.energy(each.joint.state) for each in self._driven)
+        return math.fsum(each.drive.energy(each.joint.state) for each in self.driven)
 
     def end(self, u: Array, ledger: EnergyLedger) -> None:
         """Ends the step, with velocities u (J, 3), and books it."""
         h, s = self.h, self.D.dot(u.ravel())
-        for each in self._driven:
+        for each in self.driven:
             speed, z, state = float(s[each.row]), float(self.z[each.row]), each.joint.state
-            by_motor = motor_force(each.drive.motor, state, h, speed)
+            by_motor = motor_force(each.drive.numbers, state, h, speed)
             rotor = 2 * speed - state.rotor if each.drive.armature else 0.0
             ended = State(state.position + h * speed, speed, rotor, state.target, by_motor, z)
             stored = each.drive.energy(ended) - each.drive.energy(state)
@@ -270,9 +273,9 @@ class JointRows:
         W: velocities per impulse, (3J, 3J); stopped: which of them are, (J, 3).
         """
         self._direct(begins=True)
-        rotors = {each.row: each for each in self._driven if each.drive.armature}
+        rotors = {each.row: each for each in self.driven if each.drive.armature}
         held, target, slack = np.ones(len(self.D), dtype=bool), np.zeros(len(self.D)), np.zeros(len(self.D))
-        for each in self._driven:
+        for each in self.driven:
             hits = self._is_at_limit(each.row)
             held[each.row] = hits or each.row in rotors
             if each.row in rotors and not hits:
@@ -312,16 +315,6 @@ def scaled_pinv(matrix: Array, rcond: float) -> Array:
     scale = 1 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
     inverse: Array = scale[:, None] * np.linalg.pinv(scale[:, None] * matrix * scale, rcond=rcond) * scale
     return inverse
-
-
-def _turning(along: Array, turn: Array, other: Array) -> Array:
-    """Direction of the row of a hinge along ā, (3,), of bodies that turn by w (3,) each in the step."""
-    size = float(along.dot(along))
-    c = float((other - turn).dot(along)) / size
-    X = 1 + (float(turn.dot(turn)) + c * float(turn.dot(along))) / 4
-    y = c / (2 * X)
-    share = 1 + y * y / 3 if abs(y) < SMALL else y / math.atan(y)
-    return along / (size * X * share)
 
 
 def _groups(joints: Iterable[JointPoints], bodies: Sequence[Body]) -> dict[JointPoints, int]:

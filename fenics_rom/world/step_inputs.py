@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.arguments import is_number
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import FLOAT, BasePath, CheckedMotion
 from fenics_rom.mechanics.signals import real_numbers
@@ -36,7 +37,9 @@ class StepInputs:
 
     Args:
         soft, rigid, driven: these bodies; rigid ones by their row and name.
+        motors: by the names of their joints, which drive each is.
         given: of rigid bodies, `Freedoms.given`.
+        targets: of drives, (Q,).
         h: s.
 
     Attributes:
@@ -48,18 +51,21 @@ class StepInputs:
         soft: Sequence[SoftOne],
         rigid: Sequence[tuple[int, str, Rigid]],
         driven: Sequence[Driven],
+        motors: Mapping[str, int],
         given: Array,
+        targets: Array,
         h: float,
     ):
         self._soft, self._rigid, self._given, self._h = soft, rigid, given, h
         self._moved = [(d, body) for d, body in enumerate(driven) if body.shape is not None]  # others stand still
         self._known = {*(each.name for each in soft), *(name for _, name, _ in rigid)}
+        self._motors, self._targets = {name: q for name, q in motors.items() if name not in self._known}, targets
         self.ends = np.zeros((BOOKED_TOGETHER, len(driven), 13))
 
     def set(self, inputs: Mapping[str, Mapping[str, Any]], time: float) -> bool:
         """Sets what acts in steps from a time, s; whether it is what bodies can take."""
         for name in inputs:
-            if name not in self._known:
+            if name not in self._known and name not in self._motors:
                 return False
         for each in self._soft:
             u, environment = each.u, each.environment
@@ -73,6 +79,13 @@ class StepInputs:
             if len(loads):
                 u[len(u) - len(loads) :] = environment.loads = loads
             each.body.tensions.note(u)
+        self._targets.fill(0.0)
+        for name, q in self._motors.items() if inputs else ():
+            if name in inputs:
+                given = inputs[name]
+                if not (isinstance(given, Mapping) and set(given) <= {"target"} and is_number(given.get("target", 0))):
+                    return False
+                self._targets[q] = given.get("target", 0.0)
         self._given.fill(0.0)
         for b, name, rigid in self._rigid if inputs else ():
             if name in inputs:

@@ -23,6 +23,7 @@ from fenics_rom.mechanics.frame_motion import (
 TOLERANCE = 1e-16  # of the angular velocity: what the next correction may be
 STAGNATION = 1e-12  # of it: as near as round-off of large forces of joints lets it come
 MOST_ITERATIONS = 50
+SMALL = 1e-4  # of an angle: below it y/atan y is its series
 NONE: Rotation = (ZERO, ZERO, ZERO)
 UNIT: Rotation = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -95,6 +96,17 @@ def torque_of(R: Rotation, moment: Rotation) -> Vector:
     """Σ (R a) × f from Σ a fᵀ."""
     x, y, z = product(R, moment)
     return y[2] - z[1], z[0] - x[2], x[1] - y[0]
+
+
+def turning_along(along: Vector, turn: Vector, other: Vector) -> Vector:
+    """Direction of the row of a hinge along ā, of bodies that turn by w in the step: `joint_rows`."""
+    size = dot(along, along)
+    c = dot(added(other, -1.0, turn), along) / size
+    X = 1 + (dot(turn, turn) + c * dot(turn, along)) / 4
+    y = c / (2 * X)
+    share = 1 + y * y / 3 if abs(y) < SMALL else y / math.atan(y)
+    scale = 1 / (size * X * share)
+    return scale * along[0], scale * along[1], scale * along[2]
 
 
 class Answers(NamedTuple):

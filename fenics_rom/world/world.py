@@ -138,7 +138,7 @@ class World(JoinedWorld):
         """Has whole steps taken by compiled functions from now on, if they know all that there is."""
         self._leave_loops()
         touches_itself = any(meeting.own is not None for meeting in self._meetings)
-        waits = self._step_pairs.rows is not None or self._joints.next_change == -math.inf
+        waits = self._joints.next_change == -math.inf
         if not compiled() or self._lone is not None or touches_itself or waits:
             return
         from fenics_rom.world.compiled_world import compiled_world  # here, as numba takes time to import
@@ -255,6 +255,7 @@ class World(JoinedWorld):
         if self._loops is not None and self._loops.is_ahead:
             for number in range(len(self._bodies)):
                 self._loops.tell(number)
+            self._loops.tell_drives()
 
     def _find(self, inputs: Mapping[str, Mapping[str, Any]]) -> tuple[Pairs, Found, Guide]:
         """Opens a step, and finds its forces; all bodies have tried them last."""

@@ -17,6 +17,7 @@ from fenics_rom.world.compiled.tables import (
     FREE,
     GIVEN,
     JOINED,
+    SLIDES,
     SOFT_BOTH,
     SOFT_FIRST,
     SOFT_SECOND,
@@ -34,10 +35,12 @@ from fenics_rom.world.compiled.tables import (
 )
 from fenics_rom.world.driven import Driven as DrivenBody
 from fenics_rom.world.free_soft import FreeSoft
+from fenics_rom.world.joint_rows import JointRows
 from fenics_rom.world.joints import JointPoints
 from fenics_rom.world.make_bodies import AnyBody
 from fenics_rom.world.meetings import Meeting
 from fenics_rom.world.rigid import Rigid
+from fenics_rom.world.row_arrays import row_arrays
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.soft_tables import SoftTable
 from fenics_rom.world.tolerances import NO_GAP
@@ -54,6 +57,7 @@ def world_arrays(
     joints: Sequence[JointPoints],
     tables: Mapping[int, SoftTable],
     dissipated: Array,
+    rows: JointRows | None,
 ) -> World:
     """Those of bodies by their numbers.
 
@@ -62,6 +66,7 @@ def world_arrays(
         joints: that hold.
         tables: of the soft bodies, by number.
         dissipated: by each meeting, J, which steps add to.
+        rows: of joints, where these are not all points alone.
     """
     rigid = [n for n, body in enumerate(bodies) if isinstance(body, Rigid)]
     driven = [n for n, body in enumerate(bodies) if isinstance(body, DrivenBody)]
@@ -80,9 +85,10 @@ def world_arrays(
         Kept(np.full(F, -1), np.zeros((F, 3)), np.zeros(F, dtype=np.int64), dissipated),
         _near(F + J, joined.nodes.shape[2]),
         Operators(np.zeros(3), *_kept_pairs(most, fewest), np.zeros((S, TURNS)), *np.zeros((3, 9 * most * most))),
-        Owed(np.zeros((BOOKED_TOGETHER, B, 3)), np.zeros((BOOKED_TOGETHER, 4))),
+        Owed(np.zeros((BOOKED_TOGETHER, B, 3)), np.zeros((BOOKED_TOGETHER, 5))),
         joined,
         _near(F + J, joined.nodes.shape[2]),
+        row_arrays(rows, joints, {n: b for b, n in enumerate(rigid)}, {n: s for s, n in enumerate(tables)}),
     )
 
 
@@ -126,7 +132,8 @@ def _rigid(bodies: Sequence[Rigid]) -> tuple[RigidBodies, Freedoms]:
     gravity = np.array([body.gravity for body in bodies], dtype=float).reshape(-1, 3)
     rigid = RigidBodies(mass, inertia, np.zeros((B, 3, 3)), np.zeros((B, 3, 3)), np.zeros((B, 2, 3)))
     moving = np.zeros((B, 2, 3)), np.zeros((B, 4)), np.zeros((B, 3)), np.zeros((B, 3))
-    return rigid, Freedoms(gravity, *moving, np.linalg.inv(inertia), size, np.zeros((B, 4, 3)))
+    off = np.array([np.concatenate([body.off[0], body.off[1].ravel()]) for body in bodies], dtype=float).reshape(-1, 12)
+    return rigid, Freedoms(gravity, *moving, np.linalg.inv(inertia), size, np.zeros((B, 4, 3)), off)
 
 
 def _driven(bodies: Sequence[DrivenBody]) -> Driven:
@@ -173,6 +180,7 @@ def _joined(bodies: Sequence[AnyBody], joints: Sequence[JointPoints], fewest: in
         ends[rows] = joint.first, joint.second
         for couple in joint.on_first.couples.tolist():
             couples[rows.start + couple], count = count, count + 1
+        couples[rows.start + joint.on_second.tells] = SLIDES
         for side, points in enumerate((joint.on_first, joint.on_second)):
             wide = points.nodes.shape[1]
             nodes[rows, side, :wide], weights[rows, side, :wide] = points.nodes, points.weights

@@ -28,7 +28,7 @@ from fenics_rom.runtime.compiled.frames import (
     vector,
 )
 from fenics_rom.world.compiled.rigid_bodies import RigidBodies, rows_of
-from fenics_rom.world.compiled.soft_bodies import put_rows
+from fenics_rom.world.compiled.soft_bodies import put_rows, rows_in
 from fenics_rom.world.compiled.tables import (
     ASKEW,
     AWAY,
@@ -57,19 +57,26 @@ def times(R: Rotation, C: Rotation) -> Rotation:
 
 
 @jit_part
+def middle_of(bodies: RigidBodies, freedoms: Freedoms, h: float, b: int) -> Vector:
+    """Where the centre of mass of a body is expected in the middle of a step of h s, m."""
+    p, v = vector(bodies.motion[b, 0], 0), vector(bodies.motion[b, 1], 0)
+    return added(added(p, h / 2, v), h * h / 4, vector(freedoms.acceleration[b], 0))
+
+
+@jit_part
 def begin_rigid(bodies: RigidBodies, freedoms: Freedoms, h: float, b: int, placed: Array, travel: Array) -> bool:
-    """Begins the step of a body; whether it could. Sets where it is in the middle, (12,), and how far it goes, (4,)."""
-    p, v, ω = vector(bodies.motion[b, 0], 0), vector(bodies.motion[b, 1], 0), vector(bodies.motion[b, 2], 0)
+    """Begins the step of a body; whether it could. Sets where its shape is in the middle, (12,); how far it goes, (4,)."""
+    v, ω = vector(bodies.motion[b, 1], 0), vector(bodies.motion[b, 2], 0)
     speed = length(ω)
     if not h * speed <= LARGEST_TURN:
         return False
     gravity, pulled = vector(freedoms.gravity[b], 0), vector(freedoms.acceleration[b], 0)
     put(bodies.loads[b, 0], 0, added(gravity, 1 / bodies.mass[b], vector(freedoms.given[b, 0], 0)))
     put(bodies.loads[b, 1], 0, vector(freedoms.given[b, 1], 0))
-    put(placed, 0, added(added(p, h / 2, v), h * h / 4, pulled))
-    R = rows_of(bodies.rotation[b])
     half = (h / 2 * ω[0], h / 2 * ω[1], h / 2 * ω[2])
-    put_rows(placed, 3, times(R, rotation_of(*turned((1.0, 0.0, 0.0, 0.0), half))))
+    R, off = times(rows_of(bodies.rotation[b]), rotation_of(*turned((1.0, 0.0, 0.0, 0.0), half))), freedoms.off[b]
+    put(placed, 0, added(middle_of(bodies, freedoms, h, b), 1.0, rotated(R, vector(off, 0))))
+    put_rows(placed, 3, times(R, rows_in(off, 3)))
     put(travel, 0, (h * v[0], h * v[1], h * v[2]))
     travel[3] = h * (speed * freedoms.size[b] + h * (length(gravity) + length(pulled) / 4))
     return True

@@ -12,22 +12,23 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_part, jit_shared
 from fenics_rom.compiled_arrays import flat
 from fenics_rom.mechanics.compiled import contact_law
-from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law, Pairs
+from fenics_rom.mechanics.compiled.contact_law import FOUND, NOTHING, OTHERWISE, Law
 from fenics_rom.mechanics.compiled.copying import add_row, copy, fill
-from fenics_rom.mechanics.compiled.coulomb import add_motion, frame_along
+from fenics_rom.mechanics.compiled.coulomb import add_motion
 from fenics_rom.runtime.compiled.frames import dot, vector
 from fenics_rom.world import normal_law
 from fenics_rom.world.compiled.joints import Held, hold, join, without_contact
+from fenics_rom.world.compiled.law_of_pairs import along, largest, pairs_among, set_in_frame
 from fenics_rom.world.compiled.operators import Operator, operator_among
 from fenics_rom.world.compiled.rigid_bodies import take_back
+from fenics_rom.world.compiled.row_forces import find_with_rows
+from fenics_rom.world.compiled.row_tables import rows_at
 from fenics_rom.world.compiled.tables import HELPED, OF_FRICTION, OF_RESTITUTION, OUT, OWN, SWUNG, joined_at, near_at
 from fenics_rom.world.compiled.tries import try_forces, try_others, try_rigid
-from fenics_rom.world.tolerances import MOST_SWEEPS, ROUND_OFF, SLOW, TOLERANCE
+from fenics_rom.world.tolerances import FEW_SWEEPS, MOST_SWEEPS, ROUND_OFF, SLOW, STAGNATION, TOLERANCE
 
 _normal_law = jit_shared(normal_law.normal_law)
-STAGNATION = 1e-11  # of velocities: as near as round-off of large forces of joints lets it come
 REDUNDANT = 1e-9  # of the largest pivot: what joints hold twice
-FEW_SWEEPS = 5  # after which W is found anew, where they are slow and bodies are joined
 MOST_ROUNDS = 10  # in which more contacts take part
 
 
@@ -58,14 +59,14 @@ def find_forces(world: Array, C: int, law: Law, free: bool) -> Found:
     fastest = max(fastest, try_rigid(world, C, h, none)) if np.isfinite(fastest) else fastest
     if not np.isfinite(fastest):
         return Found(OTHERWISE, 0, 0.0)
-    scale = max(fastest, _largest(before), _largest(u))
+    scale = max(fastest, largest(before), largest(u))
     if J and C:  # who would close is seen where joints hold
         alone, nobody = np.zeros((n, 3)), np.empty(0, dtype=np.int64)
         for j in range(C, n):
             copy(f[j], alone[j])
         asked = np.empty(0), np.empty(0)
         once = 1 + 0 * n  # no constant, of which numba would compile what takes it by itself
-        found = _find_among(world, C, law, asked[0], asked[1], nobody, alone, fixed, scale, once, free)
+        found = _search(world, C, law, asked[0], asked[1], nobody, alone, fixed, scale, once, free)
         if found.status == OTHERWISE:
             return found
     level, target, chosen = _ask(world, C, h)
@@ -74,7 +75,7 @@ def find_forces(world: Array, C: int, law: Law, free: bool) -> Found:
         among = _taking_part(chosen, f[:C])
         if len(among) + J == 0:
             return Found(FOUND, 1, scale)
-        found = _find_among(world, C, law, level, target, among, f, fixed, scale, MOST_SWEEPS + 0 * n, free)
+        found = _search(world, C, law, level, target, among, f, fixed, scale, MOST_SWEEPS + 0 * n, free)
         sweeps, scale = sweeps + found.sweeps, found.scale
         if found.status == OTHERWISE:
             return found
@@ -86,6 +87,28 @@ def find_forces(world: Array, C: int, law: Law, free: bool) -> Found:
         if not missed:
             return Found(FOUND, sweeps, scale)
     return Found(OTHERWISE, sweeps, scale)
+
+
+@jit_part
+def _search(
+    world: Array,
+    C: int,
+    law: Law,
+    level: Array,
+    target: Array,
+    among: Array,
+    f: Array,
+    fixed: Array,
+    scale: float,
+    most: int,
+    free: bool,
+) -> Found:
+    """As `_find_among`, also where joints are rows."""
+    if len(rows_at(world).bodies) == 0:
+        return _find_among(world, C, law, level, target, among, f, fixed, scale, most, free)
+    told = np.array((scale, 0.0))
+    status = find_with_rows(world, C, law, level, target, among, f, free, most, told)
+    return Found(status, int(told[1]), told[0])
 
 
 @jit_part
@@ -113,25 +136,6 @@ def _taking_part(chosen: Array, f: Array) -> Array:
 
 
 @jit_part
-def _pairs_among(world: Array, among: Array, level: Array, target: Array) -> Pairs:
-    """What the law asks of some contacts (K,)."""
-    near, K = near_at(world), len(among)
-    axes, friction = np.empty((K, 3, 3)), np.empty(K)
-    free, relative, asked = np.empty((K, 3)), np.empty((K, 3)), np.empty((K, 3))
-    none = np.zeros(K, dtype=np.bool_)
-    pairs = Pairs(axes, free, relative, asked, level[among], none, none.copy(), friction, near.forces[among])
-    for i in range(K):
-        c = among[i]
-        copy(near.normals[c], axes[i, 0])
-        friction[i] = near.numbers[c, OF_FRICTION]
-        frame_along(axes[i])
-        _set_in_frame(axes[i], near.before[c], relative[i])
-        slides = 0.5 if friction[i] > 0 else 0.0
-        asked[i, 0], asked[i, 1], asked[i, 2] = target[c], slides * relative[i, 1], slides * relative[i, 2]
-    return pairs
-
-
-@jit_part
 def _find_among(
     world: Array,
     C: int,
@@ -155,7 +159,7 @@ def _find_among(
         most: sweeps; after the last one forces may be what came.
     """
     near, h, K, J = near_at(world), law.h, len(among), len(f) - C
-    rows, pairs = np.concatenate((among, np.arange(C, C + J))), _pairs_among(world, among, level, target)
+    rows, pairs = np.concatenate((among, np.arange(C, C + J))), pairs_among(world, among, level, target)
     if not free:
         copy(fixed, near.u[: len(f)])
         fastest = try_rigid(world, C, h, f)
@@ -178,17 +182,17 @@ def _find_among(
         _move(Wᵀ, -tried, without)
     for i in range(K):
         swung[i] = int(near.numbers[among[i], SWUNG])
-        near.numbers[among[i], OWN] = _along(Wᵀ, i, pairs.axes[i, 0])
+        near.numbers[among[i], OWN] = along(Wᵀ, i, pairs.axes[i, 0])
     for sweep in range(1, most + 1):
-        scale = max(scale, fastest, _largest(without))
+        scale = max(scale, fastest, largest(without))
         copy(without, without_joints)
         if J:
             without_contact(held, Wᵀ, without_joints, by_joints)
-        if not np.isfinite(_largest(without_joints)):
+        if not np.isfinite(largest(without_joints)):
             break
         if K:
             for i in range(K):
-                _set_in_frame(pairs.axes[i], without_joints[i], pairs.free[i])
+                set_in_frame(pairs.axes[i], without_joints[i], pairs.free[i])
                 pairs.chosen[i] = pairs.chosen[i] or pairs.free[i, 0] < pairs.level[i]
             of_contacts = held.contactsᵀ if J else Wᵀ
             status = contact_law.find_forces(law, of_contacts, operator.inverse, K, swung, pairs).status
@@ -220,7 +224,7 @@ def _find_among(
         for i in range(K + J):
             for k in range(3):
                 moved[i, k] = known[i, k] - moved[i, k]  # as was not
-        missed = _largest(moved)
+        missed = largest(moved)
         if not (np.isfinite(fastest) and np.isfinite(missed)):
             break
         if size * size < TOLERANCE * scale * size_before or missed <= ROUND_OFF * scale or sweep == most:
@@ -242,16 +246,6 @@ def _find_among(
 
 
 @jit_part
-def _along(Wᵀ: Array, i: int, n: Array) -> float:
-    """How a pair moves along a normal under a force along it, m/s/N."""
-    total = 0.0
-    for k in range(3):
-        for j in range(3):
-            total += n[k] * Wᵀ[3 * i + k, 3 * i + j] * n[j]
-    return total
-
-
-@jit_part
 def _hold(operator: Operator, C: int, J: int) -> Held:
     """What J points of joints make of C contacts; nothing where there are none."""
     return hold(operator.Wᵀ, C, REDUNDANT) if J else hold(np.empty((0, 0)), J, REDUNDANT)
@@ -262,13 +256,7 @@ def _changed(Wᵀ: Array, f: Array, before: Array, moved: Array) -> float:
     """By how much velocities change with forces (K, 3), at most, m/s; moved: by how much each does, set."""
     fill(moved, 0.0)
     _move(Wᵀ, f - before, moved)
-    return _largest(moved)
-
-
-@jit_part
-def _set_in_frame(axes: Array, vector: Array, turned: Array) -> None:
-    for k in range(3):
-        turned[k] = axes[k, 0] * vector[0] + axes[k, 1] * vector[1] + axes[k, 2] * vector[2]
+    return largest(moved)
 
 
 @jit_part
@@ -280,12 +268,3 @@ def _move(Wᵀ: Array, f: Array, u: Array) -> None:
             add_motion(Wᵀ, c, f[c, 0], f[c, 1], f[c, 2], whole)
 
 
-@jit_part
-def _largest(values: Array) -> float:
-    """Of numbers (C, 3), without their signs; not a number where one is none."""
-    largest = 0.0
-    for c in range(len(values)):
-        for k in range(3):
-            if not abs(values[c, k]) <= largest:
-                largest = abs(values[c, k])
-    return largest

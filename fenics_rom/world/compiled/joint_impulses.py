@@ -41,7 +41,7 @@ from fenics_rom.world.compiled.tables import (
     softs_at,
 )
 
-_transposed = jit_shared(turning.transposed)
+transposed = jit_shared(turning.transposed)
 REDUNDANT = 1e-12  # of the largest pivot: what joints hold twice
 
 
@@ -56,7 +56,7 @@ def stop_joints(world: Array, works: Array, met: Array) -> None:
     u = np.zeros((J, 3))
     for j in range(J):
         if joined.are_stopped[j]:
-            put(u[j], 0, _velocity_between(world, j))
+            put(u[j], 0, velocity_between(world, j))
     if not u.any():
         return
     W, impulses = np.zeros((3 * J, 3 * J)), np.empty((J, 3))
@@ -64,23 +64,23 @@ def stop_joints(world: Array, works: Array, met: Array) -> None:
         if bodies.kinds[b] == RIGID:
             _add_rigid(world, b, W)
         elif bodies.kinds[b] == SOFT:
-            _add_soft(world, b, W)
+            add_soft(world, b, W)
     solve_held(factor_of(W, REDUNDANT), -u.reshape(3 * J), impulses.reshape(3 * J))
     for b in range(len(bodies.kinds)):
         for j in range(J):
             if joined.ends[j, 0] == b or joined.ends[j, 1] == b:
-                _kick(world, b, impulses, works[b])
+                kick(world, b, impulses, works[b])
                 break
     taken = 0.0
     for j in range(J):
         if joined.are_stopped[j]:
-            left = _velocity_between(world, j)
+            left = velocity_between(world, j)
             taken -= dot(vector(impulses[j], 0), added(vector(u[j], 0), 1.0, left)) / 2
-    met[BY_JOINTS] = taken
+    met[BY_JOINTS] += taken
 
 
 @jit_part
-def _velocity_between(world: Array, j: int) -> Vector:
+def velocity_between(world: Array, j: int) -> Vector:
     """Of the first body at a point of a joint relative to the second, when a step has ended, m/s."""
     joined, u = joined_at(world), (0.0, 0.0, 0.0)
     for side in range(2):
@@ -134,7 +134,7 @@ def _add_rigid(world: Array, b: int, W: Array) -> None:
                 set_map_of_couple(maps, 3 * j, 1.0 - 2 * side)
             elif joined.ends[j, side] == b and joined.are_stopped[j]:
                 set_map(maps, 3 * j, 1.0 - 2 * side, rotated(R, vector(joined.arms[j, side], 0)))
-    by_torque = times(R, _transposed(times(R, rows_of(freedoms_at(world).inverse[index]))))
+    by_torque = times(R, transposed(times(R, rows_of(freedoms_at(world).inverse[index]))))
     for row in range(len(W)):
         for k in range(3):
             add_row(maps[k], maps[k, row] / rigid.mass[index], W[row])
@@ -143,7 +143,7 @@ def _add_rigid(world: Array, b: int, W: Array) -> None:
 
 
 @jit_part
-def _add_soft(world: Array, b: int, W: Array) -> None:
+def add_soft(world: Array, b: int, W: Array) -> None:
     """The same of a soft body that is not free."""
     joined, table = joined_at(world), softs_at(world)[bodies_at(world).numbers[b]]
     rows, R = points_at(table).rows, rotation_of(*rotation_in(state_at(table).now[0]))
@@ -168,7 +168,7 @@ def _add_soft(world: Array, b: int, W: Array) -> None:
 
 
 @jit_part
-def _kick(world: Array, b: int, impulses: Array, works: Array) -> None:
+def kick(world: Array, b: int, impulses: Array, works: Array) -> None:
     """Adds impulses (J, 3), N s, to a body, and what it gets to its works (3,), J."""
     bodies, joined = bodies_at(world), joined_at(world)
     kind, index, work = bodies.kinds[b], bodies.numbers[b], 0.0

@@ -5,19 +5,44 @@ from numpy import ndarray as Array
 from fenics_rom.compilation import jit_apart, jit_part
 from fenics_rom.mechanics.compiled.copying import copy_rows
 from fenics_rom.mechanics.frame_motion import Vector
-from fenics_rom.runtime.compiled.frames import added, put, rotated, rotated_back, vector
-from fenics_rom.world.compiled.bodies import start_turning_of, start_velocity_at
+from fenics_rom.runtime.compiled.frames import (
+    added,
+    cross,
+    put,
+    rotated,
+    rotated_back,
+    rotation_in,
+    rotation_of,
+    vector,
+)
+from fenics_rom.world.compiled.bodies import (
+    middle_of,
+    start_turning_of,
+    start_velocity_at,
+    start_velocity_of_driven,
+    start_velocity_of_rigid,
+)
 from fenics_rom.world.compiled.couples import look_at_turning, turned_by, turning_of
+from fenics_rom.world.compiled.rigid_bodies import rows_of
+from fenics_rom.world.compiled.row_tables import rows_at
+from fenics_rom.world.compiled.rows import begin_rows
 from fenics_rom.world.compiled.soft_bodies import START, points_at, rows_in, step_at
 from fenics_rom.world.compiled.tables import (
+    DRIVEN,
     FREE,
+    MEAN,
+    MIDDLE,
     OF_JOINT,
     RIGID,
+    SLIDES,
     bodies_at,
+    driven_at,
+    freedoms_at,
     is_soft,
     joined_at,
     kept_at,
     near_at,
+    rigid_at,
     softs_at,
 )
 
@@ -33,7 +58,7 @@ def set_joints(world: Array, C: int, h: float) -> None:
         copy_rows(joined.weights[j], near.weights[c])
         copy_rows(joined.arms[j], near.arms[c])
         put(near.forces[c], 0, vector(joined.forces[j], 0))
-        if joined.couples[j] >= 0:
+        if joined.couples[j] >= 0 and is_soft(bodies.kinds[joined.ends[j, 0]]):
             _look_at_surface(world, j, h)
         for side in range(2):
             body = joined.ends[j, side]
@@ -41,7 +66,35 @@ def set_joints(world: Array, C: int, h: float) -> None:
             near.rigid[c, side] = bodies.numbers[body] if bodies.kinds[body] == RIGID else -1
             moving = _turning_at_start(world, j, body) if joined.couples[j] >= 0 else _start_velocity(world, j, side)
             u = added(u, 1.0 - 2 * side, moving)
+        if joined.couples[j] == SLIDES:
+            u = _begin_to_slide(world, c, j, h)
         put(near.before[c], 0, u)
+    if len(rows_at(world).bodies):
+        begin_rows(world, C, h)
+
+
+@jit_part
+def _begin_to_slide(world: Array, c: int, j: int, h: float) -> Vector:
+    """Sets where a sliding point is expected, where the first body is pushed; relative velocity there, m/s."""
+    bodies, near, joined, rigid, driven = bodies_at(world), near_at(world), joined_at(world), rigid_at(world), driven_at(world)
+    one, other, arm = joined.ends[j, 0], joined.ends[j, 1], vector(joined.arms[j, 1], 0)
+    i, k = bodies.numbers[one], bodies.numbers[other]
+    v = start_velocity_at(world, bodies.kinds[other], k, joined.arms[j, 1])
+    if bodies.kinds[other] == DRIVEN:
+        R, middle = rotation_of(*rotation_in(driven.start[k])), vector(driven.step[k], MIDDLE)
+    else:
+        R, middle = rows_of(rigid.rotation[k]), middle_of(rigid, freedoms_at(world), h, k)
+    arm = rotated(R, arm)
+    turns = start_turning_of(world, bodies.kinds[other], k)
+    place = added(added(middle, 1.0, arm), h / 2, cross(turns, arm))
+    put(near.places[c], 0, place)
+    if bodies.kinds[one] == DRIVEN:
+        return added(start_velocity_of_driven(driven, i, place), -1.0, v)
+    v_one = start_velocity_of_rigid(rigid, i, place, middle_of(rigid, freedoms_at(world), h, i))
+    if bodies.kinds[other] == DRIVEN:  # whose way is known
+        R = rows_in(driven.step[k], MEAN)
+        put(near.places[c], 0, added(middle, 1.0, rotated(R, vector(joined.arms[j, 1], 0))))
+    return added(v_one, -1.0, v)
 
 
 @jit_part

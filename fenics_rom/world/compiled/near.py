@@ -11,7 +11,7 @@ from fenics_rom.mechanics.compiled.shapes import distance
 from fenics_rom.mechanics.frame_motion import Vector
 from fenics_rom.runtime.compiled.contact_points import lacks_rows
 from fenics_rom.runtime.compiled.frames import added, cross, dot, put, rotated, rotated_back, vector
-from fenics_rom.world.compiled.bodies import start_velocity_of_driven, start_velocity_of_rigid
+from fenics_rom.world.compiled.bodies import middle_of, start_velocity_of_driven, start_velocity_of_rigid
 from fenics_rom.world.compiled.joint_points import set_joints
 from fenics_rom.world.compiled.soft_bodies import SPUN, points_at, rows_in, step_at
 from fenics_rom.world.compiled.soft_collision import NONE, find_nearest
@@ -241,7 +241,7 @@ def look_at_start(world: Array, C: int, h: float) -> None:
             body, sign = near.ends[c, side], 1.0 - 2 * side
             kind, index = bodies.kinds[body], bodies.numbers[body]
             if kind == RIGID:
-                u = added(u, sign, start_velocity_of_rigid(rigid, index, place, vector(bodies.placed[body], 0)))
+                u = added(u, sign, start_velocity_of_rigid(rigid, index, place, middle_of(rigid, freedoms, h, index)))
                 gone = added(gone, sign * h * h / 4, vector(freedoms.acceleration[index], 0))
             elif kind == DRIVEN:
                 u = added(u, sign, start_velocity_of_driven(driven, index, place))

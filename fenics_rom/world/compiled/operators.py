@@ -17,6 +17,7 @@ from fenics_rom.runtime.compiled.frames import rotated, vector
 from fenics_rom.world.compiled.couples import are_couples, couple_of
 from fenics_rom.world.compiled.free_operators import Pushes, operator_of_free
 from fenics_rom.world.compiled.rigid_bodies import Pushed, add_answers, inverse_with, look_at_answers
+from fenics_rom.world.compiled.row_tables import rows_at
 from fenics_rom.world.compiled.soft_bodies import MIDDLE, has_residual, outward_of, rows_in, turn_at
 from fenics_rom.world.compiled.soft_operators import Places, operator_of
 from fenics_rom.world.compiled.tables import (
@@ -65,7 +66,8 @@ def pushed_among(world: Array, C: int, among: Array) -> Pushed:
     """Where rigid bodies are pushed by some pairs (n,), of which C are contacts."""
     near = near_at(world)
     inverse, are = freedoms_at(world).inverse, are_couples(near, among)
-    return Pushed(C, near.rigid[among], near.places[among], near.arms[among], inverse, are)
+    none, order = np.empty(0, dtype=np.int64), rows_at(world).turns
+    return Pushed(C, near.rigid[among], near.places[among], near.arms[among], inverse, are, none, order)
 
 
 @jit_part
@@ -82,9 +84,9 @@ def operator_among(world: Array, h: float, among: Array, C: int, free: bool) -> 
         yields = np.zeros(K, dtype=np.bool_)
         for b in range(len(bodies.kinds)):
             if bodies.kinds[b] == SOFT:
-                _add_soft(world, h, among, b, of_soft, yields)
+                add_soft(world, h, among, b, of_soft, yields)
             elif bodies.kinds[b] == FREE:
-                _add_free(world, h, among, b, of_soft, yields)
+                add_free(world, h, among, b, of_soft, yields)
         known[IS_INVERSE_KNOWN], known[YIELDS] = 0.0, yields[:C].all()
         _keep(world, among, is_kept)
     if same and C == K and known[YIELDS] and not known[IS_INVERSE_KNOWN]:
@@ -106,9 +108,9 @@ def be_ready(world: Array, h: float) -> None:
     bodies, nobody = bodies_at(world), np.empty(0, dtype=np.int64)
     for b in range(len(bodies.kinds)):
         if bodies.kinds[b] == SOFT:
-            _add_soft(world, h, nobody, b, np.empty((0, 0)), np.empty(0, dtype=np.bool_))
+            add_soft(world, h, nobody, b, np.empty((0, 0)), np.empty(0, dtype=np.bool_))
         elif bodies.kinds[b] == FREE:
-            _add_free(world, h, nobody, b, np.empty((0, 0)), np.empty(0, dtype=np.bool_))
+            add_free(world, h, nobody, b, np.empty((0, 0)), np.empty(0, dtype=np.bool_))
 
 
 @jit_part
@@ -164,7 +166,7 @@ def _keep(world: Array, among: Array, is_kept: bool) -> None:
 
 
 @jit_apart
-def _add_soft(world: Array, h: float, among: Array, b: int, Wᵀ: Array, yields: Array) -> None:
+def add_soft(world: Array, h: float, among: Array, b: int, Wᵀ: Array, yields: Array) -> None:
     """Adds the part of a soft body that is not free, and notes which contacts yield by it."""
     near, table, K = near_at(world), softs_at(world)[bodies_at(world).numbers[b]], len(among)
     rows, signs, count = np.empty(2 * K, dtype=np.int64), np.empty(2 * K), 0
@@ -192,7 +194,7 @@ def _add_soft(world: Array, h: float, among: Array, b: int, Wᵀ: Array, yields:
 
 
 @jit_apart
-def _add_free(world: Array, h: float, among: Array, b: int, Wᵀ: Array, yields: Array) -> None:
+def add_free(world: Array, h: float, among: Array, b: int, Wᵀ: Array, yields: Array) -> None:
     """The same of a free one, under the forces of now."""
     near, table = near_at(world), softs_at(world)[bodies_at(world).numbers[b]]
     pushes, yields_itself = pushes_on(world, among, near.forces, b), has_residual(table)

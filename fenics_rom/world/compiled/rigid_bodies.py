@@ -47,6 +47,8 @@ class Pushed(NamedTuple):
     arms: Array  # (n, 2, 3) of points of joints on either body, in its axes from its centre of mass, m
     inverse: Array  # of inertias (B, 3, 3), 1/(kg m²)
     are_couples: Array  # (n,) of pairs that stand for how bodies turn
+    slides: Array  # pairs of joints where the first body is pushed where the point of the second one is
+    order: Array  # (B,) in which bodies are tried: second ones of these before first ones
 
 
 @jit_part
@@ -63,7 +65,9 @@ def attempt(bodies: RigidBodies, h: float, pushed: Pushed, f: Array, tries: Arra
     """
     fill(tries, 0.0)
     C, ends, places, arms, couples = pushed.C, pushed.ends, pushed.places, pushed.arms, pushed.are_couples
-    fastest, B, n = 0.0, len(tries), len(f)
+    fastest, B, n, are_slides = 0.0, len(tries), len(f), np.zeros(len(f), dtype=np.bool_)
+    for c in pushed.slides:
+        are_slides[c] = True
     for c in range(n):
         for side in range(2):
             if ends[c, side] >= 0 and not couples[c]:
@@ -76,23 +80,22 @@ def attempt(bodies: RigidBodies, h: float, pushed: Pushed, f: Array, tries: Arra
             tries[b, 1, k] = bodies.loads[b, 1, k]
     for c in range(C):
         for side in range(2):
-            b = ends[c, side]
-            if b >= 0:
-                arm = _arm(bodies, h, tries, b, places[c])
-                moment = _cross(arm, _row(f[c]))
-                for k in range(3):
-                    tries[b, 1, k] += moment[k] if side == 0 else -moment[k]
+            if ends[c, side] >= 0:
+                _push_at(bodies, h, tries, ends[c, side], places[c], f[c], 1.0 - 2 * side)
+    for c in pushed.slides:
+        if ends[c, 1] < 0 and ends[c, 0] >= 0:
+            _push_at(bodies, h, tries, ends[c, 0], places[c], f[c], 1.0)
     held, spins, means = np.zeros((B, 3, 3)), np.empty((B, 3)), np.empty((B if n > C else 0, 3, 3))
     for c in range(C, n):
         for side in range(2):
-            if ends[c, side] >= 0:
+            if ends[c, side] >= 0 and not (are_slides[c] and side == 0):
                 moment, arm = held[ends[c, side]], arms[c, side]
                 for i in range(3):
                     if couples[c]:
                         tries[ends[c, side], 1, i] += (1.0 - 2 * side) * f[c, i]
                     for k in range(0 if couples[c] else 3):
                         moment[i, k] += (1.0 - 2 * side) * arm[i] * f[c, k]
-    for b in range(B):
+    for b in pushed.order:
         R, forced = rows_of(bodies.rotation[b]), 0.0
         if n > C:
             forced = h * largest_of(pushed.inverse[b]) * largest_of(held[b])
@@ -105,11 +108,19 @@ def attempt(bodies: RigidBodies, h: float, pushed: Pushed, f: Array, tries: Arra
         spin = _rotated(R, ω̂)
         for k in range(3):
             tries[b, 1, k], tries[b, 3, k], spins[b, k] = whole[k], ω̂[k], spin[k]
+        for c in pushed.slides:
+            if ends[c, 1] == b:
+                middle = _added(_row(bodies.motion[b, 0]), h / 2, _row(tries[b, 2]))
+                x, y, z = _added(middle, 1.0, _turned(means, b, arms[c, 1]))
+                places[c, 0], places[c, 1], places[c, 2] = x, y, z
+                if ends[c, 0] >= 0:
+                    _push_at(bodies, h, tries, ends[c, 0], places[c], f[c], 1.0)
     for c in range(n):
         for side in range(2):
             b = ends[c, side]
             if b >= 0:
-                arm = _turned(means, b, arms[c, side]) if c >= C else _arm(bodies, h, tries, b, places[c])
+                is_held = c >= C and not (are_slides[c] and side == 0)
+                arm = _turned(means, b, arms[c, side]) if is_held else _arm(bodies, h, tries, b, places[c])
                 moving = _added(_row(tries[b, 2]), 1.0, _cross(_row(spins[b]), arm))
                 if couples[c]:
                     moving = _row(spins[b])
@@ -122,6 +133,14 @@ def attempt(bodies: RigidBodies, h: float, pushed: Pushed, f: Array, tries: Arra
 @jit_part
 def _turned(rotations: Array, b: int, arm: Array) -> tuple[float, float, float]:
     return _rotated(rows_of(rotations[b]), _row(arm))
+
+
+@jit_part
+def _push_at(bodies: RigidBodies, h: float, tries: Array, b: int, place: Array, f: Array, sign: float) -> None:
+    """Adds the torque of a force at a place on a body."""
+    moment = _cross(_arm(bodies, h, tries, b, place), _row(f))
+    for k in range(3):
+        tries[b, 1, k] += sign * moment[k]
 
 
 @jit_part

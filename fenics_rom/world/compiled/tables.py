@@ -14,6 +14,7 @@ from fenics_rom.runtime.compiled.arrays_at import (
     vector_at,
 )
 from fenics_rom.world.compiled.rigid_bodies import RigidBodies
+from fenics_rom.world.compiled.row_tables import Rows
 
 # Kinds of meetings: of a soft body and a rigid shape, of two soft ones; contacts of others are given, and where bodies
 # are joined there are none.
@@ -24,9 +25,10 @@ OF_RESTITUTION, OF_FRICTION, SWUNG, HELPED, OWN, OUT = range(6)  # in `Near.numb
 MIDDLE, IN_MIDDLE, MEAN, V, SPIN, POWER, AWAY, ASKEW = 0, 3, 12, 21, 24, 27, 28, 29  # in `Driven.step`
 COUNT, IS_INVERSE_KNOWN, YIELDS = range(3)  # in `Operators.known`
 SUPPLIED, DISSIPATED, BY_OTHERS = range(3)  # in `Owed.bodies`
-BY_IMPACTS, BY_FRICTION, BY_JOINTS, NUMERICAL = range(4)  # in `Owed.met`
+BY_IMPACTS, BY_FRICTION, BY_JOINTS, NUMERICAL, BY_MOTORS = range(5)  # in `Owed.met`
 OF_JOINT = -1  # in place of a meeting
-PAIRS, PAIRS_BEFORE, ARRAYS_OF_PAIRS = 36, 70, 16  # where those of a step, and of the step before, are in the table
+SLIDES = -2  # in place of a feature: the first body is pushed where the point of the second one is
+PAIRS, PAIRS_BEFORE, ARRAYS_OF_PAIRS = 37, 71, 16  # where those of a step, and of the step before, are in the table
 TAKEN, COUNTED, SWEPT, ENDED = range(4)  # of `take_steps`: how many, contacts and sweeps of the last, and why they end
 THRESHOLD, IS_WHOLE, INTERVAL, SINCE, RADIUS, IS_DUE = range(6)  # of `take_steps`, of a soft body
 
@@ -54,6 +56,7 @@ class Freedoms(NamedTuple):
     inverse: Array  # of the inertia, (B, 3, 3)
     size: Array  # (B,) radius around, m
     tries: Array  # (B, 4, 3) as of `rigid_bodies.attempt`
+    off: Array  # (B, 12) where the middle of the shape is from the centre of mass, m, and how it is turned
 
 
 class Driven(NamedTuple):
@@ -90,7 +93,7 @@ class Near(NamedTuple):
     """The pairs of a step, F at most: contacts, then points of joints, of which normals and laws mean nothing."""
 
     meetings: Array  # (F,)
-    features: Array  # (F,); of points of joints -1, of couples which
+    features: Array  # (F,); of points of joints as of `Joined.couples`
     slots: Array  # (F,)
     ends: Array  # (F, 2) numbers of the bodies
     rigid: Array  # (F, 2) those among rigid ones that move freely; -1: others
@@ -118,7 +121,7 @@ class Joined(NamedTuple):
     arms: Array  # (J, 2, 3)
     forces: Array  # (J, 3) in the step before, N
     are_stopped: Array  # (J,) whether an impulse takes what velocity is left after a step
-    couples: Array  # (J,) which couple, of K, stands for how a surface of the first body turns; -1: a point
+    couples: Array  # (J,) which couple, of K, stands for how bodies turn; -1: a point, or SLIDES
     arms_of_turning: Array  # (K, 3 + c, 3) as of `couples.Turning`, in a step
 
 
@@ -139,7 +142,7 @@ class Owed(NamedTuple):
     """What steps are to be booked for, J: N of them at most."""
 
     bodies: Array  # (N, B, 3) of each: supplied, dissipated, and by other bodies
-    met: Array  # (N, 4): dissipated by impacts, friction and impulses of joints, and what these miss
+    met: Array  # (N, 5): dissipated by impacts, friction, and in joints; what these miss; by motors
 
 
 class GivenContacts(NamedTuple):
@@ -169,6 +172,7 @@ class World(NamedTuple):
     owed: Owed
     joined: Joined
     before: Near  # pairs of the step before, or of this one: they change places in the table
+    rows: Rows
 
 
 @jit_part
@@ -215,20 +219,20 @@ def freedoms_at(world: Array) -> Freedoms:
     t = world[13:]
     gravity, given, quaternion, momentum = matrix_at(t[0]), cube_at(t[1]), matrix_at(t[2]), matrix_at(t[3])
     acceleration, inverse, size, tries = matrix_at(t[4]), cube_at(t[5]), vector_at(t[6]), cube_at(t[7])
-    return Freedoms(gravity, given, quaternion, momentum, acceleration, inverse, size, tries)
+    return Freedoms(gravity, given, quaternion, momentum, acceleration, inverse, size, tries, matrix_at(t[8]))
 
 
 @jit_part
 def driven_at(world: Array) -> Driven:
     """Of a table."""
-    t = world[21:]
+    t = world[22:]
     return Driven(matrix_at(t[0]), matrix_at(t[1]), matrix_at(t[2]), matrix_at(t[3]), vector_at(t[4]))
 
 
 @jit_part
 def meetings_at(world: Array) -> Meetings:
     """Of a table."""
-    t = world[26:]
+    t = world[27:]
     bodies, kinds, numbers = integer_rows_at(t[0]), integers_at(t[1]), matrix_at(t[2])
     return Meetings(bodies, kinds, numbers, integers_at(t[3]), vector_at(t[4]), vector_at(t[5]))
 
@@ -236,7 +240,7 @@ def meetings_at(world: Array) -> Meetings:
 @jit_part
 def kept_at(world: Array) -> Kept:
     """Of a table."""
-    t = world[32:]
+    t = world[33:]
     return Kept(integers_at(t[0]), matrix_at(t[1]), integers_at(t[2]), vector_at(t[3]))
 
 
@@ -256,7 +260,7 @@ def near_at(world: Array) -> Near:
 @jit_part
 def operators_at(world: Array) -> Operators:
     """Of a table."""
-    t = world[52:]
+    t = world[53:]
     known, slots, nodes, weights = vector_at(t[0]), integers_at(t[1]), integer_cube_at(t[2]), cube_at(t[3])
     return Operators(known, slots, nodes, weights, matrix_at(t[4]), vector_at(t[5]), vector_at(t[6]), vector_at(t[7]))
 
@@ -264,14 +268,14 @@ def operators_at(world: Array) -> Operators:
 @jit_part
 def owed_at(world: Array) -> Owed:
     """Of a table."""
-    t = world[60:]
+    t = world[61:]
     return Owed(cube_at(t[0]), matrix_at(t[1]))
 
 
 @jit_part
 def joined_at(world: Array) -> Joined:
     """Of a table."""
-    t = world[62:]
+    t = world[63:]
     ends, nodes, weights, arms = integer_rows_at(t[0]), integer_cube_at(t[1]), cube_at(t[2]), cube_at(t[3])
     return Joined(ends, nodes, weights, arms, matrix_at(t[4]), vector_at(t[5]), integers_at(t[6]), cube_at(t[7]))
 

@@ -14,6 +14,7 @@ from fenics_rom.world.compiled.free_bodies import try_free
 from fenics_rom.world.compiled.operators import pushes_on
 from fenics_rom.world.compiled.pulled_bodies import pull_soft
 from fenics_rom.world.compiled.rigid_bodies import Pushed, attempt
+from fenics_rom.world.compiled.row_tables import rows_at
 from fenics_rom.world.compiled.soft_bodies import (
     CENTRE,
     END,
@@ -33,6 +34,7 @@ from fenics_rom.world.compiled.soft_bodies import (
 from fenics_rom.world.compiled.tables import (
     DRIVEN,
     FREE,
+    SLIDES,
     SPIN,
     bodies_at,
     driven_at,
@@ -76,9 +78,24 @@ def try_rigid(world: Array, C: int, h: float, f: Array) -> float:
     near, rigid, freedoms, n = near_at(world), rigid_at(world), freedoms_at(world), len(f)
     if not len(rigid.mass):
         return 0.0
-    are = are_couples(near, np.arange(n))
-    pushed = Pushed(C, near.rigid[:n], near.places[:n], near.arms[:n], freedoms.inverse, are)
-    return attempt(rigid, h, pushed, f, freedoms.tries, near.u[:n])
+    are, rows = are_couples(near, np.arange(n)), rows_at(world)
+    slides = rows.slides + C
+    pushed = Pushed(C, near.rigid[:n], near.places[:n], near.arms[:n], freedoms.inverse, are, slides, rows.turns)
+    fastest = attempt(rigid, h, pushed, f, freedoms.tries, near.u[:n])
+    return max(fastest, _look_at_rails(world, slides)) if np.isfinite(fastest) else fastest
+
+
+@jit_part
+def _look_at_rails(world: Array, slides: Array) -> float:
+    """Adds what bodies that are driven do where others slide on them; the fastest, m/s."""
+    bodies, near, fastest = bodies_at(world), near_at(world), 0.0
+    for c in slides:
+        body = near.ends[c, 0]
+        if bodies.kinds[body] == DRIVEN:
+            v = velocity_of_driven(driven_at(world), bodies.numbers[body], vector(near.places[c], 0))
+            put(near.u[c], 0, added(vector(near.u[c], 0), 1.0, v))
+            fastest = max(fastest, abs(v[0]), abs(v[1]), abs(v[2]))
+    return fastest
 
 
 @jit_part
@@ -88,7 +105,8 @@ def _look_at_driven(world: Array, C: int, n: int) -> float:
     for c in range(n):
         for side in range(2):
             body = near.ends[c, side]
-            if bodies.kinds[body] == DRIVEN:
+            is_rail = side == 0 and near.features[c] == SLIDES and c >= C  # which is looked at as what slides is tried
+            if bodies.kinds[body] == DRIVEN and not is_rail:
                 d, place = bodies.numbers[body], vector(near.places[c], 0)
                 if couple_of(near.meetings, near.features, c) >= 0:
                     v = vector(driven.step[d], SPIN)

@@ -26,6 +26,9 @@ from fenics_rom.world.compiled.letting_out import leave_in, overdraws, set_speed
 from fenics_rom.world.compiled.near import find_near, lack_rows, look_at_margins
 from fenics_rom.world.compiled.operators import be_ready
 from fenics_rom.world.compiled.pulled_bodies import end_pulled
+from fenics_rom.world.compiled.row_impulses import stop_rows
+from fenics_rom.world.compiled.row_tables import rows_at
+from fenics_rom.world.compiled.rows import end_rows
 from fenics_rom.world.compiled.soft_bodies import (
     BY_OTHERS,
     DISSIPATED,
@@ -53,6 +56,7 @@ from fenics_rom.world.compiled.tables import (
     POWER,
     RIGID,
     SIZE,
+    SLIDES,
     SOFT,
     SPIN,
     SWUNG,
@@ -113,7 +117,9 @@ def take_step(world: Array, given: Array, h: float, row: int, goes_on: bool, fre
             found = find_forces(world, C, law, free)
     if not (found.status == FOUND and _end_step(world, C, h, row, free)):
         return OTHERWISE, 0
-    if len(joined_at(world).ends):
+    if len(rows_at(world).bodies):
+        stop_rows(world, h, owed_at(world).bodies[row], owed_at(world).met[row])
+    elif len(joined_at(world).ends):
         stop_joints(world, owed_at(world).bodies[row], owed_at(world).met[row])
     return C, found.sweeps
 
@@ -198,6 +204,8 @@ def _end_step(world: Array, C: int, h: float, row: int, free: bool) -> bool:
     if free and not _end_free_bodies(world, h):
         return False
     _keep(world, C, h, row)
+    if len(rows_at(world).bodies):
+        end_rows(world, C, h, owed_at(world).met[row])
     bodies, works, driven, softs = bodies_at(world), owed_at(world).bodies[row], driven_at(world), softs_at(world)
     _look_at_power(world, C)
     for b in range(len(bodies.kinds)):
@@ -253,7 +261,7 @@ def _look_at_power(world: Array, C: int) -> None:
                 d = bodies.numbers[body]
                 if couple_of(near.meetings, near.features, c) >= 0:
                     v = vector(driven.step[d], SPIN)
-                elif c < C:
+                elif c < C or (side == 0 and near.features[c] == SLIDES):
                     v = velocity_of_driven(driven, d, vector(near.places[c], 0))
                 else:
                     v = velocity_of_driven_at(driven, d, vector(near.arms[c, side], 0))
