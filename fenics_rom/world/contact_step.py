@@ -28,15 +28,7 @@ from fenics_rom.world.guide import Guide
 from fenics_rom.world.joint_rows import JointRows
 from fenics_rom.world.normal_law import normal_law
 from fenics_rom.world.row_guide import RowGuide
-from fenics_rom.world.tolerances import (
-    FEW_SWEEPS,
-    MOST_SWEEPS,
-    PROXIMAL,
-    ROUND_OFF,
-    SLOW,
-    STAGNATION,
-    TOLERANCE,
-)
+from fenics_rom.world.tolerances import FEW_SWEEPS, MOST_SWEEPS, PROXIMAL, ROUND_OFF, SLOW, STAGNATION, TOLERANCE
 
 PATIENCE = 150  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
 LARGEST_PROXIMAL = 1e-2  # of each pair's own compliance: `PROXIMAL`, at most

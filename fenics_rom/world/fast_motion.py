@@ -135,10 +135,12 @@ class CutWorld(ReadWorld):
         """Steps in which no two bodies are fast, even if both speed up twofold by then, in any direction."""
         h, goings = self._dt, self._goings(self._dt)
         wait = float(LONGEST_SOFT_WAIT if self._soft else LONGEST_WAIT)
+        speeds = {body: going.speed for body, going in goings.items()}
+        accelerations = {body: _acceleration(body) for body in goings}
         for _, first, second, thick in self._fast:
-            one, other, fast = goings[first], goings[second], SHARE * thick / h
-            sped = one.relative_to(other) + one.speed + other.speed
-            gained = 2 * h * (_acceleration(first) + _acceleration(second))
+            fast = SHARE * thick / h
+            sped = goings[first].relative_to(goings[second]) + speeds[first] + speeds[second]
+            gained = 2 * h * (accelerations[first] + accelerations[second])
             wait = min(wait, fast / max(sped, 1e-300), (fast - sped) / max(gained, 1e-300))
         return int(max(wait, 0.0))
 

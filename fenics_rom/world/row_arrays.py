@@ -53,7 +53,7 @@ def row_arrays(
     moved = [{b for pair, *_ in of for b in ends[pair] if b in rigid or b in soft} for of in entries]
     order, islands = _in_order(rows, entries, moved, ends)
     new = np.argsort(order)
-    driven = [(int(new[each.row]), each.drive.numbers) for each in rows.driven]
+    driven = [(int(new[of.row]), of.drive.numbers) for of in rows.driven]
     for of in entries:
         of[:] = [(pair, kind, basis, int(new[leader])) for pair, kind, basis, leader in of]
     own = [[rigid[b] for b in sorted(moved[row]) if b in rigid] for row in order]
@@ -85,9 +85,9 @@ def _entries(rows: JointRows) -> list[list[Entry]]:
         kind = TURNING if framed.turns else ALONG
         for row, axis in zip(framed.rows, framed.axes, strict=True):
             entries[row].append((framed.pair, kind, axis, 0))
-    for row, each, leader, ratio in rows.following:
-        for of, share in ((each, 1.0), (leader, -ratio)):
-            entries[row].append((of.pair, FOLLOWING, np.array([share, 0.0, 0.0]), of.row))
+    for row, follower, leader, ratio in rows.following:
+        for driven, share in ((follower, 1.0), (leader, -ratio)):
+            entries[row].append((driven.pair, FOLLOWING, np.array([share, 0.0, 0.0]), driven.row))
     return entries
 
 
@@ -141,9 +141,17 @@ def _arrays(
     islands, squares = (np.cumsum([0, *of]).astype(np.int64) for of in (counts, [n * n for n in counts]))
     whole = np.zeros(R, dtype=np.int64)
     laws = np.array([each[1] for each in driven]).reshape(Q, 11), np.zeros((Q, 6)), np.zeros((Q, MOST_PIECES, 7))
-    return Rows(
-        *(begins, pairs, kinds, leaders, basis, basis.copy(), bodies, of_bodies, rows_of_bodies),
-        *(np.zeros((0, 2), dtype=np.int64), islands, whole, squares, *np.zeros((2, N)), whole.copy()),
-        *(np.zeros((len(counts), 2), dtype=np.int64), np.zeros(R), numbers, np.zeros((2, R, 24))),
-        *(np.array([each[0] for each in driven], dtype=np.int64), *laws, np.full((Q, 2), -1), slides, turns),
+    none, no_rows = np.zeros((0, 2), dtype=np.int64), np.zeros(R)
+    of_rows = begins, pairs, kinds, leaders, basis, basis.copy(), bodies, of_bodies, rows_of_bodies, none
+    factors = (
+        islands,
+        whole,
+        squares,
+        np.zeros(N),
+        np.zeros(N),
+        whole.copy(),
+        np.zeros((len(counts), 2), dtype=np.int64),
     )
+    rows = np.array([each[0] for each in driven], dtype=np.int64)
+    of_drives = rows, *laws, np.full((Q, 2), -1), slides, turns
+    return Rows(*of_rows, *factors, no_rows, numbers, np.zeros((2, R, 24)), *of_drives)

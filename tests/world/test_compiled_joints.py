@@ -15,6 +15,7 @@ import fenics_rom as fr
 from fenics_rom.compilation import compiled, jit
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 from fenics_rom.world.compiled import joints as compiled_joints
+from fenics_rom.world.drives import Drive, Motor
 from fenics_rom.world.joints import SurfaceJoint, ball, hinge, weld
 from fenics_rom.world.shapes import Box
 
@@ -61,14 +62,15 @@ def assert_same(worlds):
     np.testing.assert_allclose(ours.numerical, theirs.numerical, atol=1e-10 * turnover)  # what sweeps leave of u
 
 
+def swung(time):
+    """How an arm swings."""
+    angle = np.array([0.0, 0.6 * np.sin(7 * time), 0.0])
+    rate = np.array([0.0, 4.2 * np.cos(7 * time), 0.0])
+    return fr.BaseState(np.zeros(3), quaternion_of_vector(angle), np.zeros(3), rate)
+
+
 def links(random, count, fastened):
     """Links with joints of all kinds between neighbours, some of which hold something twice; the first on an arm."""
-
-    def swung(time):
-        angle = np.array([0.0, 0.6 * np.sin(7 * time), 0.0])
-        rate = np.array([0.0, 4.2 * np.cos(7 * time), 0.0])
-        return fr.BaseState(np.zeros(3), quaternion_of_vector(angle), np.zeros(3), rate)
-
     kinds = [
         lambda one, other, at: ball(one, other, at),
         lambda one, other, at: hinge(one, other, at, 0.03 * random.normal(size=3)),
@@ -146,7 +148,7 @@ def roms(tmp_path_factory):
     }
 
 
-def swinging(roms, kind, by):
+def swinging(roms, kind, by, drive=None):
     """A beam that carries a box at a point of its surface, or by its end, on which another one hangs."""
 
     def motion(time):
@@ -162,7 +164,7 @@ def swinging(roms, kind, by):
     bodies["low"] = fr.RigidBody(**small, position=(x, y, z + 0.02))
     bodies["far"] = fr.RigidBody(**small, position=(x + 0.04, y, z + 0.02), angular_velocity=(0, 3.0, 0))
     held = ball("beam", "low", (x, y, z)) if by == "point" else SurfaceJoint("beam", "low", "right", kind=by)
-    joints = [held, hinge("low", "far", (x + 0.02, y, z + 0.02), (0, 0.02, 0))]
+    joints = [held, hinge("low", "far", (x + 0.02, y, z + 0.02), (0, 0.02, 0), drive)]
     gravity = (0, 0, 0) if kind.endswith("free") else (0, 0, -9.81)
     return fr.World(bodies, 1e-3, joints=joints, gravity=gravity, friction=0.4)
 
@@ -195,6 +197,31 @@ def test_what_hangs_on_a_soft_body_does_as_with_numpy(roms, kind, by):
     assert abs(gap) < 10 * 60 * EPS * turnover
     assert account.dissipated > begun.dissipated
     assert worlds[0].compiled_steps > 0.7 * 30
+
+
+@pytest.mark.parametrize(
+    ("kind", "by"), [("held", "point"), ("carried", "ball"), ("free", "ball"), ("stiff free", "weld")]
+)
+def test_what_a_motor_moves_on_a_soft_body_does_as_with_numpy(roms, kind, by):
+    """The same with a hinge that a motor turns: joints are rows then."""
+    drive = Drive(friction=1e-4, armature=1e-5, motor=Motor("position", gain=0.05, damping=1e-3, most=5e-3))
+    random, worlds = np.random.default_rng(0), both(lambda: swinging(roms, kind, by, drive))
+    start, begun = worlds[0].energy, worlds[0].ledger
+    for step in range(40):
+        inputs = {"joint1": {"target": 0.5 * np.sin(0.2 * step)}}
+        with nullcontext() if random.random() < 0.8 else without(worlds[0]):
+            worlds[0].step(inputs)
+        worlds[1].step(inputs)
+        if step % 10 == 9:
+            assert_same(worlds)
+            ours, theirs = (np.array(world.joint_state("joint1")) for world in worlds)
+            np.testing.assert_allclose(ours, theirs, atol=1e-9 * np.abs(theirs).max())
+    account = worlds[0].ledger
+    gap = worlds[0].energy - start - account.supplied + begun.supplied + account.numerical
+    gap += account.dissipated - begun.dissipated
+    turnover = max(start, worlds[0].energy, sum(abs(worlds[0].account(name).supplied) for name in worlds[0].names))
+    assert abs(gap) < 10 * 40 * EPS * turnover
+    assert worlds[0].compiled_steps > 0.7 * 20
 
 
 def pressed(rom):

@@ -121,7 +121,8 @@ def test_rigid_bodies_answer_as_in_numpy(seed):
         np.array([body.begun[0] for body in bodies]),
         *(np.array([body.begun[k] for body in bodies]) for k in (1, 2)),
     )
-    pushed = rigid_bodies.Pushed(C, ends, places, arms, np.linalg.inv(stacked.inertia), np.zeros(n, bool))
+    in_turn = np.empty(0, dtype=int), np.arange(3)
+    pushed = rigid_bodies.Pushed(C, ends, places, arms, np.linalg.inv(stacked.inertia), np.zeros(n, bool), *in_turn)
     tries, u, W = np.empty((3, 4, 3)), np.zeros((n, 3)), np.zeros((3 * n, 3 * n))
     fastest = attempt(stacked, H, pushed, forces, tries, u)
     maps, answers = np.empty((3, 6, 3 * n)), np.empty((3, 6, 6))

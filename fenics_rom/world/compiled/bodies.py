@@ -65,7 +65,10 @@ def middle_of(bodies: RigidBodies, freedoms: Freedoms, h: float, b: int) -> Vect
 
 @jit_part
 def begin_rigid(bodies: RigidBodies, freedoms: Freedoms, h: float, b: int, placed: Array, travel: Array) -> bool:
-    """Begins the step of a body; whether it could. Sets where its shape is in the middle, (12,); how far it goes, (4,)."""
+    """Begins the step of a body; whether it could.
+
+    Sets where its shape is in the middle, (12,), and how far it goes, (4,).
+    """
     v, ω = vector(bodies.motion[b, 1], 0), vector(bodies.motion[b, 2], 0)
     speed = length(ω)
     if not h * speed <= LARGEST_TURN:

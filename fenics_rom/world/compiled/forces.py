@@ -23,7 +23,7 @@ from fenics_rom.world.compiled.operators import Operator, operator_among
 from fenics_rom.world.compiled.rigid_bodies import take_back
 from fenics_rom.world.compiled.row_forces import find_with_rows
 from fenics_rom.world.compiled.row_tables import rows_at
-from fenics_rom.world.compiled.tables import HELPED, OF_FRICTION, OF_RESTITUTION, OUT, OWN, SWUNG, joined_at, near_at
+from fenics_rom.world.compiled.tables import HELPED, OF_RESTITUTION, OUT, OWN, SWUNG, joined_at, near_at
 from fenics_rom.world.compiled.tries import try_forces, try_others, try_rigid
 from fenics_rom.world.tolerances import FEW_SWEEPS, MOST_SWEEPS, ROUND_OFF, SLOW, STAGNATION, TOLERANCE
 
@@ -55,11 +55,15 @@ def find_forces(world: Array, C: int, law: Law, free: bool) -> Found:
     near, J = near_at(world), len(joined_at(world).ends)
     n, h, none = C + J, law.h, np.zeros((C + J, 3))
     f, u, before = near.forces[:n], near.u[:n], near.before[:n]
-    fastest, fixed = try_others(world, C, h, none, free), u.copy()
-    fastest = max(fastest, try_rigid(world, C, h, none)) if np.isfinite(fastest) else fastest
-    if not np.isfinite(fastest):
-        return Found(OTHERWISE, 0, 0.0)
-    scale = max(fastest, largest(before), largest(u))
+    fastest, fixed = 0.0, none
+    if not len(rows_at(world).bodies):  # else forces are tried at once
+        fastest = try_others(world, C, h, none, free)
+        fixed = u.copy()
+        fastest = max(fastest, try_rigid(world, C, h, none)) if np.isfinite(fastest) else fastest
+        if not np.isfinite(fastest):
+            return Found(OTHERWISE, 0, 0.0)
+        fastest = max(fastest, largest(u))
+    scale = max(fastest, largest(before))
     if J and C:  # who would close is seen where joints hold
         alone, nobody = np.zeros((n, 3)), np.empty(0, dtype=np.int64)
         for j in range(C, n):
@@ -266,5 +270,3 @@ def _move(Wᵀ: Array, f: Array, u: Array) -> None:
     for c in range(len(f)):
         if f[c, 0] != 0.0 or f[c, 1] != 0.0 or f[c, 2] != 0.0:
             add_motion(Wᵀ, c, f[c, 0], f[c, 1], f[c, 2], whole)
-
-

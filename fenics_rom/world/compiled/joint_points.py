@@ -76,7 +76,13 @@ def set_joints(world: Array, C: int, h: float) -> None:
 @jit_part
 def _begin_to_slide(world: Array, c: int, j: int, h: float) -> Vector:
     """Sets where a sliding point is expected, where the first body is pushed; relative velocity there, m/s."""
-    bodies, near, joined, rigid, driven = bodies_at(world), near_at(world), joined_at(world), rigid_at(world), driven_at(world)
+    bodies, near, joined, rigid, driven = (
+        bodies_at(world),
+        near_at(world),
+        joined_at(world),
+        rigid_at(world),
+        driven_at(world),
+    )
     one, other, arm = joined.ends[j, 0], joined.ends[j, 1], vector(joined.arms[j, 1], 0)
     i, k = bodies.numbers[one], bodies.numbers[other]
     v = start_velocity_at(world, bodies.kinds[other], k, joined.arms[j, 1])

@@ -31,6 +31,7 @@ def pairs_among(world: Array, among: Array, level: Array, target: Array) -> Pair
 
 @jit_part
 def set_in_frame(axes: Array, vector: Array, turned: Array) -> None:
+    """Sets a vector (3,) along axes (3, 3)."""
     for k in range(3):
         turned[k] = axes[k, 0] * vector[0] + axes[k, 1] * vector[1] + axes[k, 2] * vector[2]
 

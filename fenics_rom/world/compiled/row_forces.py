@@ -52,7 +52,11 @@ def find_with_rows(
     told: scale of the velocities, m/s, then how many sweeps there were, (2,); the first is set and both may grow.
     """
     near, rows, h, K, n = near_at(world), rows_at(world), law.h, len(among), len(among) + len(f) - C
-    those, pairs, z = np.concatenate((among, np.arange(C, len(f)))), pairs_among(world, among, level, target), rows.numbers
+    those, pairs, z = (
+        np.concatenate((among, np.arange(C, len(f)))),
+        pairs_among(world, among, level, target),
+        rows.numbers,
+    )
     fastest = try_forces(world, C, h, f, free)
     turned, size_before, changes = look(world, h, False), 0.0, 0
     if not np.isfinite(fastest):
@@ -116,7 +120,10 @@ def _ask(
     forces: Array,
     changes: int,
 ) -> int:
-    """Sets forces (n, 3) of pairs that move by (n, 3) without; how often drives changed pieces so far, -1: too often."""
+    """Sets forces (n, 3) of pairs that move by (n, 3) without.
+
+    How often drives have changed pieces of their laws so far; -1: too often, or no forces of contact were found.
+    """
     K, n, R = len(contacts.contactsᵀ) // 3, len(without), rows.numbers.shape[1]
     numbers, z, z_alone, u = rows.numbers, np.empty(R), np.empty(R), np.empty((n, 3))
     while True:
@@ -203,7 +210,7 @@ def _maps_with_soft(world: Array, C: int, h: float, those: Array, K: int) -> Map
 
 @jit_part
 def _set_slack(world: Array, among: Array, maps: Maps) -> None:
-    """Sets a compliance that is added to that of each contact whose points do not yield by themselves, as of a Guide."""
+    """Sets a compliance that is added where points do not yield by themselves, as a Guide does."""
     bodies, near, softs, K = bodies_at(world), near_at(world), softs_at(world), len(among)
     own, twist, most = np.zeros(K), np.empty(6), 0.0
     for i in range(K):

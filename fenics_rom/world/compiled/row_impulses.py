@@ -5,7 +5,17 @@ from numpy import ndarray as Array
 
 from fenics_rom.compilation import jit_apart, jit_part
 from fenics_rom.mechanics.compiled.copying import fill
-from fenics_rom.runtime.compiled.frames import added, dot, put, rotated, rotated_back, rotation_in, rotation_of, vector
+from fenics_rom.runtime.compiled.frames import (
+    added,
+    cross,
+    dot,
+    put,
+    rotated,
+    rotated_back,
+    rotation_in,
+    rotation_of,
+    vector,
+)
 from fenics_rom.world.compiled.bodies import times
 from fenics_rom.world.compiled.joint_impulses import add_soft, kick, transposed, velocity_between
 from fenics_rom.world.compiled.rigid_bodies import rows_of
@@ -22,6 +32,7 @@ from fenics_rom.world.compiled.row_tables import COMPLIANCE, HELD, TARGET_SPEED,
 from fenics_rom.world.compiled.rows import is_at_limit, look, set_forces, speed_of, stored
 from fenics_rom.world.compiled.tables import (
     BY_JOINTS,
+    BY_OTHERS,
     DRIVEN,
     RIGID,
     SOFT,
@@ -63,15 +74,51 @@ def stop_rows(world: Array, h: float, works: Array, met: Array) -> None:
             impulses[row] = rows.numbers[TARGET_SPEED, row] - speed_of(rows, row, u)
     solve_all(rows, impulses)
     set_forces(rows, impulses, forces)
+    _kick_rigid(world, forces, works)
     for b in range(len(bodies.kinds)):
-        for j in range(J):
-            if joined.ends[j, 0] == b or joined.ends[j, 1] == b:
-                kick(world, b, forces, works[b])
-                break
+        if bodies.kinds[b] == SOFT or bodies.kinds[b] == DRIVEN:
+            kick(world, b, forces, works[b])
     for j in range(J):
         left = velocity_between(world, j) if joined.are_stopped[j] else (0.0, 0.0, 0.0)
         met[BY_JOINTS] -= dot(vector(forces[j], 0), added(vector(u[j], 0), 1.0, left)) / 2
     _turn_rotors(rows, impulses, met)
+
+
+@jit_part
+def _kick_rigid(world: Array, impulses: Array, works: Array) -> None:
+    """Adds impulses (J, 3), N s, to all rigid bodies, and what they get to works (B, 3), J."""
+    bodies, joined, rigid, freedoms = bodies_at(world), joined_at(world), rigid_at(world), freedoms_at(world)
+    for b in range(len(bodies.kinds)):
+        if bodies.kinds[b] == RIGID:
+            works[b, BY_OTHERS] -= _energy_of(world, bodies.numbers[b])
+    for j in range(len(joined.ends)):
+        x, y, z = impulses[j]
+        for side in range(2):
+            b, sign = joined.ends[j, side], 1.0 - 2 * side
+            i = bodies.numbers[b]
+            if bodies.kinds[b] != RIGID:
+                continue
+            v, L = rigid.motion[i, 1], freedoms.momentum[i]
+            if joined.couples[j] >= 0:
+                put(L, 0, added(vector(L, 0), sign, (x, y, z)))
+            else:
+                arm = rotated(rows_of(rigid.rotation[i]), vector(joined.arms[j, side], 0))
+                put(v, 0, added(vector(v, 0), sign / rigid.mass[i], (x, y, z)))
+                put(L, 0, added(vector(L, 0), sign, cross(arm, (x, y, z))))
+    for b in range(len(bodies.kinds)):
+        i = bodies.numbers[b]
+        if bodies.kinds[b] == RIGID:
+            spun = rotated_back(rows_of(rigid.rotation[i]), vector(freedoms.momentum[i], 0))
+            put(rigid.motion[i, 2], 0, rotated(rows_of(freedoms.inverse[i]), spun))
+            works[b, BY_OTHERS] += _energy_of(world, i)
+
+
+@jit_part
+def _energy_of(world: Array, i: int) -> float:
+    """Of a rigid body that moves freely, J."""
+    rigid = rigid_at(world)
+    v, ω = vector(rigid.motion[i, 1], 0), vector(rigid.motion[i, 2], 0)
+    return (rigid.mass[i] * dot(v, v) + dot(ω, rotated(rows_of(rigid.inertia[i]), ω))) / 2
 
 
 @jit_part

@@ -19,7 +19,7 @@ from fenics_rom.world import rigid_answers, turning
 from fenics_rom.world.compiled.couples import couple_of
 from fenics_rom.world.compiled.joints import Factor, factor_of, solve_held
 from fenics_rom.world.compiled.rigid_bodies import rows_of
-from fenics_rom.world.compiled.row_tables import COMPLIANCE, FORCED, HELD, MOTION, Rows, rows_at
+from fenics_rom.world.compiled.row_tables import COMPLIANCE, FORCED, HELD, MOTION, Rows
 from fenics_rom.world.compiled.tables import SLIDES, freedoms_at, joined_at, near_at, rigid_at
 
 _answers_where_held = jit_shared(rigid_answers.answers_where_held)
@@ -340,9 +340,7 @@ def solve_rows(rows: Rows, island: int, x: Array) -> None:
 def _solve_with_pivots(rows: Rows, island: int, n: int, rank: int, x: Array) -> None:
     begin, end, first = rows.islands[island], rows.islands[island + 1], rows.squares[island]
     idle = rows.idle[first : first + n * (n - rank)].reshape(n - rank, n)
-    factor = Factor(
-        rows.matrix[first : first + n * n].reshape(n, n), rows.order[begin : begin + n], rank, idle
-    )
+    factor = Factor(rows.matrix[first : first + n * n].reshape(n, n), rows.order[begin : begin + n], rank, idle)
     asked, found, i = np.empty(n), np.empty(n), 0
     for row in range(begin, end):
         if rows.numbers[HELD, row] != 0.0:

@@ -60,22 +60,30 @@ set_law, motor_force, stored = map(jit_shared, (drive_law.set_law, drive_law.mot
 
 
 @jit_part
-def _tried_turn(world: Array, b: int, h: float, begins: bool) -> tuple[Vector, Rotation]:
-    """As `PointsOfRigid.tried_turn`."""
-    bodies, none = bodies_at(world), (0.0, 0.0, 0.0)
+def _by_turn(world: Array, b: int, h: float, begins: bool) -> Vector:
+    """By what a body turns in the step that was tried, rad, in world axes; 0 between two steps."""
+    bodies = bodies_at(world)
+    i = bodies.numbers[b]
+    if begins:
+        return 0.0, 0.0, 0.0
+    if bodies.kinds[b] == DRIVEN:
+        x, y, z = vector(driven_at(world).step[i], SPIN)
+    else:
+        x, y, z = rotated(rows_of(rigid_at(world).rotation[i]), vector(freedoms_at(world).tries[i, 3], 0))
+    return h * x, h * y, h * z
+
+
+@jit_part
+def _mean(world: Array, b: int, h: float, begins: bool) -> Rotation:
+    """(R + R⁺)/2 of a body in that step; R between two."""
+    bodies = bodies_at(world)
     i = bodies.numbers[b]
     if bodies.kinds[b] == DRIVEN:
-        driven = driven_at(world)
         if begins:
-            return none, rotation_of(*rotation_in(driven.start[i]))
-        x, y, z = vector(driven.step[i], SPIN)
-        return (h * x, h * y, h * z), rows_in(driven.step[i], MEAN)
+            return rotation_of(*rotation_in(driven_at(world).start[i]))
+        return rows_in(driven_at(world).step[i], MEAN)
     R = rows_of(rigid_at(world).rotation[i])
-    if begins:
-        return none, R
-    ω = vector(freedoms_at(world).tries[i, 3], 0)
-    x, y, z = rotated(R, ω)
-    return (h * x, h * y, h * z), _mean_rotation(R, h, ω)
+    return R if begins else _mean_rotation(R, h, vector(freedoms_at(world).tries[i, 3], 0))
 
 
 @jit_part
@@ -84,14 +92,14 @@ def look(world: Array, h: float, begins: bool) -> float:
     rows, joined, changed = rows_at(world), joined_at(world), 0.0
     for e in range(len(rows.pairs)):
         kind, D = rows.kinds[e], rows.D[e]
-        if kind == FOLLOWING or kind == FIXED or (kind == AT_START and not begins):
+        if kind in (FOLLOWING, FIXED) or (kind == AT_START and not begins):
             continue
         one, other = joined.ends[rows.pairs[e]]
-        turn, R = _tried_turn(world, one, h, begins)
-        x, y, z = rotated(R, vector(rows.basis[e], 0))
+        x, y, z = rotated(_mean(world, one, h, begins), vector(rows.basis[e], 0))
         if kind == TURNING:
-            x, y, z = _turning_along((x, y, z), turn, _tried_turn(world, other, h, begins)[0])
-        sign = -1.0 if kind == ALONG or kind == TURNING else 1.0
+            turns = _by_turn(world, one, h, begins), _by_turn(world, other, h, begins)
+            x, y, z = _turning_along((x, y, z), turns[0], turns[1])
+        sign = -1.0 if kind in (ALONG, TURNING) else 1.0
         for k, d in enumerate((sign * x, sign * y, sign * z)):
             changed = max(changed, abs(D[k] - d))
             D[k] = d
