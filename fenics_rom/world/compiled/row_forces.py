@@ -11,19 +11,8 @@ from fenics_rom.mechanics.compiled.newton import in_one_piece
 from fenics_rom.world.compiled.law_of_pairs import along as along_normal
 from fenics_rom.world.compiled.law_of_pairs import largest, pairs_among, set_in_frame
 from fenics_rom.world.compiled.operators import add_free, add_soft
-from fenics_rom.world.compiled.row_operators import (
-    HeldContacts,
-    Maps,
-    along,
-    answer_to,
-    factor_rows,
-    hold_contacts,
-    maps_of,
-    move,
-    set_maps,
-    set_rows,
-    solve_all,
-)
+from fenics_rom.world.compiled.row_maps import Maps, along, answer_to, maps_of, move, set_maps
+from fenics_rom.world.compiled.row_operators import HeldContacts, factor_rows, hold_contacts, set_rows, solve_all
 from fenics_rom.world.compiled.row_tables import FORCE, HELD, KNOWN, TARGET_SPEED, Rows, rows_at
 from fenics_rom.world.compiled.rows import look, set_forces, settle, speed_of
 from fenics_rom.world.compiled.soft_bodies import has_residual
@@ -70,11 +59,11 @@ def find_with_rows(
     for sweep in range(1, most + 1):
         set_maps(world, h, those, K, tried, maps)
         _set_slack(world, among, maps)
-        set_rows(rows, maps, K)
+        set_rows(world, maps, K)
         copy(known, without)
         move(maps, -tried, without)
         told[0] = max(told[0], fastest, largest(without))
-        changes = _ask(law, rows, maps, contacts, without, pairs, swung, forces, changes)
+        changes = _ask(world, law, rows, maps, contacts, without, pairs, swung, forces, changes)
         if changes < 0:
             return OTHERWISE
         for i in range(K):
@@ -110,6 +99,7 @@ def find_with_rows(
 
 @jit_part
 def _ask(
+    world: Array,
     law: Law,
     rows: Rows,
     maps: Maps,
@@ -127,7 +117,7 @@ def _ask(
     K, n, R = len(contacts.contactsᵀ) // 3, len(without), rows.numbers.shape[1]
     numbers, z, z_alone, u = rows.numbers, np.empty(R), np.empty(R), np.empty((n, 3))
     while True:
-        factor_rows(rows, maps, K, REDUNDANT)
+        factor_rows(world, maps, K, REDUNDANT)
         copy(without, u)
         fill(forces, 0.0)
         if _add_known(rows, forces[K:]):
@@ -135,9 +125,9 @@ def _ask(
         for row in range(R):
             is_held = numbers[HELD, row] != 0.0
             z[row] = numbers[TARGET_SPEED, row] - speed_of(rows, row, u[K:]) if is_held else numbers[KNOWN, row]
-        solve_all(rows, z)
+        solve_all(world, z)
         if K:
-            hold_contacts(rows, maps, K, contacts)
+            hold_contacts(world, maps, K, contacts)
             copy(z, z_alone)
             _move_contacts(rows, contacts, z, u)
             for i in range(K):
@@ -157,7 +147,7 @@ def _ask(
             copy(pairs.forces[i], forces[i])
         copy(without, u)
         move(maps, forces, u)
-        now = settle(rows, u[K:], z, changes)
+        now = settle(world, u[K:], z, changes)
         if now < 0 or not np.isfinite(largest(u)):
             return -1
         if now == changes:

@@ -19,15 +19,8 @@ from fenics_rom.runtime.compiled.frames import (
 from fenics_rom.world.compiled.bodies import times
 from fenics_rom.world.compiled.joint_impulses import add_soft, kick, transposed, velocity_between
 from fenics_rom.world.compiled.rigid_bodies import rows_of
-from fenics_rom.world.compiled.row_operators import (
-    Maps,
-    factor_rows,
-    maps_of,
-    set_couple,
-    set_point,
-    set_rows,
-    solve_all,
-)
+from fenics_rom.world.compiled.row_maps import Maps, maps_of, set_couple, set_point
+from fenics_rom.world.compiled.row_operators import factor_rows, set_rows, solve_all
 from fenics_rom.world.compiled.row_tables import COMPLIANCE, HELD, TARGET_SPEED, Rows, rows_at
 from fenics_rom.world.compiled.rows import is_at_limit, look, set_forces, speed_of, stored
 from fenics_rom.world.compiled.tables import (
@@ -66,13 +59,13 @@ def stop_rows(world: Array, h: float, works: Array, met: Array) -> None:
     look(world, h, True)
     _hold(rows, joined.are_stopped)
     maps = _maps(world, J)
-    set_rows(rows, maps, 0)
-    factor_rows(rows, maps, 0, REDUNDANT)
+    set_rows(world, maps, 0)
+    factor_rows(world, maps, 0, REDUNDANT)
     impulses, forces = np.zeros(R), np.empty((J, 3))
     for row in range(R):
         if rows.numbers[HELD, row] != 0.0:
             impulses[row] = rows.numbers[TARGET_SPEED, row] - speed_of(rows, row, u)
-    solve_all(rows, impulses)
+    solve_all(world, impulses)
     set_forces(rows, impulses, forces)
     _kick_rigid(world, forces, works)
     for b in range(len(bodies.kinds)):

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.compilation import jit_part, jit_shared
+from fenics_rom.compilation import jit_apart, jit_part, jit_shared
 from fenics_rom.mechanics.compiled.copying import fill
 from fenics_rom.mechanics.frame_motion import Rotation, Vector
 from fenics_rom.runtime.compiled.frames import dot, put, rotated, rotation_in, rotation_of, vector
@@ -86,7 +86,7 @@ def _mean(world: Array, b: int, h: float, begins: bool) -> Rotation:
     return R if begins else _mean_rotation(R, h, vector(freedoms_at(world).tries[i, 3], 0))
 
 
-@jit_part
+@jit_apart
 def look(world: Array, h: float, begins: bool) -> float:
     """Has directions be those of the last try, or between two steps: by how much that changes one, at most."""
     rows, joined, changed = rows_at(world), joined_at(world), 0.0
@@ -131,7 +131,7 @@ def set_forces(rows: Rows, z: Array, forces: Array) -> None:
                     forces[rows.pairs[e], k] += z[row] * rows.D[e, k]
 
 
-@jit_part
+@jit_apart
 def begin_rows(world: Array, C: int, h: float) -> None:
     """Begins a step, of which pairs are set: laws of drives."""
     rows, before = rows_at(world), near_at(world).before[C:]
@@ -166,12 +166,13 @@ def _go_to_piece(rows: Rows, q: int) -> None:
         numbers[KNOWN, row] = piece[AT_ZERO]
 
 
-@jit_part
-def settle(rows: Rows, u: Array, z: Array, changes: int) -> int:
+@jit_apart
+def settle(world: Array, u: Array, z: Array, changes: int) -> int:
     """How many changes of pieces there were in a try, in which u (J, 3) and z (R,) were found after some.
 
     As many as before where all drives are on the pieces of these; -1 where there are too many.
     """
+    rows = rows_at(world)
     Q, fastest, largest, begun = len(rows.driven), 0.0, 0.0, changes
     for j in range(len(u)):
         for k in range(3):
@@ -205,7 +206,7 @@ def settle(rows: Rows, u: Array, z: Array, changes: int) -> int:
     return changes
 
 
-@jit_part
+@jit_apart
 def end_rows(world: Array, C: int, h: float, met: Array) -> None:
     """Ends a step of h s: drives go on, and what they did is told, J, as of `Owed.met`."""
     rows, u = rows_at(world), near_at(world).u[C:]
