@@ -15,7 +15,8 @@ if [ $# -eq 0 ]; then
 elif [ "$*" = --elsewhere ]; then
   set -- --elsewhere --ignore=tests/{demos,certification,studies,test_{attributes,layers,pages,random_scenes,stand_ins}.py}
 elif [ "$*" = --all ]; then
-  with_numba=(tests/test_compilation.py tests/world/test_compiled_{joints,world}.py tests/mechanics/test_{compiled_contact,contact}.py
+  with_numba=(tests/test_compilation.py tests/world/test_compiled_{drives,joints,world}.py
+    tests/mechanics/test_{compiled_contact,contact}.py
     tests/runtime/test_{compiled_*,batch_contact,clearance,compliance_in_blocks,differentiation_contact,errors,fast_motion}.py
     tests/runtime/test_{mesh_obstacles,residual_compliance,skin_looks}.py)
 else

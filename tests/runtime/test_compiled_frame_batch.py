@@ -70,30 +70,36 @@ def inputs_of(rom, size=1.0):
     return np.abs(u) if rom.actuators else u
 
 
-def assert_same(batch, k, body):
-    np.testing.assert_array_equal([part[k] for part in batch.state()], body.state)
+def assert_same(batch, k, body, within=0.0):
+    """To the bit, or within a share of the largest number."""
+
+    def alike(found, expected):
+        largest = np.abs(expected).max(initial=0.0)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=within * largest)
+
+    alike([part[k] for part in batch.state()], body.state)
     if body.integrator.interface is not None:
-        np.testing.assert_array_equal(batch.point_forces[k], body.contact_forces())
-        np.testing.assert_array_equal(batch.contact_force("floor")[k], body.contact_forces("floor"))
+        alike(batch.point_forces[k], body.contact_forces())
+        alike(batch.contact_force("floor")[k], body.contact_forces("floor"))
         assert batch.through_skin[k] == pytest.approx(body.through_skin)
     assert batch.time[k] == body.time
-    assert batch.energy[k] == body.energy
+    assert batch.energy[k] == pytest.approx(body.energy, rel=within, abs=0)
     for found, expected in zip(batch.base, body.pose, strict=True):
-        np.testing.assert_allclose(found[k], expected, rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(found[k], expected, rtol=1e-13, atol=max(1e-14, within))
     if body.base_wrench is not None:
-        np.testing.assert_array_equal([part[k] for part in batch.base_wrench], body.base_wrench)
-    assert batch.mismatch[k] == pytest.approx(body.mismatch or 0.0, rel=1e-12, abs=1e-14)
+        alike([part[k] for part in batch.base_wrench], body.base_wrench)
+    assert batch.mismatch[k] == pytest.approx(body.mismatch or 0.0, rel=max(1e-12, within), abs=max(1e-14, within))
     output = next(iter(body.rom.outputs))
     pairs = [(batch.displacement(output)[k], body.displacement(output)), (batch.shape(k), body.displacement())]
     for found, expected in (*pairs, (batch.velocity(output)[k], body.velocity(output))):
-        np.testing.assert_allclose(found, expected, atol=1e-13 * max(1.0, np.abs(expected).max()), rtol=0)
+        np.testing.assert_allclose(found, expected, atol=max(1e-13, within) * max(1.0, np.abs(expected).max()), rtol=0)
     account = body.ledger
     sums = account.supplied, account.dissipated, account.obstacles, account.contact + account.friction
     read = batch.supplied, batch.dissipated, batch.supplied_by_obstacles, batch.dissipated_in_contact
-    np.testing.assert_allclose([each[k] for each in read], sums, atol=1e-12 * np.abs(sums).max(), rtol=0)
+    np.testing.assert_allclose([each[k] for each in read], sums, atol=max(1e-12, within) * np.abs(sums).max(), rtol=0)
 
 
-def run_both(rom, bases, u, *, changes=True):
+def run_both(rom, bases, u, *, changes=True, within=0.0):
     """A batch, and its first bodies alone: one of these sits a step out, one begins anew, one is put, dt changes."""
     batch, law, singles = fr.Batch(rom, SIZE, DT, ledger=True), rom.environment.contact_law, [single(rom)]
     assert batch.stepping == "compiled"
@@ -127,7 +133,7 @@ def run_both(rom, bases, u, *, changes=True):
                 body.step(row[k], base=bases[k][step])
         touched += law is not None and batch.point_forces[:3].any()
     for k, body in enumerate(singles):
-        assert_same(batch, k, body)
+        assert_same(batch, k, body, within)
     return batch, touched
 
 
@@ -140,11 +146,11 @@ def test_bodies_are_single_ones_to_the_bit(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("number", [2, 4])  # impacts with friction, and springs
-def test_bodies_among_obstacles_are_single_ones_to_the_bit(bodies, kind, number):  # noqa: F811
-    """Where NumPy takes a step of one, to round-off of forces that it finds to a tolerance."""
+def test_bodies_among_obstacles_are_single_ones(bodies, kind, number):  # noqa: F811
+    """To round-off, as NumPy takes some steps of one, with forces that it finds to a tolerance."""
     rom = under(bodies[kind], LAWS[number])
     bases = [bases_of(single(rom), k) for k in range(3)]
-    _, touched = run_both(rom, bases, np.zeros((STEPS, *inputs_of(rom).shape[1:])), changes=False)
+    _, touched = run_both(rom, bases, np.zeros((STEPS, *inputs_of(rom).shape[1:])), changes=False, within=1e-10)
     assert touched > STEPS // 6
 
 
