@@ -143,15 +143,8 @@ def _arrays(
     laws = np.array([each[1] for each in driven]).reshape(Q, 11), np.zeros((Q, 6)), np.zeros((Q, MOST_PIECES, 7))
     none, no_rows = np.zeros((0, 2), dtype=np.int64), np.zeros(R)
     of_rows = begins, pairs, kinds, leaders, basis, basis.copy(), bodies, of_bodies, rows_of_bodies, none
-    factors = (
-        islands,
-        whole,
-        squares,
-        np.zeros(N),
-        np.zeros(N),
-        whole.copy(),
-        np.zeros((len(counts), 2), dtype=np.int64),
-    )
+    ranks = np.zeros((len(counts), 2), dtype=np.int64)
+    factors = islands, whole, squares, np.zeros(N), np.zeros(N), whole.copy(), ranks
     rows = np.array([each[0] for each in driven], dtype=np.int64)
     of_drives = rows, *laws, np.full((Q, 2), -1), slides, turns
     return Rows(*of_rows, *factors, no_rows, numbers, np.zeros((2, R, 24)), *of_drives)

@@ -41,11 +41,7 @@ def find_with_rows(
     told: scale of the velocities, m/s, then how many sweeps there were, (2,); the first is set and both may grow.
     """
     near, rows, h, K, n = near_at(world), rows_at(world), law.h, len(among), len(among) + len(f) - C
-    those, pairs, z = (
-        np.concatenate((among, np.arange(C, len(f)))),
-        pairs_among(world, among, level, target),
-        rows.numbers,
-    )
+    those, pairs = np.concatenate((among, np.arange(C, len(f)))), pairs_among(world, among, level, target)
     fastest = try_forces(world, C, h, f, free)
     turned, size_before, changes = look(world, h, False), 0.0, 0
     if not np.isfinite(fastest):
@@ -53,7 +49,7 @@ def find_with_rows(
     maps, swung = _maps_with_soft(world, C, h, those, K), np.empty(K, dtype=np.int64)
     for i in range(K):
         swung[i] = int(near.numbers[among[i], SWUNG])
-    R = z.shape[1]
+    R = rows.numbers.shape[1]
     contacts = HeldContacts(np.empty((3 * K, R)), np.empty((3 * K, R)), np.empty((3 * K, 3 * K)))
     tried, forces, moved, known, without = f[those], np.empty((n, 3)), np.empty((n, 3)), near.u[those], np.empty((n, 3))
     for sweep in range(1, most + 1):
